@@ -1,0 +1,69 @@
+"""How accurate and how fast: a benchmark of radar imaging with 5G downlink signals.
+
+Examples
+--------
+>>> import isacbench
+>>> scenario = isacbench.load_scenario("street")
+>>> observation = isacbench.observe(scenario, snr_db=10)
+>>> cloud = isacbench.get_estimator("music2d").estimate(observation)
+>>> scores = isacbench.score(scenario.truth, cloud)
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from isacbench.bench.runner import run
+    from isacbench.errors import InputError
+    from isacbench.metrics.score import score
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.echo import observe
+    from isacbench.model.observation import Observation
+    from isacbench.model.scenario import Scenario, load_scenario
+    from isacbench.registry import get_detector, get_estimator
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "InputError",
+    "Observation",
+    "PointCloud",
+    "Scenario",
+    "__version__",
+    "get_detector",
+    "get_estimator",
+    "load_scenario",
+    "observe",
+    "run",
+    "score",
+]
+
+# Where each public name lives: loaded on first use, so that the command line starts without NumPy.
+_HOMES = {
+    "InputError": "isacbench.errors",
+    "Observation": "isacbench.model.observation",
+    "PointCloud": "isacbench.model.cloud",
+    "Scenario": "isacbench.model.scenario",
+    "get_detector": "isacbench.registry",
+    "get_estimator": "isacbench.registry",
+    "load_scenario": "isacbench.model.scenario",
+    "observe": "isacbench.model.echo",
+    "run": "isacbench.bench.runner",
+    "score": "isacbench.metrics.score",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name on first use (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, loaded or not."""
+    return sorted({*globals(), *__all__})

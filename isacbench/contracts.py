@@ -1,0 +1,150 @@
+"""The small contracts between the harness and its plugins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.observation import Observation
+
+__all__ = [
+    "Detection",
+    "Detector",
+    "Diagnoser",
+    "Diagnosis",
+    "Estimator",
+    "Spectrum",
+    "TruthEstimator",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """What a detector says of a map; every array has the map's shape.
+
+    Attributes
+    ----------
+    mask : ndarray of bool
+        Cells whose power exceeds their threshold.
+    threshold : ndarray of float64
+        Threshold of each cell, same unit as the power.
+    noise : ndarray of float64
+        Noise power that the detector estimates around each cell.
+    """
+
+    mask: NDArray[np.bool_]
+    threshold: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """A CFAR detector: a frozen dataclass of its parameters.
+
+    Attributes
+    ----------
+    name : str
+        Class attribute, the name it is registered under.
+    pfa : float
+        Probability of false alarm per cell in homogeneous noise.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    def pfa(self) -> float:
+        """Probability of false alarm per cell."""
+
+    def detect(self, power: NDArray[np.floating], looks: int = 1) -> Detection:
+        """Test every cell of a power map that averages `looks` independent noise powers."""
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """An imaging algorithm: a frozen dataclass of its parameters.
+
+    It knows the observation and nothing else: no truth, no SNR, no noise
+    power. It must not write to the observation's arrays.
+    """
+
+    name: ClassVar[str]
+
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation."""
+
+
+@runtime_checkable
+class TruthEstimator(Protocol):
+    """An estimator that sees the truth: a bound, never a competitor."""
+
+    name: ClassVar[str]
+    needs_truth: ClassVar[bool]
+
+    def estimate(self, observation: Observation, truth: PointCloud) -> PointCloud:
+        """Image one observation, knowing its truth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """An angular spectrum of one range-Doppler cell, along one direction cosine.
+
+    Attributes
+    ----------
+    cosine : ndarray of float64, shape (g,)
+        Direction cosines, ascending.
+    level_db : ndarray of float64, shape (g,)
+        Level of the spectrum in dB; the estimator chooses its zero.
+    threshold_db : float, ndarray of float64 of shape (g,), or None
+        What a peak has to exceed; None where the estimator has no threshold.
+    peaks : ndarray of float64, shape (k,)
+        Direction cosines that the estimator takes for echoes.
+    label : {"u", "w"}
+        The direction cosine that the spectrum runs along.
+    """
+
+    cosine: NDArray[np.float64]
+    level_db: NDArray[np.float64]
+    threshold_db: float | NDArray[np.float64] | None
+    peaks: NDArray[np.float64]
+    label: Literal["u", "w"]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What an estimator saw on its way to a cloud, enough to draw its range-Doppler map and its spectra.
+
+    Attributes
+    ----------
+    power : ndarray of float64, shape (n_range, n_doppler)
+        The map that the detector saw.
+    detection : Detection
+        What the detector said of it.
+    range_bins : ndarray of int64, shape (n_range,)
+        Range bins of the map.
+    doppler_bins : ndarray of int64, shape (n_doppler,)
+        Signed Doppler bins of the map.
+    spectra : tuple of Spectrum
+        Spectra of the strongest detected cell, empty where nothing was detected.
+    cell : (int, int) or None
+        Range and Doppler bin of that cell, None where nothing was detected.
+    """
+
+    power: NDArray[np.float64]
+    detection: Detection
+    range_bins: NDArray[np.int64]
+    doppler_bins: NDArray[np.int64]
+    spectra: tuple[Spectrum, ...]
+    cell: tuple[int, int] | None
+
+
+@runtime_checkable
+class Diagnoser(Protocol):
+    """An estimator that shows its work. Optional: figures of maps and spectra are drawn of those that do."""
+
+    def diagnose(self, observation: Observation) -> Diagnosis:
+        """Look at one observation as `Estimator.estimate` does, and say what was seen."""

@@ -1,0 +1,75 @@
+"""The range-Doppler map: of a whole resource grid, and gated as estimators see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from isacbench.dsp.windows import Window, reach, taper
+
+if TYPE_CHECKING:
+    from isacbench.model.gate import Gate
+
+__all__ = ["Bins", "GatedMap", "range_doppler_map"]
+
+Bins = tuple[NDArray[np.int64], NDArray[np.int64]]
+
+
+def range_doppler_map(grid: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complexfloating[Any, Any]]:
+    """Unitary inverse DFT over subcarriers and unitary DFT over symbols, so that noise keeps its power.
+
+    Parameters
+    ----------
+    grid : ndarray of complex, shape (n_subcarriers, n_symbols, ...)
+        Echo divided by the transmitted symbols.
+
+    Returns
+    -------
+    ndarray of complex, same shape and precision
+        Range bins by Doppler bins; Doppler bin d < 0 stands at index
+        n_symbols + d.
+
+    Examples
+    --------
+    >>> grid = np.ones((8, 4), dtype=complex)
+    >>> float(range_doppler_map(grid)[0, 0].real.round(12))
+    5.656854249492
+    """
+    ranges = scipy.fft.ifft(grid, axis=0, norm="ortho", workers=-1)
+    cells: NDArray[np.complexfloating[Any, Any]] = scipy.fft.fft(
+        ranges, axis=1, norm="ortho", workers=-1, overwrite_x=True
+    )
+    return cells
+
+
+@dataclass(frozen=True, eq=False)
+class GatedMap:
+    """Range-Doppler cells of every virtual element and the bins they stand for.
+
+    Attributes
+    ----------
+    cells : ndarray of complex128, shape (n_range, n_doppler, P, Q)
+    gate : Gate
+    """
+
+    cells: NDArray[np.complex128]
+    gate: Gate
+
+    @property
+    def n_elements(self) -> int:
+        """Virtual elements P Q."""
+        n: int = self.cells.shape[2] * self.cells.shape[3]
+        return n
+
+    def tapered(self, range_window: Window, doppler_window: Window) -> GatedMap:
+        """Map behind windows along range and Doppler, without the outermost bins that lack neighbours."""
+        cells = taper(taper(self.cells, range_window, axis=0), doppler_window, axis=1)
+        return GatedMap(cells, self.gate.trim(reach(range_window), reach(doppler_window)))
+
+    def index(self, bins: Bins) -> Bins:
+        """Find absolute range and Doppler bins: their indices into `cells`."""
+        return bins[0] - self.gate.range_bins[0], bins[1] - self.gate.doppler_bins[0]

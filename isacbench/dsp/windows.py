@@ -1,0 +1,144 @@
+"""Periodic cosine-sum windows, applied to the range-Doppler map as short convolutions.
+
+A window w[n] = a0 - a1 cos(2πn/N) + a2 cos(4πn/N) multiplies the grid before
+its DFT; behind the DFT it is the convolution with a0, -a1/2, a2/2. So only
+the gated cells pay for it. The taps are scaled to keep the power of white
+noise; neighbouring cells then share noise, and a threshold for white noise
+misses its false-alarm rate a little (design figures: 1.6e-3 and 0.5e-3 for a
+nominal 1e-3).
+
+References
+----------
+Harris, "On the use of windows for harmonic analysis with the discrete
+Fourier transform", Proc. IEEE 66 (1978), section V.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Window", "coherent_gain", "fractional_bin", "reach", "taper", "taps"]
+
+Window = Literal["rect", "soft", "hamming", "hann", "blackman"]
+
+COEFFICIENTS: dict[Window, tuple[float, ...]] = {
+    "rect": (1.0,),
+    "soft": (5 / 7, 2 / 7),
+    "hamming": (0.54, 0.46),
+    "hann": (0.5, 0.5),
+    "blackman": (0.42, 0.5, 0.08),
+}
+
+
+def reach(window: Window) -> int:
+    """Neighbouring bins to either side that the window mixes in."""
+    return len(COEFFICIENTS[window]) - 1
+
+
+@lru_cache
+def taps(window: Window) -> tuple[float, ...]:
+    """Convolution taps from one side to the other, of unit energy.
+
+    Examples
+    --------
+    >>> [round(tap, 4) for tap in taps("hann")]
+    [-0.4082, 0.8165, -0.4082]
+    """
+    first, *others = COEFFICIENTS[window]
+    side = [(-1) ** order * coefficient / 2 for order, coefficient in enumerate(others, start=1)]
+    kernel = np.array([*side[::-1], first, *side])
+    return tuple(float(tap) for tap in kernel / np.linalg.norm(kernel))
+
+
+def coherent_gain(window: Window) -> float:
+    """Amplitude that the window leaves of an echo in the middle of a bin, noise power kept."""
+    return taps(window)[reach(window)]
+
+
+def taper(cells: NDArray[np.complex128], window: Window, axis: int) -> NDArray[np.complex128]:
+    """Apply a window along one axis of a gated range-Doppler map.
+
+    Parameters
+    ----------
+    cells : ndarray of complex, any shape
+    window : {"rect", "soft", "hamming", "hann", "blackman"}
+    axis : int
+        Range or Doppler axis, consecutive bins.
+
+    Returns
+    -------
+    ndarray of complex
+        Shorter by `reach` bins at either end of the axis, where a neighbour
+        is not in the gate; ``rect`` returns the input itself.
+
+    Raises
+    ------
+    InputError
+        If the axis has too few bins for the window.
+    """
+    n_side = reach(window)
+    if n_side == 0:
+        return cells
+    n_kept = cells.shape[axis] - 2 * n_side
+    if n_kept < 1:
+        raise InputError(
+            f"window {window!r} takes at least {2 * n_side + 1} neighbouring bins; "
+            f"the gate has {cells.shape[axis]}"
+        )
+    before = (slice(None),) * (axis % cells.ndim)
+    shifted = [cells[(*before, slice(start, start + n_kept))] for start in range(2 * n_side + 1)]
+    kernel = taps(window)
+    tapered = kernel[n_side] * shifted[n_side]
+    for k in range(n_side):
+        tapered += kernel[k] * (shifted[k] + shifted[-1 - k])
+    return tapered
+
+
+def fractional_bin(ratio: ArrayLike, window: Window) -> NDArray[np.float64]:
+    """Offset of an echo from its strongest bin, from how strong the next bin is.
+
+    Parameters
+    ----------
+    ratio : array_like
+        Amplitude in the stronger neighbouring bin over that in the bin.
+    window : {"rect", "soft", "hamming", "hann", "blackman"}
+
+    Returns
+    -------
+    ndarray of float64, same shape
+        Bins towards that neighbour, 0 to 1; 1/2 at equal amplitudes.
+
+    Examples
+    --------
+    >>> fractional_bin([0.5, 1.0, 2.0], "hann").round(3).tolist()
+    [0.0, 0.5, 1.0]
+    """
+    ratio = np.asarray(ratio, dtype=np.float64)
+    shares, offsets = _share_table(window)
+    offset: NDArray[np.float64] = np.interp(ratio / (1 + ratio), shares, offsets)
+    return offset
+
+
+@lru_cache
+def _share_table(window: Window) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Share of the next bin in both amplitudes, bounded unlike their ratio, over the offset from 0 to 1."""
+    offsets = np.linspace(0, 1, 513)
+    own, other = _mainlobe(offsets, window), _mainlobe(1 - offsets, window)
+    return other / (own + other), offsets
+
+
+def _mainlobe(offset: NDArray[np.float64], window: Window) -> NDArray[np.float64]:
+    """Amplitude response of the window at an offset in bins, transform length taken as infinite."""
+    neighbours = np.arange(-reach(window), reach(window) + 1)
+    # Dirichlet kernels of neighbouring bins, sinc(d) exp(jπd), alternate in sign.
+    alternating = np.where(neighbours % 2, -1.0, 1.0)
+    response: NDArray[np.float64] = np.sinc(offset[:, None] + neighbours) @ (alternating * taps(window))
+    return response

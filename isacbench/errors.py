@@ -1,0 +1,72 @@
+"""What a user's mistake ends in: one exception, one warning, and words that help."""
+
+from __future__ import annotations
+
+import difflib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = ["InputError", "InputWarning", "did_you_mean", "require", "unknown_name"]
+
+
+class InputError(ValueError):
+    """Bad input from outside: a file, a key, a name, a parameter.
+
+    The message names what is wrong, where, and what is allowed. The command
+    line prints it alone, without a traceback, and exits with code 2.
+    """
+
+
+class InputWarning(UserWarning):
+    """Input that is allowed, but hardly what was meant; the command line prints the message alone."""
+
+
+def did_you_mean(name: str, allowed: Iterable[str]) -> str:
+    """Answer a name that does not exist with the nearest one that does, and with all of them.
+
+    Examples
+    --------
+    >>> did_you_mean("quik", ["paper", "quick"])
+    "did you mean 'quick'? allowed are paper, quick"
+    """
+    allowed = list(allowed)
+    close = difflib.get_close_matches(name, allowed, n=1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"{hint}allowed are {', '.join(allowed) or 'none'}"
+
+
+def unknown_name(what: str, name: str, allowed: Iterable[str]) -> InputError:
+    """Build the exception for a name of some kind that does not exist.
+
+    Parameters
+    ----------
+    what : str
+        Kind of thing that is looked for, such as ``"scenario"``.
+    name : str
+    allowed : iterable of str
+        Names that exist.
+    """
+    return InputError(f"unknown {what} {name!r}: {did_you_mean(name, allowed)}")
+
+
+def require(allowed: bool, name: str, value: object, limits: str) -> None:
+    """Refuse a parameter whose value is not allowed.
+
+    Parameters
+    ----------
+    allowed : bool
+        Whether it is.
+    name : str
+    value : object
+    limits : str
+        What is allowed, in words.
+
+    Raises
+    ------
+    InputError
+        Naming parameter, value and what is allowed.
+    """
+    if not allowed:
+        raise InputError(f"{name} = {value!r}: allowed is {limits}")

@@ -1,0 +1,1 @@
+"""What the radio sees: numerology, array, frame, scene, gate and echo."""

@@ -1,0 +1,96 @@
+"""The virtual array: the sum co-array of transmit and receive elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["VirtualArray", "rectangular_positions"]
+
+
+def rectangular_positions(shape: tuple[int, int], spacing: int) -> NDArray[np.int64]:
+    """Element positions of a rectangular array in half wavelengths.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Elements along u and along w.
+    spacing : int
+        Distance of neighbours in half wavelengths.
+
+    Returns
+    -------
+    ndarray of int64, shape (shape[0] * shape[1], 2)
+
+    Examples
+    --------
+    >>> rectangular_positions((2, 1), 8).tolist()
+    [[0, 0], [8, 0]]
+    """
+    p, q = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
+    return spacing * np.stack([p.ravel(), q.ravel()], axis=1)
+
+
+@dataclass(frozen=True)
+class VirtualArray:
+    """Transmit and receive arrays and the virtual array they span.
+
+    Attributes
+    ----------
+    tx_shape, rx_shape : (int, int)
+        Elements along u and w.
+    tx_spacing, rx_spacing : int
+        Element distance in half wavelengths.
+
+    Raises
+    ------
+    InputError
+        If the sum co-array is not a filled rectangle.
+
+    References
+    ----------
+    Hoctor and Kassam, "The unifying role of the coarray in aperture synthesis
+    for coherent and incoherent imaging", Proc. IEEE 78 (1990).
+
+    Examples
+    --------
+    >>> VirtualArray().shape
+    (16, 16)
+    """
+
+    tx_shape: tuple[int, int] = (2, 2)
+    rx_shape: tuple[int, int] = (8, 8)
+    tx_spacing: int = 8
+    rx_spacing: int = 1
+
+    def __post_init__(self) -> None:
+        n_p, n_q = self.shape
+        if len(self.positions) != n_p * n_q:
+            raise InputError(
+                f"array: the sum co-array of tx_shape {self.tx_shape} at tx_spacing {self.tx_spacing} and "
+                f"rx_shape {self.rx_shape} at rx_spacing {self.rx_spacing} half wavelengths fills "
+                f"{len(self.positions)} of {n_p} x {n_q} places; it must be a filled rectangle"
+            )
+
+    @cached_property
+    def positions(self) -> NDArray[np.int64]:
+        """Distinct virtual element positions (n, 2) in half wavelengths, row by row."""
+        tx = rectangular_positions(self.tx_shape, self.tx_spacing)
+        rx = rectangular_positions(self.rx_shape, self.rx_spacing)
+        positions = np.unique((tx[:, None, :] + rx[None, :, :]).reshape(-1, 2), axis=0)
+        positions.setflags(write=False)
+        return positions
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Virtual elements (P, Q) along u and w."""
+        n_p, n_q = self.positions.max(axis=0) + 1
+        return int(n_p), int(n_q)

@@ -1,0 +1,82 @@
+"""The 4-D point cloud: what a scene holds and what an estimator returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isacbench.model.frozen import freeze_arrays
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["PointCloud"]
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points with a radial velocity and a power.
+
+    Attributes
+    ----------
+    xyz : ndarray of float64, shape (n, 3)
+        Positions in metres.
+    velocity : ndarray of float64, shape (n,)
+        Radial velocities in m/s, positive when approaching.
+    power : ndarray of float64, shape (n,)
+        Echo power |G|² relative to a unit scatterer.
+
+    Raises
+    ------
+    ValueError
+        If the shapes disagree or a value is not finite.
+
+    Examples
+    --------
+    >>> cloud = PointCloud(xyz=[[1, 2, 3]], velocity=[4], power=[1])
+    >>> len(cloud)
+    1
+    """
+
+    xyz: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    power: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "xyz", "velocity", "power")
+        n = self.velocity.size
+        if self.xyz.shape != (n, 3) or self.velocity.shape != (n,) or self.power.shape != (n,):
+            raise ValueError(
+                f"a point cloud takes xyz (n, 3), velocity (n,) and power (n,), "
+                f"not {self.xyz.shape}, {self.velocity.shape} and {self.power.shape}"
+            )
+        for name in ("xyz", "velocity", "power"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ValueError(f"a point cloud takes finite values; {name} has NaN or infinity")
+
+    def __len__(self) -> int:
+        return self.velocity.size
+
+    @classmethod
+    def empty(cls) -> PointCloud:
+        """Return a cloud without points."""
+        return cls(xyz=np.empty((0, 3)), velocity=np.empty(0), power=np.empty(0))
+
+    @classmethod
+    def from_array(cls, array: ArrayLike) -> PointCloud:
+        """Build from an (n, 4) or (n, 5) array of x, y, z, v and power (1 where missing)."""
+        array = np.asarray(array, dtype=np.float64)
+        if array.ndim != 2 or array.shape[1] not in (4, 5):
+            raise ValueError(f"a point array takes shape (n, 4) or (n, 5), not {array.shape}")
+        power = array[:, 4] if array.shape[1] == 5 else np.ones(len(array))
+        return cls(xyz=array[:, :3], velocity=array[:, 3], power=power)
+
+    def to_array(self) -> NDArray[np.float64]:
+        """Return the (n, 5) array of x, y, z, v and power."""
+        return np.column_stack([self.xyz, self.velocity, self.power])
+
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
+        """Return the points that a mask or an index array picks."""
+        return PointCloud(xyz=self.xyz[keep], velocity=self.velocity[keep], power=self.power[keep])

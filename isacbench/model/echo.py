@@ -1,0 +1,222 @@
+"""The echo: range-Doppler cells of the gate in closed form, and the full resource grid as its reference.
+
+One echo a scatterer, after division by the transmitted symbols, at subcarrier
+n, symbol m and virtual element (p, q):
+
+    s[n, m, p, q] = Σ_k G_k exp(-j2π nΔf 2R_k/c) exp(+j2π m T 2v_k f_c/c) exp(-jπ(p u_k + q w_k))
+
+Unitary transforms along n and m turn each exponential into a Dirichlet
+kernel, so that only the gate is ever computed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isacbench.dsp.kernels import dirichlet, steering
+from isacbench.model.gate import Gate, build_gate
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
+from isacbench.model.observation import Observation
+
+if TYPE_CHECKING:
+    from isacbench.model.scene import Scenario
+
+__all__ = ["Simulator", "clean_echo", "observe", "resource_grid", "unit_noise"]
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class _EchoParameters:
+    """What the radio sees of every scatterer: gain, fractional bins, direction cosines."""
+
+    gain: Complex
+    range_bin: NDArray[np.float64]
+    doppler_bin: NDArray[np.float64]
+    u: NDArray[np.float64]
+    w: NDArray[np.float64]
+
+
+def _echo_parameters(scenario: Scenario) -> _EchoParameters:
+    system, scatterers = scenario.system, scenario.scatterers
+    offset_m = scatterers.xyz - scenario.base_station_m
+    range_m = np.linalg.norm(offset_m, axis=1)
+    gain = scatterers.amplitude.astype(np.complex128)
+    if system.coherent_phase:
+        gain = gain * np.exp(-4j * np.pi * system.carrier_hz / SPEED_OF_LIGHT_MPS * range_m)
+    u, w = scenario.frame.direction_cosines(offset_m)
+    return _EchoParameters(
+        gain, range_m / system.range_bin_m, scatterers.velocity / system.velocity_bin_mps, u, w
+    )
+
+
+def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
+    """Noise-free range-Doppler cells of the gate on every virtual element, in closed form.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    gate : Gate
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_range, n_doppler, P, Q)
+    """
+    echo = _echo_parameters(scenario)
+    system = scenario.system
+    n_p, n_q = scenario.array.shape
+    along_range = dirichlet(gate.range_bins, echo.range_bin, system.n_subcarriers)
+    along_doppler = dirichlet(gate.doppler_bins, echo.doppler_bin, system.n_symbols).conj()
+    # Explicit sizes, because -1 cannot be resolved where a scene is empty.
+    n_cells, n_echoes = along_range.shape[0] * along_doppler.shape[0], echo.gain.size
+    delay_doppler = (along_range[:, None, :] * along_doppler[None, :, :]).reshape(n_cells, n_echoes)
+    elements = steering(n_p, echo.u)[:, :, None] * steering(n_q, echo.w)[:, None, :]
+    cells: Complex = (delay_doppler * echo.gain) @ elements.reshape(n_echoes, n_p * n_q)
+    return cells.reshape(*gate.shape, n_p, n_q)
+
+
+def resource_grid(scenario: Scenario, elements: ArrayLike) -> Complex:
+    """Noise-free echo on the full resource grid of a few virtual elements: the slow reference.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    elements : array_like of int, shape (e, 2)
+        Places (p, q) in the virtual array.
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_subcarriers, n_symbols, e)
+    """
+    echo = _echo_parameters(scenario)
+    system = scenario.system
+    n = np.arange(system.n_subcarriers)[:, None]
+    m = np.arange(system.n_symbols)[:, None]
+    p, q = np.asarray(elements).T
+    delay = np.exp(-2j * np.pi * n * echo.range_bin / system.n_subcarriers)
+    doppler = np.exp(2j * np.pi * m * echo.doppler_bin / system.n_symbols)
+    direction = np.exp(-1j * np.pi * (np.outer(p, echo.u) + np.outer(q, echo.w)))
+    later = (doppler[:, None, :] * direction).reshape(system.n_symbols * p.size, echo.gain.size)
+    grid: Complex = (delay * echo.gain) @ later.T
+    return grid.reshape(system.n_subcarriers, system.n_symbols, p.size)
+
+
+def unit_noise(scenario_name: str, trial: int, seed: int, shape: tuple[int, ...]) -> Complex:
+    """White circular complex Gaussian noise of unit power, a function of (scenario, trial, seed) alone.
+
+    Parameters
+    ----------
+    scenario_name : str
+    trial, seed : int
+        Not negative.
+    shape : tuple of int
+        Shape of the scenario's canonical gate on the virtual array.
+
+    Returns
+    -------
+    ndarray of complex128
+    """
+    scenario_key = int.from_bytes(hashlib.sha256(scenario_name.encode()).digest()[:8], "big")
+    rng = np.random.default_rng(np.random.SeedSequence([seed, trial, scenario_key]))
+    parts = rng.standard_normal((*shape, 2))
+    parts *= np.sqrt(0.5)
+    noise: Complex = parts.view(np.complex128)[..., 0]
+    return noise
+
+
+class Simulator:
+    """Observations of one scenario: the clean echo is computed once, a trial's noise drawn once.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
+        self._drawn: tuple[tuple[int, int], Complex] | None = None
+
+    @cached_property
+    def clean(self) -> Complex:
+        """Noise-free cells (n_range, n_doppler, P, Q)."""
+        return clean_echo(self.scenario, self.gate)
+
+    def noise_power(self, snr_db: float) -> float:
+        """Noise power σ² per resource element and virtual element.
+
+        The SNR is Σ|G|² / σ²; a scene without echoes counts as one unit
+        scatterer.
+        """
+        echo_power = float(np.sum(self.scenario.scatterers.amplitude**2)) or 1.0
+        return float(echo_power * 10 ** (-snr_db / 10))
+
+    def observe(self, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
+        """Observe the scenario once.
+
+        Parameters
+        ----------
+        snr_db : float
+            Signal-to-noise ratio at the receiver, per resource element and
+            virtual element; infinity for no noise.
+        trial, seed : int
+            Which noise. It depends neither on the SNR nor on who looks.
+
+        Returns
+        -------
+        Observation
+        """
+        cells = np.sqrt(self.noise_power(snr_db)) * self._unit_noise(trial, seed)
+        cells += self.clean
+        cells.setflags(write=False)
+        scenario = self.scenario
+        return Observation(
+            cells,
+            self.gate,
+            scenario.system,
+            scenario.array,
+            scenario.frame,
+            scenario.base_station_m,
+            scenario.region,
+        )
+
+    def _unit_noise(self, trial: int, seed: int) -> Complex:
+        if self._drawn is None or self._drawn[0] != (trial, seed):
+            shape = (*self.gate.shape, *self.scenario.array.shape)
+            self._drawn = (trial, seed), unit_noise(self.scenario.name, trial, seed, shape)
+        return self._drawn[1]
+
+
+def observe(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
+    """Observe a scenario once; the clean echoes of the last two scenarios are kept.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    snr_db : float
+        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element.
+    trial, seed : int
+        Which noise.
+
+    Returns
+    -------
+    Observation
+
+    Examples
+    --------
+    >>> from isacbench.model.scenario import load_scenario
+    >>> observe(load_scenario("street"), snr_db=10).cells.shape[2:]
+    (16, 16)
+    """
+    return _simulator(scenario).observe(snr_db, trial, seed)
+
+
+@lru_cache(maxsize=2)
+def _simulator(scenario: Scenario) -> Simulator:
+    return Simulator(scenario)

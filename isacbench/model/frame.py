@@ -1,0 +1,166 @@
+"""Frames: how a direction in space maps to the two direction cosines of the array."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isacbench.errors import InputError
+
+__all__ = ["Frame", "FrameName", "PanelFrame", "PaperFrame", "get_frame"]
+
+FrameName = Literal["paper", "panel"]
+Floats = NDArray[np.float64]
+
+
+class Frame(ABC):
+    """A one-to-one map between offsets from the base station and (R, u, w).
+
+    Offsets are scatterer position minus base station position in metres, x
+    and y horizontal, z up.
+    """
+
+    @abstractmethod
+    def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Direction cosines (u, w), each of shape (n,), of offsets of shape (n, 3)."""
+
+    @abstractmethod
+    def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
+        """Offsets (n, 3) in metres at ranges and direction cosines of shape (n,).
+
+        Directions outside the visible region u² + w² <= 1 yield NaN.
+        """
+
+    @abstractmethod
+    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+        """Whether each offset (n, 3) lies where the map can be inverted, its border included."""
+
+    half_space: ClassVar[str]
+    """The half-space in words, for messages."""
+
+
+def _normal_cosine(u: Floats, w: Floats) -> Floats:
+    """Remaining direction cosine sqrt(1 - u² - w²), NaN outside the visible region."""
+    remainder = 1 - np.square(u) - np.square(w)
+    # Rounding alone must not push a direction over the border.
+    visible = remainder >= -4 * np.finfo(np.float64).eps
+    return np.sqrt(np.where(visible, np.maximum(remainder, 0.0), np.nan))
+
+
+@dataclass(frozen=True)
+class PaperFrame(Frame):
+    """The paper's steering: u = cosθ cosφ, w = sinθ cosφ, φ measured from straight down.
+
+    Not the response of a flat panel, and poorly conditioned in x for a street
+    far from the base station: du/dx = cosφ / (R sinφ).
+
+    References
+    ----------
+    arXiv 2310.06401, steering vector and point reconstruction.
+
+    Examples
+    --------
+    >>> u, w = PaperFrame().direction_cosines([[0.0, -3.0, -4.0]])
+    >>> round(float(u[0]), 12), round(float(w[0]), 12)
+    (0.0, 0.8)
+    """
+
+    half_space = "below the base station (z <= z of the base station)"
+
+    def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Direction cosines; straight down, where θ is free, θ = 0 is taken."""
+        offset = np.asarray(offset_m, dtype=np.float64)
+        cos_phi = -offset[:, 2] / np.linalg.norm(offset, axis=1)
+        theta = np.arctan2(-offset[:, 1], offset[:, 0])
+        return cos_phi * np.cos(theta), cos_phi * np.sin(theta)
+
+    def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
+        """Offsets (n, 3); u = w = 0, the horizon, is singular and taken at θ = 0."""
+        u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
+        sin_phi = _normal_cosine(u, w)
+        theta = np.arctan2(w + 0.0, u + 0.0)  # + 0 turns -0, whose angle is π, into 0
+        direction: Floats = np.stack(
+            [sin_phi * np.cos(theta), -sin_phi * np.sin(theta), -np.hypot(u, w)], axis=-1
+        )
+        return np.asarray(range_m, dtype=np.float64)[..., None] * direction
+
+    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the offsets lie below the base station."""
+        return np.asarray(offset_m, dtype=np.float64)[:, 2] <= 0
+
+
+@dataclass(frozen=True)
+class PanelFrame(Frame):
+    """A flat panel: u along its horizontal axis, w along its downward axis.
+
+    Without yaw and tilt it faces -y: u = sinφ cosθ = x/R, w = cosφ = -z/R.
+
+    Attributes
+    ----------
+    yaw_deg : float
+        Turn of the panel about the vertical, counter-clockwise seen from above.
+    tilt_deg : float
+        Downward tilt of the panel's normal.
+
+    Examples
+    --------
+    >>> u, w = PanelFrame().direction_cosines([[3.0, -12.0, -4.0]])
+    >>> round(float(u[0] * 13), 12), round(float(w[0] * 13), 12)
+    (3.0, 4.0)
+    """
+
+    yaw_deg: float = 0.0
+    tilt_deg: float = 0.0
+
+    half_space = "in front of the panel"
+
+    @cached_property
+    def axes(self) -> Floats:
+        """Unit vectors (3, 3) of u, w and the panel's normal, one a row."""
+        yaw, tilt = np.deg2rad([self.yaw_deg, self.tilt_deg])
+        along_u = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        ahead = np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+        down = np.array([0.0, 0.0, -1.0])
+        along_w = np.cos(tilt) * down - np.sin(tilt) * ahead
+        axes = np.stack([along_u, along_w, np.cos(tilt) * ahead + np.sin(tilt) * down])
+        axes.setflags(write=False)
+        return axes
+
+    def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
+        """Direction cosines of the offsets."""
+        offset = np.asarray(offset_m, dtype=np.float64)
+        direction = offset / np.linalg.norm(offset, axis=1, keepdims=True)
+        u, w = self.axes[:2] @ direction.T
+        return u, w
+
+    def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
+        """Offsets (n, 3) in the half-space that the panel faces."""
+        u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
+        local = np.stack([u, w, _normal_cosine(u, w)], axis=-1)
+        direction: Floats = local @ self.axes
+        return np.asarray(range_m, dtype=np.float64)[..., None] * direction
+
+    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the offsets lie in front of the panel."""
+        ahead: NDArray[np.bool_] = np.asarray(offset_m, dtype=np.float64) @ self.axes[2] >= 0
+        return ahead
+
+
+def get_frame(name: FrameName, yaw_deg: float = 0.0, tilt_deg: float = 0.0) -> Frame:
+    """Build a frame by name.
+
+    Raises
+    ------
+    InputError
+        If yaw or tilt are given to the frame ``paper``, which has none.
+    """
+    if name == "panel":
+        return PanelFrame(yaw_deg=yaw_deg, tilt_deg=tilt_deg)
+    if yaw_deg or tilt_deg:
+        raise InputError("array: yaw_deg and tilt_deg turn a panel; the frame 'paper' has neither")
+    return PaperFrame()

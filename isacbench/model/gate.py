@@ -1,0 +1,108 @@
+"""The gate: the range-Doppler cells that a scenario's region and speeds can reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isacbench.model.frozen import freeze_arrays
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.model.numerology import System
+    from isacbench.model.region import Region
+
+__all__ = ["Gate", "build_gate"]
+
+RANGE_MARGIN_BINS = 6
+"""Half a 9-cell detector window, one bin of window leakage, one for rounding."""
+
+DOPPLER_MARGIN_BINS = 8
+"""As in range, and enough cells that no speed of the region reaches to estimate noise from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """Range and Doppler bins kept of the range-Doppler map.
+
+    Attributes
+    ----------
+    range_bins : ndarray of int64, shape (n_range,)
+        Consecutive range bins; below 0 they stand for bins at the far end.
+    doppler_bins : ndarray of int64, shape (n_doppler,)
+        Consecutive signed Doppler bins, positive when approaching.
+    reachable_range, reachable_doppler : slice
+        Where in those the bins nearest to a reachable range or speed lie; the
+        rest is margin.
+    """
+
+    range_bins: NDArray[np.int64]
+    doppler_bins: NDArray[np.int64]
+    reachable_range: slice
+    reachable_doppler: slice
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "range_bins", "doppler_bins", dtype=np.int64)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Range and Doppler cells."""
+        return self.range_bins.size, self.doppler_bins.size
+
+    @property
+    def reachable(self) -> NDArray[np.bool_]:
+        """Mask of the gate's shape: cells that a scatterer of the region can peak in."""
+        mask = np.zeros(self.shape, dtype=np.bool_)
+        mask[self.reachable_range, self.reachable_doppler] = True
+        return mask
+
+    def trim(self, n_range: int, n_doppler: int) -> Gate:
+        """Gate without its outermost bins, as windows leave it; without margins, reachable bins go too."""
+        return Gate(
+            self.range_bins[n_range : self.range_bins.size - n_range],
+            self.doppler_bins[n_doppler : self.doppler_bins.size - n_doppler],
+            _trim(self.reachable_range, n_range, self.range_bins.size),
+            _trim(self.reachable_doppler, n_doppler, self.doppler_bins.size),
+        )
+
+
+def build_gate(system: System, base_station_m: NDArray[np.float64], region: Region) -> Gate:
+    """Derive the gate from the region and its speeds alone.
+
+    Parameters
+    ----------
+    system : System
+    base_station_m : ndarray, shape (3,)
+    region : Region
+
+    Returns
+    -------
+    Gate
+    """
+    range_bins, reachable_range = _reach(
+        np.array(region.range_limits_m(base_station_m)) / system.range_bin_m,
+        RANGE_MARGIN_BINS,
+        system.n_subcarriers,
+    )
+    doppler_bins, reachable_doppler = _reach(
+        np.array(region.speed_mps) / system.velocity_bin_mps, DOPPLER_MARGIN_BINS, system.n_symbols
+    )
+    return Gate(range_bins, doppler_bins, reachable_range, reachable_doppler)
+
+
+def _trim(reachable: slice, n: int, n_bins: int) -> slice:
+    """Where the reachable ones of some bins lie once n bins are gone from either end."""
+    return slice(max(reachable.start - n, 0), min(reachable.stop - n, n_bins - 2 * n))
+
+
+def _reach(limits_bins: NDArray[np.float64], margin: int, n_bins: int) -> tuple[NDArray[np.int64], slice]:
+    """Bins nearest to anything between the limits, with margins where the map has room for them."""
+    first, last = (int(bin_) for bin_ in np.rint(limits_bins))
+    n_reachable = min(last - first + 1, n_bins)
+    n_margin = min(2 * margin, n_bins - n_reachable)
+    n_before = n_margin // 2
+    bins = np.arange(first - n_before, first - n_before + n_reachable + n_margin)
+    return bins, slice(n_before, n_before + n_reachable)

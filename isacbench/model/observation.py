@@ -1,0 +1,89 @@
+"""What an estimator is given, and the one step in which every estimator's points become a cloud."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isacbench.model.cloud import PointCloud
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.model.array import VirtualArray
+    from isacbench.model.frame import Frame
+    from isacbench.model.gate import Gate
+    from isacbench.model.numerology import System
+    from isacbench.model.region import Interval, Region
+
+__all__ = ["Observation"]
+
+REGION_TOLERANCE_M = 0.5
+"""How far outside the region a point may lie and still be reported."""
+
+REGION_SAMPLES = 17
+"""Points an edge at which directions of the region are sampled: to about 1e-3 on a street."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Noisy range-Doppler cells of the gate, and what is known of the radio and the region.
+
+    Attributes
+    ----------
+    cells : ndarray of complex128, shape (n_range, n_doppler, P, Q)
+        Range-Doppler map of every virtual element, unitary transforms, read-only.
+    gate : Gate
+        The bins that the first two axes stand for.
+    system : System
+    array : VirtualArray
+    frame : Frame
+    base_station_m : ndarray of float64, shape (3,)
+    region : Region
+    """
+
+    cells: NDArray[np.complex128]
+    gate: Gate
+    system: System
+    array: VirtualArray
+    frame: Frame
+    base_station_m: NDArray[np.float64]
+    region: Region
+
+    @cached_property
+    def cosine_limits(self) -> tuple[Interval, Interval]:
+        """Lowest and highest u, and w, that a point of the region can have, its tolerance included."""
+        lower, upper = self.region.lower_m - REGION_TOLERANCE_M, self.region.upper_m + REGION_TOLERANCE_M
+        axes = np.linspace(lower, upper, REGION_SAMPLES, axis=1)
+        offset_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) - self.base_station_m
+        visible = self.frame.in_half_space(offset_m) & (np.linalg.norm(offset_m, axis=1) > 0)
+        u, w = self.frame.direction_cosines(offset_m[visible])
+        return (float(u.min()), float(u.max())), (float(w.min()), float(w.max()))
+
+    def cloud(
+        self, range_bin: ArrayLike, doppler_bin: ArrayLike, u: ArrayLike, w: ArrayLike, power: ArrayLike
+    ) -> PointCloud:
+        """Place detections in space and drop what cannot be in the region.
+
+        Parameters
+        ----------
+        range_bin, doppler_bin : array_like, shape (n,)
+            Absolute, possibly fractional bins.
+        u, w : array_like, shape (n,)
+            Direction cosines; those outside the visible region are dropped.
+        power : array_like, shape (n,)
+            Echo power relative to a unit scatterer.
+
+        Returns
+        -------
+        PointCloud
+            Points at most 0.5 m outside the region.
+        """
+        range_m = np.asarray(range_bin, dtype=np.float64) * self.system.range_bin_m
+        velocity = np.asarray(doppler_bin, dtype=np.float64) * self.system.velocity_bin_mps
+        xyz = self.base_station_m + self.frame.offsets(range_m, u, w)
+        keep = self.region.contains(xyz, REGION_TOLERANCE_M)
+        return PointCloud(xyz[keep], velocity[keep], np.asarray(power, dtype=np.float64)[keep])

@@ -1,0 +1,69 @@
+"""The region: where scatterers of a scene can be and how fast."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Region"]
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Region:
+    """Axis-parallel box and the radial speeds in it: prior knowledge of every estimator.
+
+    Attributes
+    ----------
+    x_m, y_m, z_m : (float, float)
+        Lower and upper limits in metres.
+    speed_mps : (float, float)
+        Lowest and highest radial velocity in m/s, positive when approaching.
+    """
+
+    x_m: Interval
+    y_m: Interval
+    z_m: Interval
+    speed_mps: Interval
+
+    @property
+    def lower_m(self) -> NDArray[np.float64]:
+        """Lower corner (3,)."""
+        return np.array([self.x_m[0], self.y_m[0], self.z_m[0]])
+
+    @property
+    def upper_m(self) -> NDArray[np.float64]:
+        """Upper corner (3,)."""
+        return np.array([self.x_m[1], self.y_m[1], self.z_m[1]])
+
+    @property
+    def size_m(self) -> NDArray[np.float64]:
+        """Edge lengths (3,)."""
+        return self.upper_m - self.lower_m
+
+    @property
+    def corners_m(self) -> NDArray[np.float64]:
+        """Corners (8, 3)."""
+        return np.array([*product(self.x_m, self.y_m, self.z_m)])
+
+    def contains(self, xyz: ArrayLike, tolerance_m: float = 0.0) -> NDArray[np.bool_]:
+        """Whether points (n, 3) lie in the box grown by a tolerance on every side; NaN does not."""
+        xyz = np.asarray(xyz, dtype=np.float64)
+        inside: NDArray[np.bool_] = np.all(
+            (xyz >= self.lower_m - tolerance_m) & (xyz <= self.upper_m + tolerance_m), axis=1
+        )
+        return inside
+
+    def range_limits_m(self, base_station_m: ArrayLike) -> Interval:
+        """Distances of the nearest and the farthest point of the box."""
+        base = np.asarray(base_station_m, dtype=np.float64)
+        nearest = np.clip(base, self.lower_m, self.upper_m)
+        farthest = np.where(base - self.lower_m > self.upper_m - base, self.lower_m, self.upper_m)
+        return float(np.linalg.norm(nearest - base)), float(np.linalg.norm(farthest - base))

@@ -1,0 +1,1 @@
+"""The built-in scenarios and suites, one TOML file each."""

@@ -1,0 +1,155 @@
+"""Shared fixtures: plugins that are really found through entry points, and a scene of three points."""
+
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+PLUGINS = '''
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from isacbench.contracts import Detection, Detector
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Level:
+    """Flat threshold."""
+
+    name: ClassVar[str] = "level"
+    pfa: float = 1e-3
+
+    def __post_init__(self):
+        if not 0 < self.pfa < 1:
+            raise ValueError(f"pfa = {self.pfa}: must lie between 0 and 1")
+
+    def detect(self, power, looks=1):
+        return Detection(power > 1, np.ones_like(power), np.ones_like(power))
+
+
+@dataclass(frozen=True)
+class Blob:
+    """Points around the middle of the region, spread by the noise.
+
+    And a second paragraph.
+    """
+
+    name: ClassVar[str] = "blob"
+    n: int = 4
+    pfa: float | None = None
+    mode: Literal["near", "far"] = "near"
+    cells: int | tuple[int, int] = 1
+    detector: Detector = Level()
+
+    def estimate(self, observation):
+        region = observation.region
+        middle = (region.lower_m + region.upper_m) / 2
+        spread = np.abs(observation.cells.ravel()[: 3 * self.n]).reshape(self.n, 3)
+        xyz = np.clip(middle + spread, region.lower_m, region.upper_m)
+        return PointCloud(xyz, np.zeros(self.n), np.ones(self.n))
+
+
+@dataclass(frozen=True)
+class Seer:
+    """Sees the truth."""
+
+    name: ClassVar[str] = "seer"
+    needs_truth: ClassVar[bool] = True
+
+    def estimate(self, observation, truth):
+        return truth
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Goes wrong in a chosen way."""
+
+    name: ClassVar[str] = "trouble"
+    kind: str = "raise"
+
+    def estimate(self, observation):
+        if self.kind == "raise":
+            raise ZeroDivisionError("no luck")
+        if self.kind == "interrupt":
+            raise KeyboardInterrupt
+        if self.kind == "write":
+            observation.cells[0] = 0
+        return PointCloud.empty() if self.kind == "empty" else [1, 2, 3]
+'''
+
+TINY = """\
+# Three points in a small scene.
+name = "tiny"
+[system]
+n_subcarriers = 256
+n_symbols = 32
+[array]
+frame = "panel"
+tx_shape = [1, 1]
+rx_shape = [4, 4]
+[base_station]
+position_m = [5.0, 40.0, 10.0]
+[region]
+x_m = [0.0, 10.0]
+y_m = [0.0, 10.0]
+z_m = [0.0, 5.0]
+speed_mps = [-15.0, 15.0]
+[[objects]]
+kind = "points"
+file = "tiny.csv"
+"""
+
+TINY_POINTS = "x,y,z,v,amplitude\n1,2,3,0,1\n5,6,1,10,2\n9,9,2,-10,1\n"
+
+
+class PluginFolder(NamedTuple):
+    """A folder on the import path in which distributions can be installed."""
+
+    path: Path
+
+    def install(self, distribution: str, source: str, **groups: dict[str, str]) -> None:
+        """Install a distribution of one module, its entry points given by group: estimators, detectors."""
+        module = distribution.replace("-", "_")
+        (self.path / f"{module}.py").write_text(source)
+        info = self.path / f"{module}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n")
+        lines = []
+        for group, names in groups.items():
+            lines.append(f"[isacbench.{group}]")
+            lines += [f"{name} = {module}:{attribute}" for name, attribute in names.items()]
+        (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+
+
+@pytest.fixture
+def plugin_folder(tmp_path_factory, monkeypatch):
+    """Return an empty folder on the import path; what is imported from it is forgotten afterwards."""
+    folder = tmp_path_factory.mktemp("plugins")
+    monkeypatch.syspath_prepend(folder)
+    return PluginFolder(folder)
+
+
+@pytest.fixture
+def plugins(plugin_folder, monkeypatch):
+    """Install the estimators blob, seer and trouble, and the detector level."""
+    monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
+    plugin_folder.install(
+        "test-plugins",
+        PLUGINS,
+        estimators={"blob": "Blob", "seer": "Seer", "trouble": "Trouble"},
+        detectors={"level": "Level"},
+    )
+    return plugin_folder
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    """Path of a scenario that is simulated in a millisecond."""
+    (tmp_path / "tiny.csv").write_text(TINY_POINTS)
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    return path

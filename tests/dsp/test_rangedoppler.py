@@ -1,0 +1,75 @@
+"""The range-Doppler map: unitary, signed as the convention says, of the grid's precision."""
+
+import cmath
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isacbench.dsp.rangedoppler import GatedMap, range_doppler_map
+from isacbench.dsp.windows import taper
+from isacbench.model.gate import Gate
+
+SIZES = st.integers(1, 9)
+
+
+def random_cells(shape, seed=0):
+    """White complex noise."""
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+
+
+@given(SIZES, SIZES)
+def test_the_map_is_the_double_sum_it_stands_for(n_subcarriers, n_symbols):
+    grid = random_cells((n_subcarriers, n_symbols))
+    cells = range_doppler_map(grid)
+    for r in range(n_subcarriers):
+        for d in range(n_symbols):
+            total = sum(
+                grid[n, m] * cmath.exp(2j * cmath.pi * (n * r / n_subcarriers - m * d / n_symbols))
+                for n in range(n_subcarriers)
+                for m in range(n_symbols)
+            )
+            assert cells[r, d] == pytest.approx(total / (n_subcarriers * n_symbols) ** 0.5, abs=1e-12)
+
+
+@given(SIZES, SIZES, st.integers(1, 3))
+def test_the_map_keeps_the_energy_of_every_element(n_subcarriers, n_symbols, n_elements):
+    grid = random_cells((n_subcarriers, n_symbols, n_elements))
+    energy = (np.abs(range_doppler_map(grid)) ** 2).sum(axis=(0, 1))
+    np.testing.assert_allclose(energy, (np.abs(grid) ** 2).sum(axis=(0, 1)))
+
+
+def test_delay_and_doppler_appear_at_their_bins():
+    n, m = np.arange(16)[:, None], np.arange(8)[None, :]
+    cells = range_doppler_map(np.exp(-2j * np.pi * n * 5 / 16 + 2j * np.pi * m * -3 / 8))
+    assert np.unravel_index(np.abs(cells).argmax(), cells.shape) == (5, 8 - 3)
+    assert cells[5, 5] == pytest.approx(np.sqrt(16 * 8))
+
+
+@pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
+def test_the_map_keeps_precision_and_leaves_the_grid_alone(dtype):
+    grid = random_cells((6, 4)).astype(dtype)
+    before = grid.copy()
+    assert range_doppler_map(grid).dtype == dtype
+    np.testing.assert_array_equal(grid, before)
+
+
+def test_a_tapered_map_keeps_cells_bins_and_reachable_ones_together():
+    cells = random_cells((12, 20, 2, 3))
+    gate = Gate(np.arange(40, 52), np.arange(-10, 10), slice(4, 9), slice(6, 15))
+    tapered = GatedMap(cells, gate).tapered("hann", "blackman")
+    np.testing.assert_array_equal(tapered.cells, taper(taper(cells, "hann", 0), "blackman", 1))
+    assert tapered.gate.shape == tapered.cells.shape[:2] == (10, 16)
+    np.testing.assert_array_equal(tapered.gate.reachable, gate.reachable[1:-1, 2:-2])
+    assert tapered.n_elements == 6
+
+
+def test_absolute_bins_are_found_in_a_gated_map():
+    gate = Gate(np.arange(40, 52), np.arange(-10, 10), slice(4, 9), slice(6, 15))
+    rows, columns = GatedMap(random_cells((12, 20, 1, 1)), gate).index(
+        (np.array([41, 50]), np.array([-10, 3]))
+    )
+    assert rows.tolist() == [1, 10]
+    assert columns.tolist() == [0, 13]

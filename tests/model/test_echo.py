@@ -1,0 +1,262 @@
+"""The echo: closed form against the full resource grid, and noise that is white and repeatable."""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.rangedoppler import range_doppler_map
+from isacbench.model.echo import Simulator, clean_echo, observe, resource_grid, unit_noise
+from isacbench.model.gate import build_gate
+from isacbench.model.scenario import load_scenario
+
+C = 299_792_458.0
+SIGMAS = 5.0
+
+
+def gated_grid(scenario, gate, elements):
+    """Cells of the gate, from the full resource grid of some elements."""
+    cells = range_doppler_map(resource_grid(scenario, elements))
+    system = scenario.system
+    rows, columns = gate.range_bins % system.n_subcarriers, gate.doppler_bins % system.n_symbols
+    return cells[np.ix_(rows, columns)]
+
+
+def gate_of(scenario):
+    """Gate of a scenario."""
+    return build_gate(scenario.system, scenario.base_station_m, scenario.region)
+
+
+def assert_closed_form_is_the_transformed_grid(scenario, elements):
+    gate = gate_of(scenario)
+    expected = gated_grid(scenario, gate, elements)
+    p, q = np.transpose(elements)
+    error = np.abs(clean_echo(scenario, gate)[:, :, p, q] - expected).max()
+    assert error <= 1e-10 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("frame", ["paper", "panel"])
+@pytest.mark.parametrize("coherent_phase", [False, True])
+def test_the_resource_grid_is_the_sum_over_scatterers_that_the_design_writes(
+    make_scenario, frame, coherent_phase
+):
+    scenario = make_scenario(frame, n_subcarriers=5, n_symbols=3, coherent_phase=coherent_phase)
+    elements = [(0, 0), (3, 1), (2, 2)]
+    system, echoes = scenario.system, scenario.scatterers
+    symbol_s = 1.25 / system.subcarrier_spacing_hz
+    expected = np.zeros((5, 3, 3), dtype=complex)
+    for xyz, v, a in zip(echoes.xyz, echoes.velocity, echoes.amplitude, strict=True):
+        x, y, z = xyz - scenario.base_station_m
+        r = math.sqrt(x * x + y * y + z * z)
+        if frame == "panel":
+            u, w = x / r, -z / r
+        else:
+            theta, cos_phi = math.atan2(-y, x), -z / r
+            u, w = math.cos(theta) * cos_phi, math.sin(theta) * cos_phi
+        gain = a * cmath.exp(-4j * math.pi * system.carrier_hz * r / C) if coherent_phase else a
+        for n in range(5):
+            for m in range(3):
+                for e, (p, q) in enumerate(elements):
+                    delay = cmath.exp(-2j * math.pi * n * system.subcarrier_spacing_hz * 2 * r / C)
+                    doppler = cmath.exp(2j * math.pi * m * symbol_s * 2 * v * system.carrier_hz / C)
+                    direction = cmath.exp(-1j * math.pi * (p * u + q * w))
+                    expected[n, m, e] += gain * delay * doppler * direction
+    np.testing.assert_allclose(resource_grid(scenario, elements), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("frame", ["paper", "panel"])
+@pytest.mark.parametrize("coherent_phase", [False, True])
+@pytest.mark.parametrize(("n_subcarriers", "n_symbols"), [(256, 32), (251, 13), (97, 8), (33, 1), (1, 7)])
+def test_the_closed_form_is_the_transformed_grid_whatever_the_size(
+    make_scenario, frame, coherent_phase, n_subcarriers, n_symbols
+):
+    scenario = make_scenario(
+        frame, n_subcarriers=n_subcarriers, n_symbols=n_symbols, coherent_phase=coherent_phase
+    )
+    assert_closed_form_is_the_transformed_grid(scenario, [(0, 0), (3, 1), (1, 3)])
+
+
+@settings(max_examples=25)
+@given(
+    place=st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)),
+    speed_mps=st.floats(-15, 15),
+    n_symbols=st.integers(1, 40),
+)
+def test_the_closed_form_is_the_transformed_grid_for_any_scatterer(
+    make_scenario, place, speed_mps, n_symbols
+):
+    scenario = make_scenario(xyz=[place], velocity=[speed_mps], amplitude=[1.0], n_symbols=n_symbols)
+    assert_closed_form_is_the_transformed_grid(scenario, [(0, 0), (3, 3)])
+
+
+@pytest.mark.parametrize("name", ["street-coherent", "street-paper"])
+def test_the_closed_form_is_the_transformed_grid_on_the_street(name):
+    assert_closed_form_is_the_transformed_grid(load_scenario(name), [(0, 0), (15, 9)])
+
+
+def on_grid(make_scenario, n_range, n_doppler):
+    """Scenario of one scatterer in the middle of a cell, straight ahead of the panel and below it."""
+    system = make_scenario().system
+    y, z = 5.0, 2.0
+    drop, range_m = 10.0 - z, n_range * system.range_bin_m
+    y = 40.0 - math.sqrt(range_m**2 - drop**2)
+    return make_scenario(xyz=[[5.0, y, z]], velocity=[n_doppler * system.velocity_bin_mps], amplitude=[0.5])
+
+
+@pytest.mark.parametrize(("n_range", "n_doppler"), [(15, 1), (14, -1), (15, 0)])
+def test_a_scatterer_in_the_middle_of_a_cell_fills_it_alone_and_approaching_is_positive(
+    make_scenario, n_range, n_doppler
+):
+    simulator = Simulator(on_grid(make_scenario, n_range, n_doppler))
+    gate = simulator.gate
+    power = np.abs(simulator.clean[:, :, 0, 0]) ** 2
+    row, column = np.unravel_index(power.argmax(), power.shape)
+    assert (gate.range_bins[row], gate.doppler_bins[column]) == (n_range, n_doppler)
+    assert power.max() == pytest.approx(0.25 * simulator.scenario.system.processing_gain)
+    assert power.sum() == pytest.approx(power.max())
+
+
+def test_the_phase_falls_along_the_array_towards_a_scatterer_on_that_side(make_scenario):
+    scenario = make_scenario(xyz=[[9.0, 9.0, 2.0]], velocity=[0.0], amplitude=[1.0])
+    u, w = scenario.frame.direction_cosines(scenario.scatterers.xyz - scenario.base_station_m)
+    cells = Simulator(scenario).clean
+    cell = cells[np.unravel_index(np.abs(cells[:, :, 0, 0]).argmax(), cells.shape[:2])]
+    assert np.angle(cell[1, 0] / cell[0, 0]) == pytest.approx(-np.pi * u[0])
+    assert np.angle(cell[0, 1] / cell[0, 0]) == pytest.approx(-np.pi * w[0])
+
+
+def test_an_approaching_scatterer_turns_as_the_shrinking_path_says(make_scenario):
+    still = make_scenario(xyz=[[5.0, 5.0, 2.0]], velocity=[0.0], amplitude=[1.0], coherent_phase=True)
+    system, speed_mps = still.system, 9.0
+    direction = (still.scatterers.xyz[0] - still.base_station_m) / np.linalg.norm(
+        still.scatterers.xyz[0] - still.base_station_m
+    )
+    nearer = still.scatterers.xyz - direction * speed_mps * system.symbol_time_s
+    later = make_scenario(xyz=nearer, velocity=[0.0], amplitude=[1.0], coherent_phase=True)
+    moving = make_scenario(
+        xyz=still.scatterers.xyz, velocity=[speed_mps], amplitude=[1.0], coherent_phase=True
+    )
+    # The first subcarrier lies on the carrier, where the convention is exact.
+    assert resource_grid(moving, [(0, 0)])[0, 1, 0] == pytest.approx(resource_grid(later, [(0, 0)])[0, 0, 0])
+
+
+def noise_of(observation, simulator, snr_db):
+    """Noise of an observation, scaled to unit power."""
+    return (observation.cells - simulator.clean) / np.sqrt(simulator.noise_power(snr_db))
+
+
+@pytest.fixture(scope="module")
+def noise(make_scenario):
+    """Unit noise of one observation, and what it was drawn for."""
+    simulator = Simulator(make_scenario())
+    return noise_of(simulator.observe(-10.0), simulator, -10.0)
+
+
+def test_gated_noise_has_unit_power(noise):
+    # |z|² is exponential: mean 1, standard deviation 1.
+    assert abs(np.mean(np.abs(noise) ** 2) - 1) < SIGMAS / np.sqrt(noise.size)
+
+
+def test_gated_noise_is_circular_and_gaussian(noise):
+    deviation = 1 / np.sqrt(noise.size)
+    assert abs(np.mean(noise)) < SIGMAS * deviation
+    assert abs(np.mean(noise**2)) < SIGMAS * np.sqrt(2) * deviation
+    assert abs(np.mean(np.abs(noise) ** 4) - 2) < SIGMAS * np.sqrt(20) * deviation
+    assert abs(np.mean(np.abs(noise) ** 2 > np.log(2)) - 0.5) < SIGMAS * 0.5 * deviation
+
+
+@pytest.mark.parametrize("axis", range(4))
+@pytest.mark.parametrize("lag", [1, 2])
+def test_gated_noise_of_neighbouring_cells_and_elements_is_uncorrelated(noise, axis, lag):
+    n_pairs = noise.shape[axis] - lag
+    product = np.take(noise, range(n_pairs), axis) * np.take(noise, range(lag, n_pairs + lag), axis).conj()
+    assert abs(product.mean()) < SIGMAS / np.sqrt(product.size)
+
+
+def test_white_noise_on_the_whole_grid_stays_white_in_the_map():
+    shape = (128, 31, 6)
+    grid = unit_noise("grid", 0, 0, shape)
+    cells = range_doppler_map(grid)
+    assert np.linalg.norm(cells) == pytest.approx(np.linalg.norm(grid), rel=1e-12)
+    for axis in range(3):
+        neighbours = cells * np.roll(cells, 1, axis).conj()
+        assert abs(neighbours.mean()) < SIGMAS / np.sqrt(neighbours.size)
+    power = (np.abs(cells) ** 2).mean(axis=(1, 2))
+    assert (np.abs(power - 1) < SIGMAS / np.sqrt(31 * 6)).all()
+
+
+@given(st.floats(-100, 100))
+def test_the_snr_is_the_sum_of_single_echo_powers_over_the_noise_power(make_scenario, snr_db):
+    scenario = make_scenario(amplitude=[1.0, 2.0, 0.5])
+    ratio = (1.0 + 4.0 + 0.25) / Simulator(scenario).noise_power(snr_db)
+    assert 10 * np.log10(ratio) == pytest.approx(snr_db)
+
+
+@pytest.mark.parametrize("snr_db", [-20.0, 0.0, 30.0])
+def test_the_measured_snr_of_a_resource_element_is_the_one_asked_for(make_scenario, snr_db):
+    simulator = Simulator(make_scenario())
+    echo_power = 0.0
+    for index in range(3):
+        alone = make_scenario(
+            xyz=simulator.scenario.scatterers.xyz[[index]],
+            velocity=simulator.scenario.scatterers.velocity[[index]],
+            amplitude=simulator.scenario.scatterers.amplitude[[index]],
+        )
+        echo_power += np.mean(np.abs(resource_grid(alone, [(0, 0), (1, 2)])) ** 2)
+    noise = simulator.observe(snr_db).cells - simulator.clean
+    measured_db = 10 * np.log10(echo_power / np.mean(np.abs(noise) ** 2))
+    assert measured_db == pytest.approx(snr_db, abs=10 / np.log(10) * SIGMAS / np.sqrt(noise.size) * 1.1)
+
+
+@pytest.mark.parametrize("amplitude", [[], [0.0]])
+def test_a_scene_without_echoes_has_the_noise_of_one_unit_scatterer(make_scenario, amplitude):
+    n = len(amplitude)
+    empty = make_scenario(xyz=np.full((n, 3), 1.0), velocity=np.zeros(n), amplitude=amplitude)
+    assert Simulator(empty).noise_power(10.0) == pytest.approx(0.1)
+    assert np.abs(Simulator(empty).clean).max() == 0
+    assert np.abs(resource_grid(empty, [(0, 0), (1, 2)])).max() == 0
+
+
+def test_the_snr_scales_the_noise_and_changes_nothing_else(make_scenario):
+    simulator = Simulator(make_scenario())
+    draws = [
+        noise_of(simulator.observe(snr_db, trial=3, seed=1), simulator, snr_db) for snr_db in (-30, 0, 20)
+    ]
+    np.testing.assert_allclose(draws[1], draws[0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(draws[2], draws[0], rtol=0, atol=1e-10)
+
+
+def test_without_noise_the_clean_echo_remains(make_scenario):
+    simulator = Simulator(make_scenario())
+    np.testing.assert_array_equal(simulator.observe(math.inf).cells, simulator.clean)
+
+
+def test_the_same_call_returns_the_same_bits_whatever_was_asked_before(make_scenario):
+    first = observe(make_scenario(), 5.0, trial=1, seed=2).cells
+    simulator = Simulator(make_scenario())
+    simulator.observe(-20.0, trial=7, seed=0)
+    np.testing.assert_array_equal(simulator.observe(5.0, trial=1, seed=2).cells, first)
+
+
+def test_noise_differs_between_trials_seeds_and_scenarios_and_between_nothing_else(make_scenario):
+    def draw(name="few", **which):
+        simulator = Simulator(make_scenario(name=name))
+        return simulator.observe(0.0, **which).cells - simulator.clean
+
+    draws = [draw(), draw(trial=1), draw(seed=1), draw(name="other"), draw(trial=1, seed=1)]
+    for index, one in enumerate(draws):
+        for other in draws[:index]:
+            correlation = np.vdot(one, other) / np.linalg.norm(one) / np.linalg.norm(other)
+            assert abs(correlation) < SIGMAS / np.sqrt(one.size)
+    np.testing.assert_array_equal(unit_noise("few", 0, 0, (3, 2)), unit_noise("few", 0, 0, (3, 2)))
+
+
+def test_noise_is_the_same_for_every_frame_and_phase(make_scenario):
+    shape = Simulator(make_scenario()).observe(0.0).cells.shape
+    paper = Simulator(make_scenario("paper", coherent_phase=False))
+    np.testing.assert_allclose(
+        noise_of(paper.observe(0.0), paper, 0.0), unit_noise("few", 0, 0, shape), atol=1e-12
+    )

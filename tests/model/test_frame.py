@@ -1,0 +1,117 @@
+"""Frames: exact inverses in the half-space they see, and nothing outside the visible region."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from isacbench.errors import InputError
+from isacbench.model.frame import PanelFrame, PaperFrame, get_frame
+
+ANGLES = st.floats(-180, 180)
+PANELS = st.builds(PanelFrame, yaw_deg=ANGLES, tilt_deg=st.floats(-89, 89))
+FRAMES = st.one_of(st.just(PaperFrame()), PANELS)
+COORDINATES = st.floats(-300, 300)
+
+
+@st.composite
+def offsets(draw):
+    """Draw an offset from the base station, not at it."""
+    offset = np.array([draw(COORDINATES) for _ in range(3)])
+    assume(np.linalg.norm(offset) > 1e-3)
+    return offset[None]
+
+
+@st.composite
+def cosines(draw):
+    """Draw direction cosines inside the visible region, off its border."""
+    radius, angle = draw(st.floats(1e-6, 0.999)), draw(st.floats(0, 2 * np.pi))
+    return np.array([radius * np.cos(angle)]), np.array([radius * np.sin(angle)])
+
+
+@given(FRAMES, offsets())
+def test_an_offset_survives_the_way_to_direction_cosines_and_back(frame, offset):
+    range_m = np.linalg.norm(offset, axis=1)
+    u, w = frame.direction_cosines(offset)
+    sine_to_border = np.sqrt(max(1 - u[0] ** 2 - w[0] ** 2, 0.0))
+    assume(frame.in_half_space(offset)[0])
+    if isinstance(frame, PaperFrame):
+        assume(np.hypot(u, w)[0] > 1e-6)  # the horizon is singular
+    # Near the border a rounding error of u costs its square root in the third coordinate.
+    tolerance = range_m[0] * 1e-15 / max(sine_to_border, 3e-8) * 10
+    np.testing.assert_allclose(frame.offsets(range_m, u, w), offset, rtol=0, atol=max(tolerance, 1e-11))
+
+
+@given(FRAMES, cosines(), st.floats(0.1, 600))
+def test_direction_cosines_survive_the_way_to_an_offset_and_back(frame, cosine, range_m):
+    offset = frame.offsets([range_m], *cosine)
+    assert frame.in_half_space(offset).all()
+    assert np.linalg.norm(offset) == pytest.approx(range_m, rel=1e-12)
+    np.testing.assert_allclose(frame.direction_cosines(offset), cosine, atol=1e-12)
+
+
+@given(st.floats(0, 2 * np.pi), st.floats(0.01, 1.56), st.floats(1, 600))
+def test_the_frames_are_what_the_angles_of_the_convention_say(theta, phi, range_m):
+    sin_phi, cos_phi = np.sin(phi), np.cos(phi)
+    offset = range_m * np.array([[sin_phi * np.cos(theta), -sin_phi * np.sin(theta), -cos_phi]])
+    u, w = PaperFrame().direction_cosines(offset)
+    np.testing.assert_allclose([u[0], w[0]], [np.cos(theta) * cos_phi, np.sin(theta) * cos_phi], atol=1e-12)
+    u, w = PanelFrame().direction_cosines(offset)
+    np.testing.assert_allclose([u[0], w[0]], [sin_phi * np.cos(theta), cos_phi], atol=1e-12)
+
+
+@given(FRAMES, st.floats(0, 2 * np.pi), st.floats(1.0001, 10))
+def test_directions_outside_the_visible_region_have_no_offset(frame, angle, radius):
+    offset = frame.offsets([10.0], [radius * np.cos(angle)], [radius * np.sin(angle)])
+    assert np.isnan(offset).any(axis=1).all()
+
+
+@given(st.floats(0, 2 * np.pi))
+def test_straight_down_is_seen_in_the_paper_frame_whatever_the_rounding(angle):
+    offset = PaperFrame().offsets([10.0], [np.cos(angle)], [np.sin(angle)])
+    np.testing.assert_allclose(offset, [[0.0, 0.0, -10.0]], atol=1e-6)
+
+
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+def test_the_horizon_of_the_paper_frame_is_singular_and_taken_at_zero_azimuth(zero):
+    u, w = PaperFrame().direction_cosines([[-3.0, -4.0, 0.0], [3.0, -4.0, 0.0]])
+    np.testing.assert_array_equal([u, w], np.zeros((2, 2)))
+    np.testing.assert_allclose(PaperFrame().offsets([5.0], [zero], [zero]), [[5.0, 0.0, 0.0]], atol=1e-12)
+
+
+def test_the_paper_frame_sees_what_is_not_above_the_base_station():
+    assert PaperFrame().in_half_space([[1, 1, -1], [1, 1, 0], [1, 1, 1]]).tolist() == [True, True, False]
+
+
+def test_the_panel_faces_the_street_unless_turned():
+    ahead, behind = [[3, -5, 8]], [[3, 5, 8]]
+    assert PanelFrame().in_half_space(ahead).all()
+    assert not PanelFrame().in_half_space(behind).any()
+    assert PanelFrame(yaw_deg=180).in_half_space(behind).all()
+    assert PanelFrame(tilt_deg=90).in_half_space([[3, 5, -8]]).all()
+
+
+@given(PANELS)
+def test_the_axes_of_a_panel_are_orthonormal(panel):
+    np.testing.assert_allclose(panel.axes @ panel.axes.T, np.eye(3), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("yaw_deg", "tilt_deg", "along_u", "along_w", "normal"),
+    [
+        (0, 0, [1, 0, 0], [0, 0, -1], [0, -1, 0]),
+        (90, 0, [0, 1, 0], [0, 0, -1], [1, 0, 0]),
+        (0, 90, [1, 0, 0], [0, 1, 0], [0, 0, -1]),
+    ],
+)
+def test_yaw_turns_counter_clockwise_from_above_and_tilt_downwards(
+    yaw_deg, tilt_deg, along_u, along_w, normal
+):
+    np.testing.assert_allclose(PanelFrame(yaw_deg, tilt_deg).axes, [along_u, along_w, normal], atol=1e-15)
+
+
+def test_only_a_panel_can_be_turned():
+    assert get_frame("panel", yaw_deg=3.0, tilt_deg=4.0) == PanelFrame(3.0, 4.0)
+    assert get_frame("paper") == PaperFrame()
+    with pytest.raises(InputError, match="yaw_deg and tilt_deg turn a panel; the frame 'paper' has neither"):
+        get_frame("paper", tilt_deg=1.0)

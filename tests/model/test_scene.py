@@ -1,0 +1,80 @@
+"""Scenarios: what a radio can observe at all, and the scatterers outside of what it looks at."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+from isacbench.errors import InputError, InputWarning
+
+
+def test_the_truth_is_the_scatterers_with_their_power(make_scenario):
+    scenario = make_scenario(amplitude=[1.0, 0.5, 3.0])
+    np.testing.assert_array_equal(scenario.truth.xyz, scenario.scatterers.xyz)
+    np.testing.assert_array_equal(scenario.truth.velocity, scenario.scatterers.velocity)
+    assert scenario.truth.power.tolist() == [1.0, 0.25, 9.0]
+
+
+def test_a_scene_may_be_empty(make_scenario):
+    assert len(make_scenario(xyz=np.empty((0, 3)), velocity=[], amplitude=[]).truth) == 0
+
+
+@pytest.mark.parametrize(
+    ("system", "message"),
+    [
+        (
+            {"subcarrier_spacing_hz": 4e6},
+            "region: its farthest corner is 41.5 m .*allowed are at most 37.5 m",
+        ),
+        ({"carrier_hz": 2e13}, r"region.speed_mps: 15 m/s .*allowed are at most 0\.\d m/s"),
+    ],
+)
+def test_a_region_beyond_what_is_unambiguous_is_refused(make_scenario, system, message):
+    with pytest.raises(InputError, match=message):
+        make_scenario(**system)
+
+
+@pytest.mark.parametrize(
+    ("frame", "place", "where"),
+    [
+        ("panel", [5.0, 50.0, 2.0], "in front of the panel"),
+        ("paper", [5.0, 5.0, 11.0], "below the base station (z <= z of the base station)"),
+        ("panel", [5.0, 40.0, 10.0], "in front of the panel"),
+    ],
+)
+def test_a_scatterer_where_the_array_is_blind_is_refused(make_scenario, frame, place, where):
+    x, y, z = place
+    message = (
+        f"objects: 1 of 2 scatterers, the first at ({x:g}, {y:g}, {z:g}) m, lie where the array is blind"
+    )
+    with pytest.raises(InputError, match=re.escape(f"{message}; allowed are places {where}")):
+        make_scenario(frame, xyz=[[1.0, 1.0, 1.0], place], velocity=[0, 0], amplitude=[1, 1])
+
+
+@pytest.mark.parametrize(
+    ("place", "speed_mps", "stray"),
+    [
+        ([10.0, 0.0, 5.0], 15.0, False),
+        ([10.1, 0.0, 5.0], 15.0, True),
+        ([10.0, 0.0, 5.0], -15.1, True),
+    ],
+)
+def test_scatterers_outside_the_region_or_its_speeds_are_warned_of(make_scenario, place, speed_mps, stray):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        make_scenario(xyz=[[1, 1, 1], place], velocity=[0, speed_mps], amplitude=[1, 1])
+    assert [str(warning.message)[:51] for warning in caught] == stray * [
+        "scenario few: 1 of 2 scatterers lie outside the reg"
+    ]
+    assert all(warning.category is InputWarning for warning in caught)
+
+
+def test_arrays_are_copies_that_cannot_be_written_to(make_scenario):
+    velocity = np.array([1.0, 2.0, 3.0])
+    scenario = make_scenario(velocity=velocity)
+    velocity[0] = 9.0
+    assert scenario.scatterers.velocity[0] == 1.0
+    for array in (scenario.base_station_m, scenario.scatterers.xyz, scenario.scatterers.amplitude):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
