@@ -1,0 +1,1 @@
+"""The built-in estimators and detectors: the first plugin package of isacbench."""

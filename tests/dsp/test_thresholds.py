@@ -1,0 +1,205 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import integrate, stats
+
+from isacbench.dsp.thresholds import ca_factor, ca_rate, osca_factor, osca_rate, paper_factor
+from isacbench.errors import InputError
+
+INSIDE = ((6, 9),) * 8 + ((6, 8),)
+OUTSIDE = ((6, 9),) * 9
+PFAS = st.floats(-12, -0.05).map(lambda exponent: 10**exponent)
+COLUMNS = (
+    st.integers(1, 90)
+    .flatmap(lambda n: st.tuples(st.integers(1, n), st.just(n)))
+    .flatmap(lambda column: st.tuples(st.just(column), st.integers(1, 12)))
+)
+
+
+def one_look_rate(factor, columns):
+    """Multiplies the Laplace transforms of exponential order statistics, cell by cell."""
+    s = factor / len(columns)
+    rate = 1.0
+    for rank, n_cells in columns:
+        for i in range(rank):
+            rate *= (n_cells - i) / (n_cells - i + s)
+    return rate
+
+
+def negative_binomial_rate(factor, n_training, looks):
+    """Sums the probabilities of fewer than `looks` arrivals before the training cells' last one."""
+    p = n_training / (n_training + factor)
+    total = looks * n_training
+    return math.fsum(math.comb(total - 1 + j, j) * p**total * (1 - p) ** j for j in range(looks))
+
+
+def order_density(x, rank, n_cells, looks):
+    law = stats.gamma(looks, scale=1 / looks)
+    ways = n_cells * math.comb(n_cells - 1, rank - 1)
+    return ways * law.pdf(x) * law.cdf(x) ** (rank - 1) * law.sf(x) ** (n_cells - rank)
+
+
+def monte_carlo_rate(factor, rank, n_columns, n_cells, looks, n_windows, seed):
+    """Counts exceedances of a cell under test inside the first column of its window."""
+    rng = np.random.default_rng(seed)
+    hits = 0
+    for _ in range(n_windows // 10_000):
+        window = rng.standard_gamma(looks, (10_000, n_columns, n_cells)) / looks
+        estimate = np.sort(window, axis=2)[:, :, rank - 1].mean(axis=1)
+        hits += np.count_nonzero(window[:, 0, 0] > factor * estimate)
+    return hits / n_windows
+
+
+@pytest.mark.parametrize(
+    ("factor", "expected"),
+    [
+        (lambda: ca_factor(1e-3, 72), 7.249980),
+        (lambda: osca_factor(1e-3, INSIDE), 7.262139),
+        (lambda: osca_factor(1e-3, OUTSIDE), 7.437354),
+        (lambda: osca_factor(1e-3, ((54, 72),)), 5.448701),
+    ],
+)
+def test_factors_equal_the_known_vectors(factor, expected):
+    assert factor() == pytest.approx(expected, abs=6e-7)
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, st.integers(1, 5000))
+def test_ca_factor_of_one_look_is_the_closed_form(pfa, n_training):
+    assert ca_factor(pfa, n_training) == pytest.approx(n_training * math.expm1(-math.log(pfa) / n_training))
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, st.integers(1, 40), st.integers(1, 12))
+def test_ca_factor_of_many_looks_gives_the_rate_of_the_negative_binomial_sum(pfa, n_training, looks):
+    factor = ca_factor(pfa, n_training, looks)
+    assert negative_binomial_rate(factor, n_training, looks) == pytest.approx(pfa, rel=1e-9)
+
+
+@pytest.mark.parametrize("looks", [1, 16, 256, 1024])
+@pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-9])
+def test_ca_factor_is_the_quantile_of_the_f_distribution(pfa, looks):
+    expected = stats.f.isf(pfa, 2 * looks, 2 * looks * 72)
+    assert ca_factor(pfa, 72, looks) == pytest.approx(expected, rel=1e-8)
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, COLUMNS, COLUMNS)
+def test_osca_factor_of_one_look_gives_the_rate_of_the_product_formula(pfa, some, others):
+    columns = (some[0],) * some[1] + (others[0],) * others[1]
+    assert one_look_rate(osca_factor(pfa, columns), columns) == pytest.approx(pfa, rel=1e-8)
+
+
+@pytest.mark.parametrize("looks", [1, 2, 16, 256, 1024])
+@pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-9, 1e-12])
+def test_osca_factor_of_one_column_of_one_cell_is_the_ca_factor(pfa, looks):
+    assert osca_factor(pfa, ((1, 1),), looks) == pytest.approx(ca_factor(pfa, 1, looks), rel=1e-9)
+
+
+@pytest.mark.parametrize("looks", [2, 16, 256])
+@pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-9])
+def test_osca_factor_of_one_column_gives_the_integrated_rate(pfa, looks):
+    factor = osca_factor(pfa, ((6, 9),), looks)
+    ahead = stats.gamma(looks, scale=1 / looks)
+    rate, _ = integrate.quad(
+        lambda x: ahead.sf(factor * x) * order_density(x, 6, 9, looks), 0, 3, limit=400, epsabs=0, epsrel=1e-7
+    )
+    assert rate == pytest.approx(pfa, rel=1e-5)
+
+
+def test_osca_factor_of_two_unlike_columns_gives_the_integrated_rate():
+    looks, nodes = 4, np.linspace(0, 6, 1501)
+    factor = osca_factor(1e-4, ((3, 5), (2, 4)), looks)
+    first, second = order_density(nodes, 3, 5, looks), order_density(nodes, 2, 4, looks)
+    exceeds = stats.gamma(looks, scale=1 / looks).sf(factor * np.add.outer(nodes, nodes) / 2)
+    assert first @ exceeds @ second * nodes[1] ** 2 == pytest.approx(1e-4, rel=1e-5)
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, st.sampled_from([1, 3, 16]))
+def test_rates_undo_factors(pfa, looks):
+    assert ca_rate(ca_factor(pfa, 72, looks), 72, looks) == pytest.approx(pfa, rel=1e-9)
+    assert osca_rate(osca_factor(pfa, INSIDE, looks), INSIDE, looks) == pytest.approx(pfa, rel=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, st.sampled_from([1, 3, 16]))
+def test_factors_grow_as_the_rate_falls(pfa, looks):
+    assert ca_factor(pfa, 72, looks) < ca_factor(pfa / 2, 72, looks)
+    assert osca_factor(pfa, INSIDE, looks) < osca_factor(pfa / 2, INSIDE, looks)
+
+
+def test_order_of_the_columns_does_not_change_the_factor():
+    assert osca_factor(1e-3, INSIDE, 4) == pytest.approx(osca_factor(1e-3, INSIDE[::-1], 4), rel=1e-13)
+
+
+def test_errata_threshold_factor_the_printed_one_lacks_the_number_of_cells():
+    assert ca_factor(1e-3, 72) == pytest.approx(72 * paper_factor(1e-3, 72))
+
+
+def test_errata_threshold_factor_the_printed_one_alarms_on_90_percent_with_ca_and_32_with_osca():
+    printed_ca, printed_osca = paper_factor(1e-3, 72), paper_factor(1e-3, 9)
+    assert ca_rate(printed_ca, 72) == pytest.approx((1 + printed_ca / 72) ** -72)
+    assert ca_rate(printed_ca, 72) == pytest.approx(0.90, abs=0.005)
+    assert osca_rate(printed_osca, OUTSIDE) == pytest.approx(one_look_rate(printed_osca, OUTSIDE))
+    assert osca_rate(printed_osca, OUTSIDE) == pytest.approx(0.32, abs=0.005)
+    # The cell inside its window: the formula leaves out 2 % of the rate here, counting does not.
+    assert osca_rate(printed_osca, INSIDE) == pytest.approx(0.312, abs=0.0005)
+    assert monte_carlo_rate(printed_osca, 6, 9, 9, 1, 40_000, seed=1) == pytest.approx(0.32, abs=0.01)
+
+
+def test_neglected_event_of_the_cell_inside_its_window_is_two_percent_of_the_rate_at_one_half():
+    rate = monte_carlo_rate(osca_factor(0.5, INSIDE), 6, 9, 9, 1, 60_000, seed=2)
+    assert 0.5 < rate < 0.52
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("looks", [1, 16, 256, 1024])
+def test_osca_factor_keeps_the_rate_of_the_cell_inside_its_window(looks):
+    n_windows, pfa = 400_000, 1e-2
+    rate = monte_carlo_rate(osca_factor(pfa, INSIDE, looks), 6, 9, 9, looks, n_windows, seed=looks)
+    assert abs(rate - pfa) < 4 * math.sqrt(pfa * (1 - pfa) / n_windows)
+
+
+@pytest.mark.parametrize("pfa", [0, 1, -0.1, 1.5, math.nan, "0.1"])
+def test_pfa_outside_its_range_is_refused_by_name(pfa):
+    for factor in (lambda: ca_factor(pfa, 8), lambda: osca_factor(pfa, INSIDE), lambda: paper_factor(pfa, 8)):
+        with pytest.raises(InputError, match="pfa ="):
+            factor()
+
+
+@pytest.mark.parametrize("looks", [0, -1, 2.5, math.nan, "2"])
+def test_looks_that_are_no_positive_whole_number_are_refused_by_name(looks):
+    for factor in (lambda: ca_factor(0.1, 8, looks), lambda: osca_factor(0.1, INSIDE, looks)):
+        with pytest.raises(InputError, match="looks ="):
+            factor()
+
+
+@pytest.mark.parametrize("pfa", [1e-31, 1 - 1e-7])
+def test_order_statistics_refuse_a_rate_beyond_what_they_resolve(pfa):
+    with pytest.raises(InputError, match=r"from 1e-30 to 0\.999999"):
+        osca_factor(pfa, INSIDE)
+
+
+@pytest.mark.parametrize("pfa", [1e-30, 0.999999])
+@pytest.mark.parametrize("columns", [INSIDE, ((1, 1),), ((1, 90),) * 9, ((90, 90),), ((500, 700),) * 33])
+def test_osca_factor_holds_the_rate_at_the_ends_of_its_range(pfa, columns):
+    rate = one_look_rate(osca_factor(pfa, columns), columns)
+    assert min(rate, 1 - rate) == pytest.approx(min(pfa, 1 - pfa), rel=1e-7)
+
+
+@pytest.mark.parametrize("columns", [(), ((0, 9),), ((10, 9),), ((6, 9), (1, 0))])
+def test_columns_without_a_valid_rank_are_refused_by_name(columns):
+    with pytest.raises(InputError, match="columns ="):
+        osca_factor(1e-3, columns)
+
+
+def test_no_training_cells_are_refused_by_name():
+    for call in (lambda: ca_factor(0.1, 0), lambda: ca_rate(1.0, 0), lambda: paper_factor(0.1, 0)):
+        with pytest.raises(InputError, match="n_training ="):
+            call()
