@@ -1,0 +1,1 @@
+"""What a point cloud is worth beside the truth."""

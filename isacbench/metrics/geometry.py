@@ -1,0 +1,161 @@
+"""Distances between two sets of points: what every metric is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.region import Region
+
+__all__ = ["CloudPair", "box_diagonal_m", "hausdorff_m", "projected_hausdorff_m"]
+
+Floats = NDArray[np.float64]
+
+LARGEST = 1e50
+"""Largest coordinate (m) and speed (m/s) that is scored: squares and their ratios stay finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class CloudPair:
+    """A truth and an estimate, with the searches between them made once and shared.
+
+    Attributes
+    ----------
+    truth : PointCloud
+        True scatterers, at least one.
+    estimate : PointCloud
+        Estimated points, possibly none.
+
+    Raises
+    ------
+    InputError
+        If the truth is empty or a coordinate or velocity is beyond 1e50.
+    """
+
+    truth: PointCloud
+    estimate: PointCloud
+
+    def __post_init__(self) -> None:
+        if not len(self.truth):
+            raise InputError("truth: the cloud is empty; a score takes at least one true scatterer")
+        for name, cloud in (("truth", self.truth), ("estimate", self.estimate)):
+            if max(np.abs(cloud.xyz).max(initial=0), np.abs(cloud.velocity).max(initial=0)) > LARGEST:
+                raise InputError(f"{name}: coordinates and velocities take magnitudes up to {LARGEST:g}")
+
+    @cached_property
+    def truth_tree(self) -> cKDTree:
+        """Search tree of the true positions."""
+        return cKDTree(self.truth.xyz)
+
+    @cached_property
+    def estimate_tree(self) -> cKDTree:
+        """Search tree of the estimated positions."""
+        return cKDTree(self.estimate.xyz)
+
+    @cached_property
+    def two_nearest_estimates(self) -> tuple[Floats, NDArray[np.intp]]:
+        """Distances (n_true, 2) in metres and indices of the two estimated points nearest to each scatterer.
+
+        Where there is no second (or first) point its distance is infinite.
+        """
+        distance_m, index = self.estimate_tree.query(self.truth.xyz, k=2)
+        return np.asarray(distance_m), np.asarray(index)
+
+    @property
+    def truth_to_estimate_m(self) -> Floats:
+        """Distance (n_true,) from each true scatterer to the nearest estimated point."""
+        return self.two_nearest_estimates[0][:, 0]
+
+    @cached_property
+    def estimate_to_truth_m(self) -> Floats:
+        """Distance (n_estimated,) from each estimated point to the nearest true scatterer."""
+        return _nearest_m(self.truth_tree, self.estimate.xyz)
+
+
+def _nearest_m(tree: cKDTree, points: Floats) -> Floats:
+    """Distance (n,) from each point (n, k) to the nearest of a tree."""
+    return np.asarray(tree.query(points)[0])
+
+
+def hausdorff_m(a: Floats, b: Floats) -> float:
+    """Symmetric Hausdorff distance of two sets of points.
+
+    Parameters
+    ----------
+    a, b : ndarray of float64, shapes (n, k) and (m, k)
+        Points in metres, at least one each.
+
+    Returns
+    -------
+    float
+        Largest distance from a point of either set to the nearest of the other, in metres.
+
+    Notes
+    -----
+    Two trees are level with the full distance matrix at 450 points and ahead
+    of it, without its memory, from there on.
+
+    Examples
+    --------
+    >>> hausdorff_m(np.array([[0.0], [1.0]]), np.array([[0.0], [3.0]]))
+    2.0
+    """
+    return float(max(_nearest_m(cKDTree(b), a).max(), _nearest_m(cKDTree(a), b).max()))
+
+
+def box_diagonal_m(xyz: Floats, region: Region | None, axes: Sequence[int] = (0, 1, 2)) -> float:
+    """Diagonal of the box that holds the region and the points, along some of the axes.
+
+    No point inside the region, nor one of the points, lies farther than this
+    from any of the points: what an empty cloud scores for a distance.
+
+    Parameters
+    ----------
+    xyz : ndarray of float64, shape (n, 3)
+        Points in metres, at least one.
+    region : Region or None
+        Region of the scenario; None leaves the bounding box of the points.
+    axes : sequence of int
+        Axes of the projection.
+
+    Returns
+    -------
+    float
+        Diagonal in metres.
+    """
+    held = xyz if region is None else np.vstack([xyz, region.lower_m, region.upper_m])
+    return float(np.sqrt(np.square(np.ptp(held[:, list(axes)], axis=0)).sum()))
+
+
+def projected_hausdorff_m(pair: CloudPair, axes: Sequence[int], region: Region | None) -> float:
+    """Symmetric Hausdorff distance of the clouds projected on some axes.
+
+    Parameters
+    ----------
+    pair : CloudPair
+        Truth and estimate.
+    axes : sequence of int
+        Axes of the projection.
+    region : Region or None
+        Decides, by `box_diagonal_m`, what an empty estimate scores.
+
+    Returns
+    -------
+    float
+        Distance in metres, finite.
+    """
+    truth, estimate = pair.truth.xyz, pair.estimate.xyz
+    if not len(estimate):
+        return box_diagonal_m(truth, region, axes)
+    return hausdorff_m(truth[:, list(axes)], estimate[:, list(axes)])

@@ -1,0 +1,165 @@
+"""One call from two clouds to a row of scores, and the table of what the scores mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from isacbench.errors import InputError, unknown_name
+from isacbench.metrics.clouds import pair_scores
+from isacbench.metrics.deviation import pair_deviation
+from isacbench.metrics.geometry import CloudPair
+from isacbench.metrics.repository import repository_deviation
+from isacbench.model.cloud import PointCloud
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from isacbench.model.region import Region
+
+__all__ = ["METRICS", "ScoreColumn", "score"]
+
+
+@dataclass(frozen=True)
+class ScoreColumn:
+    """What one score means, enough to label an axis and to rank by it.
+
+    Attributes
+    ----------
+    name : str
+        Key in the answer of `score`.
+    description : str
+        One line with the unit, if any, in brackets.
+    better : {"lower", "higher", "neither"}
+        Which direction is better.
+    worst : float or None
+        Worst value that the score can take, None where it has no bound.
+    """
+
+    name: str
+    description: str
+    better: Literal["lower", "higher", "neither"] = "lower"
+    worst: float | None = None
+
+
+def _table(*columns: ScoreColumn) -> dict[str, ScoreColumn]:
+    """Key columns by their name, in order."""
+    return {column.name: column for column in columns}
+
+
+_COUNTS = (
+    ScoreColumn("n_true", "true scatterers", "neither"),
+    ScoreColumn("n_estimated", "estimated points", "neither"),
+)
+
+METRICS: dict[str, dict[str, ScoreColumn]] = {
+    "paper": _table(
+        *_COUNTS,
+        ScoreColumn("hausdorff_xy_m", "Hausdorff distance of the xy projections [m]"),
+        ScoreColumn("hausdorff_xz_m", "Hausdorff distance of the xz projections [m]"),
+        ScoreColumn("hausdorff_yz_m", "Hausdorff distance of the yz projections [m]"),
+        ScoreColumn("density", "relative error of the number of points"),
+        ScoreColumn("velocity_nmse", "normalised mean square error of the velocity"),
+        ScoreColumn("deviation", "imaging deviation: sum of the three Hausdorff distances, density and NMSE"),
+        ScoreColumn("chamfer_m", "chamfer distance, mean of both directions [m]"),
+        ScoreColumn("gospa_m", "GOSPA distance with c = 1 m, p = 2, α = 2 [m]"),
+        ScoreColumn("precision", "share of estimated points within 1 m of a true scatterer", "higher", 0.0),
+        ScoreColumn("recall", "share of true scatterers within 1 m of an estimated point", "higher", 0.0),
+    ),
+    "repository": _table(
+        *_COUNTS,
+        ScoreColumn("position", "Hausdorff distances of x, of y and of the xz projections, summed [m]"),
+        ScoreColumn("velocity", "mean standard deviation of the paired distinct velocities [m/s]"),
+        ScoreColumn("density", "relative error of the number of points"),
+        ScoreColumn("deviation", "deviation of the published code: sum of position, velocity and density"),
+    ),
+}
+"""Score columns of every metric, by metric and name, in the order of the answer of `score`."""
+
+
+def score(
+    truth: PointCloud | ArrayLike,
+    estimate: PointCloud | ArrayLike,
+    metric: str = "paper",
+    *,
+    region: Region | None = None,
+    velocity_bin_mps: float | None = None,
+) -> dict[str, float]:
+    """Score an estimated cloud against the true one.
+
+    Parameters
+    ----------
+    truth : PointCloud or array_like, shape (n, 4) or (n, 5)
+        True scatterers, at least one; columns x, y, z in m, v in m/s, power.
+    estimate : PointCloud or array_like, shape (m, 4) or (m, 5)
+        Estimated points, possibly none.
+    metric : {"paper", "repository"}
+        The paper's imaging deviation with the scores beside it, or the
+        deviation that the published code computes.
+    region : Region or None
+        Where scatterers can be, which decides what an empty estimate scores;
+        None takes the truth's bounding box.
+    velocity_bin_mps : float or None
+        Velocity bin in m/s, the velocity unit of a static scene in the metric
+        ``paper``; None takes that of the paper's Table I.
+
+    Returns
+    -------
+    dict of str to float
+        The columns that `METRICS` describes, all finite; counts are ints.
+
+    Raises
+    ------
+    InputError
+        If the metric is unknown, the truth is empty, or a cloud is malformed.
+
+    Examples
+    --------
+    >>> truth = [[0.0, 0.0, 0.0, 2.0], [0.0, 3.0, 4.0, 2.0]]
+    >>> scores = score(truth, truth[:1])
+    >>> scores["hausdorff_yz_m"], scores["density"], scores["recall"]
+    (5.0, 0.5, 0.5)
+    """
+    if metric not in METRICS:
+        raise unknown_name("metric", str(metric), METRICS)
+    pair = CloudPair(_as_cloud(truth, "truth"), _as_cloud(estimate, "estimate"))
+    counts = {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
+    if metric == "repository":
+        found = repository_deviation(pair.truth, pair.estimate, region)
+        return {
+            **counts,
+            "position": found.position,
+            "velocity": found.velocity,
+            "density": found.density,
+            "deviation": found.deviation,
+        }
+    deviation = pair_deviation(pair, region, velocity_bin_mps)
+    beside = pair_scores(pair, region)
+    return {
+        **counts,
+        "hausdorff_xy_m": deviation.hausdorff_xy_m,
+        "hausdorff_xz_m": deviation.hausdorff_xz_m,
+        "hausdorff_yz_m": deviation.hausdorff_yz_m,
+        "density": deviation.density,
+        "velocity_nmse": deviation.velocity_nmse,
+        "deviation": deviation.deviation,
+        "chamfer_m": beside.chamfer_m,
+        "gospa_m": beside.gospa_m,
+        "precision": beside.precision,
+        "recall": beside.recall,
+    }
+
+
+def _as_cloud(values: PointCloud | ArrayLike, name: str) -> PointCloud:
+    """Take a cloud as it is, anything else as an array of x, y, z, v and perhaps power."""
+    if isinstance(values, PointCloud):
+        return values
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "fiu":
+            raise TypeError(f"a point array takes real numbers, not {array.dtype}")
+        return PointCloud.from_array(array)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: {error}") from error

@@ -1,0 +1,200 @@
+"""The paper's metric against plain loops, and its edges."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.errors import InputError
+from isacbench.metrics.deviation import Deviation, paper_deviation
+from isacbench.model.cloud import PointCloud
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+
+quick = settings(max_examples=60, deadline=None)
+PROJECTIONS = {"hausdorff_xy_m": (0, 1), "hausdorff_xz_m": (0, 2), "hausdorff_yz_m": (1, 2)}
+
+
+def clouds(min_size: int = 1, lattice: bool = False) -> st.SearchStrategy[PointCloud]:
+    """Clouds of few points; those on a lattice are full of ties and duplicates."""
+    number = st.integers(-2, 2) if lattice else st.floats(-100, 100, allow_subnormal=False)
+    rows = st.lists(st.tuples(number, number, number, number), min_size=min_size, max_size=8)
+    return rows.map(lambda found: PointCloud.from_array(np.array(found, dtype=float).reshape(-1, 4)))
+
+
+any_clouds = clouds() | clouds(lattice=True)
+
+
+def moved(cloud: PointCloud, shift_m: list[float]) -> PointCloud:
+    return PointCloud(xyz=cloud.xyz + shift_m, velocity=cloud.velocity, power=cloud.power)
+
+
+def hausdorff_by_loops(a: np.ndarray, b: np.ndarray) -> float:
+    worst = 0.0
+    for left, right in ((a, b), (b, a)):
+        for p in left:
+            worst = max(worst, min(math.dist(p, q) for q in right))
+    return worst
+
+
+def nmse_by_loops(truth: PointCloud, estimate: PointCloud, bin_mps: float) -> float:
+    errors, energy = 0.0, 0.0
+    for p, v in zip(truth.xyz, truth.velocity, strict=True):
+        nearest = min(math.dist(p, q) for q in estimate.xyz)
+        errors += min(
+            (w - v) ** 2
+            for q, w in zip(estimate.xyz, estimate.velocity, strict=True)
+            if math.dist(p, q) <= nearest + 1e-9
+        )
+        energy += v**2
+    return errors / (energy or len(truth) * bin_mps**2)
+
+
+@quick
+@given(truth=any_clouds, estimate=any_clouds)
+def test_every_component_equals_plain_loops(truth: PointCloud, estimate: PointCloud) -> None:
+    found = paper_deviation(truth, estimate, velocity_bin_mps=2.0)
+    for name, axes in PROJECTIONS.items():
+        expected = hausdorff_by_loops(truth.xyz[:, axes], estimate.xyz[:, axes])
+        assert getattr(found, name) == pytest.approx(expected, abs=1e-9)
+    assert found.density == pytest.approx(abs(len(estimate) - len(truth)) / len(truth))
+    energy = float(np.square(truth.velocity).sum())
+    if energy == 0 or energy > 1e-12:
+        assert found.velocity_nmse == pytest.approx(nmse_by_loops(truth, estimate, 2.0))
+
+
+@quick
+@given(truth=any_clouds)
+def test_the_truth_scores_zero_against_itself(truth: PointCloud) -> None:
+    assert paper_deviation(truth, truth) == Deviation(0, 0, 0, 0, 0)
+
+
+@quick
+@given(truth=any_clouds, estimate=any_clouds)
+def test_hausdorff_components_are_symmetric(truth: PointCloud, estimate: PointCloud) -> None:
+    forth, back = paper_deviation(truth, estimate), paper_deviation(estimate, truth)
+    for name in PROJECTIONS:
+        assert getattr(forth, name) == getattr(back, name)
+
+
+@quick
+@given(truth=any_clouds, estimate=any_clouds, seed=st.integers(0, 99))
+def test_the_order_of_the_points_does_not_matter(truth: PointCloud, estimate: PointCloud, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shuffled = paper_deviation(
+        truth.select(rng.permutation(len(truth))), estimate.select(rng.permutation(len(estimate)))
+    )
+    assert shuffled.deviation == pytest.approx(paper_deviation(truth, estimate).deviation)
+
+
+@quick
+@given(
+    truth=clouds(lattice=True), estimate=clouds(lattice=True), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3)
+)
+def test_translation_does_not_matter_even_where_points_are_equally_near(
+    truth: PointCloud, estimate: PointCloud, shift: tuple[float, float, float]
+) -> None:
+    there = paper_deviation(moved(truth, [*shift]), moved(estimate, [*shift]))
+    assert there.deviation == pytest.approx(paper_deviation(truth, estimate).deviation, abs=1e-9)
+
+
+fraction = st.floats(0, 1)
+
+
+@quick
+@given(
+    truth=any_clouds,
+    corner=st.tuples(*[st.floats(-200, 200)] * 3),
+    size=st.tuples(*[st.floats(0, 200)] * 3),
+    places=st.lists(st.tuples(fraction, fraction, fraction), min_size=1, max_size=4),
+)
+def test_an_empty_cloud_is_never_better_than_points_inside_the_region(
+    truth: PointCloud,
+    corner: tuple[float, float, float],
+    size: tuple[float, float, float],
+    places: list[tuple[float, float, float]],
+) -> None:
+    limits = [(low, low + length) for low, length in zip(corner, size, strict=True)]
+    region = Region(*limits, speed_mps=(-1, 1))
+    inside = np.clip(region.lower_m + np.array(places) * region.size_m, region.lower_m, region.upper_m)
+    estimate = PointCloud(xyz=inside, velocity=np.zeros(len(inside)), power=np.ones(len(inside)))
+    empty = paper_deviation(truth, PointCloud.empty(), region)
+    found = paper_deviation(truth, estimate, region)
+    for name in PROJECTIONS:
+        assert getattr(empty, name) >= getattr(found, name)
+    assert (empty.density, empty.velocity_nmse) == (1, 1)
+    assert math.isfinite(empty.deviation)
+
+
+def test_an_empty_cloud_scores_the_diagonals_of_the_region() -> None:
+    truth = PointCloud(xyz=[[1, 1, 1]], velocity=[3], power=[1])
+    region = Region(x_m=(0, 3), y_m=(0, 4), z_m=(0, 12), speed_mps=(-9, 9))
+    found = paper_deviation(truth, PointCloud.empty(), region)
+    assert found == Deviation(5, math.hypot(3, 12), math.hypot(4, 12), density=1, velocity_nmse=1)
+
+
+def test_an_empty_cloud_without_a_region_scores_the_diagonals_of_the_truth() -> None:
+    truth = PointCloud(xyz=[[0, 0, 0], [3, 4, 0]], velocity=[3, 3], power=[1, 1])
+    assert paper_deviation(truth, PointCloud.empty()) == Deviation(5, 3, 4, density=1, velocity_nmse=1)
+
+
+def test_a_static_scene_measures_the_velocity_in_bins() -> None:
+    truth = PointCloud(xyz=np.eye(3), velocity=np.zeros(3), power=np.ones(3))
+    estimate = PointCloud(xyz=np.eye(3), velocity=[2, 0, 0], power=np.ones(3))
+    assert paper_deviation(truth, estimate, velocity_bin_mps=4).velocity_nmse == pytest.approx(1 / 12)
+    table_i = (2 / System().velocity_bin_mps) ** 2 / 3
+    assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(table_i)
+
+
+def test_a_rounding_residue_of_the_true_velocity_counts_as_static() -> None:
+    truth = PointCloud(xyz=[[0, 0, 0]], velocity=[1e-16], power=[1])
+    estimate = PointCloud(xyz=[[0, 0, 0]], velocity=[1], power=[1])
+    assert paper_deviation(truth, estimate, velocity_bin_mps=2).velocity_nmse == pytest.approx(1 / 4)
+
+
+def test_the_nearest_point_in_three_dimensions_gives_the_velocity() -> None:
+    truth = PointCloud(xyz=[[0, 0, 0]], velocity=[10], power=[1])
+    estimate = PointCloud(xyz=[[0, 0, 3], [1, 1, 1]], velocity=[10, 5], power=[1, 1])
+    assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(0.25)
+
+
+def test_of_equally_near_points_the_smallest_velocity_error_counts() -> None:
+    truth = PointCloud(xyz=[[0, 0, 0]], velocity=[10], power=[1])
+    for velocity in ([4, 9, 20], [20, 4, 9], [9, 20, 4]):
+        estimate = PointCloud(xyz=[[1, 0, 0], [-1, 0, 0], [0, 1, 0]], velocity=velocity, power=[1, 1, 1])
+        assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(0.01)
+
+
+def test_the_deviation_is_the_sum_of_its_five_components() -> None:
+    found = Deviation(1, 2, 4, 8, 16)
+    assert (found.hausdorff_sum_m, found.deviation) == (7, 31)
+
+
+def test_an_empty_truth_is_refused() -> None:
+    with pytest.raises(InputError, match="truth: the cloud is empty; a score takes at least one"):
+        paper_deviation(PointCloud.empty(), PointCloud.empty())
+
+
+@pytest.mark.parametrize("bin_mps", [0, -1, math.nan, math.inf, 1e-200])
+def test_a_velocity_bin_that_is_not_positive_is_refused(bin_mps: float) -> None:
+    cloud = PointCloud(xyz=[[0, 0, 0]], velocity=[0], power=[1])
+    with pytest.raises(InputError, match="velocity_bin_mps: takes a positive number of m/s, not"):
+        paper_deviation(cloud, cloud, velocity_bin_mps=bin_mps)
+
+
+@pytest.mark.parametrize("row", [[1e60, 0, 0, 0], [0, 0, 0, -1e60]])
+def test_magnitudes_whose_squares_overflow_are_refused(row: list[float]) -> None:
+    far, near = PointCloud.from_array(np.array([row])), PointCloud.from_array(np.zeros((1, 4)))
+    with pytest.raises(
+        InputError, match=r"estimate: coordinates and velocities take magnitudes up to 1e\+50"
+    ):
+        paper_deviation(near, far)
+
+
+def test_the_largest_magnitudes_score_finite() -> None:
+    truth = PointCloud.from_array(np.full((2, 4), 1e50))
+    assert math.isfinite(paper_deviation(truth, moved(truth, [-2e50] * 3)).deviation)

@@ -1,0 +1,127 @@
+"""The published code's metric against hand-worked examples and plain loops."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.errors import InputError
+from isacbench.metrics.repository import RepositoryDeviation, repository_deviation
+from isacbench.model.cloud import PointCloud
+from isacbench.model.region import Region
+
+quick = settings(max_examples=60, deadline=None)
+
+coordinate = st.floats(-50, 50, allow_subnormal=False) | st.integers(-2, 2).map(float)
+speed = st.integers(-3, 3).map(float)
+clouds = st.lists(st.tuples(coordinate, coordinate, coordinate, speed), min_size=1, max_size=10).map(
+    lambda rows: PointCloud.from_array(np.array(rows))
+)
+
+
+def at_origin(velocities: list[float]) -> PointCloud:
+    n = len(velocities)
+    return PointCloud(xyz=np.zeros((n, 3)), velocity=velocities, power=np.ones(n))
+
+
+def hausdorff_by_loops(a: np.ndarray, b: np.ndarray) -> float:
+    return max(max(min(math.dist(p, q) for q in right) for p in left) for left, right in ((a, b), (b, a)))
+
+
+def velocity_by_loops(true: list[float], estimated: list[float]) -> float:
+    distinct = sorted(set(true), reverse=True)
+    ranked = sorted(Counter(estimated).items(), key=lambda item: (-item[1], item[0]))
+    kept = sorted((velocity for velocity, _ in ranked[: len(distinct)]), reverse=True)
+    deviations = []
+    for pair in zip(distinct, kept, strict=False):
+        mean = sum(pair) / 2
+        deviations.append(math.sqrt(sum((value - mean) ** 2 for value in pair) / 2))
+    return sum(deviations) / len(deviations)
+
+
+@quick
+@given(truth=clouds, estimate=clouds)
+def test_every_component_equals_plain_loops(truth: PointCloud, estimate: PointCloud) -> None:
+    found = repository_deviation(truth, estimate)
+    position = sum(
+        hausdorff_by_loops(truth.xyz[:, axes], estimate.xyz[:, axes]) for axes in ([0], [1], [0, 2])
+    )
+    assert found.position == pytest.approx(position, abs=1e-9)
+    assert found.velocity == pytest.approx(
+        velocity_by_loops(truth.velocity.tolist(), estimate.velocity.tolist())
+    )
+    assert found.density == pytest.approx(abs(len(estimate) - len(truth)) / len(truth))
+    assert found.deviation == pytest.approx(found.position + found.velocity + found.density)
+
+
+@pytest.mark.parametrize(
+    ("true", "estimated", "expected"),
+    [
+        pytest.param([5, 5, -5], [5, -5, -5], 0.0, id="counts of true velocities do not matter"),
+        pytest.param([10, 0], [9, 9, 1, 1, 30], (0.5 + 0.5) / 2, id="the most frequent are kept"),
+        pytest.param([4], [7, 2], 1.0, id="of equally frequent ones the lower is kept"),
+        pytest.param([4, 0], [8, 8, 6, 2], (2.0 + 1.0) / 2, id="a tie at the last place goes to the lower"),
+        pytest.param([10, 4, 0], [8], 1.0, id="a single estimate pairs with the highest true velocity"),
+        pytest.param([10, 4, 0], [1, 5], (2.5 + 1.5) / 2, id="missing velocities are not paired"),
+        pytest.param([0.0], [-0.0, 0.0], 0.0, id="zero has one sign"),
+    ],
+)
+def test_hand_worked_velocities(true: list[float], estimated: list[float], expected: float) -> None:
+    assert repository_deviation(at_origin(true), at_origin(estimated)).velocity == pytest.approx(expected)
+
+
+def test_a_hand_worked_position() -> None:
+    truth = PointCloud(xyz=[[0, 0, 0], [10, 2, 0]], velocity=[1, 1], power=[1, 1])
+    estimate = PointCloud(xyz=[[0, 5, 4]], velocity=[1], power=[1])
+    # x: 10 from the second scatterer; y: 5 from the first; xz: hypot(10, 4) from the second.
+    assert repository_deviation(truth, estimate).position == pytest.approx(10 + 5 + math.hypot(10, 4))
+
+
+@quick
+@given(truth=clouds)
+def test_the_truth_scores_zero_against_itself(truth: PointCloud) -> None:
+    assert repository_deviation(truth, truth) == RepositoryDeviation(0, 0, 0)
+
+
+@quick
+@given(truth=clouds, estimate=clouds, seed=st.integers(0, 99))
+def test_the_order_of_the_points_does_not_matter(truth: PointCloud, estimate: PointCloud, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shuffled = repository_deviation(
+        truth.select(rng.permutation(len(truth))), estimate.select(rng.permutation(len(estimate)))
+    )
+    assert shuffled == repository_deviation(truth, estimate)
+
+
+@quick
+@given(truth=clouds, estimate=clouds)
+def test_an_empty_cloud_is_never_better_than_points_inside_the_region(
+    truth: PointCloud, estimate: PointCloud
+) -> None:
+    region = Region(x_m=(-50, 50), y_m=(-50, 50), z_m=(-50, 50), speed_mps=(-3, 3))
+    empty, found = (repository_deviation(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
+    assert empty.position >= found.position
+    assert empty.velocity >= found.velocity
+    assert empty.density == 1
+    assert math.isfinite(empty.deviation)
+
+
+def test_an_empty_cloud_scores_the_extent_of_region_and_truth() -> None:
+    region = Region(x_m=(0, 3), y_m=(0, 5), z_m=(0, 4), speed_mps=(-10, 20))
+    truth = PointCloud(xyz=[[1, 7, 1]], velocity=[30], power=[1])
+    found = repository_deviation(truth, PointCloud.empty(), region)
+    assert found == RepositoryDeviation(position=3 + 7 + 5, velocity=20, density=1)
+
+
+def test_an_empty_cloud_without_a_region_scores_half_the_largest_true_speed() -> None:
+    assert repository_deviation(at_origin([8]), PointCloud.empty()).velocity == 4
+
+
+def test_an_empty_truth_is_refused() -> None:
+    with pytest.raises(InputError, match="truth: the cloud is empty"):
+        repository_deviation(PointCloud.empty(), at_origin([1]))

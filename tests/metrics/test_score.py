@@ -1,0 +1,113 @@
+"""The one call that scores, and the table that describes its answer."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from isacbench.errors import InputError
+from isacbench.metrics.clouds import cloud_scores
+from isacbench.metrics.deviation import paper_deviation
+from isacbench.metrics.repository import repository_deviation
+from isacbench.metrics.score import METRICS, score
+from isacbench.model.cloud import PointCloud
+from isacbench.model.region import Region
+
+REGION = Region(x_m=(-10, 10), y_m=(-10, 10), z_m=(-10, 10), speed_mps=(-5, 5))
+
+
+@pytest.fixture
+def pair() -> tuple[PointCloud, PointCloud]:
+    rng = np.random.default_rng(3)
+    truth = PointCloud.from_array(rng.normal(size=(40, 5)))
+    return truth, PointCloud.from_array(rng.normal(size=(30, 5)))
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_the_answer_has_the_columns_of_the_table(pair: tuple[PointCloud, PointCloud], metric: str) -> None:
+    found = score(*pair, metric)
+    assert list(found) == list(METRICS[metric])
+    assert (found["n_true"], found["n_estimated"]) == (40, 30)
+    assert all(type(found[name]) is (int if name.startswith("n_") else float) for name in found)
+
+
+def test_paper_scores_are_those_of_the_single_metrics(pair: tuple[PointCloud, PointCloud]) -> None:
+    found = score(*pair)
+    deviation, beside = paper_deviation(*pair), cloud_scores(*pair)
+    for name in set(found) - {"n_true", "n_estimated"}:
+        assert found[name] == getattr(deviation if hasattr(deviation, name) else beside, name)
+
+
+def test_repository_scores_are_those_of_the_single_metric(pair: tuple[PointCloud, PointCloud]) -> None:
+    found, expected = score(*pair, "repository"), repository_deviation(*pair)
+    for name in set(found) - {"n_true", "n_estimated"}:
+        assert found[name] == getattr(expected, name)
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_an_empty_estimate_scores_finite_with_and_without_a_region(metric: str) -> None:
+    for region in (None, REGION):
+        found = score([[1, 2, 3, 4]], np.empty((0, 4)), metric, region=region)
+        assert all(math.isfinite(value) for value in found.values())
+        for column in METRICS[metric].values():
+            assert column.worst is None or found[column.name] == column.worst
+
+
+def test_region_and_velocity_bin_reach_the_metrics() -> None:
+    truth = [[0, 0, 0, 0]]
+    assert score(truth, np.empty((0, 4)), region=REGION)["hausdorff_xy_m"] == pytest.approx(
+        math.hypot(20, 20)
+    )
+    assert score(truth, np.empty((0, 4)), region=REGION)["chamfer_m"] == pytest.approx(math.sqrt(1200))
+    assert score(truth, np.empty((0, 4)), "repository", region=REGION)["velocity"] == 5
+    assert score(truth, [[0, 0, 0, 6]], velocity_bin_mps=3)["velocity_nmse"] == pytest.approx(4)
+
+
+def test_arrays_with_and_without_power_and_clouds_score_alike(pair: tuple[PointCloud, PointCloud]) -> None:
+    truth, estimate = pair
+    expected = score(truth, estimate)
+    assert score(truth.to_array(), estimate.to_array()[:, :4].tolist()) == expected
+
+
+@pytest.mark.parametrize(
+    ("metric", "message"),
+    [
+        ("papr", "unknown metric 'papr': did you mean 'paper'? allowed are paper, repository"),
+        ("zzz", "unknown metric 'zzz': allowed are paper, repository"),
+    ],
+)
+def test_an_unknown_metric_is_refused_with_a_suggestion(metric: str, message: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        score([[0, 0, 0, 0]], [[0, 0, 0, 0]], metric)
+    assert str(refusal.value) == message
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([[0, 0, 0]], r"estimate: a point array takes shape \(n, 4\) or \(n, 5\), not \(1, 3\)"),
+        ([], r"estimate: a point array takes shape .*, not \(0,\)"),
+        ([[0, 0, 0, math.nan]], "estimate: a point cloud takes finite values; velocity has NaN"),
+        ([["a", 0, 0, 0]], "estimate: a point array takes real numbers, not <U"),
+        ([[1j, 0, 0, 0]], "estimate: a point array takes real numbers, not complex128"),
+        ([[0, 0, 0, 0], [0]], "estimate: "),
+    ],
+)
+def test_a_malformed_array_is_refused_by_name(values: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        score([[0, 0, 0, 0]], values)  # type: ignore[arg-type]
+
+
+def test_an_empty_truth_is_refused() -> None:
+    with pytest.raises(InputError, match="truth: the cloud is empty"):
+        score(np.empty((0, 4)), [[0, 0, 0, 0]])
+
+
+def test_every_column_is_described() -> None:
+    for columns in METRICS.values():
+        for name, column in columns.items():
+            assert column.name == name
+            assert column.description
+            assert ("[m]" in column.description) == (name.endswith("_m") or name == "position")
