@@ -1,0 +1,125 @@
+"""Which range-Doppler cells hold an echo: one element or all, a detector, and two floors under it.
+
+A CFAR detector tells an echo from noise. It does not tell an echo from what
+a strong one leaves in other cells: window sidelobes and the misfit of any
+model to a crowd of scatterers. Both scale with the strong echo, so that
+without a limit on the dynamic range images get worse as the SNR rises.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.contracts import Detection, Detector
+from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.model.gate import Gate
+
+__all__ = ["DetectedCells", "Integration", "detect_cells", "power_map", "reference_noise"]
+
+Integration = Literal["element", "noncoherent"]
+
+PEAK_CELLS = 20
+"""Cells whose mean power counts as the strongest echo: one cell alone may be two echoes in phase."""
+
+CLEAR_BINS = 3
+"""Doppler bins between the reach of an echo's mainlobe and where noise is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class DetectedCells:
+    """Cells that hold an echo.
+
+    Attributes
+    ----------
+    power : ndarray of float64, shape (n_range, n_doppler)
+        The map that the detector saw.
+    detection : Detection
+        What it said of it.
+    bins : (ndarray of int64, ndarray of int64), each shape (n,)
+        Absolute range and Doppler bins of the cells kept: detected,
+        reachable, and above the floor.
+    floor : float
+        Power below which nothing is told from noise or from the leakage of
+        the strongest echoes.
+    """
+
+    power: NDArray[np.float64]
+    detection: Detection
+    bins: Bins
+    floor: float
+
+    def strongest_cell(self, gate: Gate) -> tuple[int, int] | None:
+        """Range and Doppler bin of the strongest cell kept, None where there is none; `gate` is the map's."""
+        if not self.bins[0].size:
+            return None
+        rows, columns = self.bins[0] - gate.range_bins[0], self.bins[1] - gate.doppler_bins[0]
+        strongest = int(self.power[rows, columns].argmax())
+        return int(self.bins[0][strongest]), int(self.bins[1][strongest])
+
+
+def power_map(cells: NDArray[np.complex128], integration: Integration) -> tuple[NDArray[np.float64], int]:
+    """Power of range-Doppler cells and the number of looks it averages.
+
+    Parameters
+    ----------
+    cells : ndarray of complex, shape (n_range, n_doppler, P, Q)
+    integration : {"element", "noncoherent"}
+        One element's power, or the average over the array.
+
+    Returns
+    -------
+    power : ndarray of float64, shape (n_range, n_doppler)
+    looks : int
+        Looks that are independent in noise.
+    """
+    if integration == "element":
+        element = cells[:, :, 0, 0]
+        return element.real**2 + element.imag**2, 1
+    parts = np.ascontiguousarray(cells).reshape(*cells.shape[:2], -1).view(np.float64)
+    n_looks = cells.shape[2] * cells.shape[3]
+    return np.einsum("rde,rde->rd", parts, parts) / n_looks, n_looks
+
+
+def reference_noise(power: NDArray[np.float64], gate: Gate) -> float | None:
+    """Mean power in Doppler bins that no speed of the region reaches; None where the gate has none."""
+    reach = gate.reachable_doppler
+    outside = np.r_[0 : max(reach.start - CLEAR_BINS, 0), reach.stop + CLEAR_BINS : gate.doppler_bins.size]
+    return float(power[:, outside].mean()) if outside.size else None
+
+
+def detect_cells(
+    gated: GatedMap,
+    detector: Detector,
+    integration: Integration,
+    dynamic_range_db: float,
+) -> DetectedCells:
+    """Detect cells of a gated range-Doppler map.
+
+    Parameters
+    ----------
+    gated : GatedMap
+    detector : Detector
+    integration : {"element", "noncoherent"}
+    dynamic_range_db : float
+        How far below the strongest cells an echo is still told from their
+        leakage.
+
+    Returns
+    -------
+    DetectedCells
+    """
+    gate = gated.gate
+    power, looks = power_map(gated.cells, integration)
+    detection = detector.detect(power, looks)
+    noise = reference_noise(power, gate)
+    if noise is None:
+        noise = float(np.median(detection.noise))
+    strongest = np.sort(power[gate.reachable])[-PEAK_CELLS:].mean()
+    floor = max(noise, float(strongest) * 10 ** (-dynamic_range_db / 10))
+    kept = detection.mask & gate.reachable & (power > floor)
+    rows, columns = np.nonzero(kept)
+    return DetectedCells(power, detection, (gate.range_bins[rows], gate.doppler_bins[columns]), floor)

@@ -1,0 +1,301 @@
+"""Scatterers that explain a range-Doppler map together: joint selection and joint refinement.
+
+A plane wave that a cell shows may belong to a scatterer next door or be a
+sidelobe of one far away. Here every scatterer answers for its share of all
+the others' responses. An echo is the product of four kernels, along range,
+Doppler, u and w, and so is the response of one scatterer's matched filter to
+another: n scatterers cost four n x n products, whatever the array's size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.dsp.kernels import dirichlet, steering
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.dsp.scatterers import Scatterers
+from isacbench.model.gate import Gate
+from isacbench.model.numerology import System
+
+__all__ = ["refine_jointly", "select_jointly"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+PATCH = (3, 1)
+"""Range and Doppler cells to either side that a matched filter reads: most of an echo's energy."""
+
+NEIGHBOURHOOD_BINS = 2.0
+"""Range and Doppler bins in which weaker scatterers are held against the strongest."""
+
+COMPETING_RESPONSE = 0.3
+"""Response from which two candidates compete: only the stronger joins in a round."""
+
+REPEATING_RESPONSE = 0.8
+"""Response from which a candidate only repeats a member."""
+
+MAX_ROUNDS = 8
+"""Rounds of the selection; four to six are usual."""
+
+REFINEMENTS = 2
+"""Gauss-Newton steps of the refinement: the start is within half a bin."""
+
+MAX_SHIFT_BINS = 0.5
+"""Farthest that the refinement moves a scatterer."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Patches:
+    """What the map holds around each of n scatterers, along the scatterer's own direction.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of int64, shapes (n, r) and (n, d)
+        Range and Doppler indices of each patch.
+    beam : ndarray of complex128, shape (n, r, d)
+        Array output per element, steered to the scatterer.
+    direction_response : ndarray of complex128, shape (n, n)
+        Response of beam i to a unit echo from the direction of scatterer j.
+    """
+
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    beam: Complex
+    direction_response: Complex
+
+
+@dataclass(frozen=True, eq=False)
+class _Kernels:
+    """Unit echoes of n scatterers on all patches: shapes (n, r, n) and (n, d, n), patch first."""
+
+    along_range: Complex
+    along_doppler: Complex
+
+    @property
+    def own_range(self) -> Complex:
+        """Each scatterer's echo on its own patch, shape (n, r)."""
+        return self.along_range.diagonal(axis1=0, axis2=2).T
+
+    @property
+    def own_doppler(self) -> Complex:
+        """Each scatterer's echo on its own patch, shape (n, d)."""
+        return self.along_doppler.diagonal(axis1=0, axis2=2).T
+
+
+def select_jointly(
+    scatterers: Scatterers,
+    gated: GatedMap,
+    system: System,
+    min_power: float,
+    dynamic_range_db: float,
+) -> Scatterers:
+    """Select the scatterers that explain the map together.
+
+    In rounds, candidates that stand out from what the members leave
+    unexplained join, the strongest of those that compete; all amplitudes are
+    fitted anew, and members that turn out weak beside their neighbours leave.
+
+    Parameters
+    ----------
+    scatterers : Scatterers
+        Candidates.
+    gated : GatedMap
+        Without tapers.
+    system : System
+    min_power : float
+        Power per element that a matched filter's output must exceed.
+    dynamic_range_db : float
+        How far below the strongest of its neighbourhood a scatterer may lie.
+
+    Returns
+    -------
+    Scatterers
+        With the powers of the joint fit.
+    """
+    if not len(scatterers):
+        return scatterers
+    patches = _read_patches(scatterers, gated)
+    matched, response = _matched_filters(patches, _kernels(scatterers, patches, gated.gate, system))
+    likeness = np.abs(response)
+    nearby = _nearby(scatterers)
+    weakest = 10 ** (-dynamic_range_db / 20)
+    amplitude = np.zeros(len(scatterers), dtype=np.complex128)
+    member = np.zeros(len(scatterers), dtype=np.bool_)
+    residual = np.abs(matched)
+    for _ in range(MAX_ROUNDS):
+        candidate = np.where(member, 0, residual)
+        rival = np.where(likeness > COMPETING_RESPONSE, candidate, 0).max(axis=1)
+        strongest = np.where(nearby, np.maximum(np.abs(amplitude), candidate), 0).max(axis=1)
+        joins = (candidate >= rival) & (candidate > weakest * strongest) & (candidate**2 > min_power)
+        joins &= ~(likeness[:, member] > REPEATING_RESPONSE).any(axis=1)
+        if not joins.any():
+            break
+        member |= joins
+        amplitude = _fit(matched, response, member)
+        strongest = np.where(nearby, np.abs(amplitude), 0).max(axis=1)
+        leaves = member & (np.abs(amplitude) < weakest * strongest)
+        if leaves.any():
+            member &= ~leaves
+            amplitude = _fit(matched, response, member)
+        residual = np.abs(matched - response @ amplitude)
+    return replace(scatterers, power=np.abs(amplitude) ** 2).select(member)
+
+
+def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
+    """Move scatterers between bins to where the map, less all others' echoes, has them.
+
+    Each Gauss-Newton step fits all amplitudes together, takes from every
+    patch what the others put there, and fits amplitude, range and Doppler of
+    its scatterer to the rest.
+
+    Parameters
+    ----------
+    scatterers : Scatterers
+    gated : GatedMap
+        Without tapers.
+    system : System
+
+    Returns
+    -------
+    Scatterers
+        Moved by at most half a bin in range and in Doppler.
+
+    References
+    ----------
+    Li and Stoica, "Efficient mixed-spectrum estimation with applications to
+    target feature extraction", IEEE Trans. SP 44 (1996): RELAX.
+    """
+    if not len(scatterers):
+        return scatterers
+    patches = _read_patches(scatterers, gated)
+    refined = scatterers
+    for _ in range(REFINEMENTS):
+        kernels = _kernels(refined, patches, gated.gate, system)
+        matched, response = _matched_filters(patches, kernels)
+        amplitude = _fit(matched, response, np.ones(len(scatterers), dtype=np.bool_))
+        range_step, doppler_step = _gauss_newton(refined, amplitude, patches, kernels, gated.gate, system)
+        refined = replace(
+            refined,
+            range_bin=_limited(refined.range_bin + range_step, scatterers.range_bin),
+            doppler_bin=_limited(refined.doppler_bin + doppler_step, scatterers.doppler_bin),
+            power=np.abs(amplitude) ** 2,
+        )
+    return refined
+
+
+def _limited(place: Floats, start: Floats) -> Floats:
+    return np.clip(place, start - MAX_SHIFT_BINS, start + MAX_SHIFT_BINS)
+
+
+def _read_patches(scatterers: Scatterers, gated: GatedMap) -> _Patches:
+    n, (n_p, n_q) = len(scatterers), gated.cells.shape[2:]
+    rows = _around(scatterers.range_bin, gated.gate.range_bins, PATCH[0])
+    columns = _around(scatterers.doppler_bin, gated.gate.doppler_bins, PATCH[1])
+    a, b = steering(n_p, scatterers.u), steering(n_q, scatterers.w)
+    patch = gated.cells[rows[:, :, None], columns[:, None, :]].reshape(n, -1, n_q)
+    along_w = (patch @ b.conj()[:, :, None]).reshape(n, -1, n_p)
+    beam = (along_w @ a.conj()[:, :, None]).reshape(n, rows.shape[1], columns.shape[1])
+    direction_response = (a.conj() @ a.T) * (b.conj() @ b.T)
+    return _Patches(rows, columns, beam / gated.n_elements, direction_response / gated.n_elements)
+
+
+def _around(places: Floats, bins: NDArray[np.int64], n_side: int) -> NDArray[np.int64]:
+    """Indices (n, k) of the bins around each place, shifted to stay inside the gate."""
+    width = min(2 * n_side + 1, bins.size)
+    first = np.clip(np.rint(places).astype(np.int64) - bins[0] - width // 2, 0, bins.size - width)
+    around: NDArray[np.int64] = first[:, None] + np.arange(width)
+    return around
+
+
+def _kernels(scatterers: Scatterers, patches: _Patches, gate: Gate, system: System) -> _Kernels:
+    along_range = dirichlet(gate.range_bins, scatterers.range_bin, system.n_subcarriers)
+    along_doppler = dirichlet(gate.doppler_bins, scatterers.doppler_bin, system.n_symbols).conj()
+    return _Kernels(
+        along_range[patches.rows] / np.sqrt(system.n_subcarriers),
+        along_doppler[patches.columns] / np.sqrt(system.n_symbols),
+    )
+
+
+def _matched_filters(patches: _Patches, kernels: _Kernels) -> tuple[Complex, Complex]:
+    """Outputs (n,) of every scatterer's matched filter, and its responses (n, n) to every scatterer.
+
+    A filter reads its patch and responds with 1 to its own scatterer.
+    """
+    own_range, own_doppler = kernels.own_range.conj(), kernels.own_doppler.conj()
+    response = (own_range[:, None, :] @ kernels.along_range)[:, 0]
+    response *= (own_doppler[:, None, :] @ kernels.along_doppler)[:, 0]
+    response *= patches.direction_response
+    own = response.diagonal().real.copy()
+    matched = (own_range[:, None, :] @ patches.beam @ own_doppler[:, :, None])[:, 0, 0]
+    return matched / own, response / own[:, None]
+
+
+def _nearby(scatterers: Scatterers) -> NDArray[np.bool_]:
+    """Pairs (n, n) close enough in range and Doppler to be held against each other."""
+    range_bin, doppler_bin = scatterers.range_bin, scatterers.doppler_bin
+    near: NDArray[np.bool_] = (np.abs(range_bin[:, None] - range_bin) < NEIGHBOURHOOD_BINS) & (
+        np.abs(doppler_bin[:, None] - doppler_bin) < NEIGHBOURHOOD_BINS
+    )
+    return near
+
+
+def _fit(matched: Complex, response: Complex, member: NDArray[np.bool_]) -> Complex:
+    """Amplitudes (n,) that explain all members' filter outputs together, 0 for the others."""
+    amplitude = np.zeros_like(matched)
+    amplitude[member] = np.linalg.solve(response[np.ix_(member, member)], matched[member])
+    return amplitude
+
+
+def _gauss_newton(
+    scatterers: Scatterers,
+    amplitude: Complex,
+    patches: _Patches,
+    kernels: _Kernels,
+    gate: Gate,
+    system: System,
+) -> tuple[Floats, Floats]:
+    """Steps (n,) in range and Doppler bins, each scatterer's amplitude free, all others held."""
+    n = len(scatterers)
+    shares = patches.direction_response * amplitude
+    np.fill_diagonal(shares, 0)
+    others = (kernels.along_range * shares[:, None, :]) @ kernels.along_doppler.transpose(0, 2, 1)
+    own_range, own_doppler = kernels.own_range, kernels.own_doppler
+    echo = own_range[:, :, None] * own_doppler[:, None, :]
+    range_slope, doppler_slope = _own_slopes(scatterers, patches, gate, system)
+    model = np.stack(
+        [
+            echo,
+            1j * echo,
+            amplitude[:, None, None] * range_slope[:, :, None] * own_doppler[:, None, :],
+            amplitude[:, None, None] * own_range[:, :, None] * doppler_slope[:, None, :],
+        ],
+        axis=1,
+    ).reshape(n, 4, -1)
+    misfit = (patches.beam - others - amplitude[:, None, None] * echo).reshape(n, -1, 1)
+    curvature = (model.conj() @ model.transpose(0, 2, 1)).real
+    gradient = (model.conj() @ misfit).real
+    step = (np.linalg.pinv(curvature, rcond=1e-10, hermitian=True) @ gradient)[:, :, 0]
+    return step[:, 2], step[:, 3]
+
+
+def _own_slopes(
+    scatterers: Scatterers, patches: _Patches, gate: Gate, system: System
+) -> tuple[Complex, Complex]:
+    """Derivatives (n, r) and (n, d) of each scatterer's echo on its own patch with its place, per bin."""
+    range_slope = _slope(gate.range_bins, scatterers.range_bin, system.n_subcarriers)
+    doppler_slope = _slope(gate.doppler_bins, scatterers.doppler_bin, system.n_symbols).conj()
+    return (
+        np.take_along_axis(range_slope, patches.rows, axis=1),
+        np.take_along_axis(doppler_slope, patches.columns, axis=1),
+    )
+
+
+def _slope(bins: NDArray[np.int64], places: Floats, n: int) -> Complex:
+    """Derivative (n, bins) of unit-peak echoes with their place, by a central difference."""
+    step = 1e-4  # truncation error 1e-8, far below what a Gauss-Newton step needs
+    difference = dirichlet(bins, places + step, n) - dirichlet(bins, places - step, n)
+    slope: Complex = difference.T / (2 * step * np.sqrt(n))
+    return slope

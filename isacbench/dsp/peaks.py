@@ -1,0 +1,113 @@
+"""Peaks on sampled spectra, placed between the samples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+
+__all__ = ["Peaks", "line_peaks", "plane_peaks", "vertex"]
+
+Floats = NDArray[np.float64]
+
+
+class Peaks(NamedTuple):
+    """Peaks of many spectra, strongest first.
+
+    Attributes
+    ----------
+    place : ndarray of float64, shape (n, k)
+        Places, one row a spectrum.
+    found : ndarray of bool, shape (n, k)
+        Which entries are peaks; the others only fill the row.
+    """
+
+    place: Floats
+    found: NDArray[np.bool_]
+
+
+def vertex(left: Floats, middle: Floats, right: Floats) -> Floats:
+    """Offset of a parabola's vertex from the middle of three equidistant samples, at most half a step."""
+    curvature = left - 2 * middle + right
+    slope = 0.5 * (left - right)
+    offset = np.divide(slope, curvature, out=np.zeros_like(slope), where=curvature != 0)
+    return np.clip(offset, -0.5, 0.5)
+
+
+def line_peaks(
+    spectra: Floats, grid: Floats, n_peaks: NDArray[np.int64], allowed: NDArray[np.bool_] | None = None
+) -> Peaks:
+    """Strongest local maxima of one-dimensional spectra.
+
+    Parameters
+    ----------
+    spectra : ndarray of float64, shape (n, g)
+    grid : ndarray of float64, shape (g,)
+        Equidistant places of the samples. Maxima at its two ends are not
+        peaks: the spectrum may go on rising.
+    n_peaks : ndarray of int64, shape (n,)
+        Most peaks to return of each spectrum.
+    allowed : ndarray of bool, shape (n, g), optional
+        Samples that may be peaks; without it all.
+
+    Returns
+    -------
+    Peaks
+        Refined by a parabola through three samples.
+    """
+    inner = spectra[:, 1:-1]
+    is_peak = (inner > spectra[:, :-2]) & (inner >= spectra[:, 2:])
+    if allowed is not None:
+        is_peak &= allowed[:, 1:-1]
+    height = np.where(is_peak, inner, -np.inf)
+    n_most = min(int(n_peaks.max(initial=0)), height.shape[1])
+    strongest = (
+        np.argpartition(-height, n_most - 1, axis=1)[:, :n_most]
+        if n_most
+        else np.empty((len(spectra), 0), int)
+    )
+    order = np.argsort(-np.take_along_axis(height, strongest, axis=1), axis=1, kind="stable")
+    index = np.take_along_axis(strongest, order, axis=1)
+    found = np.isfinite(np.take_along_axis(height, index, axis=1)) & (np.arange(n_most) < n_peaks[:, None])
+    left, middle, right = (np.take_along_axis(spectra, index + shift, axis=1) for shift in range(3))
+    place = grid[index + 1] + vertex(left, middle, right) * (grid[1] - grid[0])
+    return Peaks(place, found)
+
+
+def plane_peaks(
+    power: Floats, allowed: NDArray[np.bool_], n_most: int
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Strongest local maxima of periodic two-dimensional spectra.
+
+    Parameters
+    ----------
+    power : ndarray of float64, shape (n, g, h)
+        Both axes are circles, as those of a DFT are.
+    allowed : ndarray of bool, same shape
+        Samples that may be peaks.
+    n_most : int
+        Most peaks to return of each spectrum.
+
+    Returns
+    -------
+    row, column : ndarray of float64, shape (n, k)
+        Places between the samples, strongest peak first.
+    found : ndarray of bool, shape (n, k)
+        Which entries are peaks; the others only fill the row.
+    """
+    is_peak = allowed & (power >= maximum_filter(power, size=(1, 3, 3), mode="wrap"))
+    n, n_rows, n_columns = power.shape
+    height = np.where(is_peak, power, -np.inf).reshape(n, -1)
+    n_most = min(n_most, height.shape[1])
+    index = np.argsort(-height, axis=1, kind="stable")[:, :n_most]
+    found = np.isfinite(np.take_along_axis(height, index, axis=1))
+    row, column = np.divmod(index, n_columns)
+    spectrum = np.arange(n)[:, None]
+    middle = power[spectrum, row, column]
+    row_offset = vertex(power[spectrum, row - 1, column], middle, power[spectrum, (row + 1) % n_rows, column])
+    column_offset = vertex(
+        power[spectrum, row, column - 1], middle, power[spectrum, row, (column + 1) % n_columns]
+    )
+    return row + row_offset, column + column_offset, found

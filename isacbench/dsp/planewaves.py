@@ -1,0 +1,137 @@
+"""The plane waves in a cell: which pairs of direction cosines, and how strong, on the whole array.
+
+Row and column spectra give candidates for u and for w apart; k sources then
+have up to k² intersections. The joint response of the P x Q snapshot tells
+sources from ghosts. All Gram matrices are products of a small one along u
+and a small one along w, so that the P Q elements are touched once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.dsp.kernels import steering
+from isacbench.dsp.peaks import Peaks
+
+__all__ = ["PlaneWaves", "pair_directions"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+DIAGONAL_LOADING = 1e-9
+"""Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneWaves:
+    """Plane waves found in each of n cells; rows are filled up to the same length k.
+
+    Attributes
+    ----------
+    u, w : ndarray of float64, shape (n, k)
+        Direction cosines.
+    found : ndarray of bool, shape (n, k)
+        Which entries are plane waves.
+    """
+
+    u: Floats
+    w: Floats
+    found: NDArray[np.bool_]
+
+    def amplitudes(self, snapshots: Complex) -> Complex:
+        """Least-squares amplitudes of the cell's plane waves in any snapshots, jointly on all elements.
+
+        Parameters
+        ----------
+        snapshots : ndarray of complex, shape (s, n, P, Q)
+            For example of each cell and of its neighbours.
+
+        Returns
+        -------
+        ndarray of complex128, shape (s, n, k)
+            0 where there is no plane wave.
+        """
+        n_p, n_q = snapshots.shape[2:]
+        a, b = steering(n_p, self.u), steering(n_q, self.w)
+        inverse = np.linalg.inv(_restricted(_gram(a) * _gram(b), self.found))
+        matched = np.sum((a.conj() @ snapshots) * b.conj(), axis=3) / (n_p * n_q)
+        amplitude: Complex = np.einsum("nij,snj->sni", inverse, np.where(self.found, matched, 0))
+        return amplitude
+
+
+def pair_directions(
+    snapshots: Complex, u: Peaks, w: Peaks, min_power: float, dynamic_range_db: float, n_most: int
+) -> PlaneWaves:
+    """Pair direction cosines by the joint response of the whole array, ghosts left out.
+
+    Orthogonal matching pursuit over all intersections: the pair that
+    explains most of what is left joins, all amplitudes are fitted anew.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, P, Q)
+    u, w : Peaks
+        Candidates of each cell along either axis.
+    min_power : float
+        Power |amplitude|² per element that a plane wave must have.
+    dynamic_range_db : float
+        How far below the cell's strongest plane wave another may lie.
+    n_most : int
+        Most plane waves in a cell.
+
+    Returns
+    -------
+    PlaneWaves
+
+    References
+    ----------
+    Pati, Rezaiifar and Krishnaprasad, "Orthogonal matching pursuit", Asilomar
+    (1993).
+    """
+    n, n_p, n_q = snapshots.shape
+    n_w = w.place.shape[1]
+    a, b = steering(n_p, u.place), steering(n_q, w.place)
+    matched = (a.conj() @ snapshots @ b.conj().transpose(0, 2, 1)).reshape(n, -1) / (n_p * n_q)
+    n_pairs = matched.shape[1]
+    gram = (_gram(a)[:, :, None, :, None] * _gram(b)[:, None, :, None, :]).reshape(n, n_pairs, n_pairs)
+    eligible = (u.found[:, :, None] & w.found[:, None, :]).reshape(n, n_pairs)
+    cell = np.arange(n)[:, None]
+    chosen = np.zeros((n, min(n_most, n_pairs)), dtype=np.int64)
+    found = np.zeros(chosen.shape, dtype=np.bool_)
+    residual = matched
+    for k in range(chosen.shape[1]):
+        power = np.where(eligible, residual.real**2 + residual.imag**2, 0)
+        best = power.argmax(axis=1)
+        best_power = power[cell[:, 0], best]
+        if k == 0:
+            strongest = best_power
+        growing = (best_power > min_power) & (best_power > strongest * 10 ** (-dynamic_range_db / 10))
+        growing &= found[:, k - 1] if k else True
+        if not growing.any():
+            break
+        chosen[:, k], found[:, k] = best, growing
+        eligible[cell[:, 0], best] = False
+        members, active = chosen[:, : k + 1], found[:, : k + 1]
+        rows = gram[cell, members]
+        square = _restricted(np.take_along_axis(rows, members[:, None, :], axis=2), active)
+        target = np.where(active, matched[cell, members], 0)
+        amplitude = np.linalg.solve(square, target[:, :, None])
+        residual = matched - (rows.conj().transpose(0, 2, 1) @ amplitude)[:, :, 0]
+    return PlaneWaves(u.place[cell, chosen // n_w], w.place[cell, chosen % n_w], found)
+
+
+def _gram(responses: Complex) -> Complex:
+    """Normalised Gram matrices (n, k, k), conjugated left factor, of responses (n, k, elements)."""
+    product: Complex = responses.conj() @ responses.transpose(0, 2, 1) / responses.shape[2]
+    return product
+
+
+def _restricted(gram: Complex, active: NDArray[np.bool_]) -> Complex:
+    """Gram matrices (n, k, k) with inactive members replaced by unit vectors of their own, loaded."""
+    both = active[:, :, None] & active[:, None, :]
+    restricted: Complex = np.where(both, gram, 0)
+    restricted += (DIAGONAL_LOADING + ~active)[:, None, :] * np.eye(active.shape[1])
+    return restricted

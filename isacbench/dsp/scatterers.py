@@ -1,0 +1,134 @@
+"""Scatterers from plane waves: which of them are at home in their cell, and which are one seen twice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+from scipy.spatial import cKDTree
+
+from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.dsp.windows import Window, fractional_bin
+
+__all__ = ["Scatterers", "locate", "merge_duplicates"]
+
+Floats = NDArray[np.float64]
+
+DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
+"""Range and Doppler bins, u and w within which two points are one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scatterers:
+    """Estimated scatterers in the coordinates of the radio, each array of shape (n,).
+
+    Attributes
+    ----------
+    range_bin, doppler_bin : ndarray of float64
+        Absolute fractional bins.
+    u, w : ndarray of float64
+        Direction cosines.
+    power : ndarray of float64
+        Power |amplitude|² per element in the range-Doppler map.
+    """
+
+    range_bin: Floats
+    doppler_bin: Floats
+    u: Floats
+    w: Floats
+    power: Floats
+
+    def __len__(self) -> int:
+        return self.power.size
+
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Scatterers:
+        """Those that a mask or an index array picks."""
+        return Scatterers(
+            self.range_bin[keep], self.doppler_bin[keep], self.u[keep], self.w[keep], self.power[keep]
+        )
+
+
+def locate(
+    waves: PlaneWaves,
+    tapered: GatedMap,
+    bins: Bins,
+    doppler_window: Window,
+    own_cell_excess: tuple[float, float],
+    dynamic_range_db: float,
+) -> Scatterers:
+    """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
+
+    Along Doppler a street is sparse, and the amplitudes in two neighbouring
+    bins place the scatterer between them. Along range it is crowded: a
+    neighbour's amplitude is mostly another scatterer's, and the middle of the
+    bin is the better start for a joint refinement.
+
+    Parameters
+    ----------
+    waves : PlaneWaves
+        Of the n cells of `bins`.
+    tapered : GatedMap
+    bins : (ndarray of int64, ndarray of int64)
+        Absolute range and Doppler bin of each cell, shape (n,), none at the
+        map's edge.
+    doppler_window : Window
+        That the map is tapered with along Doppler.
+    own_cell_excess : (float, float)
+        Own-cell test: how much stronger than in its own cell a plane wave
+        may be in the next one, along range and along Doppler. 1 keeps local
+        maxima only, which breaks up lines of scatterers.
+    dynamic_range_db : float
+        How far below the strongest plane wave of the 5 x 5 cells around it
+        another may lie.
+
+    Returns
+    -------
+    Scatterers
+    """
+    rows, columns = index = tapered.index(bins)
+    steps = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+    snapshots = np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
+    own, farther, nearer, faster, slower = np.abs(waves.amplitudes(snapshots))
+    weakest = _strongest_nearby(own, index, tapered.gate.shape) * 10 ** (-dynamic_range_db / 20)
+    kept = waves.found & (own > 0) & (own >= weakest)
+    kept &= np.maximum(farther, nearer) <= own_cell_excess[0] * own
+    kept &= np.maximum(faster, slower) <= own_cell_excess[1] * own
+    ratio = np.divide(np.maximum(faster, slower), own, out=np.zeros_like(own), where=kept)
+    doppler_offset = np.where(faster >= slower, 1, -1) * fractional_bin(ratio, doppler_window)
+    return Scatterers(
+        np.broadcast_to(bins[0][:, None], own.shape)[kept].astype(np.float64),
+        (bins[1][:, None] + doppler_offset)[kept],
+        waves.u[kept],
+        waves.w[kept],
+        own[kept] ** 2,
+    )
+
+
+def _strongest_nearby(amplitude: Floats, index: Bins, shape: tuple[int, int]) -> Floats:
+    """Strongest amplitude of each cell's 5 x 5 neighbourhood, shape (n, 1)."""
+    strongest = np.zeros(shape)
+    strongest[index] = amplitude.max(axis=1, initial=0)
+    nearby: Floats = maximum_filter(strongest, size=5)[index]
+    return nearby[:, None]
+
+
+def merge_duplicates(scatterers: Scatterers) -> Scatterers:
+    """Keep the strongest of scatterers within 0.3 bins in range and Doppler and 0.01 in u and w.
+
+    Stronger scatterers decide first, so that a chain of neighbours is thinned
+    out and not merged into one.
+    """
+    points = np.column_stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w])
+    pairs = cKDTree(points / DUPLICATE_CELL).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    rank = np.empty(len(scatterers), dtype=np.int64)
+    rank[np.argsort(-scatterers.power, kind="stable")] = np.arange(len(scatterers))
+    swap = rank[pairs[:, 0]] > rank[pairs[:, 1]]
+    pairs[swap] = pairs[swap][:, ::-1]
+    alive = np.ones(len(scatterers), dtype=np.bool_)
+    for stronger, weaker in pairs[np.argsort(rank[pairs[:, 0]], kind="stable")]:
+        if alive[stronger]:
+            alive[weaker] = False
+    return scatterers.select(alive)
