@@ -1,0 +1,332 @@
+"""The command line: parses, calls, prints. Everything heavy is imported inside the commands."""
+
+from __future__ import annotations
+
+import json
+import time
+import traceback
+import warnings
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
+
+import typer
+from typer.core import TyperGroup
+
+from isacbench import __version__
+from isacbench.errors import InputError, InputWarning
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    import pandas as pd
+
+    from isacbench.bench.runner import Progress
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.region import Region
+
+__all__ = ["app", "main"]
+
+MAX_TABLE_WIDTH = 1000
+EXIT_USAGE = 2
+EXIT_FAILED_CELLS = 3
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
+
+@contextmanager
+def _plain_input_warnings() -> Iterator[None]:
+    """Print warnings about the user's input as one line on stderr, without a line of source code."""
+    with warnings.catch_warnings():
+        show_with_source = warnings.showwarning
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, InputWarning):
+                typer.echo(f"isacbench: warning: {message}", err=True)
+            else:
+                show_with_source(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = show
+        yield
+
+
+class _Group(TyperGroup):
+    """Commands whose user's mistakes end in one line on stderr and exit code 2."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that the arguments name."""
+        try:
+            with _plain_input_warnings():
+                return super().invoke(ctx)
+        except InputError as error:
+            _fail(str(error), EXIT_USAGE)
+
+
+app = typer.Typer(
+    name="isacbench",
+    cls=_Group,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="How accurate and how fast: a benchmark of radar imaging with 5G downlink signals.",
+)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"isacbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+EstimatorSpecs = Annotated[
+    list[str] | None,
+    typer.Option(
+        "-e",
+        "--estimator",
+        metavar="NAME[param=value,...]",
+        help="Estimator, instead of the suite's; repeats.",
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+SEED_HELP = "Seed that all noise follows from."
+ScenarioNames = Annotated[
+    list[str] | None,
+    typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path, likewise."),
+]
+
+
+@app.command()
+def run(
+    suite: Annotated[str, typer.Argument(metavar="[SUITE]", help="Suite by name or .toml path.")] = "paper",
+    estimator: EstimatorSpecs = None,
+    scenario: ScenarioNames = None,
+    snr: Annotated[
+        str | None, typer.Option("--snr", metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")
+    ] = None,
+    trials: Annotated[
+        int | None, typer.Option("-n", "--trials", metavar="TRIALS", min=1, help="Noise draws.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="New folder; default results/<suite>-<time>."),
+    ] = None,
+) -> None:
+    """Run a suite: estimate, score, tabulate and draw."""
+    from isacbench.bench.runner import run_suite
+    from isacbench.bench.store import default_folder
+    from isacbench.bench.suite import load_suite, parse_snr
+
+    wanted = load_suite(suite).replace(
+        estimators=estimator,
+        scenarios=scenario,
+        snr_db=None if snr is None else parse_snr(snr),
+        trials=trials,
+        seed=seed,
+    )
+    folder = default_folder(wanted.name) if out is None else out
+    with _progress_bar(wanted.name) as progress:
+        results = run_suite(wanted, out=folder, progress=progress)
+    if not results.records.empty:
+        _report(folder, results.records)
+    if results.interrupted:
+        _fail(f"interrupted: the {len(results.records)} cells so far are in {folder}", EXIT_INTERRUPTED)
+    failed = results.records[results.records["status"] == "error"]
+    if not failed.empty:
+        first = failed.iloc[0]
+        _fail(
+            f"{len(failed)} of {len(results.records)} cells failed, the first one {first['estimator']} on "
+            f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['reason']}",
+            EXIT_FAILED_CELLS,
+        )
+
+
+@app.command()
+def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")]) -> None:
+    """Redraw tables and figures of a run, without running again."""
+    from isacbench.bench.store import read_results
+
+    _report(folder, read_results(folder).records)
+
+
+@app.command("list")
+def list_(as_json: AsJson = False) -> None:
+    """List estimators, detectors, scenarios and suites."""
+    from isacbench.bench.catalogue import catalogue
+
+    content = catalogue()
+    if as_json:
+        _print_json(content)
+        return
+    for section, entries in content.items():
+        typer.echo(f"{section}:")
+        for entry in entries:
+            typer.echo(f"  {entry['name']:<16} {entry['description']}")
+            for name, parameter in entry.get("parameters", {}).items():
+                default = f" = {json.dumps(parameter['default'])}" if "default" in parameter else ""
+                typer.echo(f"      {name}: {parameter['type']}{default}")
+
+
+@app.command()
+def image(
+    scenario: Annotated[
+        str, typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
+    ] = "street",
+    estimator: Annotated[
+        str, typer.Option("-e", "--estimator", metavar="NAME[param=value,...]", help="Estimator.")
+    ] = "music2d",
+    snr: Annotated[str, typer.Option("--snr", metavar="DB", help="SNR in dB.")] = "10",
+    trial: Annotated[int, typer.Option("--trial", metavar="TRIAL", min=0, help="Which noise draw.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = 0,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="cloud.csv|.ply|.mat|.npy", help="Write the cloud.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="picture.png", help="Draw the cloud beside the truth.")
+    ] = None,
+) -> None:
+    """Take one image, score it, and write or draw its cloud."""
+    from isacbench.bench.runner import estimate_cloud
+    from isacbench.metrics.score import score
+    from isacbench.model.cloud_io import write_cloud
+    from isacbench.model.echo import observe
+    from isacbench.model.scenario import load_scenario
+    from isacbench.registry import build_estimator
+
+    if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
+    scene, imager, snr_db = load_scenario(scenario), build_estimator(estimator), _one_snr(snr)
+    observation = observe(scene, snr_db, trial, seed)
+    start = time.perf_counter()
+    try:
+        cloud = estimate_cloud(imager, observation, scene.truth)
+    except InputError:
+        raise
+    except Exception as error:
+        traceback.print_exc()
+        _fail(f"{estimator} failed: {type(error).__name__}: {error}", EXIT_FAILED_CELLS)
+    elapsed_s = time.perf_counter() - start
+    scores = score(scene.truth, cloud, region=scene.region, velocity_bin_mps=scene.system.velocity_bin_mps)
+    title = f"{scene.name}, {estimator}, {snr_db:g} dB"
+    if out is not None:
+        write_cloud(cloud, out)
+    if plot is not None:
+        from isacbench.report.figures import draw_image
+
+        draw_image(plot, observation, scene.truth, cloud, title)
+    typer.echo(f"{title}: {len(cloud)} points in {1e3 * elapsed_s:.1f} ms")
+    _print_scores(scores)
+
+
+@app.command()
+def score(
+    truth: Annotated[
+        str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
+    ],
+    cloud: Annotated[
+        Path, typer.Argument(metavar="CLOUD", help="Cloud file: .csv, .npy, .npz, .mat or .ply.")
+    ],
+    metric: Annotated[str, typer.Option("--metric", metavar="METRIC", help="paper or repository.")] = "paper",
+    as_json: AsJson = False,
+) -> None:
+    """Score a cloud against the truth."""
+    from isacbench.metrics.score import score as score_clouds
+    from isacbench.model.cloud_io import read_cloud
+
+    points, region, velocity_bin_mps = _truth(truth)
+    scores = score_clouds(points, read_cloud(cloud), metric, region=region, velocity_bin_mps=velocity_bin_mps)
+    if as_json:
+        _print_json(scores)
+    else:
+        _print_scores(scores)
+
+
+def _one_snr(text: str) -> float:
+    """Parse a single SNR."""
+    from isacbench.bench.suite import parse_snr
+
+    values = parse_snr(text)
+    if len(values) != 1:
+        raise InputError(f"SNR {text!r}: allowed is one number, an image has one SNR")
+    return values[0]
+
+
+def _truth(name_or_path: str) -> tuple[PointCloud, Region | None, float | None]:
+    """Truth from a cloud file, or from a scenario with its region and velocity bin."""
+    from isacbench.model.cloud_io import read_cloud
+    from isacbench.model.scenario import load_scenario
+
+    region, velocity_bin_mps = None, None
+    if Path(name_or_path).suffix in ("", ".toml"):
+        scenario = load_scenario(name_or_path)
+        points, region = scenario.truth, scenario.region
+        velocity_bin_mps = scenario.system.velocity_bin_mps
+    else:
+        points = read_cloud(name_or_path)
+    if not len(points):
+        raise InputError(f"{name_or_path}: the truth has no points; allowed is at least one")
+    return points, region, velocity_bin_mps
+
+
+def _report(folder: Path, records: pd.DataFrame) -> None:
+    """Write and print the tables of a run, and draw its figures."""
+    from rich.console import Console
+
+    from isacbench.report.figures import draw_run
+    from isacbench.report.tables import grids, rich_table, write_tables
+
+    for grid in grids(records):
+        table = rich_table(grid)
+        # Rather lines longer than the terminal than cropped numbers.
+        width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)
+        Console(width=width).print(table)
+    tables = write_tables(folder, records)
+    figures = draw_run(folder)
+    typer.echo(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
+
+
+@contextmanager
+def _progress_bar(title: str) -> Iterator[Progress]:
+    """Bar with the time left on stderr; silent where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _print_scores(scores: Mapping[str, float]) -> None:
+    for name, value in scores.items():
+        typer.echo(f"  {name:<16} {value:.6g}")
+
+
+def _print_json(content: object) -> None:
+    typer.echo(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def _fail(message: str, code: int) -> NoReturn:
+    typer.echo(f"isacbench: {message}", err=True)
+    raise typer.Exit(code)

@@ -1,0 +1,135 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.runner import run_suite
+from isacbench.bench.store import default_folder, read_results, replacing, reserve_folder
+from isacbench.bench.suite import Suite
+from isacbench.errors import InputError
+from isacbench.metrics.score import score
+from isacbench.model.echo import observe
+
+
+@pytest.fixture
+def written(plugins, tiny, tmp_path):
+    suite = Suite(
+        name="test",
+        scenarios=[str(tiny), "street"],
+        estimators=["blob[n=5]", "seer", "trouble", "trouble[kind=empty]"],
+        snr_db=[0, 10],
+        trials=2,
+    )
+    folder = tmp_path / "results" / "mine"
+    return run_suite(suite, out=folder), folder
+
+
+def test_a_run_is_read_back_as_it_was_written(written):
+    results, folder = written
+    again = read_results(folder)
+    pd.testing.assert_frame_equal(again.records, results.records)
+    pd.testing.assert_frame_equal(again.clouds, results.clouds)
+    assert again.suite == results.suite
+    assert not again.interrupted
+
+
+def test_scores_follow_again_from_the_stored_clouds(written):
+    again = read_results(written[1])
+    for row in again.records[again.records["status"] != "error"].itertuples():
+        scenario = again.scenarios[row.scenario]
+        cloud = again.cloud(row.scenario, row.estimator, row.params, row.snr_db, row.trial)
+        scores = score(
+            scenario.truth,
+            cloud,
+            region=scenario.region,
+            velocity_bin_mps=scenario.system.velocity_bin_mps,
+        )
+        assert len(cloud) == row.n_estimated
+        assert scores["deviation"] == row.deviation
+
+
+def test_stored_scenarios_are_observed_exactly_as_the_first_time(written):
+    results, folder = written
+    again = read_results(folder)
+    for name, scenario in results.scenarios.items():
+        np.testing.assert_array_equal(observe(again.scenarios[name], 0).cells, observe(scenario, 0).cells)
+
+
+def test_the_csv_holds_the_same_rows(written):
+    results, folder = written
+    table = pd.read_csv(folder / "results.csv", keep_default_na=False, na_values={"deviation": [""]})
+    assert table.columns.tolist() == results.records.columns.tolist()
+    assert table["estimator"].tolist() == results.records["estimator"].tolist()
+    np.testing.assert_allclose(table["deviation"], results.records["deviation"], rtol=1e-12)
+
+
+def test_the_manifest_says_what_ran_on_what(written):
+    manifest = json.loads((written[1] / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["suite"]["estimators"][0] == "blob[n=5]"
+    assert manifest["seed"] == 0
+    assert manifest["estimators"][0]["params"]["n"] == 5
+    assert manifest["estimators"][0]["package"] == "test-plugins 1.0"
+    assert manifest["packages"]["numpy"] == np.__version__
+    assert manifest["blas_threads"] == 1
+    assert manifest["wall_time_s"] > 0
+    assert manifest["processor"]
+    assert {"isacbench", "git", "argv", "started", "python", "platform", "cores", "blas"} <= set(manifest)
+
+
+def test_an_existing_folder_is_refused_and_left_alone(written):
+    results, folder = written
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(InputError, match="mine: exists; allowed is a new folder"):
+        run_suite(results.suite, out=folder)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_an_empty_existing_folder_is_refused_too(tmp_path):
+    with pytest.raises(InputError, match="exists"), reserve_folder(tmp_path):
+        pass
+    assert tmp_path.is_dir()
+
+
+def test_a_folder_below_a_file_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be created"), reserve_folder(tmp_path / "file" / "run"):
+        pass
+
+
+def test_a_reserved_folder_that_stays_empty_goes_away(tmp_path):
+    with pytest.raises(RuntimeError), reserve_folder(tmp_path / "run"):
+        raise RuntimeError
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("old")
+    with pytest.raises(UnicodeEncodeError), replacing(path) as temporary:
+        temporary.write_text("half \ud800", encoding="utf-8")
+    assert path.read_text() == "old"
+    assert [file.name for file in tmp_path.iterdir()] == ["table.csv"]
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+    assert path.read_text() == "new"
+
+
+def test_a_folder_without_a_run_is_refused_with_what_is_missing(tmp_path):
+    with pytest.raises(InputError, match=r"manifest\.json, results\.parquet"):
+        read_results(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("manifest.json", "{"), ("manifest.json", "{}"), ("results.parquet", "x"), ("truth.parquet", "")],
+)
+def test_a_damaged_run_is_refused(written, name, content):
+    folder = written[1]
+    (folder / name).write_text(content)
+    with pytest.raises(InputError, match="damaged run"):
+        read_results(folder)
+
+
+def test_the_default_folder_is_named_after_suite_and_time():
+    assert default_folder("quick").match("results/quick-20??????-??????")
