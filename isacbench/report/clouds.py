@@ -1,0 +1,302 @@
+"""Point clouds in perspective and in projection, coloured by radial velocity."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator
+
+from isacbench.metrics.clouds import MATCH_RADIUS_M
+from isacbench.metrics.geometry import CloudPair
+from isacbench.report.style import CONTEXT, counted, edges, entitle, new_figure, velocity_colours
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+    from matplotlib.gridspec import SubplotSpec
+    from numpy.typing import NDArray
+
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.region import Region
+
+__all__ = ["Image", "draw_clouds", "draw_comparison"]
+
+PANEL_IN = 3.5, 2.6
+ELEVATION_DEG, AZIMUTH_DEG = 27.0, -50.0
+FOCAL_LENGTH = 0.6
+LARGEST_WIDTH, LARGEST_HEIGHT = 1.15, 0.85
+"""What a box may fill of its panel, whose height counts as 1: in width it reaches into the margins."""
+TICKS_IN_PERSPECTIVE, TICKS_IN_PROJECTION = 4, 6
+SMALLEST_BOX_M = 2.0
+TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
+AXES = "xyz"
+PLANES = ((0, 1), (0, 2), (1, 2))
+
+
+class Image(NamedTuple):
+    """An estimated cloud, and a note that says how good it is or why it is empty."""
+
+    cloud: PointCloud
+    note: str
+
+
+class _Box(NamedTuple):
+    """Corners (3,) in metres of what is drawn."""
+
+    lower_m: NDArray[np.float64]
+    upper_m: NDArray[np.float64]
+
+    @property
+    def size_m(self) -> NDArray[np.float64]:
+        return self.upper_m - self.lower_m
+
+
+def draw_clouds(
+    title: str,
+    truth: PointCloud,
+    region: Region,
+    columns: Sequence[str],
+    rows: Mapping[float, Sequence[Image]],
+) -> Figure:
+    """Draw images of one scenario beside the truth, a column an estimator, a row an SNR.
+
+    Parameters
+    ----------
+    title : str
+    truth : PointCloud
+        At least one scatterer; it stands faintly behind every estimate.
+    region : Region
+        Whose speeds span the colours.
+    columns : sequence of str
+        Labels of the estimators.
+    rows : mapping of float to sequence of Image
+        For each SNR in dB one image an estimator.
+
+    Returns
+    -------
+    Figure
+    """
+    box = _box([truth, *(image.cloud for images in rows.values() for image in images)], region)
+    colours = velocity_colours(region)
+    figure = new_figure((1 + len(columns)) * PANEL_IN[0] + 1.4, len(rows) * PANEL_IN[1] + 1.1)
+    margins = edges(figure, left=0.35, right=1.05, bottom=0.45, top=0.6)
+    grid = figure.add_gridspec(len(rows), 1 + len(columns), wspace=0, hspace=0.03, **margins)
+    for row, (snr_db, images) in enumerate(rows.items()):
+        axes = _perspective(figure, grid[row, 0], box)
+        place = grid[row, 0].get_position(figure)
+        left, middle = 0.12 / figure.get_figwidth(), (place.y0 + place.y1) / 2
+        figure.text(left, middle, f"SNR {snr_db:g} dB", rotation=90, va="center", weight="bold")
+        _scatter_truth(axes, truth, colours)
+        for column, image in enumerate(images, start=1):
+            axes = _perspective(figure, grid[row, column], box)
+            _scatter_estimate(axes, truth, image, colours)
+    for column, label in enumerate(["truth", *columns]):
+        _heading(figure, grid[0, column], label)
+    entitle(figure, title)
+    _velocity_bar(figure, colours)
+    _legend(figure)
+    return figure
+
+
+def draw_comparison(title: str, truth: PointCloud, image: Image, region: Region) -> Figure:
+    """Draw one image beside the truth, and both over each other in the three projections.
+
+    Parameters
+    ----------
+    title : str
+    truth : PointCloud
+        True scatterers, possibly none.
+    image : Image
+    region : Region
+        Whose speeds span the colours.
+
+    Returns
+    -------
+    Figure
+    """
+    box, colours = _box([truth, image.cloud], region), velocity_colours(region)
+    figure = new_figure(11.0, 7.9)
+    upper = figure.add_gridspec(1, 2, wspace=0, **edges(figure, left=0.2, right=1.0, bottom=3.45, top=0.6))
+    axes = _perspective(figure, upper[0, 0], box)
+    _scatter_truth(axes, truth, colours)
+    _heading(figure, upper[0, 0], "truth")
+    axes = _perspective(figure, upper[0, 1], box)
+    _scatter_estimate(axes, truth, image, colours)
+    _heading(figure, upper[0, 1], "estimate")
+    margins = edges(figure, left=0.55, right=0.85, bottom=0.85, top=4.65)
+    lower = figure.add_gridspec(
+        1, 3, wspace=0.2, width_ratios=[box.size_m[across] for across, _ in PLANES], **margins
+    )
+    for column, plane in enumerate(PLANES):
+        _draw_projection(figure.add_subplot(lower[0, column]), truth, image.cloud, box, plane, colours)
+    entitle(figure, title)
+    _velocity_bar(figure, colours)
+    _legend(figure)
+    return figure
+
+
+def _box(clouds: Iterable[PointCloud], region: Region) -> _Box:
+    """Smallest box of whole metres that holds all points, or the region where there are none."""
+    points = np.concatenate([cloud.xyz for cloud in clouds])
+    if not len(points):
+        points = np.array([region.lower_m, region.upper_m])
+    lower_m = np.floor(points.min(axis=0))
+    return _Box(lower_m, np.maximum(np.ceil(points.max(axis=0)), lower_m + SMALLEST_BOX_M))
+
+
+def _tick_m(box: _Box, n_ticks: int) -> float:
+    """Distance of about so many ticks along the longest edge: 1, 2, 5 or a power of ten of these."""
+    wanted = box.size_m.max() / n_ticks
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * min((step for step in (1, 2, 5) if step * power >= wanted), default=10))
+
+
+def _perspective(figure: Figure, place: SubplotSpec, box: _Box) -> Any:
+    """Axes in perspective with one scale in all directions."""
+    axes: Any = figure.add_subplot(place, projection="3d", computed_zorder=False)
+    axes.set_proj_type("persp", focal_length=FOCAL_LENGTH)
+    axes.view_init(ELEVATION_DEG, AZIMUTH_DEG)
+    axes.set_box_aspect(box.size_m, zoom=_zoom(box))
+    axes.patch.set_visible(False)
+    tick_m = _tick_m(box, TICKS_IN_PERSPECTIVE)
+    for index, name in enumerate(AXES):
+        getattr(axes, f"set_{name}lim")(box.lower_m[index], box.upper_m[index])
+        axis = getattr(axes, f"{name}axis")
+        axis.set_major_locator(MultipleLocator(tick_m))
+        axis.set_tick_params(labelsize=7, pad=-3)
+        axis.labelpad = -7
+        axis.set_pane_color((1, 1, 1, 0) if name != "z" else (0.95, 0.95, 0.95, 1))
+        # mplot3d puts the label of the upright axis far away from it.
+        axis.set_label_text(f"{name} [m]" if name != "z" else "", fontsize=8)
+    axes.text(*box.upper_m, "  z [m]", fontsize=8, va="bottom")
+    return axes
+
+
+def _heading(figure: Figure, place: SubplotSpec, text: str) -> None:
+    """Write over a place for axes; a title of axes in perspective would not stay there."""
+    box = place.get_position(figure)
+    figure.text((box.x0 + box.x1) / 2, box.y1, text, ha="center", va="bottom", weight="bold")
+
+
+def _zoom(box: _Box) -> float:
+    """Zoom at which a box fills its panel: at 1 its diagonal does, however flat it is."""
+    elevation, azimuth = np.deg2rad([ELEVATION_DEG, AZIMUTH_DEG])
+    x, y, z = box.size_m / np.linalg.norm(box.size_m)
+    width = x * abs(np.sin(azimuth)) + y * abs(np.cos(azimuth))
+    depth = x * abs(np.cos(azimuth)) + y * abs(np.sin(azimuth))
+    height = z * np.cos(elevation) + depth * np.sin(elevation)
+    return float(min(LARGEST_WIDTH / width, LARGEST_HEIGHT / height))
+
+
+def _scatter_truth(axes: Any, truth: PointCloud, colours: ScalarMappable) -> None:
+    """Draw the true scatterers in perspective."""
+    _scatter(axes, truth, colours, marker="o", size=6)
+    _note(axes, counted(len(truth), "scatterer"))
+
+
+def _scatter_estimate(axes: Any, truth: PointCloud, image: Image, colours: ScalarMappable) -> None:
+    """Draw an estimate in perspective, the truth faintly behind it, false points marked."""
+    axes.scatter(*truth.xyz.T, color=CONTEXT, s=2, linewidths=0, depthshade=False, clip_on=False)
+    false = _is_false(truth, image.cloud)
+    _scatter(axes, image.cloud.select(~false), colours, marker="o", size=10)
+    _scatter(axes, image.cloud.select(false), colours, marker="x", size=20)
+    _note(axes, image.note)
+
+
+def _scatter(axes: Any, cloud: PointCloud, colours: ScalarMappable, marker: str, size: float) -> None:
+    """Draw points in perspective, coloured by velocity."""
+    axes.scatter(
+        *cloud.xyz.T,
+        c=colours.to_rgba(cloud.velocity),
+        marker=marker,
+        s=size,
+        linewidths=1.2 if marker == "x" else 0,
+        depthshade=False,
+        clip_on=False,
+    )
+
+
+def _is_false(truth: PointCloud, cloud: PointCloud) -> NDArray[np.bool_]:
+    """Mask of the points that no true scatterer is near."""
+    if not len(truth):
+        return np.ones(len(cloud), dtype=np.bool_)
+    false: NDArray[np.bool_] = CloudPair(truth, cloud).estimate_to_truth_m > MATCH_RADIUS_M
+    return false
+
+
+def _note(axes: Any, note: str) -> None:
+    axes.text2D(0.5, 0.96, note, transform=axes.transAxes, ha="center", va="top", size=8, color="0.25")
+
+
+def _draw_projection(
+    axes: Axes,
+    truth: PointCloud,
+    cloud: PointCloud,
+    box: _Box,
+    plane: tuple[int, int],
+    colours: ScalarMappable,
+) -> None:
+    """Draw truth and estimate over each other, projected on a plane."""
+    across, up = plane
+    axes.scatter(
+        truth.xyz[:, across], truth.xyz[:, up], s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8
+    )
+    false = _is_false(truth, cloud)
+    for keep, marker, width in ((~false, "o", 0.0), (false, "x", 1.2)):
+        points = cloud.select(keep)
+        axes.scatter(
+            points.xyz[:, across],
+            points.xyz[:, up],
+            c=colours.to_rgba(points.velocity),
+            s=12 if marker == "o" else 24,
+            marker=marker,
+            linewidths=width,
+        )
+    margin_m = 0.02 * float(box.size_m.max())
+    axes.set_xlim(box.lower_m[across] - margin_m, box.upper_m[across] + margin_m)
+    axes.set_ylim(box.lower_m[up] - margin_m, box.upper_m[up] + margin_m)
+    axes.set_aspect("equal", anchor="S")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(_tick_m(box, TICKS_IN_PROJECTION)))
+    axes.set_xlabel(f"{AXES[across]} [m]")
+    axes.set_ylabel(f"{AXES[up]} [m]", labelpad=1)
+    axes.grid(True)
+
+
+def _velocity_bar(figure: Figure, colours: ScalarMappable) -> None:
+    """Put the one colour bar of all panels at the right edge of a figure."""
+    width, height = figure.get_size_inches()
+    axes = figure.add_axes((1 - 0.72 / width, 0.5 - 1.2 / height, 0.13 / width, 2.4 / height))
+    bar = figure.colorbar(colours, cax=axes)
+    fastest = colours.norm.vmax or 0.0
+    ticks = [tick for tick in TICKS_MPS if abs(tick) <= fastest]
+    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    bar.minorticks_off()
+    bar.set_label("radial velocity [m/s], approaching > 0")
+
+
+def _legend(figure: Figure) -> None:
+    """Explain the marks at the bottom of a figure."""
+    style: dict[str, Any] = {"linestyle": "", "color": "0.2"}
+    figure.legend(
+        handles=[
+            Line2D([], [], marker="o", linestyle="", color=CONTEXT, markersize=3, label="truth"),
+            Line2D([], [], marker="o", markersize=4, label="estimate", **style),
+            Line2D(
+                [],
+                [],
+                marker="x",
+                markersize=5,
+                label=f"false point: farther than {MATCH_RADIUS_M:g} m from the truth",
+                **style,
+            ),
+        ],
+        loc="lower center",
+        ncols=3,
+        frameon=False,
+    )

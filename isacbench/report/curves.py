@@ -1,0 +1,217 @@
+"""Scores over SNR, one line an estimator."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+from isacbench.metrics.score import METRICS
+from isacbench.report.style import drawable, edges, entitle, legend_below, legend_height_in, new_figure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from isacbench.report.style import Look, Variant
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["draw_deviations", "draw_scores"]
+
+PANEL_IN = 2.75, 2.3
+MAX_COLUMNS = 4
+MAX_SNR_TICKS = 5
+TITLE_WIDTH = 40
+PRACTICALLY_ZERO = 1e-6
+"""Smaller means do not stretch a logarithmic axis: velocities are exact then for any purpose."""
+
+LARGEST_BAND = 1.5
+"""How far above the largest mean a linear axis reaches for a band."""
+
+
+class _Panel(NamedTuple):
+    """One score: its column, its title, its unit, and whether its axis is logarithmic."""
+
+    column: str
+    title: str
+    unit: str
+    logarithmic: bool = False
+
+
+class _Curve(NamedTuple):
+    """Means over SNR (n,) and the half widths of their bands, NaN where there is none."""
+
+    snr_db: Floats
+    mean: Floats
+    half: Floats
+
+
+def _panel(column: str, logarithmic: bool = False) -> _Panel:
+    """Panel of a score, titled as the metric describes it."""
+    description, _, unit = METRICS["paper"][column].description.partition(" [")
+    return _Panel(column, description[0].upper() + description[1:], unit.rstrip("]"), logarithmic)
+
+
+DEVIATION = _panel("deviation")
+PANELS = (
+    DEVIATION,
+    _Panel("hausdorff_sum_m", "Sum of the three Hausdorff distances", "m"),
+    _panel("density"),
+    _panel("velocity_nmse", logarithmic=True),
+    _panel("hausdorff_xy_m"),
+    _panel("hausdorff_xz_m"),
+    _panel("hausdorff_yz_m"),
+    _panel("chamfer_m"),
+)
+
+
+def draw_scores(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, Look]) -> Figure:
+    """Draw the deviation of one scenario, all that it is made of, and the chamfer distance beside it.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `isacbench.report.tables.summarise` returns it.
+    scenario : str
+        Its name.
+    looks : mapping of (str, str) to Look
+
+    Returns
+    -------
+    Figure
+    """
+    part = summary[summary["scenario"] == scenario]
+    figure, panels = _panel_grid(len(PANELS), _legend(part, looks), f"{drawable(scenario)}: {_average(part)}")
+    for axes, panel in zip(panels, PANELS, strict=True):
+        _draw_panel(axes, part, panel, looks)
+        axes.set_title(textwrap.fill(panel.title, TITLE_WIDTH))
+    return figure
+
+
+def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> Figure:
+    """Draw the deviation of every scenario, side by side on one scale.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `isacbench.report.tables.summarise` returns it.
+    looks : mapping of (str, str) to Look
+
+    Returns
+    -------
+    Figure
+    """
+    scenarios = list(summary["scenario"].unique())
+    title = f"{DEVIATION.title}\n{_average(summary)}"
+    figure, panels = _panel_grid(len(scenarios), _legend(summary, looks), title)
+    for axes, scenario in zip(panels, scenarios, strict=True):
+        _draw_panel(axes, summary[summary["scenario"] == scenario], DEVIATION, looks)
+        axes.set_title(drawable(scenario))
+    lower, upper = np.transpose([axes.get_ylim() for axes in panels])
+    for axes in panels:
+        axes.set_ylim(lower.min(), upper.max())
+    return figure
+
+
+def _average(summary: pd.DataFrame) -> str:
+    """Say what a point of a curve and its band are."""
+    n_trials = int(summary["n_cells"].max())
+    return "one trial" if n_trials == 1 else f"mean of {n_trials} trials with its 95 % confidence band"
+
+
+def _panel_grid(n_panels: int, legend: Sequence[Line2D], title: str) -> tuple[Figure, list[Axes]]:
+    """Figure with panels for scores over SNR and the legend below them."""
+    n_columns = min(n_panels, MAX_COLUMNS)
+    n_rows = -(-n_panels // n_columns)
+    # One panel alone is wide enough for title and legend.
+    width_in = max(n_columns * (PANEL_IN[0] + 0.55) + 0.2, 6.0)
+    legend_in = legend_height_in(width_in, [str(line.get_label()) for line in legend])
+    figure = new_figure(width_in, n_rows * (PANEL_IN[1] + 0.75) + legend_in + 0.35)
+    grid = edges(figure, left=0.6, right=0.15, bottom=legend_in + 0.45, top=0.85)
+    axes = figure.subplots(
+        n_rows, n_columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.25, "hspace": 0.42}
+    )
+    panels = list(axes.flat)
+    for unused in panels[n_panels:]:
+        unused.remove()
+    entitle(figure, title)
+    legend_below(figure, legend)
+    return figure, panels[:n_panels]
+
+
+def _legend(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> list[Line2D]:
+    """Legend entries of the estimators, which say what has no curve."""
+    entries = []
+    for variant, look in looks.items():
+        entry = Line2D([], [], color=look.colour, linestyle=look.line, marker=look.marker)
+        scored = np.isfinite(_curve(summary, variant, DEVIATION.column).mean).any()
+        entry.set_label(look.label if scored else f"{look.label}: no score")
+        entries.append(entry)
+    return entries
+
+
+def _draw_panel(axes: Axes, part: pd.DataFrame, panel: _Panel, looks: Mapping[Variant, Look]) -> None:
+    """Draw one score of one scenario, every estimator that has it."""
+    curves = [(look, _curve(part, variant, panel.column)) for variant, look in looks.items()]
+    axes.set_xlabel("SNR [dB]")
+    if part["snr_db"].nunique() <= MAX_SNR_TICKS:
+        axes.set_xticks(part["snr_db"].unique())
+    axes.set_ylabel(f"mean [{panel.unit}]" if panel.unit else "mean")
+    axes.grid(True)
+    lowest = _scale(axes, panel, [curve for _, curve in curves])
+    # The bands of many estimators lie over each other.
+    alpha = min(0.22, 0.6 / len(curves))
+    for look, curve in curves:
+        mean, lower, upper = (
+            np.maximum(values, lowest)
+            for values in (curve.mean, curve.mean - curve.half, curve.mean + curve.half)
+        )
+        # A limit with a single SNR has no line to show.
+        marker = "_" if look.is_bound and curve.snr_db.size == 1 else look.marker
+        axes.plot(curve.snr_db, mean, color=look.colour, linestyle=look.line, marker=marker)
+        axes.fill_between(curve.snr_db, lower, upper, color=look.colour, alpha=alpha, linewidth=0.8)
+
+
+def _scale(axes: Axes, panel: _Panel, curves: Sequence[_Curve]) -> float:
+    """Scale the axis of a score; return the value at which smaller ones are drawn."""
+    if not panel.logarithmic:
+        top = _top(curves)
+        axes.set_ylim(-0.03 * top, top)
+        return -np.inf
+    lowest, highest = _decades(curves)
+    axes.set_yscale("log")
+    axes.set_ylim(0.7 * lowest, 1.5 * highest)
+    if any((curve.mean < lowest).any() for curve in curves):
+        axes.set_ylabel("mean (less: at the lower edge)")
+    return lowest
+
+
+def _curve(part: pd.DataFrame, variant: Variant, column: str) -> _Curve:
+    """Curve of one estimator on one scenario."""
+    chosen = (part["estimator"] == variant[0]) & (part["params"] == variant[1])
+    rows = part[chosen].sort_values("snr_db")[["snr_db", f"{column}_mean", f"{column}_band"]]
+    return _Curve(*rows.to_numpy(dtype=np.float64).T)
+
+
+def _decades(curves: Iterable[_Curve]) -> tuple[float, float]:
+    """Find the ends of a logarithmic axis: whole decades around all means that are not practically zero."""
+    means = np.concatenate([curve.mean for curve in curves])
+    means = means[means > PRACTICALLY_ZERO]
+    if not means.size:
+        return PRACTICALLY_ZERO, 1.0
+    # Half the smallest mean, so that what is drawn at the lower end lies below it.
+    return float(10 ** np.floor(np.log10(means.min() / 2))), float(10 ** np.ceil(np.log10(means.max())))
+
+
+def _top(curves: Iterable[_Curve]) -> float:
+    """Upper end of a linear axis: all means, and the bands as long as they do not dwarf them."""
+    mean = max(float(np.nanmax(curve.mean, initial=0.0)) for curve in curves)
+    upper = max(float(np.nanmax(curve.mean + curve.half, initial=mean)) for curve in curves)
+    return 1.06 * min(upper, LARGEST_BAND * mean) or 1.0

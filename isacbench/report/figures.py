@@ -1,0 +1,192 @@
+"""The figures of a run, and the picture of one image."""
+
+from __future__ import annotations
+
+import warnings
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from isacbench.bench.store import read_results
+from isacbench.contracts import Diagnoser
+from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import Simulator
+from isacbench.registry import build_estimator
+from isacbench.report.clouds import Image, draw_clouds, draw_comparison
+from isacbench.report.curves import draw_deviations, draw_scores
+from isacbench.report.maps import draw_map
+from isacbench.report.spectra import draw_spectra
+from isacbench.report.style import assign_looks, counted, drawable, file_stems, save, styled
+from isacbench.report.tables import HAUSDORFF_COLUMNS, estimator_labels, summarise
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from isacbench.bench.record import Results
+    from isacbench.model.observation import Observation
+    from isacbench.registry import AnyEstimator
+    from isacbench.report.style import Look, Variant
+
+__all__ = ["draw_image", "draw_run"]
+
+FOLDER = "figures"
+CLOUD_SNRS_DB = -20.0, -5.0, 10.0
+DIAGNOSIS_SNR_DB = 10.0
+CLOUDS_A_FIGURE = 4
+
+Named = tuple[str, "Figure"]
+
+
+def draw_run(folder: Path) -> list[Path]:
+    """Draw a stored run: scores over SNR, clouds, range-Doppler maps and spectra.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of a run; figures of the same names in its ``figures`` are replaced.
+
+    Returns
+    -------
+    list of Path
+        What was written: ``deviation.png``; for each scenario ``curves-*.png``
+        and ``clouds-*.png``, more than one of these where the estimators are
+        many; for each estimator that is a `Diagnoser` ``rdm-*.png`` and,
+        where it detects anything, ``spectrum-*.png``, of the first scenario.
+        Nothing where the run holds no cells.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold a run.
+
+    Warns
+    -----
+    UserWarning
+        If an estimator of the run is not installed, or its diagnosis fails.
+    """
+    results = read_results(folder)
+    if results.records.empty:
+        return []
+    target = folder / FOLDER
+    target.mkdir(exist_ok=True)
+    estimators = dict(_built(results.suite.estimators))
+    bounds = {estimator.name for estimator in estimators.values() if getattr(estimator, "needs_truth", False)}
+    labels = estimator_labels(zip(results.records["estimator"], results.records["params"], strict=True))
+    looks = assign_looks(labels, bounds)
+    figures = chain(_curves(results, looks), _clouds(results, looks), _diagnoses(results, estimators))
+    with styled():
+        return [save(figure, target / f"{stem}.png") for stem, figure in figures]
+
+
+def draw_image(
+    path: Path, observation: Observation, truth: PointCloud, cloud: PointCloud, title: str
+) -> None:
+    """Draw one image beside the truth, in perspective and in its three projections.
+
+    Parameters
+    ----------
+    path : Path
+        Picture to write or to overwrite; .png, .pdf or .svg.
+    observation : Observation
+        Whose region spans the colours.
+    truth, cloud : PointCloud
+        True scatterers and estimated points.
+    title : str
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with styled():
+        image = Image(cloud, counted(len(cloud), "point") if len(cloud) else "nothing detected")
+        save(draw_comparison(drawable(title), truth, image, observation.region), path)
+
+
+def _built(specs: Sequence[str]) -> Iterator[tuple[str, AnyEstimator]]:
+    """Estimators of a suite as far as they are installed, by specification."""
+    for spec in specs:
+        try:
+            yield spec, build_estimator(spec)
+        except InputError as error:
+            warnings.warn(f"no map and no spectra of {spec}: {error}", stacklevel=3)
+
+
+def _curves(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+    """Scores over SNR, all scenarios together and each on its own."""
+    summary = summarise(results.records)
+    yield "deviation", draw_deviations(summary, looks)
+    for scenario, stem in file_stems(summary["scenario"].unique()).items():
+        yield f"curves-{stem}", draw_scores(summary, scenario, looks)
+
+
+def _clouds(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+    """Clouds of every scenario's first trial, a few estimators a figure."""
+    # A run of limits alone still has clouds to show.
+    shown = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
+    pages = [shown[start : start + CLOUDS_A_FIGURE] for start in range(0, len(shown), CLOUDS_A_FIGURE)]
+    for scenario, stem in file_stems(results.records["scenario"].unique()).items():
+        for number, page in enumerate(pages, start=1):
+            suffix = f"-{number}" if len(pages) > 1 else ""
+            yield (
+                f"clouds-{stem}{suffix}",
+                _cloud_figure(results, scenario, {key: looks[key] for key in page}),
+            )
+
+
+def _cloud_figure(results: Results, scenario: str, looks: dict[Variant, Look]) -> Figure:
+    """Clouds of one scenario's first trial at a few SNRs."""
+    records = results.records[results.records["scenario"] == scenario]
+    trial = int(records["trial"].min())
+    records = records[records["trial"] == trial]
+    rows = {
+        snr_db: [_image(results, records, variant, snr_db) for variant in looks]
+        for snr_db in _nearest(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
+    }
+    scene = results.scenarios[scenario]
+    labels = [look.label for look in looks.values()]
+    return draw_clouds(f"{drawable(scenario)}, trial {trial}", scene.truth, scene.region, labels, rows)
+
+
+def _image(results: Results, records: pd.DataFrame, variant: Variant, snr_db: float) -> Image:
+    """Cloud of one cell, and what came of it; an interrupted run has no record of some."""
+    name, params = variant
+    chosen = (records["estimator"] == name) & (records["params"] == params) & (records["snr_db"] == snr_db)
+    if not chosen.any():
+        return Image(PointCloud.empty(), "not run")
+    record = records[chosen].iloc[0]
+    cloud = results.cloud(record["scenario"], name, params, snr_db, record["trial"])
+    if record["status"] == "ok":
+        hausdorff_m = record[HAUSDORFF_COLUMNS].sum()
+        return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
+    return Image(cloud, "nothing detected" if record["status"] == "no_detection" else str(record["status"]))
+
+
+def _nearest(available: Sequence[float], wanted: Sequence[float]) -> list[float]:
+    """Values nearest to the wanted ones, in order and none twice."""
+    return list(dict.fromkeys(min(available, key=lambda value: abs(value - target)) for target in wanted))
+
+
+def _diagnoses(results: Results, estimators: dict[str, AnyEstimator]) -> Iterator[Named]:
+    """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial."""
+    diagnosers = {spec: plugin for spec, plugin in estimators.items() if isinstance(plugin, Diagnoser)}
+    if not diagnosers:
+        return
+    scenario = results.scenarios[results.records["scenario"].iloc[0]]
+    (snr_db,) = _nearest(sorted(results.records["snr_db"].unique()), [DIAGNOSIS_SNR_DB])
+    simulator = Simulator(scenario)
+    observation = simulator.observe(snr_db, int(results.records["trial"].min()), results.suite.seed)
+    for (spec, estimator), stem in zip(diagnosers.items(), file_stems(diagnosers).values(), strict=True):
+        try:
+            diagnosis = estimator.diagnose(observation)
+        except Exception as error:  # a plugin's fault must not cost the other figures
+            warnings.warn(f"no map and no spectra of {spec}: {type(error).__name__}: {error}", stacklevel=3)
+            continue
+        title = drawable(f"{scenario.name}, {spec}, {snr_db:g} dB")
+        yield f"rdm-{stem}", draw_map(title, diagnosis, scenario.system, simulator.noise_power(snr_db))
+        if diagnosis.spectra:
+            yield f"spectrum-{stem}", draw_spectra(title, diagnosis, scenario)

@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+from isacbench.model.cloud import PointCloud
+from isacbench.model.region import Region
+from isacbench.report.clouds import Image, draw_clouds, draw_comparison
+
+REGION = Region((0.0, 30.0), (0.0, 20.0), (0.0, 20.0), (-15.0, 15.0))
+TRUTH = PointCloud([[0, 0, 0], [10, 5, 2], [20, 18, 9]], [0, 10, -2], [1, 1, 1])
+NEAR_AND_FALSE = PointCloud([[0.5, 0, 0], [20, 18, 9.9], [25, 3, 4]], [0, -2, 7], [1, 1, 1])
+
+
+def perspectives_of(figure):
+    return [axes for axes in figure.axes if axes.name == "3d"]
+
+
+def projections_of(figure):
+    return [axes for axes in figure.axes if axes.get_ylabel() in ("y [m]", "z [m]") and axes.name != "3d"]
+
+
+def texts_of(figure):
+    return {text.get_text() for text in figure.texts} | {
+        text.get_text() for axes in figure.axes for text in axes.texts
+    }
+
+
+def test_clouds_stand_in_a_grid_of_estimators_and_snrs_beside_the_truth():
+    images = [Image(NEAR_AND_FALSE, "3 points"), Image(PointCloud.empty(), "nothing detected")]
+    figure = draw_clouds("title", TRUTH, REGION, ["a", "b"], {-20.0: images, 10.0: images})
+    assert len(perspectives_of(figure)) == 2 * 3
+    wanted = {"truth", "a", "b", "SNR -20 dB", "SNR 10 dB", "3 scatterers", "3 points", "nothing detected"}
+    assert wanted <= texts_of(figure)
+
+
+def test_every_direction_of_every_panel_has_the_same_scale():
+    figure = draw_clouds("", TRUTH, REGION, ["a"], {0.0: [Image(NEAR_AND_FALSE, "")]})
+    for axes in perspectives_of(figure):
+        limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+        np.testing.assert_array_equal(limits, [[0, 25], [0, 18], [0, 10]])
+        metres = np.ptp(limits, axis=1)
+        np.testing.assert_allclose(axes.get_box_aspect() / metres, axes.get_box_aspect()[0] / metres[0])
+
+
+def test_projections_show_misses_as_open_circles_and_false_points_as_crosses():
+    figure = draw_comparison("title", TRUTH, Image(NEAR_AND_FALSE, "3 points"), REGION)
+    assert [axes.get_xlabel() + axes.get_ylabel() for axes in projections_of(figure)] == [
+        "x [m]y [m]",
+        "x [m]z [m]",
+        "y [m]z [m]",
+    ]
+    truth, right, false = projections_of(figure)[1].collections
+    np.testing.assert_array_equal(truth.get_offsets(), TRUTH.xyz[:, [0, 2]])
+    assert not len(truth.get_facecolors())
+    np.testing.assert_array_equal(right.get_offsets(), NEAR_AND_FALSE.xyz[:2, [0, 2]])
+    np.testing.assert_array_equal(false.get_offsets(), NEAR_AND_FALSE.xyz[2:, [0, 2]])
+
+
+def test_points_are_coloured_by_their_velocity():
+    figure = draw_comparison("title", TRUTH, Image(TRUTH, ""), REGION)
+    still, approaching, receding = projections_of(figure)[0].collections[1].get_facecolors()[:, [0, 2]]
+    assert np.ptp(still) < 0.05
+    assert approaching[0] > approaching[1]
+    assert receding[0] < receding[1]
+
+
+@pytest.mark.parametrize("xyz", [[[3.0, 4.0, 5.0]], [[0.0, 0.0, 0.0], [900.0, 0.0, 1.0]]])
+def test_a_point_and_a_line_of_points_have_axes_with_few_ticks(xyz):
+    n = len(xyz)
+    cloud = PointCloud(xyz, np.zeros(n), np.ones(n))
+    figure = draw_comparison("", cloud, Image(cloud, ""), REGION)
+    figure.canvas.draw()
+    assert all(len(axes.get_xticks()) <= 12 for axes in figure.axes)
+    assert all(np.ptp(axes.get_xlim()) >= 2 for axes in perspectives_of(figure))
