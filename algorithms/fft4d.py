@@ -94,10 +94,12 @@ class Fft4d(CellwiseEstimator):
         return self._angle_spectra(observation, snapshots).waves
 
     def spectra(self, observation: Observation, snapshot: Snapshots, noise: float) -> tuple[Spectrum, ...]:
-        """Cuts along u and along w through the maximum of one cell's angular spectrum."""
+        """Cuts along u and along w through the maximum of one cell's angular spectrum, in dB below it."""
         found = self._angle_spectra(observation, snapshot)
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
-        level_db, threshold_db = 10 * np.log10(found.power[0]), 10 * np.log10(found.threshold[0])
+        strongest = found.power[0].max()
+        level_db = 10 * np.log10(found.power[0] / strongest)
+        threshold_db = 10 * np.log10(found.threshold[0] / strongest)
         peaks = found.waves.found[0]
         return (
             Spectrum(found.u, level_db[:, column], threshold_db[:, column], found.waves.u[0][peaks], "u"),

@@ -17,8 +17,9 @@ Trans. AP 34 (1986).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from isacbench.dsp.cfar import ca_cfar
@@ -52,17 +53,29 @@ def smoothed_covariance(snapshots: NDArray[np.complex128], n_subarray: int) -> F
         Real, symmetric, non-negative definite. Mean eigenvalue in noise of
         power σ² is σ².
     """
-    subarrays = sliding_window_view(snapshots, n_subarray, axis=1)
-    columns = subarrays.transpose(0, 3, 1, 2).reshape(len(snapshots), n_subarray, -1)
-    half = n_subarray // 2
-    upper, lower = columns[:, :half], columns[:, : n_subarray - half - 1 : -1]
-    total, difference = (upper + lower) / np.sqrt(2), (upper - lower) / np.sqrt(2)
-    middle = columns[:, half : n_subarray - half]
-    real_part = np.concatenate([total.real, middle.real, difference.imag], axis=1)
-    imaginary_part = np.concatenate([total.imag, middle.imag, -difference.real], axis=1)
-    rows = np.concatenate([real_part, imaginary_part], axis=2)
-    covariance: Floats = rows @ rows.transpose(0, 2, 1) / columns.shape[2]
+    n_shifts = snapshots.shape[1] - n_subarray + 1
+    whole = snapshots @ snapshots.conj().transpose(0, 2, 1)
+    # The covariance of a subarray is a diagonal block of the whole array's.
+    blocks = (whole[:, k : k + n_subarray, k : k + n_subarray] for k in range(n_shifts))
+    forward = sum(blocks, start=np.zeros((), dtype=np.complex128)) / (n_shifts * snapshots.shape[2])
+    transform = _unitary_transform(n_subarray)
+    # The real part is the forward-backward average: the backward half adds the conjugate.
+    covariance: Floats = (transform.conj().T @ forward @ transform).real
     return covariance
+
+
+@lru_cache
+def _unitary_transform(n: int) -> NDArray[np.complex128]:
+    """Unitary matrix (n, n) that turns centro-Hermitian matrices into real ones."""
+    half = n // 2
+    identity, flip = np.eye(half), np.eye(half)[::-1]
+    transform = np.zeros((n, n), dtype=np.complex128)
+    transform[:half, :half], transform[n - half :, :half] = identity, flip
+    transform[:half, n - half :], transform[n - half :, n - half :] = 1j * identity, -1j * flip
+    transform /= np.sqrt(2)
+    if n % 2:
+        transform[half, half] = 1
+    return transform
 
 
 def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
