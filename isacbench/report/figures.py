@@ -17,7 +17,7 @@ from isacbench.report.curves import draw_deviations, draw_scores
 from isacbench.report.maps import draw_map
 from isacbench.report.spectra import draw_spectra
 from isacbench.report.style import assign_looks, counted, drawable, file_stems, save, styled
-from isacbench.report.tables import HAUSDORFF_COLUMNS, estimator_labels, summarise
+from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, estimator_labels, summarise
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from isacbench.bench.record import Results
     from isacbench.model.observation import Observation
     from isacbench.registry import AnyEstimator
-    from isacbench.report.style import Look, Variant
+    from isacbench.report.style import Look
 
 __all__ = ["draw_image", "draw_run"]
 

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
 
     from isacbench.model.region import Region
+    from isacbench.report.tables import Variant
 
 __all__ = [
     "CONTEXT",
     "THRESHOLD",
     "TRUE",
     "Look",
-    "Variant",
     "assign_looks",
     "counted",
     "drawable",
@@ -45,9 +45,6 @@ __all__ = [
     "styled",
     "velocity_colours",
 ]
-
-Variant = tuple[str, str]
-"""Name and canonical parameters of an estimator."""
 
 LineStyle = Literal["-", "-.", ":", "--"]
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "HAUSDORFF_COLUMNS",
     "Grid",
+    "Variant",
     "estimator_labels",
     "grids",
     "rich_table",
@@ -42,6 +43,11 @@ AVERAGED = [
     "recall",
 ]
 CONFIDENCE = 0.95
+ESTIMATORS_A_TABLE = 4
+LONGEST_LABEL = 24
+
+Variant = tuple[str, str]
+"""Name and canonical parameters of an estimator."""
 
 
 class Grid(NamedTuple):
@@ -93,7 +99,9 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
 
 
 def estimator_labels(variants: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """Name estimators for people: the bare name, or with the parameters in which variants of it differ.
+    """Name estimators for people: the bare name, or with the parameters that set a variant of it apart.
+
+    A value that more than half of the variants share goes without saying.
 
     Parameters
     ----------
@@ -120,10 +128,26 @@ def estimator_labels(variants: Iterable[tuple[str, str]]) -> dict[tuple[str, str
 
 
 def grids(records: pd.DataFrame) -> list[Grid]:
-    """Lay out deviation, Hausdorff sum and time of a run, one grid a scenario, estimators over SNR."""
+    """Lay out deviation, Hausdorff sum and time of a run, estimators over SNR.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    list of Grid
+        One a scenario, or more where the estimators are too many for the
+        width of a terminal.
+    """
     summary = summarise(records)
     labels = estimator_labels(zip(records["estimator"], records["params"], strict=True))
-    return [_grid(str(scenario), part, labels) for scenario, part in summary.groupby("scenario", sort=False)]
+    return [
+        _grid(str(scenario), part, labels, variants)
+        for scenario, part in summary.groupby("scenario", sort=False)
+        for variants in _batched(dict.fromkeys(zip(part["estimator"], part["params"], strict=True)))
+    ]
 
 
 def rich_table(grid: Grid) -> Table:
@@ -137,11 +161,18 @@ def rich_table(grid: Grid) -> Table:
     )
     for index, name in enumerate(grid.header):
         # Text, not a string: brackets are parameters and units here, never markup.
-        header = Text(name.replace(": ", "\n").replace(" [", "\n["))
-        table.add_column(header, justify="left" if index == 0 else "right", no_wrap=True)
+        table.add_column(Text(_stacked(name)), justify="left" if index == 0 else "right", no_wrap=True)
     for row in grid.rows:
         table.add_row(*map(Text, row))
     return table
+
+
+def _stacked(name: str) -> str:
+    """Column name on several lines: unit and score below, and long parameters one bracket a line."""
+    label, *below = name.replace(" [", ": [").split(": ")
+    if len(label) > LONGEST_LABEL:
+        label = label.replace("[", "\n[")
+    return "\n".join([label, *below])
 
 
 def write_tables(folder: Path, records: pd.DataFrame) -> list[Path]:
@@ -167,15 +198,22 @@ def write_tables(folder: Path, records: pd.DataFrame) -> list[Path]:
     return paths
 
 
-def _grid(scenario: str, part: pd.DataFrame, labels: Mapping[tuple[str, str], str]) -> Grid:
+def _batched(variants: Iterable[Variant]) -> list[list[Variant]]:
+    """Cut a list into as many parts as tables need."""
+    listed = list(variants)
+    return [listed[start : start + ESTIMATORS_A_TABLE] for start in range(0, len(listed), ESTIMATORS_A_TABLE)]
+
+
+def _grid(
+    scenario: str, part: pd.DataFrame, labels: Mapping[Variant, str], variants: Iterable[Variant]
+) -> Grid:
     """Grid of one scenario: a row an SNR, a last row for the time; for each estimator two columns."""
-    variants = list(dict.fromkeys(zip(part["estimator"], part["params"], strict=True)))
     by_variant = {
         variant: part[(part["estimator"] == variant[0]) & (part["params"] == variant[1])].set_index("snr_db")
         for variant in variants
     }
     header = ["SNR [dB]"]
-    for variant in variants:
+    for variant in by_variant:
         header += [f"{labels[variant]}: deviation", "Hausdorff [m]"]
     rows = []
     for snr_db in sorted(part["snr_db"].unique()):
@@ -203,12 +241,12 @@ def _scores(entry: pd.Series[Any]) -> list[str]:
 
 
 def _differing(own: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -> str:
-    """Parameters in which some differ from these, as a specification writes them."""
+    """Parameters that set these apart from most others, as a specification writes them."""
     others = list(others)
     texts = []
     for key, value in own.items():
         values = [other.get(key) for other in others]
-        if key == "name" or all(other == value for other in values):
+        if key == "name" or 2 * values.count(value) > len(values):
             continue
         if isinstance(value, dict):
             namesakes = [
