@@ -10,6 +10,8 @@ import numpy as np
 from isacbench.model.frozen import freeze_arrays
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["PointCloud"]
@@ -72,6 +74,19 @@ class PointCloud:
             raise ValueError(f"a point array takes shape (n, 4) or (n, 5), not {array.shape}")
         power = array[:, 4] if array.shape[1] == 5 else np.ones(len(array))
         return cls(xyz=array[:, :3], velocity=array[:, 3], power=power)
+
+    @classmethod
+    def read(cls, path: str | Path) -> PointCloud:
+        """Read a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_io.read_cloud`."""
+        from isacbench.model.cloud_io import read_cloud  # which imports this module
+
+        return read_cloud(path)
+
+    def write(self, path: str | Path) -> None:
+        """Write a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_io.write_cloud`."""
+        from isacbench.model.cloud_io import write_cloud  # which imports this module
+
+        write_cloud(self, path)
 
     def to_array(self) -> NDArray[np.float64]:
         """Return the (n, 5) array of x, y, z, v and power."""

@@ -473,3 +473,8 @@ WANTED = "element vertex: takes properties x, y, z and either v or velocity, opt
 )
 def test_a_faulty_ply_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:
     assert refusal(text_file(tmp_path, "cloud.ply", text)) == message
+
+
+def test_a_cloud_reads_and_writes_itself(tmp_path: Path) -> None:
+    PointCloud.from_array(TABLE).write(tmp_path / "cloud.ply")
+    np.testing.assert_array_equal(PointCloud.read(tmp_path / "cloud.ply").to_array(), TABLE)
