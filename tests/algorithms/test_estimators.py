@@ -1,0 +1,364 @@
+"""The estimators on scenes small enough to know the answer, and once on the street."""
+
+from collections import Counter
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isacbench_algorithms.detectors import CaCfar, OscaCfar
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.oracle import Oracle
+
+from isacbench.contracts import Diagnoser, Estimator, TruthEstimator
+from isacbench.dsp.windows import Window
+from isacbench.errors import InputError
+from isacbench.metrics.deviation import paper_deviation
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator, observe
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.observation import Observation
+from isacbench.model.region import Region
+from isacbench.model.scenario import load_scenario
+from isacbench.model.scene import Scatterers, Scenario
+
+SYSTEM = System(n_subcarriers=256, n_symbols=64)
+BASE_M = np.array([15.0, 100.0, 20.0])
+REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
+# Far enough apart in range that none lies in another's cell or next to it.
+XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0], [14.0, 36.0, 10.0]])
+VELOCITY = np.array([0.0, 13.3, -8.1, 20.0, -17.7])
+AMPLITUDE = np.array([1.0, 1.2, 0.8, 1.0, 1.0])
+
+BOTH = pytest.mark.parametrize("estimator", [Music2d, Fft4d])
+FRAMES = pytest.mark.parametrize("frame", ["panel", "paper"])
+
+
+def simulator(xyz=XYZ, velocity=VELOCITY, amplitude=AMPLITUDE, frame="panel"):
+    """Simulator of a scene in front of an 8 x 8 array."""
+    return Simulator(
+        Scenario(
+            name="few",
+            system=SYSTEM,
+            array=VirtualArray((2, 2), (4, 4), 4, 1),
+            frame=get_frame(frame),
+            base_station_m=BASE_M,
+            region=REGION,
+            scatterers=Scatterers(np.reshape(xyz, (-1, 3)), np.array(velocity), np.array(amplitude)),
+        )
+    )
+
+
+def beside_the_bins(xyz, offset):
+    """Places moved along the line of sight until their range is so many bins off the middle of a bin."""
+    offset_m = xyz - BASE_M
+    range_bin = np.linalg.norm(offset_m, axis=1) / SYSTEM.range_bin_m
+    return BASE_M + offset_m * ((np.rint(range_bin) + offset) / range_bin)[:, None]
+
+
+def same(some, others):
+    """Whether two clouds are equal in every bit."""
+    return np.array_equal(some.to_array(), others.to_array())
+
+
+def scaled(observation, factor):
+    """Observation in another unit."""
+    return Observation(
+        factor * observation.cells,
+        observation.gate,
+        observation.system,
+        observation.array,
+        observation.frame,
+        observation.base_station_m,
+        observation.region,
+    )
+
+
+def assert_imaged(cloud, truth, position_m=0.3):
+    """One point a scatterer, each near it in space, velocity and power."""
+    assert len(cloud) == len(truth)
+    distance_m = np.linalg.norm(truth.xyz[:, None] - cloud.xyz[None], axis=2)
+    nearest = distance_m.argmin(axis=1)
+    assert sorted(nearest) == list(range(len(truth)))
+    assert distance_m.min(axis=1).max() < position_m
+    assert np.abs(cloud.velocity[nearest] - truth.velocity).max() < 0.1
+    assert np.abs(10 * np.log10(cloud.power[nearest] / truth.power)).max() < 1
+
+
+@FRAMES
+@BOTH
+@pytest.mark.parametrize("offset", [-0.2, -0.07, 0.0, 0.15])
+def test_separate_scatterers_are_imaged_in_place_speed_and_power(estimator, frame, offset):
+    scene = simulator(beside_the_bins(XYZ, offset), frame=frame)
+    # The paper's frame turns the bias of an angle between FFT samples into more metres along x.
+    position_m = 1.0 if (estimator, frame) == (Fft4d, "paper") else 0.3
+    for trial in range(3):
+        assert_imaged(estimator().estimate(scene.observe(30.0, trial)), scene.scenario.truth, position_m)
+
+
+@pytest.mark.xfail(strict=True, reason="scatterers between two range bins are reported once a bin")
+@BOTH
+@pytest.mark.parametrize("offset", [-0.4, 0.3, 0.5])
+def test_separate_scatterers_between_range_bins_are_imaged_once(estimator, offset):
+    scene = simulator(beside_the_bins(XYZ, offset))
+    assert_imaged(estimator().estimate(scene.observe(30.0)), scene.scenario.truth)
+
+
+@BOTH
+# The same examples every time: noise passes for a second scatterer in a few scenes of a thousand.
+@settings(deadline=None, max_examples=25, derandomize=True)
+@given(
+    place=st.tuples(st.floats(2, 28), st.floats(2, 38), st.floats(1, 15)),
+    offset=st.floats(-0.1, 0.1),
+    velocity=st.floats(-24, 24),
+    trial=st.integers(0, 99),
+)
+def test_the_sidelobes_of_one_scatterer_40_db_above_the_noise_are_not_reported(
+    estimator, place, offset, velocity, trial
+):
+    xyz = np.clip(beside_the_bins(np.array([place]), offset), REGION.lower_m, REGION.upper_m)
+    scene = simulator(xyz, [velocity], [1.0])
+    snr_db = 40 - 10 * np.log10(SYSTEM.processing_gain)
+    assert len(estimator().estimate(scene.observe(snr_db, trial))) == 1
+
+
+@pytest.mark.xfail(strict=True, reason="scatterers between two range bins are reported once a bin")
+@BOTH
+@pytest.mark.parametrize("offset", [0.3, 0.5])
+def test_the_sidelobes_of_one_scatterer_between_range_bins_are_not_reported(estimator, offset):
+    scene = simulator(beside_the_bins(XYZ[2:3], offset), [-8.1], [1.0])
+    snr_db = 40 - 10 * np.log10(SYSTEM.processing_gain)
+    assert len(estimator().estimate(scene.observe(snr_db))) == 1
+
+
+@BOTH
+def test_a_scene_of_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_imaged(estimator):
+    scene, n_trials, pfa = simulator(np.empty((0, 3)), [], []), 60, 1e-2
+    detected, points = [], Counter()
+    for trial in range(n_trials):
+        observation = scene.observe(0.0, trial)
+        detected.append(estimator(pfa=pfa).diagnose(observation).detection.mask.mean())
+        points[len(estimator(pfa=pfa).estimate(observation))] += 1
+    # Tapers colour the noise: up to twice the nominal rate.
+    assert 0.5 * pfa < np.mean(detected) < 2 * pfa
+    # 162 cells can be reached, so 1.6 are detected an image; angle_pfa stops all but a few of these.
+    assert points[0] > 0.9 * n_trials
+    assert max(points) <= 1
+
+
+@BOTH
+def test_a_small_chance_of_passing_as_a_plane_wave_empties_noise(estimator):
+    scene = simulator(np.empty((0, 3)), [], [])
+    lax, strict = (
+        sum(len(estimator(pfa=0.1, angle_pfa=chance).estimate(scene.observe(0.0, t))) for t in range(20))
+        for chance in (0.1, 1e-6)
+    )
+    assert strict == 0 < lax
+
+
+@BOTH
+def test_the_observation_is_not_written_to_and_the_answer_repeats(estimator):
+    observation = simulator().observe(10.0)
+    before = observation.cells.copy()
+    assert not observation.cells.flags.writeable
+    first, second = (estimator().estimate(observation) for _ in range(2))
+    assert same(first, second)
+    np.testing.assert_array_equal(observation.cells, before)
+
+
+@BOTH
+@pytest.mark.parametrize("exponent", [-3, 4])
+def test_the_unit_of_the_echo_scales_powers_and_nothing_else(estimator, exponent):
+    observation = simulator(beside_the_bins(XYZ, 0.1)).observe(20.0)
+    cloud = estimator().estimate(observation)
+    other = estimator().estimate(scaled(observation, 2.0**exponent))
+    assert len(cloud) == len(XYZ)
+    np.testing.assert_allclose(other.xyz, cloud.xyz, atol=1e-6)
+    np.testing.assert_allclose(other.velocity, cloud.velocity, atol=1e-6)
+    np.testing.assert_allclose(other.power, 4.0**exponent * cloud.power, rtol=1e-6)
+
+
+@pytest.mark.xfail(strict=True, reason="the Gauss-Newton step compares amplitudes with pure numbers")
+@BOTH
+@pytest.mark.parametrize("exponent", [-40, 40])
+def test_a_very_different_unit_of_the_echo_scales_powers_and_nothing_else(estimator, exponent):
+    observation = simulator(beside_the_bins(XYZ, 0.1)).observe(20.0)
+    cloud = estimator().estimate(observation)
+    other = estimator().estimate(scaled(observation, 2.0**exponent))
+    np.testing.assert_allclose(other.xyz, cloud.xyz, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        Music2d(integration="element", detector=CaCfar()),
+        Music2d(model_order="eigenvalue_cfar"),
+        Music2d(subarray_fraction=0.9, grid_points=101),
+        Music2d(detector=OscaCfar()),
+        Fft4d(integration="element", detector=CaCfar()),
+        Fft4d(angle_points=64),
+        *(Music2d(range_window=window) for window in get_args(Window)),
+        *(Music2d(doppler_window=window) for window in get_args(Window)),
+    ],
+    ids=lambda estimator: estimator.name,
+)
+def test_every_choice_finds_well_separated_scatterers(estimator):
+    scene = simulator(beside_the_bins(XYZ, 0.0))
+    cloud, truth = estimator.estimate(scene.observe(30.0)), scene.scenario.truth
+    distance_m = np.linalg.norm(truth.xyz[:, None] - cloud.xyz[None], axis=2)
+    assert distance_m.min(axis=1).max() < 0.5
+    assert distance_m.min(axis=0).max() < 3
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"max_sources": 0}, r"max_sources = 0: allowed is 1 and more"),
+        ({"angle_pfa": 0.0}, r"angle_pfa = 0\.0: allowed is between 0 and 1"),
+        ({"angle_pfa": float("nan")}, r"angle_pfa = nan"),
+        ({"dynamic_range_db": 0.0}, r"dynamic_range_db = 0\.0: allowed is above 0"),
+        ({"local_dynamic_range_db": -1.0}, r"local_dynamic_range_db = -1\.0: allowed is above 0"),
+        ({"pfa": 2.0}, r"pfa = 2\.0"),
+    ],
+)
+def test_a_bad_parameter_is_refused_on_construction_by_name_and_with_what_is_allowed(
+    estimator, parameters, message
+):
+    with pytest.raises(InputError, match=message):
+        estimator(**parameters)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "parameters", "message"),
+    [
+        (Music2d, {"subarray_fraction": 0.0}, r"subarray_fraction = 0\.0: allowed is above 0, up to 1"),
+        (Music2d, {"subarray_fraction": 1.1}, r"subarray_fraction = 1\.1"),
+        (Music2d, {"grid_points": 2}, r"grid_points = 2: allowed is 3 and more"),
+        (Music2d, {"max_order": 0}, r"max_order = 0: allowed is 1 and more"),
+        (Fft4d, {"angle_points": 2}, r"angle_points = 2: allowed is 3 and more"),
+        (Fft4d, {"angle_dynamic_range_db": 0.0}, r"angle_dynamic_range_db = 0\.0: allowed is above 0"),
+    ],
+)
+def test_a_bad_parameter_of_one_estimator_is_refused_alike(estimator, parameters, message):
+    with pytest.raises(InputError, match=message):
+        estimator(**parameters)
+
+
+@BOTH
+def test_a_probability_of_false_alarm_replaces_the_detectors(estimator):
+    detector = CaCfar(pfa=1e-2, training=4)
+    assert estimator(detector=detector).cell_detector() is detector
+    assert estimator(detector=detector, pfa=1e-5).cell_detector() == CaCfar(pfa=1e-5, training=4)
+
+
+@BOTH
+def test_an_estimator_is_one_and_shows_its_work(estimator):
+    assert isinstance(estimator(), Estimator)
+    assert isinstance(estimator(), Diagnoser)
+    assert not getattr(estimator, "needs_truth", False)
+    assert hash(estimator()) == hash(estimator())
+
+
+@BOTH
+def test_a_diagnosis_shows_the_map_and_the_spectra_of_its_strongest_cell(estimator):
+    amplitude = np.array([1.0, 1.0, 3.0, 1.0, 1.0])
+    scene = simulator(beside_the_bins(XYZ, 0.1), amplitude=amplitude)
+    seen = estimator().diagnose(scene.observe(20.0))
+    shape = seen.range_bins.size, seen.doppler_bins.size
+    assert seen.power.shape == seen.detection.mask.shape == seen.detection.threshold.shape == shape
+    assert seen.detection.noise.shape == shape
+    np.testing.assert_array_equal(seen.detection.mask, seen.power > seen.detection.threshold)
+    offset_m = scene.scenario.scatterers.xyz - BASE_M
+    range_bin = np.linalg.norm(offset_m, axis=1) / SYSTEM.range_bin_m
+    assert seen.cell == (round(range_bin[2]), round(VELOCITY[2] / SYSTEM.velocity_bin_mps))
+    row, column = seen.cell[0] - seen.range_bins[0], seen.cell[1] - seen.doppler_bins[0]
+    assert seen.power[row, column] == seen.power.max()
+    cosines = scene.scenario.frame.direction_cosines(offset_m)
+    assert [spectrum.label for spectrum in seen.spectra] == ["u", "w"]
+    for spectrum, cosine in zip(seen.spectra, cosines, strict=True):
+        assert spectrum.cosine.shape == spectrum.level_db.shape
+        assert (np.diff(spectrum.cosine) > 0).all()
+        np.testing.assert_allclose(spectrum.peaks, [cosine[2]], atol=0.01)
+        highest = spectrum.cosine[spectrum.level_db.argmax()]
+        assert highest == pytest.approx(cosine[2], abs=np.diff(spectrum.cosine).max())
+        threshold_db = np.broadcast_to(spectrum.threshold_db, spectrum.level_db.shape)
+        assert spectrum.level_db.max() > threshold_db[spectrum.level_db.argmax()]
+
+
+@BOTH
+def test_a_diagnosis_of_an_empty_scene_has_a_map_and_no_cell(estimator):
+    seen = estimator(pfa=1e-9).diagnose(simulator(np.empty((0, 3)), [], []).observe(0.0))
+    assert seen.cell is None
+    assert seen.spectra == ()
+    assert seen.power.shape == seen.detection.mask.shape
+
+
+def centroids(truth, observation):
+    """Rows of x, y, z, v and power of the cells' centroids, by a plain double loop."""
+    system, (n_p, n_q) = observation.system, observation.array.shape
+    cells = {}
+    for xyz, v, power in zip(truth.xyz, truth.velocity, truth.power, strict=True):
+        offset_m = xyz - observation.base_station_m
+        u, w = observation.frame.direction_cosines(offset_m[None])
+        key = (
+            np.floor(np.sqrt(offset_m @ offset_m) / system.range_bin_m),
+            np.floor(v / system.velocity_bin_mps),
+            np.floor(u[0] / (2 / n_p)),
+            np.floor(w[0] / (2 / n_q)),
+        )
+        cells.setdefault(key, []).append([*xyz, v, power])
+    return np.array([[*np.mean(rows, axis=0)[:4], np.sum(rows, axis=0)[4]] for rows in cells.values()])
+
+
+def by_rows(array):
+    """Rows in a fixed order."""
+    return array[np.lexsort(array.round(9).T)]
+
+
+@FRAMES
+@settings(deadline=None, max_examples=30)
+@given(n=st.integers(1, 40), spread=st.floats(0.01, 1), seed=st.integers(0, 9999))
+def test_the_oracle_is_the_centroid_of_every_cell_as_a_plain_loop_has_it(frame, n, spread, seed):
+    rng = np.random.default_rng(seed)
+    xyz = REGION.lower_m + REGION.size_m * (0.5 + spread * (rng.random((n, 3)) - 0.5))
+    scene = simulator(xyz, rng.uniform(-20, 20, n) * spread, rng.uniform(0.5, 2, n), frame)
+    observation, truth = scene.observe(0.0), scene.scenario.truth
+    cloud = Oracle().estimate(observation, truth)
+    expected = centroids(truth, observation)
+    assert len(cloud) == len(expected) <= n
+    np.testing.assert_allclose(by_rows(cloud.to_array()), by_rows(expected), atol=1e-9)
+    assert cloud.power.sum() == pytest.approx(truth.power.sum())
+
+
+def test_the_oracle_leaves_separate_scatterers_alone_and_merges_what_shares_a_cell():
+    scene = simulator()
+    truth = scene.scenario.truth
+    observation = scene.observe(0.0)
+    np.testing.assert_allclose(
+        by_rows(Oracle().estimate(observation, truth).to_array()), by_rows(truth.to_array())
+    )
+    middle = beside_the_bins(XYZ[2:3], 0.5)
+    step_m = np.array([0, 0.02, 0])
+    pair = simulator(np.concatenate([middle, middle + step_m]), [4.0, 4.2], [1.0, 2.0])
+    merged = Oracle().estimate(observation, pair.scenario.truth).to_array()
+    np.testing.assert_allclose(merged, [[*(middle[0] + step_m / 2), 4.1, 5.0]])
+
+
+def test_the_oracle_cannot_be_called_without_the_truth():
+    assert Oracle.needs_truth
+    assert isinstance(Oracle(), TruthEstimator)
+    with pytest.raises(TypeError, match="truth"):
+        Oracle().estimate(simulator().observe(0.0))
+
+
+@pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 6.5), (Fft4d, 15.0)])
+def test_the_street_is_imaged_at_full_size(estimator, limit_m):
+    scenario = load_scenario("street")
+    cloud = estimator().estimate(observe(scenario, 10.0))
+    found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
+    assert found.hausdorff_sum_m < limit_m
+    assert found.velocity_nmse < 2e-3

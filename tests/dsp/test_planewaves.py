@@ -1,0 +1,153 @@
+"""Pairing of direction cosines: sources kept, intersections that are none left out."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.kernels import steering
+from isacbench.dsp.peaks import Peaks
+from isacbench.dsp.planewaves import PlaneWaves, pair_directions
+
+N_P, N_Q = 16, 12
+LIMITS = {"min_power": 1e-8, "dynamic_range_db": 40.0, "n_most": 9}
+
+
+def snapshot(u, w, amplitude):
+    """Noise-free snapshot (1, P, Q): the sum over sources, written out."""
+    cells = np.zeros((N_P, N_Q), dtype=complex)
+    for u_k, w_k, amplitude_k in zip(u, w, amplitude, strict=True):
+        for p in range(N_P):
+            for q in range(N_Q):
+                cells[p, q] += amplitude_k * np.exp(-1j * np.pi * (p * u_k + q * w_k))
+    return cells[None]
+
+
+def candidates(cosine):
+    """Peaks of one cell."""
+    places = np.unique(cosine)[None]
+    return Peaks(places, np.ones(places.shape, dtype=bool))
+
+
+@st.composite
+def scenes(draw):
+    """Draw one to four sources in as many distinct columns and rows, more than a Rayleigh cell apart."""
+    k = draw(st.integers(1, 4))
+    slots = np.array([-0.75, -0.25, 0.25, 0.75])
+    u, w = (
+        slots[draw(st.permutations(range(4)))[:k]]
+        + np.array(draw(st.lists(st.floats(-0.1, 0.1), min_size=k, max_size=k)))
+        for _ in range(2)
+    )
+    gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in range(k)]
+    return u, w, np.array(gain)
+
+
+def pairs_of(waves):
+    """Pairs (u, w) found in the first cell, sorted."""
+    return sorted(zip(waves.u[0][waves.found[0]], waves.w[0][waves.found[0]], strict=True))
+
+
+@settings(deadline=None)
+@given(scene=scenes())
+def test_of_all_intersections_exactly_the_sources_are_kept(scene):
+    u, w, gain = scene
+    waves = pair_directions(snapshot(u, w, gain), candidates(u), candidates(w), **LIMITS)
+    assert pairs_of(waves) == sorted(zip(u, w, strict=True))
+
+
+@settings(deadline=None)
+@given(scene=scenes(), exponent=st.integers(-12, 12), phase=st.floats(0, 2 * np.pi))
+def test_pairs_depend_neither_on_a_scale_nor_on_a_global_phase(scene, exponent, phase):
+    u, w, gain = scene
+    changed = 2.0**exponent * np.exp(1j * phase) * snapshot(u, w, gain)
+    limits = LIMITS | {"min_power": LIMITS["min_power"] * 4.0**exponent}
+    waves = pair_directions(changed, candidates(u), candidates(w), **limits)
+    assert pairs_of(waves) == sorted(zip(u, w, strict=True))
+
+
+@settings(deadline=None)
+@given(scene=scenes())
+def test_amplitudes_are_the_complex_ones_of_the_sources_jointly_in_every_snapshot(scene):
+    u, w, gain = scene
+    waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
+    other = gain[::-1] * 1j
+    snapshots = np.stack([snapshot(u, w, gain), snapshot(u, w, other)])
+    amplitudes = waves.amplitudes(snapshots)
+    # The loading of 1e-9 that keeps Gram matrices invertible is the error.
+    np.testing.assert_allclose(amplitudes[0, 0], gain, atol=1e-8)
+    np.testing.assert_allclose(amplitudes[1, 0], other, atol=1e-8)
+
+
+@given(scene=scenes(), seed=st.integers(0, 999))
+def test_amplitudes_are_those_of_least_squares_on_all_elements(scene, seed):
+    u, w, _ = scene
+    rng = np.random.default_rng(seed)
+    cells = rng.standard_normal((1, 1, N_P, N_Q)) + 1j * rng.standard_normal((1, 1, N_P, N_Q))
+    responses = np.stack(
+        [np.outer(steering(N_P, a), steering(N_Q, b)).ravel() for a, b in zip(u, w, strict=True)], axis=1
+    )
+    expected = np.linalg.lstsq(responses, cells.ravel(), rcond=None)[0]
+    waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
+    np.testing.assert_allclose(waves.amplitudes(cells)[0, 0], expected, atol=1e-8)
+
+
+def test_sources_that_share_a_column_or_a_row_are_told_apart():
+    u, w, gain = np.array([-0.3, -0.3, 0.4]), np.array([-0.5, 0.2, 0.2]), np.array([1.0, 0.8j, -1.2])
+    waves = pair_directions(snapshot(u, w, gain), candidates(u), candidates(w), **LIMITS)
+    assert pairs_of(waves) == sorted(zip(u, w, strict=True))
+
+
+def test_a_filler_has_no_amplitude_and_does_not_disturb_the_others():
+    u, w = np.array([[0.1, 0.1]]), np.array([[-0.2, -0.2]])
+    waves = PlaneWaves(u, w, np.array([[True, False]]))
+    amplitude = waves.amplitudes(snapshot([0.1], [-0.2], [2j])[None])[0, 0]
+    np.testing.assert_allclose(amplitude, [2j, 0], atol=1e-8)
+
+
+def test_cells_are_independent():
+    cells = np.concatenate([snapshot([0.1], [0.2], [1]), snapshot([-0.4, 0.5], [0.6, -0.3], [1, 1])])
+    u = Peaks(np.array([[0.1, 0.0], [-0.4, 0.5]]), np.array([[True, False], [True, True]]))
+    w = Peaks(np.array([[0.2, 0.0], [0.6, -0.3]]), np.array([[True, False], [True, True]]))
+    together = pair_directions(cells, u, w, **LIMITS)
+    assert together.found.sum(axis=1).tolist() == [1, 2]
+    for cell in range(2):
+        alone = pair_directions(
+            cells[[cell]],
+            Peaks(u.place[[cell]], u.found[[cell]]),
+            Peaks(w.place[[cell]], w.found[[cell]]),
+            **LIMITS,
+        )
+        k = alone.found.sum()
+        np.testing.assert_allclose(together.u[cell, :k], alone.u[0, :k])
+        np.testing.assert_allclose(together.w[cell, :k], alone.w[0, :k])
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        ({}, 3),
+        ({"n_most": 2}, 2),
+        ({"dynamic_range_db": 30.0}, 2),
+        ({"dynamic_range_db": 10.0}, 1),
+        ({"min_power": 0.05}, 1),
+        ({"min_power": 2.0}, 0),
+    ],
+)
+def test_power_dynamic_range_and_number_limit_what_is_kept_strongest_first(limits, expected):
+    u, w = np.array([-0.5, 0.0, 0.5]), np.array([0.5, -0.5, 0.0])
+    amplitude = 10 ** (-np.array([0, 15, 32]) / 20)
+    waves = pair_directions(snapshot(u, w, amplitude), candidates(u), candidates(w), **LIMITS | limits)
+    assert waves.u[0][waves.found[0]].tolist() == u[:expected].tolist()
+
+
+def test_without_candidates_nothing_is_found():
+    none = Peaks(np.empty((1, 0)), np.empty((1, 0), dtype=bool))
+    assert not pair_directions(snapshot([0], [0], [1]), none, candidates([0.0]), **LIMITS).found.any()
+
+
+@pytest.mark.xfail(strict=True, reason="pair_directions cannot reshape an empty stack")
+def test_without_cells_nothing_is_found():
+    none = Peaks(np.empty((0, 2)), np.empty((0, 2), dtype=bool))
+    found = pair_directions(np.empty((0, N_P, N_Q), dtype=complex), none, none, **LIMITS).found
+    assert len(found) == 0

@@ -1,0 +1,177 @@
+"""Scatterers from plane waves: at home in their cell, placed along Doppler, and none twice."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.dsp.scatterers import DUPLICATE_CELL, Scatterers, locate, merge_duplicates
+from isacbench.dsp.windows import Window
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import clean_echo
+from isacbench.model.frame import PanelFrame
+from isacbench.model.gate import build_gate
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers as SceneScatterers
+from isacbench.model.scene import Scenario
+
+SYSTEM = System(n_subcarriers=256, n_symbols=64)
+BASE_M = np.array([15.0, 100.0, 20.0])
+REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
+WINDOWS = get_args(Window)
+
+
+def gated_map(range_bin, doppler_bin, u, w, amplitude):
+    """Noise-free map of scatterers given as the radio sees them."""
+    frame = PanelFrame()
+    scenario = Scenario(
+        name="few",
+        system=SYSTEM,
+        array=VirtualArray((2, 2), (4, 4), 4, 1),
+        frame=frame,
+        base_station_m=BASE_M,
+        region=REGION,
+        scatterers=SceneScatterers(
+            BASE_M + frame.offsets(np.array(range_bin) * SYSTEM.range_bin_m, u, w),
+            np.array(doppler_bin) * SYSTEM.velocity_bin_mps,
+            np.array(amplitude),
+        ),
+    )
+    gate = build_gate(SYSTEM, BASE_M, REGION)
+    return GatedMap(clean_echo(scenario, gate), gate)
+
+
+def waves_in(cells, u, w):
+    """Plane waves of given directions, one a cell."""
+    n = len(cells[0])
+    places = [
+        np.full((n, 1), cosine) if np.isscalar(cosine) else np.array(cosine)[:, None] for cosine in (u, w)
+    ]
+    return PlaneWaves(*places, np.ones((n, 1), dtype=bool))
+
+
+def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dynamic_range_db=16.5):
+    """Locate one wave a cell."""
+    bins = tuple(np.array(part) for part in cells)
+    tapered = gated.tapered("rect", window)
+    return locate(waves_in(bins, u, w), tapered, bins, window, excess, dynamic_range_db)
+
+
+def scatterers(*rows):
+    """Scatterers from rows of range bin, Doppler bin, u, w and power."""
+    return Scatterers(*np.array(rows, dtype=float).reshape(-1, 5).T)
+
+
+def rows_of(found):
+    """Scatterers as a set of rows."""
+    return {*zip(found.range_bin, found.doppler_bin, found.u, found.w, found.power, strict=True)}
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("offset", [-0.45, -0.2, 0.0, 0.1, 0.4])
+@pytest.mark.parametrize("doppler_bin", [-3, 0, 2])
+def test_a_scatterer_between_doppler_bins_is_placed_there(window, offset, doppler_bin):
+    gated = gated_map([33], [doppler_bin + offset], [0.05], [0.15], [2.0])
+    found = located(gated, ([33], [doppler_bin]), window=window)
+    assert found.doppler_bin == pytest.approx(doppler_bin + offset, abs=2e-3)
+    assert found.range_bin == pytest.approx([33])
+    assert (found.u, found.w) == ([0.05], [0.15])
+
+
+def test_power_is_that_of_the_echo_in_the_middle_of_its_cell():
+    found = located(gated_map([33], [0], [0.05], [0.15], [2.0]), ([33], [0]), window="rect")
+    assert found.power == pytest.approx(4 * SYSTEM.processing_gain)
+
+
+@pytest.mark.parametrize("offset", [-0.4, -0.1, 0.1, 0.4])
+def test_along_doppler_a_plane_wave_is_kept_in_its_own_cell_only(offset):
+    gated = gated_map([33], [1 + offset], [0.05], [0.15], [1.0])
+    found = located(gated, ([33] * 5, [-1, 0, 1, 2, 3]))
+    assert np.rint(found.doppler_bin).tolist() == [1]
+
+
+def test_along_range_the_next_cell_may_be_stronger_as_far_as_allowed():
+    gated = gated_map([33.4], [0], [0.05], [0.15], [1.0])
+    cells = ([31, 32, 33, 34, 35], [0] * 5)
+    # Amplitudes at 33 and 34 are as 0.6 to 0.4, and those at 32 and 35 far below them.
+    assert len(located(gated, cells, excess=(1.0, 1.0))) == 1
+    assert len(located(gated, cells, excess=(1.6, 1.0))) == 2
+
+
+def test_a_wave_far_below_another_nearby_is_dropped():
+    gated = gated_map([33, 35], [0, 0], [0.05, -0.12], [0.15, 0.2], [1.0, 0.1])
+    cells, u, w = ([33, 35], [0, 0]), [0.05, -0.12], [0.15, 0.2]
+    assert located(gated, cells, u, w, dynamic_range_db=21).range_bin.tolist() == [33, 35]
+    assert located(gated, cells, u, w, dynamic_range_db=19).range_bin.tolist() == [33]
+
+
+def test_a_weak_wave_beyond_the_5_x_5_cells_of_a_strong_one_is_kept():
+    gated = gated_map([33, 36], [0, 0], [0.05, -0.12], [0.15, 0.2], [1.0, 0.1])
+    found = located(gated, ([33, 36], [0, 0]), [0.05, -0.12], [0.15, 0.2], dynamic_range_db=10)
+    assert found.range_bin.tolist() == [33, 36]
+
+
+def test_what_is_no_plane_wave_is_no_scatterer():
+    gated = gated_map([33], [0], [0.05], [0.15], [1.0])
+    bins = (np.array([33]), np.array([0]))
+    waves = PlaneWaves(np.full((1, 2), 0.05), np.full((1, 2), 0.15), np.array([[True, False]]))
+    assert len(locate(waves, gated, bins, "rect", (3.0, 1.0), 20.0)) == 1
+    none = PlaneWaves(waves.u, waves.w, np.zeros((1, 2), dtype=bool))
+    assert len(locate(none, gated, bins, "rect", (3.0, 1.0), 20.0)) == 0
+
+
+# Steps that do not divide the duplicate cell: no pair lies on its border.
+CROWDS = st.lists(
+    st.tuples(st.integers(0, 6), st.integers(0, 6), st.integers(0, 6), st.integers(0, 6)), max_size=25
+).map(
+    lambda places: scatterers(
+        *((0.17 * r, 0.13 * d, 0.007 * u, 0.004 * w, 1 + 0.37 * i) for i, (r, d, u, w) in enumerate(places))
+    )
+)
+
+
+@given(crowd=CROWDS, seed=st.integers(0, 999))
+def test_merging_keeps_the_strongest_as_a_plain_double_loop_does_in_any_order(crowd, seed):
+    points = np.column_stack([crowd.range_bin, crowd.doppler_bin, crowd.u, crowd.w])
+    kept = []
+    for i in np.argsort(-crowd.power):
+        if not any((np.abs(points[i] - points[j]) <= DUPLICATE_CELL).all() for j in kept):
+            kept.append(i)
+    shuffled = crowd.select(np.random.default_rng(seed).permutation(len(crowd)))
+    merged = merge_duplicates(shuffled)
+    assert rows_of(merged) == rows_of(crowd.select(np.array(kept, dtype=np.int64)))
+    assert len(merged) == len(kept)
+
+
+@given(crowd=CROWDS)
+def test_merging_twice_is_merging_once(crowd):
+    once = merge_duplicates(crowd)
+    assert rows_of(merge_duplicates(once)) == rows_of(once)
+
+
+@pytest.mark.parametrize("coordinate", range(4))
+def test_two_points_are_one_only_if_near_in_all_four_coordinates(coordinate):
+    step = np.zeros(5)
+    step[coordinate] = DUPLICATE_CELL[coordinate]
+    start = np.array([30.0, 2.0, 0.1, 0.2, 1.0])
+    stronger = start + 0.9 * step + [0, 0, 0, 0, 1.0]
+    assert rows_of(merge_duplicates(scatterers(start, stronger))) == {tuple(stronger)}
+    assert len(merge_duplicates(scatterers(start, start + 1.1 * step))) == 2
+
+
+def test_a_chain_of_neighbours_is_thinned_out_and_not_merged_into_one():
+    chain = scatterers(*((0.2 * i, 0, 0, 0, 10 - i) for i in range(5)))
+    assert merge_duplicates(chain).range_bin.tolist() == [0.0, 0.4, 0.8]
+
+
+def test_of_equals_one_is_left():
+    assert len(merge_duplicates(scatterers(*[(30, 1, 0.1, 0.2, 5.0)] * 4))) == 1
+
+
+def test_no_scatterers_merge_into_none():
+    assert len(merge_duplicates(scatterers())) == 0
