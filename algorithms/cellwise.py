@@ -115,7 +115,7 @@ class CellwiseEstimator(ABC):
             waves,
             tapered,
             detected.bins,
-            self.doppler_window,
+            (self.range_window, self.doppler_window),
             OWN_CELL_EXCESS,
             self.local_dynamic_range_db,
         )

@@ -136,7 +136,7 @@ def select_jointly(
         member |= joins
         amplitude = _fit(matched, response, member)
         strongest = np.where(nearby, np.abs(amplitude), 0).max(axis=1)
-        leaves = member & (np.abs(amplitude) < weakest * strongest)
+        leaves = member & ((np.abs(amplitude) < weakest * strongest) | (np.abs(amplitude) ** 2 < min_power))
         if leaves.any():
             member &= ~leaves
             amplitude = _fit(matched, response, member)
@@ -265,12 +265,15 @@ def _gauss_newton(
     own_range, own_doppler = kernels.own_range, kernels.own_doppler
     echo = own_range[:, :, None] * own_doppler[:, None, :]
     range_slope, doppler_slope = _own_slopes(scatterers, patches, gate, system)
+    strength = np.abs(amplitude)
+    phase = np.divide(amplitude, strength, out=np.ones_like(amplitude), where=strength > 0)[:, None, None]
+    # Slopes of a unit echo: the four columns then have one unit, whatever that of the map.
     model = np.stack(
         [
             echo,
             1j * echo,
-            amplitude[:, None, None] * range_slope[:, :, None] * own_doppler[:, None, :],
-            amplitude[:, None, None] * own_range[:, :, None] * doppler_slope[:, None, :],
+            phase * range_slope[:, :, None] * own_doppler[:, None, :],
+            phase * own_range[:, :, None] * doppler_slope[:, None, :],
         ],
         axis=1,
     ).reshape(n, 4, -1)
@@ -278,7 +281,8 @@ def _gauss_newton(
     curvature = (model.conj() @ model.transpose(0, 2, 1)).real
     gradient = (model.conj() @ misfit).real
     step = (np.linalg.pinv(curvature, rcond=1e-10, hermitian=True) @ gradient)[:, :, 0]
-    return step[:, 2], step[:, 3]
+    shift = np.divide(step[:, 2:], strength[:, None], out=np.zeros((n, 2)), where=strength[:, None] > 0)
+    return shift[:, 0], shift[:, 1]
 
 
 def _own_slopes(

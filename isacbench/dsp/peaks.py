@@ -99,7 +99,7 @@ def plane_peaks(
     """
     is_peak = allowed & (power >= maximum_filter(power, size=(1, 3, 3), mode="wrap"))
     n, n_rows, n_columns = power.shape
-    height = np.where(is_peak, power, -np.inf).reshape(n, -1)
+    height = np.where(is_peak, power, -np.inf).reshape(n, n_rows * n_columns)
     n_most = min(n_most, height.shape[1])
     index = np.argsort(-height, axis=1, kind="stable")[:, :n_most]
     found = np.isfinite(np.take_along_axis(height, index, axis=1))

@@ -94,8 +94,8 @@ def pair_directions(
     n, n_p, n_q = snapshots.shape
     n_w = w.place.shape[1]
     a, b = steering(n_p, u.place), steering(n_q, w.place)
-    matched = (a.conj() @ snapshots @ b.conj().transpose(0, 2, 1)).reshape(n, -1) / (n_p * n_q)
-    n_pairs = matched.shape[1]
+    n_pairs = u.place.shape[1] * n_w
+    matched = (a.conj() @ snapshots @ b.conj().transpose(0, 2, 1)).reshape(n, n_pairs) / (n_p * n_q)
     gram = (_gram(a)[:, :, None, :, None] * _gram(b)[:, None, :, None, :]).reshape(n, n_pairs, n_pairs)
     eligible = (u.found[:, :, None] & w.found[:, None, :]).reshape(n, n_pairs)
     cell = np.arange(n)[:, None]

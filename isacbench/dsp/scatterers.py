@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import Bins, GatedMap
-from isacbench.dsp.windows import Window, fractional_bin
+from isacbench.dsp.windows import Window, bin_profile, fractional_bin
 
 __all__ = ["Scatterers", "locate", "merge_duplicates"]
 
@@ -19,6 +19,9 @@ Floats = NDArray[np.float64]
 
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
 """Range and Doppler bins, u and w within which two points are one."""
+
+ONE_ECHO = 0.95
+"""Share of the energy in three bins that a single echo has to explain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +58,16 @@ def locate(
     waves: PlaneWaves,
     tapered: GatedMap,
     bins: Bins,
-    doppler_window: Window,
+    windows: tuple[Window, Window],
     own_cell_excess: tuple[float, float],
     dynamic_range_db: float,
 ) -> Scatterers:
     """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
 
-    Along Doppler a street is sparse, and the amplitudes in two neighbouring
-    bins place the scatterer between them. Along range it is crowded: a
-    neighbour's amplitude is mostly another scatterer's, and the middle of the
-    bin is the better start for a joint refinement.
+    The amplitudes in two neighbouring bins place a scatterer between them.
+    Along range, where streets are crowded, they often belong to several: the
+    scatterer is then left in the middle of its bin, for a joint refinement to
+    move.
 
     Parameters
     ----------
@@ -74,8 +77,8 @@ def locate(
     bins : (ndarray of int64, ndarray of int64)
         Absolute range and Doppler bin of each cell, shape (n,), none at the
         map's edge.
-    doppler_window : Window
-        That the map is tapered with along Doppler.
+    windows : (Window, Window)
+        That the map is tapered with along range and along Doppler.
     own_cell_excess : (float, float)
         Own-cell test: how much stronger than in its own cell a plane wave
         may be in the next one, along range and along Doppler. 1 keeps local
@@ -91,20 +94,38 @@ def locate(
     rows, columns = index = tapered.index(bins)
     steps = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
     snapshots = np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
-    own, farther, nearer, faster, slower = np.abs(waves.amplitudes(snapshots))
+    amplitudes = waves.amplitudes(snapshots)
+    own, farther, nearer, faster, slower = np.abs(amplitudes)
     weakest = _strongest_nearby(own, index, tapered.gate.shape) * 10 ** (-dynamic_range_db / 20)
     kept = waves.found & (own > 0) & (own >= weakest)
     kept &= np.maximum(farther, nearer) <= own_cell_excess[0] * own
     kept &= np.maximum(faster, slower) <= own_cell_excess[1] * own
-    ratio = np.divide(np.maximum(faster, slower), own, out=np.zeros_like(own), where=kept)
-    doppler_offset = np.where(faster >= slower, 1, -1) * fractional_bin(ratio, doppler_window)
+    range_offset = _offset(own[kept], farther[kept], nearer[kept], windows[0])
+    profile = np.stack([amplitudes[2][kept], amplitudes[0][kept], amplitudes[1][kept]], axis=-1)
+    range_offset[~_is_one_echo(profile, range_offset, windows[0])] = 0
+    doppler_offset = _offset(own[kept], faster[kept], slower[kept], windows[1])
     return Scatterers(
-        np.broadcast_to(bins[0][:, None], own.shape)[kept].astype(np.float64),
-        (bins[1][:, None] + doppler_offset)[kept],
+        np.broadcast_to(bins[0][:, None], own.shape)[kept] + range_offset,
+        np.broadcast_to(bins[1][:, None], own.shape)[kept] + doppler_offset,
         waves.u[kept],
         waves.w[kept],
         own[kept] ** 2,
     )
+
+
+def _offset(own: Floats, behind: Floats, before: Floats, window: Window) -> Floats:
+    """Signed offset in bins, from the amplitudes in a bin and in the two next to it."""
+    towards = np.where(behind >= before, 1, -1)
+    return towards * fractional_bin(np.maximum(behind, before) / own, window)
+
+
+def _is_one_echo(profile: NDArray[np.complex128], offset: Floats, window: Window) -> NDArray[np.bool_]:
+    """Whether amplitudes (n, 3) around a range bin are those of one echo at that offset."""
+    model = bin_profile(offset, window)
+    explained = np.abs(np.sum(model.conj() * profile, axis=-1)) ** 2
+    energy = np.sum(np.abs(model) ** 2, axis=-1) * np.sum(np.abs(profile) ** 2, axis=-1)
+    one: NDArray[np.bool_] = explained >= ONE_ECHO * energy
+    return one
 
 
 def _strongest_nearby(amplitude: Floats, index: Bins, shape: tuple[int, int]) -> Floats:

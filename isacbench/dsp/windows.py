@@ -25,7 +25,7 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Window", "coherent_gain", "fractional_bin", "reach", "taper", "taps"]
+__all__ = ["Window", "bin_profile", "coherent_gain", "fractional_bin", "reach", "taper", "taps"]
 
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]
 
@@ -125,6 +125,37 @@ def fractional_bin(ratio: ArrayLike, window: Window) -> NDArray[np.float64]:
     shares, offsets = _share_table(window)
     offset: NDArray[np.float64] = np.interp(ratio / (1 + ratio), shares, offsets)
     return offset
+
+
+def bin_profile(offset: ArrayLike, window: Window) -> NDArray[np.complex128]:
+    """Amplitudes that a unit echo leaves in its own range bin and in the two next to it.
+
+    Parameters
+    ----------
+    offset : array_like, shape (...)
+        Place of the echo in bins from the middle of its own.
+    window : {"rect", "soft", "hamming", "hann", "blackman"}
+
+    Returns
+    -------
+    ndarray of complex128, shape (..., 3)
+        In the bin before, in its own and in the bin behind, transform length
+        taken as infinite.
+
+    Examples
+    --------
+    >>> np.abs(bin_profile(0.5, "rect")).round(3).tolist()
+    [0.212, 0.637, 0.637]
+    """
+    n_side = reach(window)
+    bins = np.arange(-1 - n_side, 2 + n_side)
+    distance = bins - np.asarray(offset, dtype=np.float64)[..., np.newaxis]
+    untapered = np.sinc(distance) * np.exp(1j * np.pi * distance)
+    kernel = np.array(taps(window))
+    profile: NDArray[np.complex128] = np.stack(
+        [untapered[..., k : k + kernel.size] @ kernel for k in range(3)], axis=-1
+    )
+    return profile
 
 
 @lru_cache
