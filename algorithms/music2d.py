@@ -15,7 +15,8 @@ What the cells show is then explained jointly (`isacbench_algorithms.cellwise`).
 
 Differences from the paper, each measured in ``docs/errata.md``: thresholds
 follow from P_fa; the order statistic of OSCA runs along Doppler; leakage of
-strong scatterers bounds the dynamic range; no limit of 3 or 4 angles a cell.
+strong scatterers bounds the dynamic range; the angles of a cell follow from the
+data, up to `max_order` along each axis and `max_sources` in all.
 
 Cost of n cells on P x Q elements, subarrays of L, g grid points and k sources:
 n (P Q L² + L³ + L k g) for the spectra, n (k⁴ + k P Q) for the pairs, and

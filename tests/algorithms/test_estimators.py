@@ -90,7 +90,7 @@ def assert_imaged(cloud, truth, position_m=0.3):
 
 @FRAMES
 @BOTH
-@pytest.mark.parametrize("offset", [-0.2, -0.07, 0.0, 0.15])
+@pytest.mark.parametrize("offset", [-0.4, -0.2, 0.0, 0.15, 0.3, 0.5])
 def test_separate_scatterers_are_imaged_in_place_speed_and_power(estimator, frame, offset):
     scene = simulator(beside_the_bins(XYZ, offset), frame=frame)
     # The paper's frame turns the bias of an angle between FFT samples into more metres along x.
@@ -99,39 +99,19 @@ def test_separate_scatterers_are_imaged_in_place_speed_and_power(estimator, fram
         assert_imaged(estimator().estimate(scene.observe(30.0, trial)), scene.scenario.truth, position_m)
 
 
-@pytest.mark.xfail(strict=True, reason="scatterers between two range bins are reported once a bin")
 @BOTH
-@pytest.mark.parametrize("offset", [-0.4, 0.3, 0.5])
-def test_separate_scatterers_between_range_bins_are_imaged_once(estimator, offset):
-    scene = simulator(beside_the_bins(XYZ, offset))
-    assert_imaged(estimator().estimate(scene.observe(30.0)), scene.scenario.truth)
-
-
-@BOTH
-# The same examples every time: noise passes for a second scatterer in a few scenes of a thousand.
-@settings(deadline=None, max_examples=25, derandomize=True)
+@settings(deadline=None, max_examples=25)
 @given(
     place=st.tuples(st.floats(2, 28), st.floats(2, 38), st.floats(1, 15)),
-    offset=st.floats(-0.1, 0.1),
     velocity=st.floats(-24, 24),
     trial=st.integers(0, 99),
 )
 def test_the_sidelobes_of_one_scatterer_40_db_above_the_noise_are_not_reported(
-    estimator, place, offset, velocity, trial
+    estimator, place, velocity, trial
 ):
-    xyz = np.clip(beside_the_bins(np.array([place]), offset), REGION.lower_m, REGION.upper_m)
-    scene = simulator(xyz, [velocity], [1.0])
+    scene = simulator([place], [velocity], [1.0])
     snr_db = 40 - 10 * np.log10(SYSTEM.processing_gain)
     assert len(estimator().estimate(scene.observe(snr_db, trial))) == 1
-
-
-@pytest.mark.xfail(strict=True, reason="scatterers between two range bins are reported once a bin")
-@BOTH
-@pytest.mark.parametrize("offset", [0.3, 0.5])
-def test_the_sidelobes_of_one_scatterer_between_range_bins_are_not_reported(estimator, offset):
-    scene = simulator(beside_the_bins(XYZ[2:3], offset), [-8.1], [1.0])
-    snr_db = 40 - 10 * np.log10(SYSTEM.processing_gain)
-    assert len(estimator().estimate(scene.observe(snr_db))) == 1
 
 
 @BOTH
@@ -170,7 +150,7 @@ def test_the_observation_is_not_written_to_and_the_answer_repeats(estimator):
 
 
 @BOTH
-@pytest.mark.parametrize("exponent", [-3, 4])
+@pytest.mark.parametrize("exponent", [-40, 3, 40])
 def test_the_unit_of_the_echo_scales_powers_and_nothing_else(estimator, exponent):
     observation = simulator(beside_the_bins(XYZ, 0.1)).observe(20.0)
     cloud = estimator().estimate(observation)
@@ -179,16 +159,6 @@ def test_the_unit_of_the_echo_scales_powers_and_nothing_else(estimator, exponent
     np.testing.assert_allclose(other.xyz, cloud.xyz, atol=1e-6)
     np.testing.assert_allclose(other.velocity, cloud.velocity, atol=1e-6)
     np.testing.assert_allclose(other.power, 4.0**exponent * cloud.power, rtol=1e-6)
-
-
-@pytest.mark.xfail(strict=True, reason="the Gauss-Newton step compares amplitudes with pure numbers")
-@BOTH
-@pytest.mark.parametrize("exponent", [-40, 40])
-def test_a_very_different_unit_of_the_echo_scales_powers_and_nothing_else(estimator, exponent):
-    observation = simulator(beside_the_bins(XYZ, 0.1)).observe(20.0)
-    cloud = estimator().estimate(observation)
-    other = estimator().estimate(scaled(observation, 2.0**exponent))
-    np.testing.assert_allclose(other.xyz, cloud.xyz, atol=1e-6)
 
 
 @pytest.mark.parametrize(

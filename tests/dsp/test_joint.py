@@ -120,9 +120,6 @@ def test_of_one_scatterer_and_its_sidelobes_nearby_only_the_scatterer_is_selecte
     np.testing.assert_allclose(places(found), true[:, :4])
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a member without a neighbour stays, however little the joint fit leaves it"
-)
 def test_sidelobes_far_from_a_scatterer_do_not_join_it():
     true = np.array([[33.0, 0.4, 0.05, 0.15, 30.0]])
     far = np.concatenate(
@@ -176,15 +173,15 @@ def test_one_scatterer_is_moved_from_near_its_place_to_it(offset, direction):
     true = np.array([[33 + offset[0], offset[1], *direction, 1.0]])
     start = moved(nearest_bins(true), 0, 0.05)
     found = refine_jointly(scatterers(start), gated_map(true), SYSTEM)
-    assert found.range_bin == pytest.approx(true[:, 0], abs=2e-3)
-    assert found.doppler_bin == pytest.approx(true[:, 1], abs=2e-3)
+    assert found.range_bin == pytest.approx(true[:, 0], abs=1e-3)
+    assert found.doppler_bin == pytest.approx(true[:, 1], abs=1e-3)
     assert (found.u, found.w) == (true[:, 2], true[:, 3])
 
 
 def test_several_scatterers_are_moved_to_their_places_together():
     start = moved(nearest_bins(TRUE), 0, 0.05)
     found = refine_jointly(scatterers(start), gated_map(TRUE), SYSTEM)
-    np.testing.assert_allclose(places(found), TRUE[:, :4], atol=5e-3)
+    np.testing.assert_allclose(places(found), TRUE[:, :4], atol=2.5e-3)
     # Started again from there, the steps that are left end at the places themselves.
     again = refine_jointly(found, gated_map(TRUE), SYSTEM)
     np.testing.assert_allclose(places(again), TRUE[:, :4], atol=1e-4)
@@ -219,18 +216,7 @@ def test_the_error_in_noise_is_of_the_size_of_the_cramer_rao_bound():
     assert (rms < 1.5 * bound).all()
 
 
-@pytest.mark.parametrize(
-    "exponent",
-    [
-        pytest.param(
-            exponent,
-            marks=pytest.mark.xfail(
-                strict=True, reason="the Gauss-Newton step compares amplitudes with pure numbers"
-            ),
-        )
-        for exponent in (-30, 30)
-    ],
-)
+@pytest.mark.parametrize("exponent", [-30, 30])
 def test_selection_and_refinement_know_no_scale(exponent):
     gated, start = gated_map(TRUE, noise_power=10.0), scatterers(nearest_bins(TRUE))
     scaled = GatedMap(2.0**exponent * gated.cells, GATE)

@@ -146,7 +146,6 @@ def test_without_candidates_nothing_is_found():
     assert not pair_directions(snapshot([0], [0], [1]), none, candidates([0.0]), **LIMITS).found.any()
 
 
-@pytest.mark.xfail(strict=True, reason="pair_directions cannot reshape an empty stack")
 def test_without_cells_nothing_is_found():
     none = Peaks(np.empty((0, 2)), np.empty((0, 2), dtype=bool))
     found = pair_directions(np.empty((0, N_P, N_Q), dtype=complex), none, none, **LIMITS).found

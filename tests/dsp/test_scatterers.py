@@ -59,7 +59,7 @@ def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dyna
     """Locate one wave a cell."""
     bins = tuple(np.array(part) for part in cells)
     tapered = gated.tapered("rect", window)
-    return locate(waves_in(bins, u, w), tapered, bins, window, excess, dynamic_range_db)
+    return locate(waves_in(bins, u, w), tapered, bins, ("rect", window), excess, dynamic_range_db)
 
 
 def scatterers(*rows):
@@ -103,6 +103,20 @@ def test_along_range_the_next_cell_may_be_stronger_as_far_as_allowed():
     assert len(located(gated, cells, excess=(1.6, 1.0))) == 2
 
 
+@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("offset", [-0.45, -0.2, 0.0, 0.3])
+def test_a_scatterer_alone_between_range_bins_is_placed_there(window, offset):
+    gated = gated_map([35 + offset], [1.2], [0.05], [0.15], [1.0])
+    tapered, bins = gated.tapered(window, "soft"), (np.array([35]), np.array([1]))
+    found = locate(waves_in(bins, 0.05, 0.15), tapered, bins, (window, "soft"), (3.0, 1.0), 16.5)
+    assert found.range_bin == pytest.approx([35 + offset], abs=2e-3)
+
+
+def test_among_others_a_scatterer_is_left_in_the_middle_of_its_range_bin():
+    gated = gated_map([34.3, 35.3, 36.2], [0] * 3, [0.05] * 3, [0.15] * 3, [1.0, 1.0, 1.0])
+    assert located(gated, ([35], [0])).range_bin.tolist() == [35]
+
+
 def test_a_wave_far_below_another_nearby_is_dropped():
     gated = gated_map([33, 35], [0, 0], [0.05, -0.12], [0.15, 0.2], [1.0, 0.1])
     cells, u, w = ([33, 35], [0, 0]), [0.05, -0.12], [0.15, 0.2]
@@ -120,9 +134,9 @@ def test_what_is_no_plane_wave_is_no_scatterer():
     gated = gated_map([33], [0], [0.05], [0.15], [1.0])
     bins = (np.array([33]), np.array([0]))
     waves = PlaneWaves(np.full((1, 2), 0.05), np.full((1, 2), 0.15), np.array([[True, False]]))
-    assert len(locate(waves, gated, bins, "rect", (3.0, 1.0), 20.0)) == 1
+    assert len(locate(waves, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0)) == 1
     none = PlaneWaves(waves.u, waves.w, np.zeros((1, 2), dtype=bool))
-    assert len(locate(none, gated, bins, "rect", (3.0, 1.0), 20.0)) == 0
+    assert len(locate(none, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0)) == 0
 
 
 # Steps that do not divide the duplicate cell: no pair lies on its border.
