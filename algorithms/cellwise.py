@@ -81,7 +81,7 @@ class CellwiseEstimator(ABC):
     doppler_window: Window = "soft"
     max_sources: int = 6
     angle_pfa: float = 1e-5
-    dynamic_range_db: float = 30.0
+    dynamic_range_db: float = 28.0
     local_dynamic_range_db: float = 16.5
 
     def __post_init__(self) -> None:
@@ -104,17 +104,20 @@ class CellwiseEstimator(ABC):
         """
         system = observation.system
         gated = GatedMap(observation.cells, observation.gate)
-        detected = self._detect(gated)
-        if not detected.bins[0].size:
-            return PointCloud.empty()
         tapered = self._tapered(gated)
-        snapshots = tapered.cells[tapered.index(detected.bins)]
+        detected = self._detect(gated)
+        # Only where region or speeds span the whole map do detected cells lie at its edge.
+        inside = tapered.surrounds(detected.bins)
+        bins = detected.bins[0][inside], detected.bins[1][inside]
+        if not inside.any():
+            return PointCloud.empty()
+        snapshots = tapered.cells[tapered.index(bins)]
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         waves = self.plane_waves(observation, snapshots, detected.floor, min_power)
         candidates = locate(
             waves,
             tapered,
-            detected.bins,
+            bins,
             (self.range_window, self.doppler_window),
             OWN_CELL_EXCESS,
             self.local_dynamic_range_db,
@@ -142,9 +145,9 @@ class CellwiseEstimator(ABC):
         seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
-        if cell is not None:
-            tapered = self._tapered(gated)
-            snapshot = tapered.cells[tapered.index((np.array([cell[0]]), np.array([cell[1]])))]
+        tapered = self._tapered(gated)
+        if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
+            snapshot = tapered.cells[tapered.index(bins)]
             spectra = self.spectra(observation, snapshot, detected.floor)
         return Diagnosis(
             detected.power, detected.detection, seen.range_bins, seen.doppler_bins, spectra, cell

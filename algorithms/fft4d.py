@@ -57,7 +57,8 @@ class Fft4d(CellwiseEstimator):
     Attributes
     ----------
     angle_points : int
-        Samples of the angular spectrum along u, and along w.
+        Samples of the angular spectrum along u, and along w; at least twice
+        the elements are taken.
     angle_detector : Detector
         Of peaks in a stack of angular spectra (cells, u, w).
     angle_dynamic_range_db : float
@@ -75,7 +76,7 @@ class Fft4d(CellwiseEstimator):
 
     name: ClassVar[str] = "fft4d"
 
-    angle_points: int = 32
+    angle_points: int = 48
     angle_detector: Detector = field(
         default_factory=lambda: CaCfar(pfa=1e-3, training=(0, 4, 4), guard=(0, 3, 3))
     )
@@ -107,7 +108,7 @@ class Fft4d(CellwiseEstimator):
         )
 
     def _angle_spectra(self, observation: Observation, snapshots: Snapshots) -> _AngleSpectra:
-        shape = tuple(max(self.angle_points, n) for n in snapshots.shape[1:])
+        shape = tuple(max(self.angle_points, 2 * n) for n in snapshots.shape[1:])
         spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
         power = spectra.real**2 + spectra.imag**2
         cosines = [2 * scipy.fft.fftshift(scipy.fft.fftfreq(n)) for n in shape]

@@ -59,6 +59,9 @@ from .detectors import CaCfar
 
 __all__ = ["Music2d"]
 
+MIN_GRID_POINTS = 65
+"""Samples that the default window of the spectrum's CFAR needs."""
+
 SMALLEST_NULL = 1e-15
 """Squared distance from the signal subspace, relative, below which there is only rounding."""
 
@@ -131,7 +134,8 @@ class Music2d(CellwiseEstimator):
         super().__post_init__()
         fraction = self.subarray_fraction
         require(0 < fraction <= 1, "subarray_fraction", fraction, "above 0, up to 1")
-        require(self.grid_points >= 3, "grid_points", self.grid_points, "3 and more")
+        points = self.grid_points
+        require(points >= MIN_GRID_POINTS, "grid_points", points, f"{MIN_GRID_POINTS} and more")
         require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
 
     def plane_waves(

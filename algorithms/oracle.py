@@ -49,6 +49,6 @@ class Oracle:
             np.floor(coordinates / cell_size), axis=0, return_inverse=True, return_counts=True
         )
         sums = np.zeros((count.size, 5))
-        np.add.at(sums, cell, truth.to_array())
+        np.add.at(sums, cell.ravel(), truth.to_array())
         sums[:, :4] /= count[:, None]
         return PointCloud.from_array(sums)

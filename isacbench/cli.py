@@ -226,7 +226,6 @@ def image(
         traceback.print_exc()
         _fail(f"{estimator} failed: {type(error).__name__}: {error}", EXIT_FAILED_CELLS)
     elapsed_s = time.perf_counter() - start
-    scores = score(scene.truth, cloud, region=scene.region, velocity_bin_mps=scene.system.velocity_bin_mps)
     title = f"{scene.name}, {estimator}, {snr_db:g} dB"
     if out is not None:
         write_cloud(cloud, out)
@@ -235,7 +234,9 @@ def image(
 
         draw_image(plot, observation, scene.truth, cloud, title)
     typer.echo(f"{title}: {len(cloud)} points in {1e3 * elapsed_s:.1f} ms")
-    _print_scores(scores)
+    if len(scene.truth):  # a scene of noise alone can be looked at, not scored
+        velocity_bin_mps = scene.system.velocity_bin_mps
+        _print_scores(score(scene.truth, cloud, region=scene.region, velocity_bin_mps=velocity_bin_mps))
 
 
 @app.command()

@@ -85,10 +85,24 @@ def power_map(cells: NDArray[np.complex128], integration: Integration) -> tuple[
 
 
 def reference_noise(power: NDArray[np.float64], gate: Gate) -> float | None:
-    """Mean power in Doppler bins that no speed of the region reaches; None where the gate has none."""
+    """Noise power in Doppler bins that no speed of the region reaches.
+
+    Parameters
+    ----------
+    power : ndarray of float64, shape (n_range, n_doppler)
+    gate : Gate
+        Bins of the map.
+
+    Returns
+    -------
+    float or None
+        Median over those bins of their mean over range, so that a mover
+        beyond the region's speeds does not count as noise; None where the
+        gate has no such bins.
+    """
     reach = gate.reachable_doppler
     outside = np.r_[0 : max(reach.start - CLEAR_BINS, 0), reach.stop + CLEAR_BINS : gate.doppler_bins.size]
-    return float(power[:, outside].mean()) if outside.size else None
+    return float(np.median(power[:, outside].mean(axis=0))) if outside.size else None
 
 
 def detect_cells(

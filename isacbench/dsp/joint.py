@@ -172,18 +172,19 @@ def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> S
         return scatterers
     patches = _read_patches(scatterers, gated)
     refined = scatterers
+    everyone = np.ones(len(scatterers), dtype=np.bool_)
+    kernels = _kernels(refined, patches, gated.gate, system)
+    amplitude = _fit(*_matched_filters(patches, kernels), everyone)
     for _ in range(REFINEMENTS):
-        kernels = _kernels(refined, patches, gated.gate, system)
-        matched, response = _matched_filters(patches, kernels)
-        amplitude = _fit(matched, response, np.ones(len(scatterers), dtype=np.bool_))
         range_step, doppler_step = _gauss_newton(refined, amplitude, patches, kernels, gated.gate, system)
         refined = replace(
             refined,
             range_bin=_limited(refined.range_bin + range_step, scatterers.range_bin),
             doppler_bin=_limited(refined.doppler_bin + doppler_step, scatterers.doppler_bin),
-            power=np.abs(amplitude) ** 2,
         )
-    return refined
+        kernels = _kernels(refined, patches, gated.gate, system)
+        amplitude = _fit(*_matched_filters(patches, kernels), everyone)
+    return replace(refined, power=np.abs(amplitude) ** 2)
 
 
 def _limited(place: Floats, start: Floats) -> Floats:

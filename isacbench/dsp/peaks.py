@@ -105,9 +105,12 @@ def plane_peaks(
     found = np.isfinite(np.take_along_axis(height, index, axis=1))
     row, column = np.divmod(index, n_columns)
     spectrum = np.arange(n)[:, None]
-    middle = power[spectrum, row, column]
-    row_offset = vertex(power[spectrum, row - 1, column], middle, power[spectrum, (row + 1) % n_rows, column])
-    column_offset = vertex(
-        power[spectrum, row, column - 1], middle, power[spectrum, row, (column + 1) % n_columns]
-    )
+
+    def level(row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
+        # A mainlobe is nearer to a parabola in its logarithm.
+        return np.log(np.maximum(power[spectrum, row, column], np.finfo(np.float64).tiny))
+
+    middle = level(row, column)
+    row_offset = vertex(level(row - 1, column), middle, level((row + 1) % n_rows, column))
+    column_offset = vertex(level(row, column - 1), middle, level(row, (column + 1) % n_columns))
     return row + row_offset, column + column_offset, found

@@ -70,6 +70,13 @@ class GatedMap:
         cells = taper(taper(self.cells, range_window, axis=0), doppler_window, axis=1)
         return GatedMap(cells, self.gate.trim(reach(range_window), reach(doppler_window)))
 
+    def surrounds(self, bins: Bins) -> NDArray[np.bool_]:
+        """Which absolute range and Doppler bins, shape (n,), lie in the map with all four neighbours."""
+        inside: NDArray[np.bool_] = np.ones(bins[0].shape, dtype=np.bool_)
+        for index, size in zip(self.index(bins), self.gate.shape, strict=True):
+            inside &= (index >= 1) & (index < size - 1)
+        return inside
+
     def index(self, bins: Bins) -> Bins:
         """Find absolute range and Doppler bins: their indices into `cells`."""
         return bins[0] - self.gate.range_bins[0], bins[1] - self.gate.doppler_bins[0]

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isacbench.dsp.cfar import ca_cfar
+from isacbench.errors import require
 
 __all__ = [
     "eigenvalue_cfar_order",
@@ -154,6 +155,12 @@ def eigenvalue_cfar_order(eigenvalues: Floats, pfa: float) -> NDArray[np.int64]:
     ndarray of int64, shape (n,)
         1 to L - 1.
     """
+    require(
+        eigenvalues.shape[1] >= 3,
+        "subarray elements",
+        eigenvalues.shape[1],
+        "3 and more, for a CFAR over eigenvalues",
+    )
     n_training = (eigenvalues.shape[1] - 1) // 2
     detection = ca_cfar(np.maximum(eigenvalues, 0), (0, n_training), (0, 0), pfa)
     order: Integers = np.clip(np.sum(detection.mask, axis=1), 1, eigenvalues.shape[1] - 1)

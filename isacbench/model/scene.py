@@ -90,6 +90,12 @@ class Scenario:
 
     def _require_unambiguous_region(self) -> None:
         system, region = self.system, self.region
+        if min(self.array.shape) < 2:
+            n_p, n_q = self.array.shape
+            raise InputError(
+                f"array: its {n_p} x {n_q} virtual elements see no direction; "
+                "allowed are 2 and more along u and w"
+            )
         farthest_m = region.range_limits_m(self.base_station_m)[1]
         if farthest_m > system.unambiguous_range_m:
             raise InputError(

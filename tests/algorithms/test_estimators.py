@@ -1,6 +1,7 @@
 """The estimators on scenes small enough to know the answer, and once on the street."""
 
 from collections import Counter
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -207,7 +208,7 @@ def test_a_bad_parameter_is_refused_on_construction_by_name_and_with_what_is_all
     [
         (Music2d, {"subarray_fraction": 0.0}, r"subarray_fraction = 0\.0: allowed is above 0, up to 1"),
         (Music2d, {"subarray_fraction": 1.1}, r"subarray_fraction = 1\.1"),
-        (Music2d, {"grid_points": 2}, r"grid_points = 2: allowed is 3 and more"),
+        (Music2d, {"grid_points": 64}, r"grid_points = 64: allowed is 65 and more"),
         (Music2d, {"max_order": 0}, r"max_order = 0: allowed is 1 and more"),
         (Fft4d, {"angle_points": 2}, r"angle_points = 2: allowed is 3 and more"),
         (Fft4d, {"angle_dynamic_range_db": 0.0}, r"angle_dynamic_range_db = 0\.0: allowed is above 0"),
@@ -332,3 +333,12 @@ def test_the_street_is_imaged_at_full_size(estimator, limit_m):
     found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < limit_m
     assert found.velocity_nmse < 2e-3
+
+
+@BOTH
+def test_speeds_that_span_the_whole_map_leave_no_cell_without_neighbours(estimator):
+    fastest_mps = SYSTEM.unambiguous_speed_mps
+    wide = replace(REGION, speed_mps=(-0.99 * fastest_mps, 0.99 * fastest_mps))
+    scene = simulator(XYZ[:3], [-0.98 * fastest_mps, 0.0, 0.98 * fastest_mps], [1.0, 1.0, 1.0])
+    scene = Simulator(replace(scene.scenario, region=wide))
+    assert 1 <= len(estimator().estimate(scene.observe(20.0))) <= 3

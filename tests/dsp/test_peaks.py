@@ -119,18 +119,19 @@ def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_
         assert found[k].sum() == len(maxima)
         assert found[k, : len(maxima)].all()
         for m, (height, i, j) in enumerate(maxima):
-            up, down = power[k, (i - 1) % g, j], power[k, (i + 1) % g, j]
-            left, right = power[k, i, (j - 1) % h], power[k, i, (j + 1) % h]
-            assert row[k, m] == pytest.approx(i + plain_vertex(up, height, down))
-            assert column[k, m] == pytest.approx(j + plain_vertex(left, height, right))
+            level = np.log(power[k])
+            up, down = level[(i - 1) % g, j], level[(i + 1) % g, j]
+            left, right = level[i, (j - 1) % h], level[i, (j + 1) % h]
+            assert row[k, m] == pytest.approx(i + plain_vertex(up, np.log(height), down))
+            assert column[k, m] == pytest.approx(j + plain_vertex(left, np.log(height), right))
 
 
 @given(shift=st.tuples(st.integers(0, 7), st.integers(0, 5)), offset=st.tuples(*[st.floats(-0.4, 0.4)] * 2))
 def test_a_peak_on_a_plane_is_placed_between_the_samples_and_across_the_seam(shift, offset):
     g, h = 8, 6
     i, j = np.meshgrid(np.arange(g) - 4, np.arange(h) - 3, indexing="ij")
-    paraboloid = 100 - (i - offset[0]) ** 2 - (j - offset[1]) ** 2
-    power = np.roll(paraboloid, (shift[0] - 4, shift[1] - 3), axis=(0, 1))[None]
+    paraboloid = 10 - (i - offset[0]) ** 2 - (j - offset[1]) ** 2
+    power = np.exp(np.roll(paraboloid, (shift[0] - 4, shift[1] - 3), axis=(0, 1)))[None]
     row, column, found = plane_peaks(power, np.ones(power.shape, dtype=bool), 1)
     assert found.tolist() == [[True]]
     assert row[0, 0] == pytest.approx(shift[0] + offset[0], abs=1e-9)

@@ -1,5 +1,6 @@
 """Scenarios: what a radio can observe at all, and the scatterers outside of what it looks at."""
 
+import dataclasses
 import re
 import warnings
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 
 from isacbench.errors import InputError, InputWarning
+from isacbench.model.array import VirtualArray
+from isacbench.model.scenario import load_scenario
 
 
 def test_the_truth_is_the_scatterers_with_their_power(make_scenario):
@@ -78,3 +81,10 @@ def test_arrays_are_copies_that_cannot_be_written_to(make_scenario):
     for array in (scenario.base_station_m, scenario.scatterers.xyz, scenario.scatterers.amplitude):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
+
+
+@pytest.mark.parametrize("rx_shape", [(8, 1), (1, 8), (1, 1)])
+def test_an_array_that_sees_no_direction_is_refused(rx_shape):
+    street = load_scenario("street")
+    with pytest.raises(InputError, match="virtual elements see no direction; allowed are 2 and more"):
+        dataclasses.replace(street, array=VirtualArray((1, 1), rx_shape, 1, 1))
