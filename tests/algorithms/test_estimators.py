@@ -336,9 +336,17 @@ def test_the_street_is_imaged_at_full_size(estimator, limit_m):
 
 
 @BOTH
-def test_speeds_that_span_the_whole_map_leave_no_cell_without_neighbours(estimator):
+@pytest.mark.parametrize("share", [0.9, 0.98])
+def test_where_speeds_span_the_whole_map_a_still_scatterer_is_found_whatever_lies_at_its_edge(
+    estimator, share
+):
     fastest_mps = SYSTEM.unambiguous_speed_mps
     wide = replace(REGION, speed_mps=(-0.99 * fastest_mps, 0.99 * fastest_mps))
-    scene = simulator(XYZ[:3], [-0.98 * fastest_mps, 0.0, 0.98 * fastest_mps], [1.0, 1.0, 1.0])
-    scene = Simulator(replace(scene.scenario, region=wide))
-    assert 1 <= len(estimator().estimate(scene.observe(20.0))) <= 3
+    fast = Scatterers(XYZ[:3], share * fastest_mps * np.array([-1.0, 0.0, 1.0]), np.ones(3))
+    scene = Simulator(replace(simulator().scenario, region=wide, scatterers=fast))
+    cloud = estimator().estimate(scene.observe(20.0))
+    still = cloud.select(np.abs(cloud.velocity) < 1)
+    strongest = still.xyz[still.power.argmax()]
+    np.testing.assert_allclose(strongest, XYZ[1], atol=0.3)
+    if share == 0.9:
+        assert len(cloud) == 3
