@@ -98,9 +98,10 @@ def ca_cfar(
     _check_test(pfa, threshold)
     axes = _axes(cells.shape, train, keep)
 
-    n_training = prod(axis.n_window for axis in axes) - _outer([axis.n_guard for axis in axes])
+    n_window = prod(axis.n_window for axis in axes)
+    n_training = n_window - _outer([axis.n_guard for axis in axes])
     factor = np.empty(n_training.max() + 1)
-    for count in np.unique(n_training).tolist():
+    for count in np.unique(n_window - _outer([np.unique(axis.n_guard) for axis in axes])).tolist():
         factor[count] = ca_factor(pfa, count, looks) if threshold == "exact" else paper_factor(pfa, count)
     return _decide(cells, _training_sum(cells, axes) / n_training, factor[n_training])
 
