@@ -1,0 +1,85 @@
+"""The positioning reference signal: which resource elements are known to every receiver.
+
+PRS of comb size 4 on symbols 2 to 13 of every fourth slot. Symbols of a slot
+take turns in the comb, so that four of them touch every subcarrier.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from isacbench.errors import unknown_name
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.model.numerology import System
+
+__all__ = ["Sensing", "prs_elements", "resource_elements"]
+
+Sensing = Literal["all", "prs"]
+"""Resource elements that are sensed with: the whole grid, or the PRS alone."""
+
+COMB_SIZE = 4
+COMB_OFFSETS = (0, 2, 1, 3)
+"""First subcarrier on successive PRS symbols, counted from the first of a slot."""
+
+SLOT_SYMBOLS = 14
+FIRST_SYMBOL = 2
+"""First PRS symbol of a slot; all that follow carry PRS too."""
+
+SLOT_PERIOD = 4
+
+
+def prs_elements(system: System) -> NDArray[np.bool_]:
+    """Resource elements that carry the positioning reference signal.
+
+    Parameters
+    ----------
+    system : System
+
+    Returns
+    -------
+    ndarray of bool, shape (n_subcarriers, n_symbols)
+
+    References
+    ----------
+    3GPP TS 38.211, 7.4.1.7.3, table 7.4.1.7.3-1 (comb size 4, 12 symbols).
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> int(prs_elements(System()).sum()) == 48 * 512
+    True
+    """
+    slot, symbol = np.divmod(np.arange(system.n_symbols), SLOT_SYMBOLS)
+    offset = np.array(COMB_OFFSETS)[(symbol - FIRST_SYMBOL) % len(COMB_OFFSETS)]
+    in_comb = np.arange(system.n_subcarriers)[:, None] % COMB_SIZE == offset
+    mask: NDArray[np.bool_] = in_comb & (slot % SLOT_PERIOD == 0) & (symbol >= FIRST_SYMBOL)
+    return mask
+
+
+def resource_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
+    """Resource elements that are sensed with.
+
+    Parameters
+    ----------
+    system : System
+    sensing : {"all", "prs"}
+
+    Returns
+    -------
+    ndarray of bool, shape (n_subcarriers, n_symbols)
+
+    Raises
+    ------
+    InputError
+        If `sensing` is neither.
+    """
+    if sensing == "prs":
+        return prs_elements(system)
+    if sensing == "all":
+        return np.ones((system.n_subcarriers, system.n_symbols), dtype=np.bool_)
+    raise unknown_name("sensing", sensing, get_args(Sensing))
