@@ -37,6 +37,14 @@ class Frame(ABC):
         """
 
     @abstractmethod
+    def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
+        """Derivatives (n, 3, 3) of `offsets` (rows) with respect to (R, u, w) (columns).
+
+        NaN where there are none: outside the visible region, on its border,
+        and where the frame is singular.
+        """
+
+    @abstractmethod
     def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
         """Whether each offset (n, 3) lies where the map can be inverted, its border included."""
 
@@ -50,6 +58,18 @@ def _normal_cosine(u: Floats, w: Floats) -> Floats:
     # Rounding alone must not push a direction over the border.
     visible = remainder >= -4 * np.finfo(np.float64).eps
     return np.sqrt(np.where(visible, np.maximum(remainder, 0.0), np.nan))
+
+
+def _nonzero(values: Floats) -> Floats:
+    """Values with NaN for 0, where a slope that divides by them has no value."""
+    return np.where(values == 0, np.nan, values)
+
+
+def _jacobian(range_m: ArrayLike, along_range: Floats, along_u: Floats, along_w: Floats) -> Floats:
+    """Jacobians (n, 3, 3) of a unit direction and its two slopes, each (n, 3), scaled by the range."""
+    scale = np.asarray(range_m, dtype=np.float64)[..., None]
+    jacobian: Floats = np.stack([along_range, scale * along_u, scale * along_w], axis=-1)
+    return jacobian
 
 
 @dataclass(frozen=True)
@@ -88,6 +108,30 @@ class PaperFrame(Frame):
             [sin_phi * np.cos(theta), -sin_phi * np.sin(theta), -np.hypot(u, w)], axis=-1
         )
         return np.asarray(range_m, dtype=np.float64)[..., None] * direction
+
+    def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
+        """Derivatives (n, 3, 3); none straight down (u² + w² = 1) and at the horizon (u = w = 0)."""
+        u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
+        h, s = _nonzero(np.hypot(u, w)), _nonzero(_normal_cosine(u, w))
+        cos_theta, sin_theta = u / h, w / h
+        # With h = cosφ and s = sinφ: s falls by h/s, and θ turns by 1/h across the direction (u, w).
+        fall, turn = h / s, s / h
+        along_u = [
+            -fall * cos_theta**2 + turn * sin_theta**2,
+            (fall + turn) * cos_theta * sin_theta,
+            -cos_theta,
+        ]
+        along_w = [
+            -(fall + turn) * cos_theta * sin_theta,
+            fall * sin_theta**2 - turn * cos_theta**2,
+            -sin_theta,
+        ]
+        return _jacobian(
+            range_m,
+            np.stack([s * cos_theta, -s * sin_theta, -h], axis=-1),
+            np.stack(along_u, axis=-1),
+            np.stack(along_w, axis=-1),
+        )
 
     def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
         """Whether the offsets lie below the base station."""
@@ -144,6 +188,18 @@ class PanelFrame(Frame):
         local = np.stack([u, w, _normal_cosine(u, w)], axis=-1)
         direction: Floats = local @ self.axes
         return np.asarray(range_m, dtype=np.float64)[..., None] * direction
+
+    def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
+        """Derivatives (n, 3, 3); none in the plane of the panel."""
+        u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
+        normal = _nonzero(_normal_cosine(u, w))
+        one, zero = np.ones_like(normal), np.zeros_like(normal)
+        return _jacobian(
+            range_m,
+            np.stack([u, w, normal], axis=-1) @ self.axes,
+            np.stack([one, zero, -u / normal], axis=-1) @ self.axes,
+            np.stack([zero, one, -w / normal], axis=-1) @ self.axes,
+        )
 
     def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
         """Whether the offsets lie in front of the panel."""

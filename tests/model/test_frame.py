@@ -66,6 +66,39 @@ def test_directions_outside_the_visible_region_have_no_offset(frame, angle, radi
     assert np.isnan(offset).any(axis=1).all()
 
 
+@given(FRAMES, cosines(), st.floats(0.1, 600))
+def test_the_jacobian_is_the_slope_of_the_offsets(frame, cosine, range_m):
+    u, w = cosine
+    # Off the singular places, where slopes grow and a difference needs ever smaller steps.
+    assume(0.05 < np.hypot(u, w)[0] < 0.99)
+    step = 1e-5
+    expected = np.stack(
+        [
+            frame.offsets([range_m + step], u, w) - frame.offsets([range_m - step], u, w),
+            frame.offsets([range_m], u + step, w) - frame.offsets([range_m], u - step, w),
+            frame.offsets([range_m], u, w + step) - frame.offsets([range_m], u, w - step),
+        ],
+        axis=-1,
+    ) / (2 * step)
+    jacobian = frame.offset_jacobian([range_m], u, w)
+    assert jacobian.shape == (1, 3, 3)
+    np.testing.assert_allclose(jacobian, expected, rtol=1e-6, atol=1e-5 * max(range_m, 1))
+
+
+@pytest.mark.parametrize(
+    ("frame", "u", "w"),
+    [
+        (PaperFrame(), 0.0, 0.0),
+        (PaperFrame(), 1.0, 0.0),
+        (PaperFrame(), 0.8, 0.8),
+        (PanelFrame(), 0.0, -1.0),
+        (PanelFrame(), 0.8, 0.8),
+    ],
+)
+def test_where_a_frame_is_singular_or_blind_there_is_no_jacobian(frame, u, w):
+    assert np.isnan(frame.offset_jacobian([10.0], [u], [w])).any()
+
+
 @given(st.floats(0, 2 * np.pi))
 def test_straight_down_is_seen_in_the_paper_frame_whatever_the_rounding(angle):
     offset = PaperFrame().offsets([10.0], [np.cos(angle)], [np.sin(angle)])
