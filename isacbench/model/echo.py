@@ -27,7 +27,15 @@ from isacbench.model.observation import Observation
 if TYPE_CHECKING:
     from isacbench.model.scene import Scenario
 
-__all__ = ["Simulator", "clean_echo", "observe", "resource_grid", "unit_noise"]
+__all__ = [
+    "Simulator",
+    "central_phase",
+    "clean_echo",
+    "observe",
+    "random_stream",
+    "resource_grid",
+    "unit_noise",
+]
 
 Complex = NDArray[np.complex128]
 
@@ -47,13 +55,37 @@ def _echo_parameters(scenario: Scenario) -> _EchoParameters:
     system, scatterers = scenario.system, scenario.scatterers
     offset_m = scatterers.xyz - scenario.base_station_m
     range_m = np.linalg.norm(offset_m, axis=1)
-    gain = scatterers.amplitude.astype(np.complex128)
+    gain = scatterers.amplitude * np.exp(1j * scatterers.phase_rad)
     if system.coherent_phase:
         gain = gain * np.exp(-4j * np.pi * system.carrier_hz / SPEED_OF_LIGHT_MPS * range_m)
     u, w = scenario.frame.direction_cosines(offset_m)
     return _EchoParameters(
         gain, range_m / system.range_bin_m, scatterers.velocity / system.velocity_bin_mps, u, w
     )
+
+
+def central_phase(scenario: Scenario) -> NDArray[np.float64]:
+    """Phase of every echo at the centre of the resource grid and of the array.
+
+    Two equal echoes closer than a Rayleigh cell are hardest to tell apart
+    where they are in phase there.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In radians, from -π to π.
+    """
+    echo = _echo_parameters(scenario)
+    system, (n_p, n_q) = scenario.system, scenario.array.shape
+    turns = (system.n_symbols - 1) / system.n_symbols * echo.doppler_bin
+    turns -= (system.n_subcarriers - 1) / system.n_subcarriers * echo.range_bin
+    turns -= ((n_p - 1) * echo.u + (n_q - 1) * echo.w) / 2
+    phase: NDArray[np.float64] = np.angle(echo.gain * np.exp(1j * np.pi * turns))
+    return phase
 
 
 def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
@@ -107,6 +139,28 @@ def resource_grid(scenario: Scenario, elements: ArrayLike) -> Complex:
     return grid.reshape(system.n_subcarriers, system.n_symbols, p.size)
 
 
+def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> np.random.Generator:
+    """Random numbers that follow from (scenario, trial, seed) alone; without a purpose they are its noise.
+
+    Parameters
+    ----------
+    scenario_name : str
+    trial, seed : int
+        Not negative.
+    *purpose : str
+        What else is drawn, each with a stream of its own.
+
+    Returns
+    -------
+    Generator
+    """
+    keys = [
+        int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
+        for text in (scenario_name, *purpose)
+    ]
+    return np.random.default_rng(np.random.SeedSequence([seed, trial, *keys]))
+
+
 def unit_noise(scenario_name: str, trial: int, seed: int, shape: tuple[int, ...]) -> Complex:
     """White circular complex Gaussian noise of unit power, a function of (scenario, trial, seed) alone.
 
@@ -122,9 +176,7 @@ def unit_noise(scenario_name: str, trial: int, seed: int, shape: tuple[int, ...]
     -------
     ndarray of complex128
     """
-    scenario_key = int.from_bytes(hashlib.sha256(scenario_name.encode()).digest()[:8], "big")
-    rng = np.random.default_rng(np.random.SeedSequence([seed, trial, scenario_key]))
-    parts = rng.standard_normal((*shape, 2))
+    parts = random_stream(scenario_name, trial, seed).standard_normal((*shape, 2))
     parts *= np.sqrt(0.5)
     noise: Complex = parts.view(np.complex128)[..., 0]
     return noise

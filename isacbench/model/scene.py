@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,14 +35,20 @@ class Scatterers:
         Radial velocities in m/s, positive when approaching.
     amplitude : ndarray of float64, shape (n,)
         Echo amplitudes |G|, 1 for a unit scatterer.
+    phase_rad : ndarray of float64, shape (n,)
+        Phases of the echoes, to which a coherent system adds the carrier's;
+        0 unless given.
     """
 
     xyz: NDArray[np.float64]
     velocity: NDArray[np.float64]
     amplitude: NDArray[np.float64]
+    phase_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(()))
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "xyz", "velocity", "amplitude")
+        object.__setattr__(self, "phase_rad", np.broadcast_to(self.phase_rad, self.velocity.shape))
+        freeze_arrays(self, "phase_rad")
 
     def __len__(self) -> int:
         return self.velocity.size

@@ -1,6 +1,7 @@
 """The echo: closed form against the full resource grid, and noise that is white and repeatable."""
 
 import cmath
+import dataclasses
 import math
 
 import numpy as np
@@ -9,9 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.dsp.rangedoppler import range_doppler_map
-from isacbench.model.echo import Simulator, clean_echo, observe, resource_grid, unit_noise
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import (
+    Simulator,
+    central_phase,
+    clean_echo,
+    observe,
+    random_stream,
+    resource_grid,
+    unit_noise,
+)
 from isacbench.model.gate import build_gate
 from isacbench.model.scenario import load_scenario
+from isacbench.model.scene import Scatterers
 
 C = 299_792_458.0
 SIGMAS = 5.0
@@ -95,6 +106,44 @@ def test_the_closed_form_is_the_transformed_grid_for_any_scatterer(
 @pytest.mark.parametrize("name", ["street-coherent", "street-paper"])
 def test_the_closed_form_is_the_transformed_grid_on_the_street(name):
     assert_closed_form_is_the_transformed_grid(load_scenario(name), [(0, 0), (15, 9)])
+
+
+@pytest.mark.parametrize("coherent_phase", [False, True])
+def test_the_phase_of_a_scatterer_turns_its_own_echo_and_no_other(make_scenario, coherent_phase):
+    scenario = make_scenario(coherent_phase=coherent_phase)
+    gate, phase_rad = gate_of(scenario), np.array([0.0, 1.2, -2.5])
+
+    scatterers = scenario.scatterers
+    parts = []
+    for k in range(3):
+        one = Scatterers(scatterers.xyz[[k]], scatterers.velocity[[k]], scatterers.amplitude[[k]])
+        parts.append(clean_echo(dataclasses.replace(scenario, scatterers=one), gate))
+    expected = sum(part * cmath.exp(1j * phase) for part, phase in zip(parts, phase_rad, strict=True))
+    turned = dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
+    np.testing.assert_allclose(clean_echo(turned, gate), expected, atol=1e-9 * np.abs(expected).max())
+    assert_closed_form_is_the_transformed_grid(turned, [(0, 0), (3, 2)])
+
+
+@pytest.mark.parametrize("frame", ["paper", "panel"])
+@pytest.mark.parametrize("coherent_phase", [False, True])
+def test_the_central_phase_is_that_of_the_middle_element_of_grid_and_array(
+    make_scenario, frame, coherent_phase
+):
+    scenario = make_scenario(frame, n_subcarriers=255, n_symbols=31, coherent_phase=coherent_phase)
+    scenario = dataclasses.replace(scenario, array=VirtualArray((1, 1), (5, 3), 1, 1))
+    scatterers = dataclasses.replace(scenario.scatterers, phase_rad=np.array([0.3, -2.0, 3.0]))
+    scenario = dataclasses.replace(scenario, scatterers=scatterers)
+    found = central_phase(scenario)
+    for k in range(3):
+        one = Scatterers(
+            scatterers.xyz[[k]],
+            scatterers.velocity[[k]],
+            scatterers.amplitude[[k]],
+            scatterers.phase_rad[[k]],
+        )
+        alone = dataclasses.replace(scenario, scatterers=one)
+        middle = resource_grid(alone, [(2, 1)])[127, 15, 0]
+        assert middle == pytest.approx(scatterers.amplitude[k] * cmath.exp(1j * found[k]), abs=1e-7)
 
 
 def on_grid(make_scenario, n_range, n_doppler):
@@ -260,3 +309,13 @@ def test_noise_is_the_same_for_every_frame_and_phase(make_scenario):
     np.testing.assert_allclose(
         noise_of(paper.observe(0.0), paper, 0.0), unit_noise("few", 0, 0, shape), atol=1e-12
     )
+
+
+def test_every_purpose_has_a_stream_of_its_own_beside_the_noise():
+    streams = [(), ("place",), ("echo",), ("place", "echo")]
+    draws = [random_stream("few", 0, 0, *purpose).standard_normal(1000) for purpose in streams]
+    np.testing.assert_array_equal(draws[1], random_stream("few", 0, 0, "place").standard_normal(1000))
+    correlation = np.corrcoef(draws) - np.eye(4)
+    assert np.abs(correlation).max() < SIGMAS / math.sqrt(1000)
+    noise = random_stream("few", 0, 0).standard_normal((3, 2)) * math.sqrt(0.5)
+    np.testing.assert_array_equal(unit_noise("few", 0, 0, (3,)), noise[:, 0] + 1j * noise[:, 1])

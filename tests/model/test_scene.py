@@ -19,6 +19,15 @@ def test_the_truth_is_the_scatterers_with_their_power(make_scenario):
     assert scenario.truth.power.tolist() == [1.0, 0.25, 9.0]
 
 
+def test_phases_are_zero_unless_given_one_a_scatterer(make_scenario):
+    scatterers = make_scenario().scatterers
+    assert scatterers.phase_rad.tolist() == [0.0, 0.0, 0.0]
+    turned = dataclasses.replace(scatterers, phase_rad=[0.1, 0.2, 0.3])
+    assert turned.phase_rad.tolist() == [0.1, 0.2, 0.3]
+    with pytest.raises(ValueError, match="broadcast"):
+        dataclasses.replace(scatterers, phase_rad=[0.1, 0.2])
+
+
 def test_a_scene_may_be_empty(make_scenario):
     assert len(make_scenario(xyz=np.empty((0, 3)), velocity=[], amplitude=[]).truth) == 0
 
