@@ -153,3 +153,31 @@ def tiny(tmp_path):
     path = tmp_path / "tiny.toml"
     path.write_text(TINY)
     return path
+
+
+ROOM = """\
+# A room with space for one scatterer or two.
+name = "room"
+[system]
+n_subcarriers = 255
+n_symbols = 127
+[array]
+frame = "panel"
+tx_shape = [1, 1]
+rx_shape = [9, 9]
+[base_station]
+position_m = [40.0, 80.0, 40.0]
+[region]
+x_m = [0.0, 80.0]
+y_m = [0.0, 30.0]
+z_m = [0.0, 80.0]
+speed_mps = [-15.0, 15.0]
+"""
+
+
+@pytest.fixture
+def room_file(tmp_path):
+    """Path of an empty scenario with space for studies of one scatterer or two."""
+    path = tmp_path / "room.toml"
+    path.write_text(ROOM)
+    return path

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,18 +13,29 @@ import pandas as pd
 from isacbench.model.cloud import PointCloud
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from datetime import datetime
 
     from isacbench.bench.suite import Suite
     from isacbench.model.scenario import Scenario
 
-__all__ = ["CLOUD_KEYS", "POINT_COLUMNS", "Cell", "Outcome", "Record", "Results", "Status", "tabulate"]
+__all__ = [
+    "CLOUD_KEYS",
+    "DRAW_COLUMNS",
+    "POINT_COLUMNS",
+    "Cell",
+    "Outcome",
+    "Record",
+    "Results",
+    "Status",
+    "tabulate",
+]
 
 Status = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
 
 CLOUD_KEYS = ["scenario", "estimator", "params", "snr_db", "trial"]
 POINT_COLUMNS = ["x", "y", "z", "v", "power"]
+DRAW_COLUMNS = ["scenario", "trial", *POINT_COLUMNS, "phase_rad"]
 
 
 @dataclass(frozen=True)
@@ -90,10 +101,19 @@ class Record(Cell):
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A record and the cloud that it scores; the cloud of a failure is empty."""
+    """A record, the cloud that it scores, and what a study adds; the cloud of a failure is empty.
+
+    Attributes
+    ----------
+    record : Record
+    cloud : PointCloud
+    extras : mapping of str to Any
+        Values of further columns, as far as there are any.
+    """
 
     record: Record
     cloud: PointCloud
+    extras: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +125,14 @@ class Results:
     suite : Suite
         As it was run, overrides included.
     records : DataFrame
-        One row a cell, columns as in `Record`.
+        One row a cell, columns as in `Record` and then those of the study.
     clouds : DataFrame
         One row a point: the keys of its cell, then x, y, z in m, v in m/s, power.
     scenarios : dict of str to Scenario
-        By name.
+        By name, as the suite lists them.
+    draws : DataFrame
+        One row a scatterer that a study drew: scenario, trial, x, y, z, v,
+        power, phase_rad. Empty where all scatterers are the scenarios' own.
     started : datetime
         With its time zone.
     wall_time_s : float
@@ -122,6 +145,7 @@ class Results:
     records: pd.DataFrame
     clouds: pd.DataFrame
     scenarios: dict[str, Scenario]
+    draws: pd.DataFrame
     started: datetime
     wall_time_s: float
     interrupted: bool
@@ -134,17 +158,28 @@ class Results:
         return PointCloud.from_array(self.clouds.loc[chosen, POINT_COLUMNS].to_numpy())
 
 
-def tabulate(outcomes: Sequence[Outcome]) -> tuple[pd.DataFrame, pd.DataFrame]:
+def tabulate(
+    outcomes: Sequence[Outcome], columns: Mapping[str, Any] | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables of the records and of the points of some outcomes.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+    columns : mapping of str to Any, optional
+        Further columns, each with its value where an outcome has none.
 
     Returns
     -------
     records, clouds : DataFrame
         As in `Results`.
     """
-    columns = [field.name for field in dataclasses.fields(Record)]
+    names = [field.name for field in dataclasses.fields(Record)]
     rows = [outcome.record for outcome in outcomes]
-    records = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in columns})
+    table = {name: [getattr(row, name) for row in rows] for name in names}
+    for name, default in (columns or {}).items():
+        table[name] = [outcome.extras.get(name, default) for outcome in outcomes]
+    records = pd.DataFrame(table)
     n_points = [len(outcome.cloud) for outcome in outcomes]
     clouds = records[CLOUD_KEYS].loc[np.repeat(records.index, n_points)].reset_index(drop=True)
     points = np.concatenate([np.empty((0, 5)), *(outcome.cloud.to_array() for outcome in outcomes)])

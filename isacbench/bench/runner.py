@@ -7,27 +7,24 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from isacbench.bench.record import Cell, Outcome, Record, Results, tabulate
+from isacbench.bench.cell import estimate_cloud, run_cell
+from isacbench.bench.record import DRAW_COLUMNS, Outcome, Results, tabulate
 from isacbench.bench.store import reserve_folder, write_results
+from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import Suite, load_suite
 from isacbench.errors import InputError
-from isacbench.metrics.score import score
-from isacbench.model.cloud import PointCloud
-from isacbench.model.echo import Simulator
 from isacbench.model.scenario import Scenario, load_scenario
-from isacbench.registry import AnyEstimator, build_estimator, canonical_params
 
 if TYPE_CHECKING:
-    import pandas as pd
     from numpy.typing import ArrayLike
 
-    from isacbench.contracts import Estimator, TruthEstimator
-    from isacbench.model.observation import Observation
+    from isacbench.bench.study import Scene
 
 __all__ = ["Progress", "estimate_cloud", "run", "run_cell", "run_suite"]
 
@@ -52,7 +49,7 @@ def run(
     suite : str, Path or Suite
         Name of a built-in suite, path of a TOML file, or a suite.
     estimators, scenarios, snr_db, trials, seed : optional
-        Replace the suite's own.
+        Replace the suite's own; `snr_db` also takes the place of `snr_gain_db`.
     out : str or Path, optional
         New folder for the results; without it nothing is written.
 
@@ -60,7 +57,8 @@ def run(
     -------
     DataFrame
         One row for each scenario, SNR, trial and estimator; the columns are
-        the fields of `isacbench.bench.record.Record`.
+        the fields of `isacbench.bench.record.Record` and those that the
+        suite's kind adds.
 
     Raises
     ------
@@ -114,115 +112,34 @@ def run_suite(suite: Suite, out: Path | None = None, progress: Progress | None =
         If the suite names something unknown, or `out` exists.
     """
     started, tick = datetime.now().astimezone(), time.perf_counter()
-    estimators = _build_estimators(suite)
     scenarios = _load_scenarios(suite)
-    n_cells = len(scenarios) * len(suite.snr_db) * suite.trials * len(estimators)
+    scenes = _expand(suite, scenarios)
+    n_cells = sum(len(scene.snr_db) * scene.n_contestants for scene in scenes) * suite.trials
     outcomes: list[Outcome] = []
     interrupted = False
     with reserve_folder(out) if out is not None else nullcontext():
         try:
             # Threads make small batched algebra slower and its timing unrepeatable.
             with threadpool_limits(limits=1):
-                for outcome in _outcomes(suite, scenarios, estimators):
+                for outcome in _outcomes(suite, scenes):
                     outcomes.append(outcome)
                     if progress is not None:
                         progress(len(outcomes), n_cells)
         except KeyboardInterrupt:
             interrupted = True
-        records, clouds = tabulate(outcomes)
+        records, clouds = tabulate(outcomes, STUDIES[suite.kind].columns)
+        draws = _draws(scenes, suite.trials)
         wall_time_s = time.perf_counter() - tick
-        results = Results(suite, records, clouds, scenarios, started, wall_time_s, interrupted)
+        results = Results(suite, records, clouds, scenarios, draws, started, wall_time_s, interrupted)
         if out is not None:
             write_results(results, out)
     return results
 
 
-def run_cell(cell: Cell, scenario: Scenario, observation: Observation, estimator: AnyEstimator) -> Outcome:
-    """Estimate, time and score one cell; whatever the estimator raises becomes the record's reason.
-
-    Parameters
-    ----------
-    cell : Cell
-        The key of the row.
-    scenario : Scenario
-        Whose truth the estimate is scored against.
-    observation : Observation
-    estimator : Estimator or TruthEstimator
-
-    Returns
-    -------
-    Outcome
-    """
-    truth = scenario.truth
-    start = time.perf_counter()
-    try:
-        cloud = estimate_cloud(estimator, observation, truth)
-        estimated = time.perf_counter()
-        scores: dict[str, Any] = dict(
-            score(truth, cloud, region=scenario.region, velocity_bin_mps=scenario.system.velocity_bin_mps)
-        )
-    except Exception as error:
-        record = Record(
-            **vars(cell),
-            status="error",
-            reason=f"{type(error).__name__}: {error}",
-            n_true=len(truth),
-            n_estimated=0,
-            time_estimate_s=time.perf_counter() - start,
-        )
-        return Outcome(record, PointCloud.empty())
-    record = Record(
-        **vars(cell),
-        status="ok" if len(cloud) else "no_detection",
-        reason="",
-        **scores,
-        time_estimate_s=estimated - start,
-        time_score_s=time.perf_counter() - estimated,
-    )
-    return Outcome(record, cloud)
-
-
-def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
-
-    Raises
-    ------
-    TypeError
-        If the estimator returns anything but a `PointCloud`.
-    """
-    if getattr(estimator, "needs_truth", False):
-        cloud = cast("TruthEstimator", estimator).estimate(observation, truth)
-    else:
-        cloud = cast("Estimator", estimator).estimate(observation)
-    if not isinstance(cloud, PointCloud):
-        raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
-    return cloud
-
-
-def _outcomes(
-    suite: Suite, scenarios: dict[str, Scenario], estimators: dict[tuple[str, str], AnyEstimator]
-) -> Iterator[Outcome]:
-    """Outcomes cell by cell, in the order in which echo, noise and observation are shared best."""
-    for scenario in scenarios.values():
-        simulator = Simulator(scenario)
-        for trial in range(suite.trials):
-            for snr_db in suite.snr_db:
-                observation = simulator.observe(snr_db, trial, suite.seed)
-                for (name, params), estimator in estimators.items():
-                    cell = Cell(suite.name, scenario.name, name, params, snr_db, trial, suite.seed)
-                    yield run_cell(cell, scenario, observation, estimator)
-
-
-def _build_estimators(suite: Suite) -> dict[tuple[str, str], AnyEstimator]:
-    """Estimators of a suite by name and canonical parameters."""
-    built: dict[tuple[str, str], AnyEstimator] = {}
-    for spec in suite.estimators:
-        estimator = build_estimator(spec)
-        key = estimator.name, canonical_params(estimator)
-        if key in built:
-            raise InputError(f"estimators: {spec!r} repeats an estimator with equal parameters")
-        built[key] = estimator
-    return built
+def _draws(scenes: Sequence[Scene], n_trials: int) -> pd.DataFrame:
+    """Scatterers that the scenes drew."""
+    tables = [table for scene in scenes if len(table := scene.draws(n_trials))]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=DRAW_COLUMNS)
 
 
 def _load_scenarios(suite: Suite) -> dict[str, Scenario]:
@@ -232,7 +149,23 @@ def _load_scenarios(suite: Suite) -> dict[str, Scenario]:
         scenario = load_scenario(name_or_path)
         if scenario.name in loaded:
             raise InputError(f"scenarios: {name_or_path!r} repeats the name {scenario.name!r}")
-        if not len(scenario.scatterers):
-            raise InputError(f"scenarios: {name_or_path!r} has no scatterers, so that nothing can be scored")
         loaded[scenario.name] = scenario
     return loaded
+
+
+def _expand(suite: Suite, scenarios: dict[str, Scenario]) -> Sequence[Scene]:
+    """Scenes that the suite's study makes of its scenarios."""
+    scenes = STUDIES[suite.kind].scenes(suite, scenarios)
+    names = [scene.name for scene in scenes]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")
+    return scenes
+
+
+def _outcomes(suite: Suite, scenes: Sequence[Scene]) -> Iterator[Outcome]:
+    """Outcomes cell by cell, in the order in which echo, noise and observation are shared best."""
+    for scene in scenes:
+        for trial in range(suite.trials):
+            for snr_db in scene.snr_db:
+                yield from scene.outcomes(snr_db, trial)

@@ -19,15 +19,15 @@ import pandas as pd
 from threadpoolctl import threadpool_info
 
 import isacbench
-from isacbench.bench.record import POINT_COLUMNS, Results
-from isacbench.bench.suite import Suite
+from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Results
+from isacbench.bench.suite import restore_suite
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.frame import Frame, PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scenario import Scatterers, Scenario
-from isacbench.registry import distribution
+from isacbench.registry import distribution, estimator_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,6 +36,7 @@ __all__ = ["default_folder", "read_results", "replacing", "reserve_folder", "wri
 
 RECORDS, RECORDS_CSV = "results.parquet", "results.csv"
 CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"
+DRAWS = "draws.parquet"
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "scikit-image", "threadpoolctl")
 
 
@@ -87,7 +88,10 @@ def write_results(results: Results, folder: Path) -> None:
         An existing folder.
     """
     truth = pd.concat([_truth_table(scenario) for scenario in results.scenarios.values()], ignore_index=True)
-    for name, table in ((RECORDS, results.records), (CLOUDS, results.clouds), (TRUTH, truth)):
+    tables = {RECORDS: results.records, CLOUDS: results.clouds, TRUTH: truth}
+    if len(results.draws):
+        tables[DRAWS] = results.draws
+    for name, table in tables.items():
         with replacing(folder / name) as path:
             table.to_parquet(path, index=False)
     with replacing(folder / RECORDS_CSV) as path:
@@ -114,19 +118,25 @@ def read_results(folder: Path) -> Results:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         truth = pd.read_parquet(folder / TRUTH)
         return Results(
-            suite=Suite.model_validate(manifest["suite"]),
+            suite=restore_suite(manifest["suite"]),
             records=pd.read_parquet(folder / RECORDS),
             clouds=pd.read_parquet(folder / CLOUDS),
             scenarios={
                 name: _scenario(name, described, truth[truth["scenario"] == name])
                 for name, described in manifest["scenarios"].items()
             },
+            draws=_draws(folder / DRAWS),
             started=datetime.fromisoformat(manifest["started"]),
             wall_time_s=manifest["wall_time_s"],
             interrupted=manifest["interrupted"],
         )
     except (ValueError, KeyError, OSError) as error:
         raise InputError(f"{folder}: damaged run: {type(error).__name__}: {error}") from error
+
+
+def _draws(path: Path) -> pd.DataFrame:
+    """Scatterers that a study drew; most draw none, and write no file."""
+    return pd.read_parquet(path) if path.exists() else pd.DataFrame(columns=DRAW_COLUMNS)
 
 
 def _manifest(results: Results) -> dict[str, Any]:
@@ -142,7 +152,7 @@ def _manifest(results: Results) -> dict[str, Any]:
         "seed": results.suite.seed,
         "suite": results.suite.model_dump(),
         "estimators": [
-            {"name": name, "params": json.loads(params), "package": distribution("estimator", name)}
+            {"name": name, "params": json.loads(params), "package": _package(name)}
             for name, params in estimators.itertuples(index=False)
         ],
         "scenarios": {name: _describe(scenario) for name, scenario in results.scenarios.items()},
@@ -157,6 +167,11 @@ def _manifest(results: Results) -> dict[str, Any]:
             for library in threadpool_info()
         ],
     }
+
+
+def _package(name: str) -> str:
+    """Package of an estimator, or of a detector that stands for itself."""
+    return distribution("estimator" if name in estimator_names() else "detector", name)
 
 
 def _describe(scenario: Scenario) -> dict[str, Any]:

@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
+from isacbench.bench.maps import MapName
+from isacbench.bench.radio import DIMENSIONS, Dimension
 from isacbench.errors import InputError
 from isacbench.tomlfile import builtin_names, describe_mistake, find_toml, read_toml
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
-__all__ = ["Suite", "find_suite", "load_suite", "parse_snr", "suite_names"]
+__all__ = [
+    "DetectionSuite",
+    "Kind",
+    "ResolutionSuite",
+    "Suite",
+    "find_suite",
+    "load_suite",
+    "parse_snr",
+    "restore_suite",
+    "suite_names",
+]
 
 FOLDER = "suites"
 MAX_GRID_POINTS = 1000
@@ -22,8 +36,14 @@ MAX_GRID_POINTS = 1000
 MAX_SNR_DB = 300.0
 """Beyond it, of either sign, double precision holds the noise alone or the echo alone."""
 
+Kind = Literal["imaging", "efficiency", "resolution", "detection"]
+
 Names = Annotated[tuple[str, ...], Field(min_length=1)]
 SnrDb = Annotated[float, Field(ge=-MAX_SNR_DB, le=MAX_SNR_DB)]
+Snrs = Annotated[tuple[SnrDb, ...], Field(min_length=1)]
+Separation = Annotated[float, Field(gt=0, le=10)]
+Phase = Annotated[float, Field(gt=-360, lt=360)]
+Pfa = Annotated[float, Field(gt=0, lt=1)]
 
 
 class Suite(BaseModel):
@@ -31,13 +51,20 @@ class Suite(BaseModel):
 
     Attributes
     ----------
+    kind : {"imaging", "efficiency", "resolution", "detection"}
+        What is made of the scenarios and measured; the last two are classes
+        of their own, with keys of their own.
     name : str
     scenarios : tuple of str
         Names of built-in scenarios, or paths that end in ``.toml``.
     estimators : tuple of str
         Estimators as ``name[param=value,...]``.
-    snr_db : tuple of float
-        SNRs in dB. A suite file may give a table ``{start, stop, step}``.
+    snr_db : tuple of float or None
+        SNRs in dB, per resource element and virtual element. A suite file
+        may give a table ``{start, stop, step}``.
+    snr_gain_db : tuple of float or None
+        SNRs in dB of a unit scatterer after the gain of all resource
+        elements and virtual elements, likewise, instead of `snr_db`.
     trials : int
         Noise draws for each scenario and SNR.
     seed : int
@@ -46,14 +73,26 @@ class Suite(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    KINDS: ClassVar[tuple[Kind, ...]] = ("imaging", "efficiency")
+
+    kind: Kind = "imaging"
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
     scenarios: Names
     estimators: Names
-    snr_db: Annotated[tuple[SnrDb, ...], Field(min_length=1)]
+    snr_gain_db: Snrs | None = None
+    snr_db: Annotated[Snrs | None, Field(validate_default=True)] = None
     trials: Annotated[int, Field(ge=1)]
     seed: Annotated[int, Field(ge=0)] = 0
 
-    @field_validator("snr_db", mode="before")
+    @field_validator("kind")
+    @classmethod
+    def _refuse_other_kinds(cls, value: Kind) -> Kind:
+        """Refuse a kind that has a class of its own."""
+        if value not in cls.KINDS:
+            raise ValueError(f"the class {cls.__name__} takes {' or '.join(map(repr, cls.KINDS))}")
+        return value
+
+    @field_validator("snr_db", "snr_gain_db", mode="before")
     @classmethod
     def _expand_grid(cls, value: Any) -> Any:
         """Turn a table ``{start, stop, step}`` into the list it stands for."""
@@ -65,17 +104,27 @@ class Suite(BaseModel):
             raise ValueError("start, stop and step must be numbers")
         return _grid(**value)
 
-    @field_validator("scenarios", "estimators", "snr_db")
+    @field_validator("scenarios", "estimators", "snr_db", "snr_gain_db")
     @classmethod
-    def _refuse_repeats(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _refuse_repeats(cls, values: tuple[Any, ...] | None) -> tuple[Any, ...] | None:
         """Refuse a repeated entry, which would yield two rows with the same key."""
-        repeated = [value for index, value in enumerate(values) if value in values[:index]]
-        if repeated:
-            raise ValueError(f"{repeated[0]!r} is listed twice")
-        return values
+        return None if values is None else _unrepeated(values)
+
+    @field_validator("snr_db")
+    @classmethod
+    def _require_one_axis(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse SNRs that are given twice or not at all; a mistake in the others is told by itself."""
+        others = info.data.get("snr_gain_db", ())
+        if value is None and others is None:
+            raise PydanticCustomError("missing", "missing")
+        if value is not None and others:
+            raise ValueError("give either snr_db, per element, or snr_gain_db, after all gain")
+        return value
 
     def replace(self, **changes: Any) -> Self:
         """Return a suite with other values for some keys; a change of None keeps the value.
+
+        New SNRs of one sort take the place of those of the other.
 
         Raises
         ------
@@ -83,10 +132,79 @@ class Suite(BaseModel):
             If a new value is not allowed.
         """
         given = {key: value for key, value in changes.items() if value is not None}
+        kept = self.model_dump()
+        for key, other in (("snr_db", "snr_gain_db"), ("snr_gain_db", "snr_db")):
+            if key in given:
+                kept[other] = None
         try:
-            return self.model_validate({**self.model_dump(), **given})
+            return self.model_validate({**kept, **given})
         except ValidationError as error:
             raise InputError(describe_mistake(error, type(self))) from error
+
+
+class ResolutionSuite(Suite):
+    """Suite of the kind ``resolution``.
+
+    Attributes
+    ----------
+    dimensions : tuple of {"range", "velocity", "u", "w"}
+        In which pairs of scatterers differ, one at a time.
+    separations_cells : tuple of float
+        By how many Rayleigh cells.
+    phases_deg : tuple of float
+        Phases between the two at the centre of resource grid and array.
+    """
+
+    KINDS: ClassVar[tuple[Kind, ...]] = ("resolution",)
+
+    kind: Kind = "resolution"
+    dimensions: Annotated[tuple[Dimension, ...], Field(min_length=1)] = DIMENSIONS
+    separations_cells: Annotated[tuple[Separation, ...], Field(min_length=1)]
+    phases_deg: Annotated[tuple[Phase, ...], Field(min_length=1)] = (0.0,)
+
+    @field_validator("dimensions", "separations_cells", "phases_deg")
+    @classmethod
+    def _refuse_repeated_scenes(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Refuse a repeated entry, which would yield two scenes of one name."""
+        return _unrepeated(values)
+
+
+class DetectionSuite(Suite):
+    """Suite of the kind ``detection``.
+
+    Attributes
+    ----------
+    detectors : tuple of str
+        Detectors as ``name[param=value,...]``: alone on the maps, and before
+        every estimator on the scenarios.
+    maps : tuple of str
+        Synthetic maps, see `isacbench.bench.maps.draw_map`.
+    pfa : tuple of float
+        Nominal probabilities of false alarm on the maps; none takes each
+        detector's own.
+    """
+
+    KINDS: ClassVar[tuple[Kind, ...]] = ("detection",)
+
+    kind: Kind = "detection"
+    detectors: Names
+    maps: tuple[MapName, ...] = get_args(MapName)
+    pfa: tuple[Pfa, ...] = ()
+
+    @field_validator("detectors", "maps", "pfa")
+    @classmethod
+    def _refuse_repeated_contestants(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Refuse a repeated entry, which would yield two rows with the same key."""
+        return _unrepeated(values)
+
+
+class _KindOnly(BaseModel):
+    """The one key by which the others are told."""
+
+    kind: Kind = "imaging"
+
+
+SUITES: tuple[type[Suite], ...] = (Suite, ResolutionSuite, DetectionSuite)
 
 
 def suite_names() -> list[str]:
@@ -129,12 +247,23 @@ def load_suite(name_or_path: str | Path) -> Suite:
     10
     """
     path = find_suite(name_or_path)
-    suite = read_toml(path, Suite)
+    suite = read_toml(path, _suite_class(read_toml(path, _KindOnly).kind))
     scenarios = tuple(
         str(path.parent / scenario) if scenario.endswith(".toml") else scenario
         for scenario in suite.scenarios
     )
     return suite.model_copy(update={"scenarios": scenarios})
+
+
+def restore_suite(content: Mapping[str, Any]) -> Suite:
+    """Build a suite from what its ``model_dump`` gave; a kind that is missing is ``imaging``.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    return _suite_class(_KindOnly.model_validate(content).kind).model_validate(content)
 
 
 def parse_snr(text: str) -> tuple[float, ...]:
@@ -167,6 +296,17 @@ def parse_snr(text: str) -> tuple[float, ...]:
         return _grid(*numbers)
     except ValueError as error:
         raise InputError(f"SNR {text!r}: {error}") from error
+
+
+def _suite_class(kind: Kind) -> type[Suite]:
+    return next(suite for suite in SUITES if kind in suite.KINDS)
+
+
+def _unrepeated(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    repeated = [value for index, value in enumerate(values) if value in values[:index]]
+    if repeated:
+        raise ValueError(f"{repeated[0]!r} is listed twice")
+    return values
 
 
 def _grid(start: float, stop: float, step: float) -> tuple[float, ...]:

@@ -140,7 +140,7 @@ def test_an_estimator_runs_on_one_thread_and_the_threads_come_back(suite, monkey
         seen.extend(library["num_threads"] for library in threadpool_info())
         return PointCloud.empty()
 
-    monkeypatch.setattr("isacbench.bench.runner.estimate_cloud", spy)
+    monkeypatch.setattr("isacbench.bench.cell.estimate_cloud", spy)
     run(suite, snr_db=0, trials=1)
     assert seen
     assert set(seen) == {1}

@@ -6,7 +6,7 @@ import pytest
 
 from isacbench.bench.runner import run_suite
 from isacbench.bench.store import default_folder, read_results, replacing, reserve_folder
-from isacbench.bench.suite import Suite
+from isacbench.bench.suite import DetectionSuite, ResolutionSuite, Suite
 from isacbench.errors import InputError
 from isacbench.metrics.score import score
 from isacbench.model.echo import observe
@@ -32,6 +32,44 @@ def test_a_run_is_read_back_as_it_was_written(written):
     pd.testing.assert_frame_equal(again.clouds, results.clouds)
     assert again.suite == results.suite
     assert not again.interrupted
+
+
+def test_a_study_is_read_back_with_its_suite_its_columns_and_what_it_drew(plugins, room_file, tmp_path):
+    suite = ResolutionSuite(
+        name="test",
+        scenarios=[str(room_file)],
+        estimators=["seer"],
+        dimensions=["u"],
+        separations_cells=[0.5],
+        phases_deg=[90],
+        snr_gain_db=[60],
+        trials=2,
+    )
+    results = run_suite(suite, out=tmp_path / "run")
+    again = read_results(tmp_path / "run")
+    assert again.suite == suite
+    pd.testing.assert_frame_equal(again.records, results.records)
+    pd.testing.assert_frame_equal(again.draws, results.draws)
+    assert len(again.draws) == 2 * 2
+    assert again.records["resolved"].dtype == bool
+    assert list(again.scenarios) == ["room"]
+
+
+def test_the_package_of_a_detector_that_ran_alone_is_in_the_manifest(plugins, tiny, tmp_path):
+    suite = DetectionSuite(
+        name="test",
+        scenarios=[str(tiny)],
+        estimators=["blob"],
+        detectors=["level"],
+        maps=["homogeneous"],
+        snr_gain_db=[20],
+        trials=1,
+    )
+    run_suite(suite, out=tmp_path / "run")
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
+    assert [entry["name"] for entry in manifest["estimators"]] == ["level", "blob"]
+    assert {entry["package"] for entry in manifest["estimators"]} == {"test-plugins 1.0"}
+    assert not (tmp_path / "run" / "draws.parquet").exists()
 
 
 def test_scores_follow_again_from_the_stored_clouds(written):

@@ -2,7 +2,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.suite import load_suite, parse_snr, suite_names
+from isacbench.bench.suite import (
+    DetectionSuite,
+    ResolutionSuite,
+    load_suite,
+    parse_snr,
+    restore_suite,
+    suite_names,
+)
 from isacbench.errors import InputError
 
 MINIMAL = """
@@ -65,6 +72,80 @@ def test_a_mistake_in_a_suite_names_the_file_the_key_and_what_is_allowed(suite_f
         load_suite(path)
     assert message in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+STUDY = MINIMAL.replace("snr_db = [0]", "snr_gain_db = {start = 0, stop = 45, step = 5}")
+RESOLUTION = f'kind = "resolution"\nseparations_cells = [0.25, 1]\n{STUDY}'
+DETECTION = f'kind = "detection"\ndetectors = ["ca"]\n{STUDY}'
+
+
+def test_a_kind_brings_keys_of_its_own_and_imaging_is_the_default(suite_file):
+    assert load_suite(suite_file(MINIMAL)).kind == "imaging"
+    assert load_suite(suite_file(f'kind = "efficiency"\n{STUDY}')).snr_gain_db == tuple(range(0, 50, 5))
+    resolution = load_suite(suite_file(RESOLUTION))
+    assert isinstance(resolution, ResolutionSuite)
+    assert (resolution.dimensions, resolution.phases_deg) == (("range", "velocity", "u", "w"), (0.0,))
+    detection = load_suite(suite_file(DETECTION))
+    assert isinstance(detection, DetectionSuite)
+    assert (len(detection.maps), detection.pfa) == (4, ())
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "message"),
+    [
+        (
+            RESOLUTION,
+            '"resolution"',
+            '"imagine"',
+            "kind = 'imagine': input should be 'imaging', 'efficiency',",
+        ),
+        (RESOLUTION, '"resolution"', '"efficiency"', "unknown key separations_cells: allowed are kind, name"),
+        (RESOLUTION, "separations_cells", "separations", "did you mean 'separations_cells'"),
+        (RESOLUTION, "0.25", "0", "separations_cells[0] = 0: input should be greater than 0"),
+        (RESOLUTION, "[0.25, 1]", "[1, 1]", "1.0 is listed twice"),
+        (RESOLUTION, "trials", 'dimensions = ["x"]\ntrials', "dimensions[0] = 'x': input should be 'range'"),
+        (DETECTION, 'detectors = ["ca"]', "", "missing key detectors"),
+        (DETECTION, "trials", "pfa = [2]\ntrials", "pfa[0] = 2: input should be less than 1"),
+        (DETECTION, "trials", 'maps = ["flat"]\ntrials', "maps[0] = 'flat': input should be 'homogeneous'"),
+        (MINIMAL, "snr_db = [0]", "", "missing key snr_db"),
+        (MINIMAL, "trials", "snr_gain_db = [0]\ntrials", "give either snr_db, per element, or snr_gain_db"),
+        (STUDY, "stop = 45", "stop = 'a'", "snr_gain_db = {"),
+    ],
+)
+def test_a_mistake_in_a_study_names_the_file_the_key_and_what_is_allowed(suite_file, text, old, new, message):
+    path = suite_file(text.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        load_suite(path)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("text", [MINIMAL, RESOLUTION, DETECTION])
+def test_a_suite_is_restored_from_what_it_dumps(suite_file, text):
+    suite = load_suite(suite_file(text))
+    assert restore_suite(suite.model_dump()) == suite
+    assert type(restore_suite(suite.model_dump())) is type(suite)
+
+
+def test_a_suite_of_the_first_version_is_restored_as_imaging():
+    old = load_suite("quick").model_dump(exclude={"kind", "snr_gain_db"})
+    assert restore_suite(old) == load_suite("quick")
+
+
+def test_a_class_refuses_the_kind_of_another(suite_file):
+    suite = load_suite(suite_file(MINIMAL))
+    with pytest.raises(
+        InputError, match="kind = 'resolution': the class Suite takes 'imaging' or 'efficiency'"
+    ):
+        suite.replace(kind="resolution")
+
+
+def test_new_snrs_of_one_sort_take_the_place_of_the_other(suite_file):
+    suite = load_suite(suite_file(STUDY))
+    by_element = suite.replace(snr_db=[1.0])
+    assert (by_element.snr_db, by_element.snr_gain_db) == ((1.0,), None)
+    assert by_element.replace(snr_gain_db=[2.0]).snr_db is None
+    assert suite.replace(trials=3).snr_gain_db == suite.snr_gain_db
 
 
 def test_an_unknown_suite_is_answered_with_the_nearest_one():

@@ -1,0 +1,123 @@
+"""One cell of a run: an estimator meets an observation, timed, scored, and never in the way of the others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+from isacbench.bench.record import Cell, Outcome, Record
+from isacbench.metrics.score import score
+from isacbench.model.cloud import PointCloud
+
+if TYPE_CHECKING:
+    from isacbench.contracts import Estimator, TruthEstimator
+    from isacbench.model.observation import Observation
+    from isacbench.model.scenario import Scenario
+    from isacbench.registry import AnyEstimator
+
+__all__ = ["Measure", "Shot", "estimate_cloud", "failure", "run_cell"]
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """An image as a study measures it.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        With the scatterers that were observed.
+    observation : Observation
+    estimator : Estimator or TruthEstimator
+    snr_db : float
+    cloud : PointCloud
+        What the estimator made of the observation.
+    """
+
+    scenario: Scenario
+    observation: Observation
+    estimator: AnyEstimator
+    snr_db: float
+    cloud: PointCloud
+
+
+Measure = Callable[[Shot], Mapping[str, Any]]
+"""What a study measures of an image beside its scores: further columns of the row."""
+
+
+def run_cell(
+    cell: Cell,
+    scenario: Scenario,
+    observation: Observation,
+    estimator: AnyEstimator,
+    measure: Measure | None = None,
+) -> Outcome:
+    """Estimate, time and score one cell; whatever the estimator raises becomes the record's reason.
+
+    Parameters
+    ----------
+    cell : Cell
+        The key of the row.
+    scenario : Scenario
+        Whose truth the estimate is scored against.
+    observation : Observation
+    estimator : Estimator or TruthEstimator
+    measure : callable, optional
+        What a study measures beside the scores.
+
+    Returns
+    -------
+    Outcome
+    """
+    truth = scenario.truth
+    start = time.perf_counter()
+    try:
+        cloud = estimate_cloud(estimator, observation, truth)
+        estimated = time.perf_counter()
+        scores: dict[str, Any] = dict(
+            score(truth, cloud, region=scenario.region, velocity_bin_mps=scenario.system.velocity_bin_mps)
+        )
+        shot = Shot(scenario, observation, estimator, cell.snr_db, cloud)
+        extras = {} if measure is None else measure(shot)
+    except Exception as error:
+        return failure(cell, error, len(truth), time.perf_counter() - start)
+    record = Record(
+        **vars(cell),
+        status="ok" if len(cloud) else "no_detection",
+        reason="",
+        **scores,
+        time_estimate_s=estimated - start,
+        time_score_s=time.perf_counter() - estimated,
+    )
+    return Outcome(record, cloud, extras)
+
+
+def failure(cell: Cell, error: Exception, n_true: int, time_s: float) -> Outcome:
+    """Row of a cell that failed after a time, with the reason."""
+    record = Record(
+        **vars(cell),
+        status="error",
+        reason=f"{type(error).__name__}: {error}",
+        n_true=n_true,
+        n_estimated=0,
+        time_estimate_s=time_s,
+    )
+    return Outcome(record, PointCloud.empty())
+
+
+def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
+    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+
+    Raises
+    ------
+    TypeError
+        If the estimator returns anything but a `PointCloud`.
+    """
+    if getattr(estimator, "needs_truth", False):
+        cloud = cast("TruthEstimator", estimator).estimate(observation, truth)
+    else:
+        cloud = cast("Estimator", estimator).estimate(observation)
+    if not isinstance(cloud, PointCloud):
+        raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
+    return cloud

@@ -1,0 +1,276 @@
+"""The study ``detection``: detectors on maps that tell them apart, and with estimators behind them.
+
+A row of a map has the detector in the column ``estimator`` and no scores, for
+there is no cloud. A row of a scenario is the ordinary one of an estimator
+with the detector as its parameter. Both count cells: targets and how many of
+them were detected, clear cells and how many of them were false alarms.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtrit
+
+from isacbench.bench.cell import failure
+from isacbench.bench.imaging import require_scatterers
+from isacbench.bench.intervals import CONFIDENCE, wilson_interval
+from isacbench.bench.maps import PowerMap, draw_map, near
+from isacbench.bench.radio import gain_db
+from isacbench.bench.record import DRAW_COLUMNS, Cell, Outcome, Record
+from isacbench.bench.study import Contestant, ImagedScene, element_snrs_db, gained_snr_db
+from isacbench.contracts import Detection, Detector, Diagnoser
+from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
+from isacbench.model.numerology import System
+from isacbench.registry import canonical_params, get_detector, get_estimator, parse_spec
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.bench.cell import Shot
+    from isacbench.bench.maps import MapName
+    from isacbench.bench.study import Scene
+    from isacbench.bench.suite import DetectionSuite
+    from isacbench.model.scenario import Scenario
+    from isacbench.registry import AnyEstimator, Spec
+
+__all__ = ["DetectorStudy", "MapScene", "count_cells", "summarise"]
+
+MAP_GAIN_DB = 10 * math.log10(System().processing_gain)
+"""A target of a map stands for a unit scatterer in the range-Doppler map of one element (Table I)."""
+
+CLEAR_CELLS = 3
+"""A scenario's cells farther from any scatterer's than this are clear: a Hann taper reaches two bins."""
+
+GROUP = ["scenario", "estimator", "params", "detector", "pfa", "snr_db"]
+COUNTS = ["n_targets", "n_hits", "n_clear", "n_false"]
+
+
+class DetectorStudy:
+    """Probabilities of detection and of false alarm, on synthetic maps and on scenarios."""
+
+    columns: ClassVar[Mapping[str, Any]] = {
+        "snr_gain_db": math.nan,
+        "detector": "",
+        "pfa": math.nan,
+        **dict.fromkeys(COUNTS, 0),
+    }
+
+    def scenes(self, suite: DetectionSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
+        """Maps with every detector alone, scenarios with every estimator behind every detector."""
+        specs = {text: parse_spec(text) for text in suite.detectors}
+        alone, behind = _alone(specs, suite.pfa), _behind(specs, suite.estimators)
+        require_scatterers(scenarios)
+        if clash := set(suite.maps) & set(scenarios):
+            raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
+        maps: list[Scene] = [MapScene(suite, name, alone) for name in suite.maps]
+        return maps + [
+            ImagedScene(
+                suite, scenario, behind, element_snrs_db(suite, gain_db(scenario)), measure=count_cells
+            )
+            for scenario in scenarios.values()
+        ]
+
+
+class MapScene:
+    """A synthetic map and the detectors that test it.
+
+    Parameters
+    ----------
+    suite : DetectionSuite
+    name : str
+        Of the map.
+    contestants : sequence of Contestant
+        Detectors.
+    """
+
+    def __init__(
+        self, suite: DetectionSuite, name: MapName, contestants: Sequence[Contestant[Detector]]
+    ) -> None:
+        self.name = name
+        self.snr_db = element_snrs_db(suite, MAP_GAIN_DB)
+        self.n_contestants = len(contestants)
+        self._suite = suite
+        self._map_name: MapName = name
+        self._contestants = contestants
+        self._drawn: tuple[int, PowerMap] | None = None
+
+    def outcomes(self, snr_db: float, trial: int) -> Iterator[Outcome]:
+        """Test the map by every detector."""
+        drawn, suite = self._draw(trial), self._suite
+        target_snr_db = gained_snr_db(snr_db, MAP_GAIN_DB)
+        power = drawn.power(target_snr_db)
+        power.setflags(write=False)
+        for contestant in self._contestants:
+            cell = Cell(suite.name, self.name, contestant.name, contestant.params, snr_db, trial, suite.seed)
+            outcome = _run_detector(cell, contestant.plugin, drawn, power)
+            labels = {"snr_gain_db": target_snr_db, **contestant.labels}
+            yield dataclasses.replace(outcome, extras={**labels, **outcome.extras})
+
+    def draws(self, n_trials: int) -> pd.DataFrame:
+        """Give no scatterers: a map has none."""
+        return pd.DataFrame(columns=DRAW_COLUMNS)
+
+    def _draw(self, trial: int) -> PowerMap:
+        if self._drawn is None or self._drawn[0] != trial:
+            self._drawn = trial, draw_map(self._map_name, trial, self._suite.seed)
+        return self._drawn[1]
+
+
+def count_cells(shot: Shot) -> dict[str, int]:
+    """Count cells of the range-Doppler map that an estimator's detector tested.
+
+    Parameters
+    ----------
+    shot : Shot
+
+    Returns
+    -------
+    dict of str to int
+        ``n_targets``, cells nearest to a scatterer, and ``n_hits`` of them
+        detected; ``n_clear``, cells more than three away from all of those,
+        and ``n_false`` of them detected. Nothing where the estimator is no
+        `Diagnoser`.
+    """
+    if not isinstance(shot.estimator, Diagnoser):
+        return {}
+    diagnosis, system = shot.estimator.diagnose(shot.observation), shot.scenario.system
+    truth = shot.scenario.truth
+    range_m = np.linalg.norm(truth.xyz - shot.scenario.base_station_m, axis=1)
+    rows = np.rint(range_m / system.range_bin_m).astype(np.int64) - diagnosis.range_bins[0]
+    columns = np.rint(truth.velocity / system.velocity_bin_mps).astype(np.int64) - diagnosis.doppler_bins[0]
+    mask = diagnosis.detection.mask
+    inside = (rows >= 0) & (rows < mask.shape[0]) & (columns >= 0) & (columns < mask.shape[1])
+    targets = np.zeros_like(mask)
+    targets[rows[inside], columns[inside]] = True
+    return _counts(mask, targets, ~near(targets, CLEAR_CELLS))
+
+
+def summarise(records: pd.DataFrame) -> pd.DataFrame:
+    """Probabilities of detection and of false alarm, and the deviation of what was imaged.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    DataFrame
+        One row for each scenario or map, estimator (with its parameters),
+        detector, nominal rate ``pfa`` and SNR: ``snr_gain_db``,
+        ``n_cells``, ``n_failed`` and the counts, summed over trials;
+        ``pd`` and ``pfa_measured`` with 95 % intervals, ``..._low`` and
+        ``..._high`` (Wilson); ``deviation_mean`` with the half width of its
+        95 % interval ``deviation_band`` (Student's t), NaN for a map;
+        ``time_estimate_s_median``.
+    """
+    rows = []
+    for key, part in records.groupby(GROUP, sort=False):
+        counts = {name: int(part[name].sum()) for name in COUNTS}
+        deviation = part["deviation"].dropna()
+        n = len(deviation)
+        quantile = float(stdtrit(n - 1, (1 + CONFIDENCE) / 2)) if n > 1 else math.nan
+        row: dict[str, Any] = {
+            **dict(zip(GROUP, key, strict=True)),
+            "snr_gain_db": part["snr_gain_db"].iloc[0],
+            "n_cells": len(part),
+            "n_failed": int((part["status"] == "error").sum()),
+            **counts,
+        }
+        for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):
+            low, high = wilson_interval(counts[hits], counts[of])
+            share = counts[hits] / counts[of] if counts[of] else math.nan
+            row |= {name: share, f"{name}_low": low, f"{name}_high": high}
+        row |= {
+            "deviation_mean": deviation.mean(),
+            "deviation_band": deviation.std() * quantile / math.sqrt(n) if n > 1 else math.nan,
+            "time_estimate_s_median": part["time_estimate_s"].median(),
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _alone(specs: Mapping[str, Spec], rates: Sequence[float]) -> list[Contestant[Detector]]:
+    """Every detector at every nominal rate, at its own where none is given."""
+    contestants = []
+    for text, (name, params) in specs.items():
+        for rate in rates or [get_detector(name, **params).pfa]:
+            detector = get_detector(name, **{**params, "pfa": rate})
+            labels = {"detector": text, "pfa": detector.pfa}
+            contestants.append(Contestant(name, canonical_params(detector), detector, labels))
+    _refuse_repeats(contestants)
+    return contestants
+
+
+def _behind(specs: Mapping[str, Spec], estimators: Sequence[str]) -> list[Contestant[AnyEstimator]]:
+    """Every estimator behind every detector."""
+    contestants = []
+    for estimator_text in estimators:
+        name, params = parse_spec(estimator_text)
+        if "detector" in params:
+            raise InputError(f"estimators: {estimator_text!r} has a detector; its place is in detectors")
+        for text, spec in specs.items():
+            estimator = get_estimator(name, **params, detector=spec)
+            own_pfa = getattr(estimator, "pfa", None)
+            pfa = get_detector(spec.name, **spec.params).pfa if own_pfa is None else own_pfa
+            labels = {"detector": text, "pfa": pfa}
+            contestants.append(Contestant(name, canonical_params(estimator), estimator, labels))
+    _refuse_repeats(contestants)
+    return contestants
+
+
+def _refuse_repeats(contestants: Sequence[Contestant[Any]]) -> None:
+    keys = [(contestant.name, contestant.params) for contestant in contestants]
+    for index, contestant in enumerate(contestants):
+        if keys[index] in keys[:index]:
+            raise InputError(
+                f"detectors: {contestant.labels['detector']!r} repeats a detector with equal parameters"
+            )
+
+
+def _run_detector(cell: Cell, detector: Detector, drawn: PowerMap, power: NDArray[np.float64]) -> Outcome:
+    """Test a map, timed; whatever the detector raises becomes the record's reason."""
+    n_targets = int(drawn.targets.sum())
+    start = time.perf_counter()
+    try:
+        mask = _mask(detector.detect(power), power.shape)
+        elapsed_s = time.perf_counter() - start
+    except Exception as error:
+        return failure(cell, error, n_targets, time.perf_counter() - start)
+    n_detected = int(mask.sum())
+    record = Record(
+        **vars(cell),
+        status="ok" if n_detected else "no_detection",
+        reason="",
+        n_true=n_targets,
+        n_estimated=n_detected,
+        time_estimate_s=elapsed_s,
+    )
+    return Outcome(record, PointCloud.empty(), _counts(mask, drawn.targets, drawn.clear))
+
+
+def _mask(detection: Detection, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mask of a detection, held to the contract."""
+    if not isinstance(detection, Detection):
+        raise TypeError(f"detect() must return a Detection, not {type(detection).__name__}")
+    mask = np.asarray(detection.mask)
+    if mask.dtype != np.bool_ or mask.shape != shape:
+        raise ValueError(f"detect() must mark cells of a map of shape {shape}, not {mask.dtype} {mask.shape}")
+    return mask
+
+
+def _counts(
+    mask: NDArray[np.bool_],
+    targets: NDArray[np.bool_],
+    clear: NDArray[np.bool_],
+) -> dict[str, int]:
+    values = (targets.sum(), (mask & targets).sum(), clear.sum(), (mask & clear).sum())
+    return dict(zip(COUNTS, map(int, values), strict=True))

@@ -1,0 +1,76 @@
+"""Confidence intervals of what studies count and measure."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import chdtri, ndtri
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["CONFIDENCE", "rms_interval", "wilson_interval"]
+
+CONFIDENCE = 0.95
+
+
+def rms_interval(values: Floats) -> tuple[float, float, float]:
+    """Root mean square and its 95 % confidence interval, also where tails are heavy.
+
+    The mean square is taken for a scaled chi-square whose degrees of freedom
+    follow from the spread of the squares (Satterthwaite), and are at most
+    the number of values, which is what they are for normal ones.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n,)
+
+    Returns
+    -------
+    rms, low, high : float
+        NaN without values; no interval of a single one.
+
+    Examples
+    --------
+    >>> rms_interval(np.array([3.0, -4.0, 3.0, -4.0]))[0]
+    3.5355339059327378
+    """
+    n = values.size
+    if not n:
+        return math.nan, math.nan, math.nan
+    squares = np.square(values)
+    mean = float(squares.mean())
+    if n == 1 or not mean:
+        return math.sqrt(mean), math.nan, math.nan
+    spread = float(squares.var(ddof=1))
+    freedom = min(float(n), 2 * n * mean**2 / spread) if spread else float(n)
+    tail = (1 - CONFIDENCE) / 2
+    low, high = (math.sqrt(mean * freedom / float(chdtri(freedom, p))) for p in (tail, 1 - tail))
+    return math.sqrt(mean), low, high
+
+
+def wilson_interval(n_successes: int, n: int) -> tuple[float, float]:
+    """Wilson's 95 % confidence interval of a probability; NaN without trials.
+
+    References
+    ----------
+    Wilson, "Probable inference, the law of succession, and statistical
+    inference", J. Am. Stat. Assoc. 22 (1927).
+
+    Examples
+    --------
+    >>> [round(limit, 4) for limit in wilson_interval(9, 10)]
+    [0.5958, 0.9821]
+    """
+    if not n:
+        return math.nan, math.nan
+    quantile = float(ndtri((1 + CONFIDENCE) / 2))
+    share, shrink = n_successes / n, 1 + quantile**2 / n
+    middle = (share + quantile**2 / (2 * n)) / shrink
+    half = quantile * math.sqrt(share * (1 - share) / n + quantile**2 / (4 * n**2)) / shrink
+    # Rounding alone must not part an end from 0 or 1.
+    return (middle - half if n_successes else 0.0), (middle + half if n_successes < n else 1.0)

@@ -1,0 +1,192 @@
+"""Synthetic power maps: the situations in which CFAR detectors differ.
+
+A map is tiled with sites, each with a target of its own, so that one call of a
+detector is a hundred experiments. Targets and interferers fluctuate (Swerling
+I: complex Gaussian, as the noise), have the same mean power and fill one cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from scipy import ndimage
+
+from isacbench.model.echo import random_stream
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Mask = NDArray[np.bool_]
+
+__all__ = ["MAPS", "MapName", "PowerMap", "draw_map", "near"]
+
+MapName = Literal["homogeneous", "clutter-edge", "close-targets", "interferers"]
+
+SITE = 32
+"""Cells of a site along range and along Doppler."""
+
+N_SITES = 4, 32
+"""Sites of a map along range and along Doppler."""
+
+REACH = 8
+"""Cells farther from any echo than this are noise to a detector's window as well."""
+
+NEIGHBOURS = 2, 4
+"""Nearest and farthest a second target or an interferer is, in cells: in the window, outside the guard."""
+
+EDGE_DB = 15.0
+"""Power of clutter over that of noise."""
+
+EDGE_DISTANCE = 3
+"""Cells from a target in noise to the first cell of clutter."""
+
+EDGE_CELLS = 4
+"""Cells of clutter along range that count as its edge: half a window of the paper's size."""
+
+N_INTERFERERS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class PowerMap:
+    """A map's ingredients, from which its power at any SNR follows.
+
+    Attributes
+    ----------
+    noise : ndarray of complex128, shape (n_range, n_doppler)
+        Noise of power 1, clutter where there is any.
+    echo : ndarray of complex128, same shape
+        Echoes of mean power 1, zero where there is none.
+    targets : ndarray of bool, same shape
+        Cells that should be detected.
+    clear : ndarray of bool, same shape
+        Cells without an echo in which false alarms are counted.
+    """
+
+    noise: NDArray[np.complex128]
+    echo: NDArray[np.complex128]
+    targets: Mask
+    clear: Mask
+
+    def power(self, snr_db: float) -> NDArray[np.float64]:
+        """Power of every cell, for a mean power of targets over that of noise."""
+        cells = self.noise + 10 ** (snr_db / 20) * self.echo
+        power: NDArray[np.float64] = cells.real**2 + cells.imag**2
+        return power
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Where what is: the mean power of noise and clutter, and three masks, all of the map's shape."""
+
+    background: NDArray[np.float64]
+    targets: Mask
+    interferers: Mask
+    clear: Mask
+
+
+def draw_map(name: MapName, trial: int, seed: int) -> PowerMap:
+    """Draw a map.
+
+    Parameters
+    ----------
+    name : {"homogeneous", "clutter-edge", "close-targets", "interferers"}
+        ``homogeneous``: noise, and one target a site; false alarms are
+        counted out of reach of targets. ``clutter-edge``: half of the map is
+        15 dB of clutter, targets lie in noise three cells before it; false
+        alarms are counted in the first four cells of clutter.
+        ``close-targets``: two targets two to four cells apart.
+        ``interferers``: six of them two to four cells around each target. In
+        both, false alarms are counted up to four cells around targets.
+    trial, seed : int
+
+    Returns
+    -------
+    PowerMap
+    """
+    layout = MAPS[name](random_stream(name, trial, seed, "layout"))
+    shape, echoes = layout.background.shape, layout.targets | layout.interferers
+    noise = _unit_gaussian(random_stream(name, trial, seed), shape) * np.sqrt(layout.background)
+    echo = np.where(echoes, _unit_gaussian(random_stream(name, trial, seed, "echo"), shape), 0)
+    return PowerMap(noise, echo, layout.targets, layout.clear)
+
+
+def near(mask: Mask, distance: int) -> Mask:
+    """Cells at most so many cells away from one in the mask, diagonals counted once."""
+    return np.asarray(ndimage.maximum_filter(mask, size=2 * distance + 1, mode="constant"), dtype=np.bool_)
+
+
+def _homogeneous(rng: np.random.Generator) -> _Layout:
+    targets = _marked(_centres())
+    return _Layout(np.ones(targets.shape), targets, np.zeros_like(targets), ~near(targets, REACH))
+
+
+def _clutter_edge(rng: np.random.Generator) -> _Layout:
+    rows, columns = _centres()
+    clutter = np.zeros(_shape(), dtype=np.bool_)
+    for first in range(SITE, clutter.shape[0], 2 * SITE):
+        clutter[first : first + SITE] = True
+    before = rows // SITE % 2 == 0
+    targets = _marked(((rows[before] // SITE + 1) * SITE - EDGE_DISTANCE, columns[before]))
+    edge = clutter & ~np.roll(clutter, EDGE_CELLS, axis=0)
+    background = np.where(clutter, 10 ** (EDGE_DB / 10), 1.0)
+    return _Layout(background, targets, np.zeros_like(targets), edge & ~near(targets, REACH))
+
+
+def _close_targets(rng: np.random.Generator) -> _Layout:
+    first = _marked(_centres())
+    targets = first | _around(rng, 1)
+    return _Layout(
+        np.ones(first.shape), targets, np.zeros_like(first), near(targets, NEIGHBOURS[1]) & ~targets
+    )
+
+
+def _interferers(rng: np.random.Generator) -> _Layout:
+    targets, interferers = _marked(_centres()), _around(rng, N_INTERFERERS)
+    clear = near(targets, NEIGHBOURS[1]) & ~targets & ~interferers
+    return _Layout(np.ones(targets.shape), targets, interferers, clear)
+
+
+MAPS: dict[MapName, Callable[[np.random.Generator], _Layout]] = {
+    "homogeneous": _homogeneous,
+    "clutter-edge": _clutter_edge,
+    "close-targets": _close_targets,
+    "interferers": _interferers,
+}
+
+
+def _shape() -> tuple[int, int]:
+    return N_SITES[0] * SITE, N_SITES[1] * SITE
+
+
+def _centres() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of the middle of every site."""
+    rows, columns = np.indices(N_SITES).reshape(2, -1) * SITE + SITE // 2
+    return rows, columns
+
+
+def _marked(cells: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Mask:
+    """Mask of some cells."""
+    mask = np.zeros(_shape(), dtype=np.bool_)
+    mask[cells] = True
+    return mask
+
+
+def _around(rng: np.random.Generator, n: int) -> Mask:
+    """Mask of so many cells around the middle of every site, none twice."""
+    nearest, farthest = NEIGHBOURS
+    offsets = np.indices((2 * farthest + 1,) * 2).reshape(2, -1).T - farthest
+    offsets = offsets[np.abs(offsets).max(axis=1) >= nearest]
+    rows, columns = _centres()
+    order = rng.permuted(np.tile(np.arange(len(offsets)), (rows.size, 1)), axis=1)[:, :n]
+    chosen = offsets[order]
+    return _marked((rows[:, None] + chosen[..., 0], columns[:, None] + chosen[..., 1]))
+
+
+def _unit_gaussian(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.complex128]:
+    """White circular complex Gaussian numbers of unit power."""
+    parts = rng.standard_normal((*shape, 2)) * np.sqrt(0.5)
+    numbers: NDArray[np.complex128] = parts.view(np.complex128)[..., 0]
+    return numbers

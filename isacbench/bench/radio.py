@@ -1,0 +1,116 @@
+"""Clouds as the radio sees them: range, velocity and two direction cosines, and their Rayleigh cells."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from isacbench.errors import InputError
+from isacbench.model.echo import random_stream
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.scene import Scatterers, Scenario
+
+    Floats = NDArray[np.float64]
+
+__all__ = [
+    "DIMENSIONS",
+    "Dimension",
+    "draw_place",
+    "gain_db",
+    "radio_places",
+    "rayleigh_cells",
+    "space_places",
+]
+
+Dimension = Literal["range", "velocity", "u", "w"]
+
+DIMENSIONS: tuple[Dimension, ...] = ("range", "velocity", "u", "w")
+
+CANDIDATES = 64
+MAX_ROUNDS = 200
+
+
+def rayleigh_cells(scenario: Scenario) -> Floats:
+    """Rayleigh cells (4,): the range bin in m, the velocity bin in m/s, 2/P and 2/Q."""
+    system, (n_p, n_q) = scenario.system, scenario.array.shape
+    return np.array([system.range_bin_m, system.velocity_bin_mps, 2 / n_p, 2 / n_q])
+
+
+def gain_db(scenario: Scenario) -> float:
+    """Gain in dB from the SNR of the scene at one element to that of one unit scatterer after all sums.
+
+    The sums run over N_c subcarriers, N_sym symbols and P Q elements; the
+    SNR of a scene counts the power of all its scatterers.
+    """
+    system, (n_p, n_q) = scenario.system, scenario.array.shape
+    echo_power = float(np.sum(scenario.scatterers.amplitude**2)) or 1.0
+    return float(10 * np.log10(system.processing_gain * n_p * n_q / echo_power))
+
+
+def radio_places(scenario: Scenario, points: PointCloud | Scatterers) -> Floats:
+    """Places (n, 4) of points: range in m, velocity in m/s, direction cosines u and w."""
+    offset_m = points.xyz - scenario.base_station_m
+    u, w = scenario.frame.direction_cosines(offset_m)
+    return np.stack([np.linalg.norm(offset_m, axis=1), points.velocity, u, w], axis=1)
+
+
+def space_places(scenario: Scenario, places: ArrayLike) -> tuple[Floats, Floats]:
+    """Positions (n, 3) in m and velocities (n,) in m/s of places (n, 4) as the radio sees them.
+
+    Directions outside the visible region yield NaN.
+    """
+    range_m, velocity, u, w = np.asarray(places, dtype=np.float64).T
+    return scenario.base_station_m + scenario.frame.offsets(range_m, u, w), velocity
+
+
+def draw_place(scenario: Scenario, trial: int, seed: int, margin_cells: float) -> Floats:
+    """Draw a place that knows no grid: uniform in space and in speed, away from the region's border.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Whose region it lies in; its scatterers do not matter.
+    trial, seed : int
+        The place is a function of them and of the scenario's name.
+    margin_cells : float
+        Rayleigh cells to either side, along each of range, velocity, u and w,
+        that are still inside the region.
+
+    Returns
+    -------
+    ndarray of float64, shape (4,)
+        Range in m, velocity in m/s, u and w.
+
+    Raises
+    ------
+    InputError
+        If the region has no room for it.
+    """
+    region, margin = scenario.region, margin_cells * rayleigh_cells(scenario)
+    rng = random_stream(scenario.name, trial, seed, "place")
+    slowest_mps, fastest_mps = region.speed_mps[0] + margin[1], region.speed_mps[1] - margin[1]
+    # Range, u and w a margin up and down.
+    probes = np.diag(margin)[[0, 2, 3]]
+    probes = np.concatenate([probes, -probes])
+    for _ in range(MAX_ROUNDS if slowest_mps <= fastest_mps else 0):
+        offset_m = rng.uniform(region.lower_m, region.upper_m, (CANDIDATES, 3)) - scenario.base_station_m
+        speed_mps = rng.uniform(slowest_mps, fastest_mps, CANDIDATES)
+        u, w = scenario.frame.direction_cosines(offset_m)
+        places = np.stack([np.linalg.norm(offset_m, axis=1), speed_mps, u, w], axis=1)
+        around, _ = space_places(scenario, (places[:, None, :] + probes).reshape(-1, 4))
+        inside = region.contains(around).reshape(CANDIDATES, -1).all(axis=1)
+        inside &= scenario.frame.in_half_space(offset_m)
+        if inside.any():
+            place: Floats = places[inside.argmax()]
+            return place
+    cell = rayleigh_cells(scenario)
+    raise InputError(
+        f"scenario {scenario.name}: its region has no room for a scatterer with {margin_cells:g} Rayleigh "
+        f"cells to either side; a cell is {cell[0]:.3g} m, {cell[1]:.3g} m/s, {cell[2]:.3g} in u and "
+        f"{cell[3]:.3g} in w"
+    )

@@ -1,0 +1,206 @@
+"""Studies: what a kind of suite makes of its scenarios, and what it measures beside the scores.
+
+A study expands a suite into scenes. A scene is what the column `scenario`
+names: it is drawn once a trial, observed at every SNR, and every contestant
+meets the same observation. The runner knows nothing else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+import pandas as pd
+
+from isacbench.bench.cell import run_cell
+from isacbench.bench.radio import gain_db
+from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Cell, Outcome
+from isacbench.errors import InputError
+from isacbench.model.echo import Simulator
+from isacbench.registry import AnyEstimator, build_estimator, canonical_params
+
+if TYPE_CHECKING:
+    from isacbench.bench.cell import Measure
+    from isacbench.bench.suite import Suite
+    from isacbench.model.scenario import Scenario
+
+__all__ = [
+    "Contestant",
+    "ImagedScene",
+    "Scene",
+    "Study",
+    "build_estimators",
+    "element_snrs_db",
+    "gained_snr_db",
+]
+
+SNR_DECIMALS = 6
+"""Digits after which an SNR is rounded, so that a gain added and taken away leaves it as it was."""
+
+Plugin = TypeVar("Plugin")
+SuiteT = TypeVar("SuiteT", bound="Suite", contravariant=True)
+
+
+@dataclass(frozen=True)
+class Contestant(Generic[Plugin]):
+    """Who meets an observation.
+
+    Attributes
+    ----------
+    name : str
+        In the column ``estimator``.
+    params : str
+        Canonical JSON.
+    plugin : Estimator, TruthEstimator or Detector
+    labels : mapping of str to Any
+        Further columns that tell it from others.
+    """
+
+    name: str
+    params: str
+    plugin: Plugin
+    labels: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Scene(Protocol):
+    """What one name in the column ``scenario`` stands for."""
+
+    @property
+    def name(self) -> str:
+        """Unique in a run."""
+
+    @property
+    def snr_db(self) -> Sequence[float]:
+        """SNRs, per resource element and virtual element."""
+
+    @property
+    def n_contestants(self) -> int:
+        """Rows that every SNR of every trial gets."""
+
+    def outcomes(self, snr_db: float, trial: int) -> Iterator[Outcome]:
+        """Observe once, and let every contestant meet the observation."""
+
+    def draws(self, n_trials: int) -> pd.DataFrame:
+        """Scatterers that were drawn, a row each, columns as in `isacbench.bench.record.Results.draws`."""
+
+
+class Study(Protocol[SuiteT]):
+    """A kind of suite."""
+
+    @property
+    def columns(self) -> Mapping[str, Any]:
+        """Columns that its rows have beside the pinned ones, each with the value of a failure."""
+
+    def scenes(self, suite: SuiteT, scenarios: Mapping[str, Scenario]) -> Sequence[Scene]:
+        """Scenes of a suite, given its scenarios by name.
+
+        Raises
+        ------
+        InputError
+            If the suite cannot be run on them.
+        """
+
+
+class ImagedScene:
+    """A scene that estimators image: the same in every trial, or drawn anew.
+
+    Parameters
+    ----------
+    suite : Suite
+    scenario : Scenario
+        The scene, or what draws have in common; its name is the scene's.
+    contestants : sequence of Contestant
+        Estimators.
+    snr_db : sequence of float
+    draw : callable, optional
+        Scenario of a trial.
+    measure : callable, optional
+        What to measure beside the scores.
+    labels : mapping of str to Any
+        Further columns of every row.
+    """
+
+    def __init__(
+        self,
+        suite: Suite,
+        scenario: Scenario,
+        contestants: Sequence[Contestant[AnyEstimator]],
+        snr_db: Sequence[float],
+        *,
+        draw: Callable[[int], Scenario] | None = None,
+        measure: Measure | None = None,
+        labels: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.name = scenario.name
+        self.snr_db = snr_db
+        self.n_contestants = len(contestants)
+        self._suite = suite
+        self._scenario = scenario
+        self._contestants = contestants
+        self._draw = draw
+        self._measure = measure
+        self._labels = labels or {}
+        self._observed: tuple[int, Simulator] | None = None
+
+    def outcomes(self, snr_db: float, trial: int) -> Iterator[Outcome]:
+        """Observe once, and let every estimator image it."""
+        simulator, suite = self._simulator(trial), self._suite
+        observation = simulator.observe(snr_db, trial, suite.seed)
+        labels = {**self._labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(simulator.scenario))}
+        for contestant in self._contestants:
+            cell = Cell(suite.name, self.name, contestant.name, contestant.params, snr_db, trial, suite.seed)
+            outcome = run_cell(cell, simulator.scenario, observation, contestant.plugin, self._measure)
+            extras = {**labels, **contestant.labels, **outcome.extras}
+            yield dataclasses.replace(outcome, extras=extras)
+
+    def draws(self, n_trials: int) -> pd.DataFrame:
+        """Scatterers of the first trials, none where every trial has the same."""
+        tables = [pd.DataFrame(columns=DRAW_COLUMNS)]
+        for trial in range(n_trials if self._draw is not None else 0):
+            drawn = self._drawn(trial)
+            table = pd.DataFrame(drawn.truth.to_array(), columns=POINT_COLUMNS)
+            table.insert(0, "scenario", self.name)
+            table.insert(1, "trial", trial)
+            tables.append(table.assign(phase_rad=drawn.scatterers.phase_rad))
+        return pd.concat(tables[1:] or tables, ignore_index=True)
+
+    def _drawn(self, trial: int) -> Scenario:
+        return self._scenario if self._draw is None else self._draw(trial)
+
+    def _simulator(self, trial: int) -> Simulator:
+        """Simulator of a trial; the last one is kept, and what does not change with the trial."""
+        if self._observed is None or (self._draw is not None and self._observed[0] != trial):
+            self._observed = trial, Simulator(self._drawn(trial))
+        return self._observed[1]
+
+
+def build_estimators(suite: Suite) -> list[Contestant[AnyEstimator]]:
+    """Estimators of a suite.
+
+    Raises
+    ------
+    InputError
+        If one is unknown, or two have equal parameters.
+    """
+    built: dict[tuple[str, str], Contestant[AnyEstimator]] = {}
+    for spec in suite.estimators:
+        estimator = build_estimator(spec)
+        key = estimator.name, canonical_params(estimator)
+        if key in built:
+            raise InputError(f"estimators: {spec!r} repeats an estimator with equal parameters")
+        built[key] = Contestant(*key, estimator)
+    return list(built.values())
+
+
+def element_snrs_db(suite: Suite, gain: float) -> list[float]:
+    """SNRs of a suite per resource element and virtual element, for a scene of some gain in dB."""
+    if suite.snr_gain_db is None:
+        return list(suite.snr_db or ())
+    return [round(snr_db - gain, SNR_DECIMALS) for snr_db in suite.snr_gain_db]
+
+
+def gained_snr_db(snr_db: float, gain: float) -> float:
+    """SNR after a gain in dB."""
+    return round(snr_db + gain, SNR_DECIMALS) + 0.0

@@ -1,0 +1,52 @@
+"""A room with space for one scatterer or two, simulated in a millisecond, and images made up for it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from isacbench.bench.cell import Shot
+from isacbench.bench.radio import space_places
+from isacbench.model.array import VirtualArray
+from isacbench.model.cloud import PointCloud
+from isacbench.model.frame import PanelFrame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
+
+
+@pytest.fixture(scope="session")
+def room():
+    """Return a scenario without scatterers; odd sizes put one element at the centre of the aperture."""
+    return Scenario(
+        name="room",
+        system=System(n_subcarriers=255, n_symbols=127),
+        array=VirtualArray((1, 1), (9, 9), 1, 1),
+        frame=PanelFrame(),
+        base_station_m=np.array([40.0, 80.0, 40.0]),
+        region=Region((0.0, 80.0), (0.0, 30.0), (0.0, 80.0), (-15.0, 15.0)),
+        scatterers=Scatterers(np.empty((0, 3)), np.empty(0), np.empty(0)),
+    )
+
+
+@pytest.fixture(scope="session")
+def shoot():
+    """Return a function that pairs a scenario with an image: points given as the radio sees them."""
+
+    def make(scenario, places, snr_db=0.0):
+        xyz, velocity = space_places(scenario, np.reshape(places, (-1, 4)))
+        cloud = PointCloud(xyz, velocity, np.ones(len(velocity)))
+        return Shot(scenario, observation=None, estimator=None, snr_db=snr_db, cloud=cloud)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def put():
+    """Return a function that puts unit scatterers into a scenario, at places as the radio sees them."""
+
+    def make(scenario, places):
+        xyz, velocity = space_places(scenario, np.reshape(places, (-1, 4)))
+        return dataclasses.replace(scenario, scatterers=Scatterers(xyz, velocity, np.ones(len(velocity))))
+
+    return make
