@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from isacbench.bench.runner import Progress
+    from isacbench.bench.suite import Kind
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
@@ -148,7 +149,7 @@ def run(
     with _progress_bar(wanted.name) as progress:
         results = run_suite(wanted, out=folder, progress=progress)
     if not results.records.empty:
-        _report(folder, results.records)
+        _report(folder, results.records, results.suite.kind)
     if results.interrupted:
         _fail(f"interrupted: the {len(results.records)} cells so far are in {folder}", EXIT_INTERRUPTED)
     failed = results.records[results.records["status"] == "error"]
@@ -166,7 +167,8 @@ def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of
     """Redraw tables and figures of a run, without running again."""
     from isacbench.bench.store import read_results
 
-    _report(folder, read_results(folder).records)
+    results = read_results(folder)
+    _report(folder, results.records, results.suite.kind)
 
 
 @app.command("list")
@@ -289,19 +291,20 @@ def _truth(name_or_path: str) -> tuple[PointCloud, Region | None, float | None]:
     return points, region, velocity_bin_mps
 
 
-def _report(folder: Path, records: pd.DataFrame) -> None:
+def _report(folder: Path, records: pd.DataFrame, kind: Kind) -> None:
     """Write and print the tables of a run, and draw its figures."""
     from rich.console import Console
 
     from isacbench.report.figures import draw_run
-    from isacbench.report.tables import grids, rich_table, write_tables
+    from isacbench.report.kinds import TABLES, write_tables
+    from isacbench.report.tables import rich_table
 
-    for grid in grids(records):
+    for grid in TABLES[kind].grids(records):
         table = rich_table(grid)
         # Rather lines longer than the terminal than cropped numbers.
         width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)
         Console(width=width).print(table)
-    tables = write_tables(folder, records)
+    tables = write_tables(folder, records, kind)
     figures = draw_run(folder)
     typer.echo(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
 

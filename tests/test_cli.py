@@ -93,6 +93,51 @@ def test_run_takes_a_suite_by_path_with_scenarios_beside_it(cli, tmp_path):
     assert set(pd.read_parquet("out/results.parquet")["suite"]) == {"mine"}
 
 
+STUDY = (
+    'name = "s"\nscenarios = ["room.toml"]\nestimators = ["seer", "blob"]\nsnr_gain_db = [20]\ntrials = 2\n'
+)
+RESOLUTION = f'kind = "resolution"\nseparations_cells = [0.5]\n{STUDY}'
+DETECTION = (
+    'kind = "detection"\nname = "s"\nscenarios = ["tiny.toml"]\nestimators = ["blob"]\n'
+    'detectors = ["ca"]\nmaps = ["homogeneous"]\nsnr_db = [-36]\ntrials = 1\n'
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "printed"),
+    [
+        (f'kind = "efficiency"\n{STUDY}', "bound_u", "room, seer: error over Cramér-Rao bound"),
+        (RESOLUTION, "resolved", "share of pairs found"),
+        (DETECTION, "n_hits", "homogeneous: P_d and P_fa"),
+    ],
+)
+def test_a_study_is_run_tabulated_drawn_and_reported_again(
+    cli, room_file, tmp_path, drawn, text, column, printed
+):
+    (tmp_path / "s.toml").write_text(text)
+    result = cli("run", "s.toml", "-n", 1, "--seed", 3, "-o", "out")
+    assert result.exit_code == 0, result.output
+    records = pd.read_parquet("out/results.parquet")
+    assert column in records
+    assert set(records["seed"]) == {3}
+    assert printed in result.stdout
+    first = contents(tmp_path / "out")
+    again = cli("report", "out")
+    assert again.exit_code == 0, again.output
+    assert again.stdout == result.stdout
+    assert contents(tmp_path / "out") == first
+    assert len(drawn) == 2
+
+
+def test_options_replace_what_a_study_says(cli, room_file, tmp_path):
+    (tmp_path / "s.toml").write_text(f'kind = "efficiency"\n{STUDY}'.replace("room.toml", "gone.toml"))
+    result = cli("run", "s.toml", "-s", "room.toml", "-e", "seer", "--snr", "-40,-30", "-n", 3, "-o", "out")
+    assert result.exit_code == 0, result.output
+    records = pd.read_parquet("out/results.parquet")
+    assert sorted(records["snr_db"].unique()) == [-40, -30]
+    assert (set(records["estimator"]), records["trial"].max()) == ({"seer"}, 2)
+
+
 def test_run_with_failed_cells_keeps_all_rows_names_the_first_and_exits_3(cli):
     result = cli(*RUN, "-e", "trouble", "-n", 1, "--snr", "0", "-o", "out")
     assert result.exit_code == 3
@@ -134,7 +179,9 @@ def test_list_names_everything_with_parameters_and_defaults(cli):
     blob = next(entry for entry in content["estimators"] if entry["name"] == "blob")
     assert blob["parameters"]["mode"]["default"] == "near"
     assert {"street", "street-paper"} <= {entry["name"] for entry in content["scenarios"]}
-    assert {"paper", "quick"} <= {entry["name"] for entry in content["suites"]}
+    assert {"detectors", "efficiency", "paper", "quick", "resolution"} <= {
+        entry["name"] for entry in content["suites"]
+    }
     assert all(entry["description"] for entries in content.values() for entry in entries)
 
 
@@ -253,6 +300,21 @@ TINY_RUN = ("run", "quick", "-s", "tiny.toml", "-o", "out")
         (no_mistake, (*TINY_IMAGE, "--snr", "0:5:5"), ["'0:5:5'", "one number"]),
         (no_mistake, ("run", "quik"), ["unknown suite 'quik'", "did you mean 'quick'", "paper"]),
         (no_mistake, ("run", "gone.toml"), ["gone.toml", "no such file"]),
+        (
+            file_mistake("s.toml", 'kind = "image"\nname = "s"\n'),
+            ("run", "s.toml"),
+            ["s.toml", "kind = 'image'", "'imaging'", "'resolution'"],
+        ),
+        (
+            file_mistake("s.toml", RESOLUTION.replace("separations_cells", "phases")),
+            ("run", "s.toml"),
+            ["s.toml", "unknown key phases", "phases_deg", "separations_cells"],
+        ),
+        (
+            no_mistake,
+            ("run", "efficiency", "-s", "tiny.toml", "-e", "seer"),
+            ["scenario tiny", "no room", "0.5 in u"],
+        ),
         (file_mistake("s.toml", "name = 1"), ("run", "s.toml"), ["s.toml", "name = 1"]),
         (
             no_mistake,

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from isacbench.metrics.score import METRICS
-from isacbench.report.style import drawable, edges, entitle, legend_below, legend_height_in, new_figure
+from isacbench.report.panels import MAX_SNR_TICKS, panel_grid
+from isacbench.report.style import drawable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_deviations", "draw_scores"]
 
-PANEL_IN = 2.75, 2.3
-MAX_COLUMNS = 4
-MAX_SNR_TICKS = 5
 TITLE_WIDTH = 40
 PRACTICALLY_ZERO = 1e-6
 """Smaller means do not stretch a logarithmic axis: velocities are exact then for any purpose."""
@@ -89,7 +87,7 @@ def draw_scores(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, Lo
     Figure
     """
     part = summary[summary["scenario"] == scenario]
-    figure, panels = _panel_grid(len(PANELS), _legend(part, looks), f"{drawable(scenario)}: {_average(part)}")
+    figure, panels = panel_grid(len(PANELS), _legend(part, looks), f"{drawable(scenario)}: {_average(part)}")
     for axes, panel in zip(panels, PANELS, strict=True):
         _draw_panel(axes, part, panel, looks)
         axes.set_title(textwrap.fill(panel.title, TITLE_WIDTH))
@@ -111,7 +109,7 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> Fig
     """
     scenarios = list(summary["scenario"].unique())
     title = f"{DEVIATION.title}\n{_average(summary)}"
-    figure, panels = _panel_grid(len(scenarios), _legend(summary, looks), title)
+    figure, panels = panel_grid(len(scenarios), _legend(summary, looks), title)
     for axes, scenario in zip(panels, scenarios, strict=True):
         _draw_panel(axes, summary[summary["scenario"] == scenario], DEVIATION, looks)
         axes.set_title(drawable(scenario))
@@ -125,26 +123,6 @@ def _average(summary: pd.DataFrame) -> str:
     """Say what a point of a curve and its band are."""
     n_trials = int(summary["n_cells"].max())
     return "one trial" if n_trials == 1 else f"mean of {n_trials} trials with its 95 % confidence band"
-
-
-def _panel_grid(n_panels: int, legend: Sequence[Line2D], title: str) -> tuple[Figure, list[Axes]]:
-    """Figure with panels for scores over SNR and the legend below them."""
-    n_columns = min(n_panels, MAX_COLUMNS)
-    n_rows = -(-n_panels // n_columns)
-    # One panel alone is wide enough for title and legend.
-    width_in = max(n_columns * (PANEL_IN[0] + 0.55) + 0.2, 6.0)
-    legend_in = legend_height_in(width_in, [str(line.get_label()) for line in legend])
-    figure = new_figure(width_in, n_rows * (PANEL_IN[1] + 0.75) + legend_in + 0.35)
-    grid = edges(figure, left=0.6, right=0.15, bottom=legend_in + 0.45, top=0.85)
-    axes = figure.subplots(
-        n_rows, n_columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.25, "hspace": 0.42}
-    )
-    panels = list(axes.flat)
-    for unused in panels[n_panels:]:
-        unused.remove()
-    entitle(figure, title)
-    legend_below(figure, legend)
-    return figure, panels[:n_panels]
 
 
 def _legend(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> list[Line2D]:

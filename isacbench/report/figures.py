@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
 
+from isacbench.bench import detection, efficiency, resolution
+from isacbench.bench.maps import MAPS
+from isacbench.bench.record import Results
 from isacbench.bench.store import read_results
 from isacbench.contracts import Diagnoser
 from isacbench.errors import InputError
@@ -16,17 +20,24 @@ from isacbench.report.clouds import Image, draw_clouds, draw_comparison
 from isacbench.report.curves import draw_deviations, draw_scores
 from isacbench.report.maps import draw_map
 from isacbench.report.spectra import draw_spectra
+from isacbench.report.study_figures import (
+    draw_detection,
+    draw_efficiency,
+    draw_maps,
+    draw_resolution,
+    draw_roc,
+)
 from isacbench.report.style import assign_looks, counted, drawable, file_stems, save, styled
 from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, estimator_labels, summarise
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from isacbench.bench.record import Results
+    from isacbench.bench.suite import Kind
     from isacbench.model.observation import Observation
     from isacbench.registry import AnyEstimator
     from isacbench.report.style import Look
@@ -42,7 +53,7 @@ Named = tuple[str, "Figure"]
 
 
 def draw_run(folder: Path) -> list[Path]:
-    """Draw a stored run: scores over SNR, clouds, range-Doppler maps and spectra.
+    """Draw a stored run: of images scores over SNR, clouds, maps and spectra; of a study its own figures.
 
     Parameters
     ----------
@@ -52,11 +63,14 @@ def draw_run(folder: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        What was written: ``deviation.png``; for each scenario ``curves-*.png``
-        and ``clouds-*.png``, more than one of these where the estimators are
-        many; for each estimator that is a `Diagnoser` ``rdm-*.png`` and,
-        where it detects anything, ``spectrum-*.png``, of the first scenario.
-        Nothing where the run holds no cells.
+        What was written. Of images: ``deviation.png``; for each scenario
+        ``curves-*.png`` and ``clouds-*.png``, more than one of these where
+        the estimators are many; for each estimator that is a `Diagnoser`
+        ``rdm-*.png`` and, where it detects anything, ``spectrum-*.png``, of
+        the first scenario. Of a study, for each scenario that it has:
+        ``efficiency-*.png``; ``resolution-*.png``; or ``maps.png`` and
+        ``roc.png``, and ``detection-*.png``. Nothing where the run holds no
+        cells.
 
     Raises
     ------
@@ -73,13 +87,8 @@ def draw_run(folder: Path) -> list[Path]:
         return []
     target = folder / FOLDER
     target.mkdir(exist_ok=True)
-    estimators = dict(_built(results.suite.estimators))
-    bounds = {estimator.name for estimator in estimators.values() if getattr(estimator, "needs_truth", False)}
-    labels = estimator_labels(zip(results.records["estimator"], results.records["params"], strict=True))
-    looks = assign_looks(labels, bounds)
-    figures = chain(_curves(results, looks), _clouds(results, looks), _diagnoses(results, estimators))
     with styled():
-        return [save(figure, target / f"{stem}.png") for stem, figure in figures]
+        return [save(figure, target / f"{stem}.png") for stem, figure in FIGURES[results.suite.kind](results)]
 
 
 def draw_image(
@@ -114,6 +123,59 @@ def _built(specs: Sequence[str]) -> Iterator[tuple[str, AnyEstimator]]:
             yield spec, build_estimator(spec)
         except InputError as error:
             warnings.warn(f"no map and no spectra of {spec}: {error}", stacklevel=3)
+
+
+def _looks(results: Results, estimators: dict[str, AnyEstimator]) -> dict[Variant, Look]:
+    """Looks of the estimators of a run."""
+    bounds = {estimator.name for estimator in estimators.values() if getattr(estimator, "needs_truth", False)}
+    labels = estimator_labels(zip(results.records["estimator"], results.records["params"], strict=True))
+    return assign_looks(labels, bounds)
+
+
+def _imaging(results: Results) -> Iterator[Named]:
+    """Figures of images."""
+    estimators = dict(_built(results.suite.estimators))
+    looks = _looks(results, estimators)
+    return chain(_curves(results, looks), _clouds(results, looks), _diagnoses(results, estimators))
+
+
+def _efficiency(results: Results) -> Iterator[Named]:
+    """Errors and bounds of every scenario."""
+    looks = _looks(results, dict(_built(results.suite.estimators)))
+    summary = efficiency.summarise(results.records)
+    for scenario, stem in file_stems(summary["scenario"].unique()).items():
+        yield f"efficiency-{stem}", draw_efficiency(summary, scenario, looks)
+
+
+def _resolution(results: Results) -> Iterator[Named]:
+    """Probabilities of resolution of every template and SNR."""
+    looks = _looks(results, dict(_built(results.suite.estimators)))
+    summary = resolution.summarise(results.records)
+    several = summary["snr_gain_db"].nunique() > 1
+    for template, stem in file_stems(summary["template"].unique()).items():
+        part = summary[summary["template"] == template]
+        for snr_gain_db, at_snr in part.groupby("snr_gain_db"):
+            suffix = f"-{snr_gain_db:g}dB" if several else ""
+            yield f"resolution-{stem}{suffix}", draw_resolution(at_snr, looks)
+
+
+def _detection(results: Results) -> Iterator[Named]:
+    """Detectors on the maps, and behind estimators on every scenario."""
+    summary = detection.summarise(results.records)
+    on_maps = summary["scenario"].isin(list(MAPS))
+    if on_maps.any():
+        yield "maps", draw_maps(summary[on_maps])
+        yield "roc", draw_roc(summary[on_maps])
+    for scenario, stem in file_stems(summary.loc[~on_maps, "scenario"].unique()).items():
+        yield f"detection-{stem}", draw_detection(summary[summary["scenario"] == scenario])
+
+
+FIGURES: dict[Kind, Callable[[Results], Iterator[Named]]] = {
+    "imaging": _imaging,
+    "efficiency": _efficiency,
+    "resolution": _resolution,
+    "detection": _detection,
+}
 
 
 def _curves(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:

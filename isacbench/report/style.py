@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from isacbench.report.tables import Variant
 
 __all__ = [
+    "BOUND_COLOUR",
     "CONTEXT",
     "THRESHOLD",
     "TRUE",

@@ -9,11 +9,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from isacbench.bench.store import replacing
-
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-    from pathlib import Path
 
     from rich.table import Table
 
@@ -21,11 +18,12 @@ __all__ = [
     "HAUSDORFF_COLUMNS",
     "Grid",
     "Variant",
+    "batched",
     "estimator_labels",
     "grids",
+    "markdown",
     "rich_table",
     "summarise",
-    "write_tables",
 ]
 
 GROUP = ["scenario", "estimator", "params", "snr_db"]
@@ -146,7 +144,9 @@ def grids(records: pd.DataFrame) -> list[Grid]:
     return [
         _grid(str(scenario), part, labels, variants)
         for scenario, part in summary.groupby("scenario", sort=False)
-        for variants in _batched(dict.fromkeys(zip(part["estimator"], part["params"], strict=True)))
+        for variants in batched(
+            dict.fromkeys(zip(part["estimator"], part["params"], strict=True)), ESTIMATORS_A_TABLE
+        )
     ]
 
 
@@ -175,33 +175,10 @@ def _stacked(name: str) -> str:
     return "\n".join([label, *below])
 
 
-def write_tables(folder: Path, records: pd.DataFrame) -> list[Path]:
-    """Write ``summary.csv`` and ``summary.md`` into the folder of a run.
-
-    Parameters
-    ----------
-    folder : Path
-        An existing folder; tables of these names are replaced.
-    records : DataFrame
-        Rows of the run.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-    """
-    paths = [folder / "summary.csv", folder / "summary.md"]
-    with replacing(paths[0]) as path:
-        summarise(records).to_csv(path, index=False)
-    with replacing(paths[1]) as path:
-        path.write_text("\n".join(map(_markdown, grids(records))), encoding="utf-8")
-    return paths
-
-
-def _batched(variants: Iterable[Variant]) -> list[list[Variant]]:
-    """Cut a list into as many parts as tables need."""
+def batched(variants: Iterable[Variant], n: int) -> list[list[Variant]]:
+    """Cut a list into parts of at most `n`."""
     listed = list(variants)
-    return [listed[start : start + ESTIMATORS_A_TABLE] for start in range(0, len(listed), ESTIMATORS_A_TABLE)]
+    return [listed[start : start + n] for start in range(0, len(listed), n)]
 
 
 def _grid(
@@ -258,7 +235,7 @@ def _differing(own: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -> s
     return f"[{','.join(texts)}]" if texts else ""
 
 
-def _markdown(grid: Grid) -> str:
+def markdown(grid: Grid) -> str:
     """Grid as a Markdown table below its title."""
     rule = ["---"] + ["--:"] * (len(grid.header) - 1)
     lines = [f"| {' | '.join(cells)} |" for cells in (grid.header, rule, *grid.rows)]

@@ -8,7 +8,8 @@ from rich.console import Console
 
 from isacbench.bench.runner import run
 from isacbench.bench.suite import Suite
-from isacbench.report.tables import estimator_labels, grids, rich_table, summarise, write_tables
+from isacbench.report.kinds import write_tables
+from isacbench.report.tables import estimator_labels, grids, rich_table, summarise
 
 
 @pytest.fixture
