@@ -18,7 +18,7 @@ from isacbench.contracts import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.model.gate import Gate
 
-__all__ = ["DetectedCells", "Integration", "detect_cells", "power_map", "reference_noise"]
+__all__ = ["DetectedCells", "Integration", "detect_cells", "power_map", "reference_noise", "white_noise"]
 
 Integration = Literal["element", "noncoherent"]
 
@@ -103,6 +103,26 @@ def reference_noise(power: NDArray[np.float64], gate: Gate) -> float | None:
     reach = gate.reachable_doppler
     outside = np.r_[0 : max(reach.start - CLEAR_BINS, 0), reach.stop + CLEAR_BINS : gate.doppler_bins.size]
     return float(np.median(power[:, outside].mean(axis=0))) if outside.size else None
+
+
+def white_noise(gated: GatedMap) -> float:
+    """Noise power of an untapered map, per cell and element.
+
+    Parameters
+    ----------
+    gated : GatedMap
+
+    Returns
+    -------
+    float
+        Of the bins that `reference_noise` looks at, behind a Hann window along
+        Doppler, which keeps the sidelobes of strong echoes out of them. Where
+        there are none, the median power of the map.
+    """
+    seen = gated.tapered("rect", "hann")
+    power = power_map(seen.cells, "noncoherent")[0]
+    noise = reference_noise(power, seen.gate)
+    return float(np.median(power)) if noise is None else noise
 
 
 def detect_cells(

@@ -1,13 +1,17 @@
-"""The three kernels that an echo consists of: exponentials in range, Doppler and direction."""
+"""The kernels that an echo consists of: exponentials in range, Doppler and direction."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["dirichlet", "steering"]
+__all__ = ["dirichlet", "dirichlet_slopes", "steering"]
 
+Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+SERIES_BELOW = 1e-3
+"""Distance in bins below which slopes come from the series at the peak: their quotients lose digits there."""
 
 
 def dirichlet(bins: ArrayLike, places: ArrayLike, n: int) -> Complex:
@@ -40,6 +44,47 @@ def dirichlet(bins: ArrayLike, places: ArrayLike, n: int) -> Complex:
     ratio = np.sinc(distance) / np.sinc(distance / n)
     kernel: Complex = np.sqrt(n) * ratio * np.exp(1j * np.pi * (n - 1) / n * distance)
     return kernel
+
+
+def dirichlet_slopes(distance: ArrayLike, n: int) -> tuple[Floats, Floats, Floats]:
+    """Dirichlet kernel referred to the middle of its aperture, and its first two derivatives.
+
+    Parameters
+    ----------
+    distance : array_like, any shape
+        In bins.
+    n : int
+        Transform length.
+
+    Returns
+    -------
+    tuple of ndarray of float64, each of the same shape
+        sin(πx) / (n sin(πx/n)) and its derivatives per bin; 1, 0 and
+        -π²(1 - n⁻²)/3 at x = 0.
+
+    Examples
+    --------
+    >>> value, slope, curvature = dirichlet_slopes([0.0, 1.0], 16)
+    >>> value.round(12).tolist(), slope.round(4).tolist()
+    ([1.0, 0.0], [0.0, -1.0065])
+    """
+    distance = np.asarray(distance, dtype=np.float64)
+    turns = np.rint(distance / n)
+    x = distance - n * turns
+    sign = np.where(turns * (n - 1) % 2, -1.0, 1.0)
+    at_peak = -(np.pi**2) * (1 - n**-2) / 3
+    close = np.abs(x) < SERIES_BELOW
+    x_far = np.where(close, 0.5, x)
+    sine, cosine = np.sin(np.pi * x_far / n), np.cos(np.pi * x_far / n)
+    value = np.sin(np.pi * x_far) / (n * sine)
+    slope = np.pi / n * (np.cos(np.pi * x_far) - cosine * value) / sine
+    # (n sin(πx/n) D)'' = -π² n sin(πx/n) D, solved for D''.
+    curvature = -(np.pi**2) * (1 - n**-2) * value - 2 * np.pi / n * cosine / sine * slope
+    return (
+        sign * np.where(close, 1 + at_peak * x**2 / 2, value),
+        sign * np.where(close, at_peak * x, slope),
+        sign * np.where(close, at_peak, curvature),
+    )
 
 
 def steering(n_elements: int, cosine: ArrayLike) -> Complex:

@@ -1,0 +1,304 @@
+"""Moves of a matching pursuit in four dimensions: where the residual peaks, which atoms are two or none.
+
+The residual is watched through beams towards the directions that the region
+spans. Beams of the map are formed once; those of atoms are products of four
+kernels, so that a new residual never touches the array again.
+
+What strong echoes leave behind scales with them. A residual peak is an echo
+only if it stands above what the misfit of stronger atoms may have put there:
+the same fraction of each of them, spread like its sidelobes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, uniform_filter
+
+from isacbench.dsp.atomfit import AtomFit
+from isacbench.dsp.atoms import N_COORDINATES, AtomMap, product_matrix
+from isacbench.model.region import Interval
+
+__all__ = [
+    "BeamSpace",
+    "Peaks4d",
+    "Splits",
+    "redundant",
+    "sidelobe_envelope",
+    "split_gains",
+    "strongest_around",
+]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+BEAMS_A_CELL = 2
+"""Beams a Rayleigh cell: halfway between two of them an echo keeps 81 % of its power along each axis."""
+
+NEIGHBOURHOOD_BINS = 2.0
+"""Range and Doppler bins in which weaker atoms are held against the strongest, whatever their direction."""
+
+SPLIT_OFFSETS_CELLS = (0.15, 0.5)
+"""Least and most distance of the two starts from the atom that is split."""
+
+SPLIT_STANDOUT = 25.0
+"""Gain of a split over the mean residual around it, unless it is a large part of the atom."""
+
+SPLIT_SHARE = 0.125
+"""Part of an atom's energy that needs no such proof."""
+
+TOLD_APART = 16.0
+"""Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
+
+LOST = 0.5
+"""Standard deviation of a coordinate in Rayleigh cells from which an atom has no place."""
+
+
+class Peaks4d(NamedTuple):
+    """Peaks of a residual: places (n, 4) in Rayleigh cells, and energies (n,)."""
+
+    places: Floats
+    energy: Floats
+
+
+class Splits(NamedTuple):
+    """Offsets (n, 4) at which two atoms may replace one, and the energies (n,) gained; 0 where none is."""
+
+    offsets: Floats
+    gain: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BeamSpace:
+    """Beams of a map towards the directions of a region.
+
+    Attributes
+    ----------
+    atom_map : AtomMap
+    u, w : ndarray of float64
+        Directions in Rayleigh cells, equidistant.
+    beams : ndarray of complex128, shape (n_range, n_doppler, n_u, n_w)
+        Outputs of unit-energy beams.
+    """
+
+    atom_map: AtomMap
+    u: Floats
+    w: Floats
+    beams: Complex
+
+    @classmethod
+    def from_map(cls, atom_map: AtomMap, cosine_limits: tuple[Interval, Interval]) -> BeamSpace:
+        """Form the beams.
+
+        Parameters
+        ----------
+        atom_map : AtomMap
+        cosine_limits : (Interval, Interval)
+            Lowest and highest u, and w.
+
+        Returns
+        -------
+        BeamSpace
+        """
+        u, w = (
+            np.arange(np.floor(lower / step), np.ceil(upper / step) + 1) / BEAMS_A_CELL
+            for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:] / BEAMS_A_CELL, strict=True)
+        )
+        towards_u, towards_w = atom_map.beams(u, 2)[0], atom_map.beams(w, 3)[0]
+        return cls(atom_map, u, w, towards_u.conj() @ (atom_map.cells @ towards_w.conj().T))
+
+    @property
+    def n_independent(self) -> float:
+        """Independent noise samples among the beams."""
+        return self.beams.size / BEAMS_A_CELL**2
+
+    def residual(self, fit: AtomFit | None) -> Complex:
+        """Beams without the atoms of a fit."""
+        if fit is None:
+            return self.beams
+        atom_map, places = self.atom_map, fit.places
+        along_range, along_doppler = (values for values, _, _ in atom_map.lines(places))
+        towards_u = atom_map.beams(places[:, 2], 2)[0] @ atom_map.beams(self.u, 2)[0].conj().T
+        towards_w = atom_map.beams(places[:, 3], 3)[0] @ atom_map.beams(self.w, 3)[0].conj().T
+        bins = along_range.T[:, None, :] * along_doppler.T[None, :, :] * fit.amplitude
+        directions = towards_u[:, :, None] * towards_w[:, None, :]
+        echoes = bins.reshape(-1, len(fit)) @ directions.reshape(len(fit), -1)
+        residual: Complex = self.beams - echoes.reshape(self.beams.shape)
+        return residual
+
+    def peaks(self, residual: Complex, least_energy: float) -> Peaks4d:
+        """Local maxima of a residual, sampled twice a Rayleigh cell along all coordinates.
+
+        Parameters
+        ----------
+        residual : ndarray of complex128
+            From `residual`.
+        least_energy : float
+
+        Returns
+        -------
+        Peaks4d
+        """
+        dense = _halved(_halved(residual, 0), 1)
+        energy = dense.real**2 + dense.imag**2
+        is_peak = (energy == maximum_filter(energy, size=3)) & (energy > least_energy)
+        index = np.nonzero(is_peak)
+        places = np.stack(
+            [
+                self.atom_map.range_bins[0] + index[0] / 2,
+                self.atom_map.doppler_bins[0] + index[1] / 2,
+                self.u[index[2]],
+                self.w[index[3]],
+            ],
+            axis=1,
+        )
+        return Peaks4d(places, energy[is_peak])
+
+    def mean_around(self, residual: Complex, places: Floats) -> Floats:
+        """Mean energy (n,) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
+        energy = residual.real**2 + residual.imag**2
+        n_beams = 2 * BEAMS_A_CELL - 1
+        mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
+        axes = (self.atom_map.range_bins, self.atom_map.doppler_bins, self.u, self.w)
+        index = []
+        for axis, coordinate in zip(axes, places.T, strict=True):
+            steps = (
+                (coordinate - axis[0]) / (axis[1] - axis[0]) if axis.size > 1 else np.zeros_like(coordinate)
+            )
+            index.append(np.clip(np.rint(steps).astype(np.int64), 0, axis.size - 1))
+        around: Floats = mean[tuple(index)]
+        return around
+
+
+def _halved(beams: Complex, axis: int) -> Complex:
+    """Beams with the outputs halfway between neighbouring bins put in: their sum is matched there."""
+    ahead = np.moveaxis(beams, axis, 0)
+    dense = np.empty((2 * len(ahead) - 1, *ahead.shape[1:]), dtype=np.complex128)
+    dense[::2] = ahead
+    dense[1::2] = np.sqrt(0.5) * (ahead[:-1] + ahead[1:])
+    return np.moveaxis(dense, 0, axis)
+
+
+def sidelobe_envelope(distance: Floats) -> Floats:
+    """Bound of an atom's amplitude response at distances (..., 4) in Rayleigh cells, shape (...)."""
+    bound = 1 / np.maximum(np.pi * np.abs(distance), 1)
+    envelope: Floats = bound.prod(axis=-1)
+    return envelope
+
+
+def strongest_around(places: Floats, fit: AtomFit) -> Floats:
+    """Energy (n,) that the strongest atom can show at places (n, 4).
+
+    The larger of two: sidelobes of an atom anywhere, and all of the energy of
+    one within two bins in range and Doppler, whose misfit has every direction.
+    Atoms do not count at their own place.
+    """
+    distance = places[:, None, :] - fit.places
+    near = (np.abs(distance[:, :, :2]) < NEIGHBOURHOOD_BINS).all(axis=2)
+    share = np.where(near, 1.0, sidelobe_envelope(distance) ** 2)
+    share[(distance == 0).all(axis=2)] = 0
+    strongest: Floats = (share * fit.power).max(axis=1, initial=0)
+    return strongest
+
+
+def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_energy: float) -> Splits:
+    """Energy that two atoms for one would explain, from what the residual holds of its derivatives.
+
+    Two echoes less than a Rayleigh cell apart differ from one by its first
+    derivative in quadrature, and by its second: the one leads where their
+    phases differ, the other where they do not.
+
+    Parameters
+    ----------
+    atom_map : AtomMap
+    fit : AtomFit
+    residual_around : ndarray of float64, shape (n,)
+        Mean energy of the residual around each atom.
+    least_energy : float
+        Gain that noise does not reach.
+
+    Returns
+    -------
+    Splits
+        Along the coordinate that gains most.
+    """
+    n = len(fit)
+    correlations = atom_map.correlate(fit.places, curvatures=True)
+    lines = atom_map.products(fit.places)
+    curvatures = atom_map.curvature_products(fit.places)
+    others = np.stack(
+        [
+            np.prod([lines[k].value for k in range(N_COORDINATES) if k != axis], axis=0)
+            for axis in range(N_COORDINATES)
+        ]
+    )
+    gain, separation = np.zeros((2, n, N_COORDINATES))
+    for axis, (curved, energy) in enumerate(curvatures):
+        slope = correlations.slope[:, axis] - product_matrix(lines, axis, None) @ fit.amplitude
+        curvature = correlations.curvature[:, axis] - (others[axis] * curved) @ fit.amplitude
+        # An atom's second derivative without the part that is the atom itself.
+        free = energy - curved.diagonal() ** 2
+        gain[:, axis] = np.abs(slope) ** 2 / lines[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
+        separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
+    axis, atom = gain.argmax(axis=1), np.arange(n)
+    best = gain[atom, axis]
+    stands_out = (best > SPLIT_SHARE * fit.power) | (best > SPLIT_STANDOUT * residual_around)
+    offsets = np.zeros((n, N_COORDINATES))
+    offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
+    return Splits(offsets, np.where(stands_out & (best > least_energy), best, 0))
+
+
+def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
+    """Atoms that noise leaves without a place of their own, by the joint Cramér-Rao bound.
+
+    Parameters
+    ----------
+    fit : AtomFit
+    noise : float
+        Noise power.
+
+    Returns
+    -------
+    drop : ndarray of bool, shape (n,)
+        The weaker half of the atoms without a place; where there are none, the
+        weaker one of each pair that is not told apart.
+    places : ndarray of float64, shape (n, 4)
+        Those of the atoms that stay, each moved to the mean of its pair.
+    """
+    n, power, places = len(fit), fit.power, fit.places.copy()
+    drop = np.zeros(n, dtype=np.bool_)
+    covariance = fit.covariance(noise)
+    variance = np.einsum("inin->ni", covariance)
+    lost = np.flatnonzero((variance > LOST**2).any(axis=1))
+    if lost.size:
+        drop[lost[np.argsort(power[lost])][: max(1, lost.size // 2)]] = True
+        return drop, places
+    first, second = np.nonzero(np.triu(_close(places), 1))
+    apart = places[first] - places[second]
+    joint = (
+        covariance[:, first, :, first]
+        + covariance[:, second, :, second]
+        - covariance[:, first, :, second]
+        - covariance[:, second, :, first]
+    )
+    length = np.sum(apart**2, axis=1)
+    along = np.einsum("pi,pij,pj->p", apart, joint, apart)
+    # Variance of the distance along the line between the two.
+    told = length**2 >= TOLD_APART * along
+    for k in np.argsort(length**2 / np.maximum(along, np.finfo(np.float64).tiny), kind="stable"):
+        pair = [int(first[k]), int(second[k])]
+        if told[k] or drop[pair].any():
+            continue
+        stronger, weaker = sorted(pair, key=lambda atom: -power[atom])
+        drop[weaker] = True
+        places[stronger] = np.average(places[pair], axis=0, weights=power[pair])
+    return drop, places
+
+
+def _close(places: Floats) -> NDArray[np.bool_]:
+    """Pairs (n, n) within a Rayleigh cell along every coordinate."""
+    close: NDArray[np.bool_] = np.all(np.abs(places[:, None] - places) < 1, axis=2)
+    return close
