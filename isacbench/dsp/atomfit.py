@@ -79,9 +79,8 @@ class AtomFit:
         """Joint Cramér-Rao bound of the places (4, n, 4, n) in noise of a power, Rayleigh cells squared."""
         n = len(self)
         loaded = self.information + LOADING * np.diag(self.information.diagonal())
-        bound: Floats = np.linalg.inv(loaded).reshape(N_COORDINATES, n, N_COORDINATES, n)
-        bound *= noise / 2
-        return bound
+        bound: Floats = noise / 2 * np.asarray(np.linalg.inv(loaded), dtype=np.float64)
+        return bound.reshape(N_COORDINATES, n, N_COORDINATES, n)
 
 
 def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
