@@ -35,22 +35,22 @@ Trans. AP 34 (1986).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.contracts import Detection, Detector, Spectrum
-from isacbench.dsp.peaks import Peaks, line_peaks
-from isacbench.dsp.planewaves import PlaneWaves, pair_directions
-from isacbench.dsp.subspace import (
+from isacbench.dsp.model_order import (
+    ModelOrder,
     eigenvalue_cfar_order,
-    music_null_spectrum,
+    information_order,
     noise_edge,
     noise_order,
-    real_steering,
-    smoothed_covariance,
 )
+from isacbench.dsp.peaks import Peaks, line_peaks
+from isacbench.dsp.planewaves import PlaneWaves, pair_directions
+from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_covariance
 from isacbench.errors import require
 from isacbench.model.observation import Observation
 
@@ -95,9 +95,9 @@ class Music2d(CellwiseEstimator):
         Subarray length over array length, rounded, along u and along w.
     grid_points : int
         Samples of each spectrum over the directions that the region spans.
-    model_order : {"noise", "eigenvalue_cfar"}
-        Eigenvalues above the edge of the noise, or the paper's CA-CFAR over
-        the sorted eigenvalues.
+    model_order : {"noise", "eigenvalue_cfar", "mdl", "aic"}
+        Eigenvalues above the edge of the noise, the paper's CA-CFAR over the
+        sorted eigenvalues, minimum description length, or Akaike's criterion.
     max_order : int
         Most sources along u, and along w.
     spectrum_detector : Detector
@@ -124,7 +124,7 @@ class Music2d(CellwiseEstimator):
 
     subarray_fraction: float = 0.625
     grid_points: int = 201
-    model_order: Literal["noise", "eigenvalue_cfar"] = "noise"
+    model_order: ModelOrder = "noise"
     max_order: int = 4
     spectrum_detector: Detector = field(
         default_factory=lambda: CaCfar(pfa=0.3, training=(0, 24), guard=(0, 8))
@@ -134,6 +134,8 @@ class Music2d(CellwiseEstimator):
         super().__post_init__()
         fraction = self.subarray_fraction
         require(0 < fraction <= 1, "subarray_fraction", fraction, "above 0, up to 1")
+        orders = get_args(ModelOrder)
+        require(self.model_order in orders, "model_order", self.model_order, f"one of {', '.join(orders)}")
         points = self.grid_points
         require(points >= MIN_GRID_POINTS, "grid_points", points, f"{MIN_GRID_POINTS} and more")
         require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
@@ -169,8 +171,12 @@ class Music2d(CellwiseEstimator):
         eigenvalues, eigenvectors = eigenvalues[:, ::-1], eigenvectors[:, :, ::-1]
         if self.model_order == "noise":
             order = noise_order(eigenvalues, noise * noise_edge(n_subarray, 2 * n_snapshots))
-        else:
+        elif self.model_order == "eigenvalue_cfar":
             order = eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
+        else:
+            # Of disjoint subarrays, each snapshot holds as many as fit.
+            n_independent = n_snapshots * n_sensors / n_subarray
+            order = information_order(eigenvalues, n_independent, self.model_order)
         order = np.minimum(order, self.max_order)
         step = (limits[1] - limits[0]) / (self.grid_points - 1)
         cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)

@@ -7,13 +7,8 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 
 from isacbench.dsp.kernels import dirichlet, steering
-from isacbench.dsp.subspace import (
-    eigenvalue_cfar_order,
-    music_null_spectrum,
-    noise_order,
-    real_steering,
-    smoothed_covariance,
-)
+from isacbench.dsp.model_order import eigenvalue_cfar_order, noise_order
+from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_covariance
 from isacbench.dsp.thresholds import ca_factor, ca_rate, osca_factor, osca_rate, paper_factor
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.metrics.score import score

@@ -22,20 +22,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.dsp.cfar import ca_cfar
-from isacbench.errors import require
-
-__all__ = [
-    "eigenvalue_cfar_order",
-    "music_null_spectrum",
-    "noise_edge",
-    "noise_order",
-    "real_steering",
-    "smoothed_covariance",
-]
+__all__ = ["music_null_spectrum", "real_steering", "smoothed_covariance", "unitary_transform"]
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def smoothed_covariance(snapshots: NDArray[np.complex128], n_subarray: int) -> Floats:
@@ -59,15 +48,25 @@ def smoothed_covariance(snapshots: NDArray[np.complex128], n_subarray: int) -> F
     # The covariance of a subarray is a diagonal block of the whole array's.
     blocks = (whole[:, k : k + n_subarray, k : k + n_subarray] for k in range(n_shifts))
     forward = sum(blocks, start=np.zeros((), dtype=np.complex128)) / (n_shifts * snapshots.shape[2])
-    transform = _unitary_transform(n_subarray)
+    transform = unitary_transform(n_subarray)
     # The real part is the forward-backward average: the backward half adds the conjugate.
     covariance: Floats = (transform.conj().T @ forward @ transform).real
     return covariance
 
 
 @lru_cache
-def _unitary_transform(n: int) -> NDArray[np.complex128]:
-    """Unitary matrix (n, n) that turns centro-Hermitian matrices into real ones."""
+def unitary_transform(n: int) -> NDArray[np.complex128]:
+    """Unitary matrix that turns centro-Hermitian matrices into real ones.
+
+    Parameters
+    ----------
+    n : int
+
+    Returns
+    -------
+    ndarray of complex128, shape (n, n)
+        Sums and differences of mirrored sensors.
+    """
     half = n // 2
     identity, flip = np.eye(half), np.eye(half)[::-1]
     transform = np.zeros((n, n), dtype=np.complex128)
@@ -97,74 +96,6 @@ def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
     phase = np.pi * np.multiply.outer(arm, np.asarray(cosine, dtype=np.float64))
     middle = np.ones((n_subarray - 2 * half, phase.shape[1]))
     return np.concatenate([np.sqrt(2) * np.cos(phase), middle, np.sqrt(2) * np.sin(phase)])
-
-
-def noise_edge(n_subarray: int, n_snapshots: int) -> float:
-    """Largest eigenvalue of a noise covariance of unit power, for many sensors and snapshots.
-
-    Parameters
-    ----------
-    n_subarray : int
-    n_snapshots : int
-        Independent snapshots; overlapping subarrays do not count.
-
-    Returns
-    -------
-    float
-        Upper edge (1 + sqrt(n_subarray / n_snapshots))² of the
-        Marchenko-Pastur law.
-    """
-    return float((1 + np.sqrt(n_subarray / n_snapshots)) ** 2)
-
-
-def noise_order(eigenvalues: Floats, largest_noise: float) -> NDArray[np.int64]:
-    """Model order of each cell: eigenvalues that noise does not reach.
-
-    Parameters
-    ----------
-    eigenvalues : ndarray of float64, shape (n, L)
-        Descending.
-    largest_noise : float
-        Largest eigenvalue of the noise.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        1 to L - 1: a detected cell holds one source at least, and one
-        dimension is left to the noise.
-    """
-    order: Integers = np.clip(np.sum(eigenvalues > largest_noise, axis=1), 1, eigenvalues.shape[1] - 1)
-    return order
-
-
-def eigenvalue_cfar_order(eigenvalues: Floats, pfa: float) -> NDArray[np.int64]:
-    """Model order by the paper's one-dimensional CA-CFAR over the sorted eigenvalues.
-
-    As printed: eigenvalues that exceed their threshold are sources. On the 8
-    eigenvalues of a subarray the window is tiny, and large neighbours mask
-    each other.
-
-    Parameters
-    ----------
-    eigenvalues : ndarray of float64, shape (n, L)
-        Descending, L >= 3.
-    pfa : float
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        1 to L - 1.
-    """
-    require(
-        eigenvalues.shape[1] >= 3,
-        "subarray elements",
-        eigenvalues.shape[1],
-        "3 and more, for a CFAR over eigenvalues",
-    )
-    n_training = (eigenvalues.shape[1] - 1) // 2
-    detection = ca_cfar(np.maximum(eigenvalues, 0), (0, n_training), (0, 0), pfa)
-    order: Integers = np.clip(np.sum(detection.mask, axis=1), 1, eigenvalues.shape[1] - 1)
-    return order
 
 
 def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering: Floats) -> Floats:

@@ -7,15 +7,7 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.kernels import steering
 from isacbench.dsp.peaks import line_peaks
-from isacbench.dsp.subspace import (
-    eigenvalue_cfar_order,
-    music_null_spectrum,
-    noise_edge,
-    noise_order,
-    real_steering,
-    smoothed_covariance,
-)
-from isacbench.dsp.thresholds import ca_factor
+from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_covariance
 
 SENSORS, SUBARRAY = 16, 10
 GRID = np.linspace(-1, 1, 801)
@@ -170,58 +162,3 @@ def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cel
             noise = vectors[cell, :, order[cell] :]
             expected = sum((noise[:, k] @ a) ** 2 for k in range(noise.shape[1]))
             assert found[cell, i] == pytest.approx(expected, abs=1e-11)
-
-
-@given(
-    eigenvalues=st.lists(st.floats(0, 10), min_size=2, max_size=8).map(lambda v: sorted(v, reverse=True)),
-    edge=st.floats(0, 10),
-)
-def test_the_noise_order_counts_what_noise_does_not_reach_but_leaves_both_a_dimension(eigenvalues, edge):
-    above = sum(value > edge for value in eigenvalues)
-    expected = min(max(above, 1), len(eigenvalues) - 1)
-    assert noise_order(np.array([eigenvalues]), edge).tolist() == [expected]
-
-
-def test_the_noise_edge_is_where_the_eigenvalues_of_a_large_noise_covariance_end():
-    for n_sensors, n_snapshots in ((100, 400), (100, 100)):
-        x = random_snapshots(n_sensors, n_snapshots)
-        largest = np.linalg.eigvalsh(x @ x.conj().T / n_snapshots)[-1]
-        assert largest == pytest.approx(noise_edge(n_sensors, n_snapshots), rel=0.08)
-    assert noise_edge(9, 9) == pytest.approx(4)
-
-
-@given(
-    eigenvalues=st.lists(st.floats(0, 1e3), min_size=3, max_size=10).map(lambda v: sorted(v, reverse=True)),
-    pfa=st.floats(1e-4, 0.5),
-)
-def test_the_eigenvalue_cfar_holds_each_eigenvalue_against_the_mean_of_its_neighbours(eigenvalues, pfa):
-    n = len(eigenvalues)
-    side = (n - 1) // 2
-    n_above = 0
-    for i, value in enumerate(eigenvalues):
-        first = min(max(i - side, 0), n - 1 - 2 * side)
-        training = [eigenvalues[j] for j in range(first, first + 2 * side + 1) if j != i]
-        n_above += value > ca_factor(pfa, 2 * side) * sum(training) / (2 * side)
-    assert eigenvalue_cfar_order(np.array([eigenvalues]), pfa)[0] == min(max(n_above, 1), n - 1)
-
-
-def test_in_the_eigenvalue_cfar_equal_sources_mask_each_other_as_documented():
-    eigenvalues = np.array([[100.0] * 4 + [1.0] * 4])
-    assert eigenvalue_cfar_order(eigenvalues, 1e-2).tolist() == [1]
-    assert noise_order(eigenvalues, noise_edge(8, 16)).tolist() == [4]
-
-
-@given(
-    eigenvalues=st.lists(st.floats(1e-6, 1e6), min_size=3, max_size=10),
-    pfa=st.floats(1e-6, 0.5),
-    exponent=st.integers(-20, 20),
-)
-def test_the_eigenvalue_cfar_leaves_both_a_dimension_and_knows_no_scale(eigenvalues, pfa, exponent):
-    descending = np.array([sorted(eigenvalues, reverse=True)])
-    order = eigenvalue_cfar_order(descending, pfa)
-    assert 1 <= order[0] <= len(eigenvalues) - 1
-    np.testing.assert_array_equal(eigenvalue_cfar_order(2.0**exponent * descending, pfa), order)
-
-
-def test_the_eigenvalue_cfar_stands_the_rounding_of_a_singular_covariance():
-    assert eigenvalue_cfar_order(np.array([[5.0, 1e-17, -1e-17, -2e-17]]), 1e-2).tolist() == [1]
