@@ -40,6 +40,9 @@ ITERATIONS = 4
 """Multiplications with the covariance. A source at the edge of the noise is then right to 1e-3 of its
 eigenvector, far below what the noise does to it; a strong one to rounding."""
 
+CHUNK_VALUES = 2**16
+"""Projections computed at once: half a megabyte stays in the cache."""
+
 DEEP_NULL = 0.5
 """Share of a steering vector outside the subspace from which a minimum is no source: half of it."""
 
@@ -126,11 +129,16 @@ def planar_null_spectrum(basis: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
     ndarray of float64, shape (n, g, h)
         0 on a source, L M in empty directions.
     """
-    n_u, n_w = basis.shape[1:3]
-    along_w = np.ascontiguousarray(basis.transpose(0, 3, 1, 2)) @ real_steering(n_w, w)
-    projection = real_steering(n_u, u).T @ along_w
-    null: Floats = n_u * n_w - np.einsum("nkgh,nkgh->ngh", projection, projection)
-    return np.maximum(null, 0.0)
+    n, n_u, n_w, k = basis.shape
+    towards_u, towards_w = real_steering(n_u, u).T, real_steering(n_w, w)
+    columns = np.ascontiguousarray(basis.transpose(0, 3, 1, 2))
+    null = np.empty((n, len(towards_u), towards_w.shape[1]))
+    n_cells = max(CHUNK_VALUES // max(k * null[:1].size, 1), 1)
+    for first in range(0, n, n_cells):
+        projection = towards_u @ (columns[first : first + n_cells] @ towards_w)
+        null[first : first + n_cells] = np.einsum("nkgh,nkgh->ngh", projection, projection)
+    np.subtract(n_u * n_w, null, out=null)
+    return np.maximum(null, 0.0, out=null)
 
 
 class Nulls(NamedTuple):
@@ -176,7 +184,7 @@ def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: NDArray[np.int64]
     is_minimum = inner <= minimum_filter(null, size=(1, 3, 3))[:, 1:-1, 1:-1]
     deepest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)
     is_minimum &= (inner <= deepest) | (inner < DEEP_NULL * basis.shape[1] * basis.shape[2])
-    depth = np.where(is_minimum, inner, np.inf).reshape(len(null), -1)
+    depth = np.where(is_minimum, inner, np.inf).reshape(len(null), inner.shape[1] * inner.shape[2])
     index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=0))]
     found = np.isfinite(np.take_along_axis(depth, index, axis=1))
     found &= np.arange(index.shape[1]) < n_minima[:, None]
@@ -211,7 +219,7 @@ def _null_slopes(basis: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats]:
     lines = basis.reshape(n, n_u, n_w * k)
 
     def projection(u_order: int, w_order: int) -> Floats:
-        along_u = (a[u_order] @ lines).reshape(n, -1, n_w, k)
+        along_u = (a[u_order] @ lines).reshape(*u.shape, n_w, k)
         projected: Floats = np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
         return projected
 
