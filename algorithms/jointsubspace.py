@@ -176,7 +176,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         order = np.minimum(self._order(eigenvalues, noise, shape, subarray), largest)
         in_signal = np.arange(order.max(initial=1)) < order[:, None]
         basis = eigenvectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
-        return Subspaces(basis.reshape(len(snapshots), *subarray, -1), order)
+        return Subspaces(basis.reshape(len(snapshots), *subarray, basis.shape[2]), order)
 
     def subarray(self, shape: tuple[int, ...]) -> tuple[int, int]:
         """Elements of a subarray along u and along w."""

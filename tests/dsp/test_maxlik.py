@@ -110,7 +110,7 @@ def test_one_source_is_placed_as_well_as_the_bound_of_cramer_and_rao_allows():
         np.ones((n, 1), dtype=bool),
     )
     data = steering(N_P, u)[:, :, :, None] * steering(N_Q, w)[:, :, None, :] * gain
-    # 17 dB after the gain of all elements would be the threshold; here are 23 dB.
+    # 23 dB after the gain of all elements: clear of the threshold.
     found = refine_directions(data + noise(n, 1, N_P, N_Q), start, 10)
     for error, n_line in ((found.u - u, N_P), (found.w - w, N_Q)):
         bound = np.sqrt(6 / (N_P * N_Q * np.pi**2 * (n_line**2 - 1))) / gain

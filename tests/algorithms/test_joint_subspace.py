@@ -1,0 +1,272 @@
+"""`music2d_joint` and `esprit2d`: plane waves of single cells, and few scatterers in full observations."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+
+from isacbench.contracts import Estimator
+from isacbench.dsp.kernels import steering
+from isacbench.errors import InputError
+from isacbench.metrics.deviation import paper_deviation
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator, observe
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scenario import load_scenario
+from isacbench.model.scene import Scatterers, Scenario
+
+BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
+SYSTEM = System(n_subcarriers=256, n_symbols=64)
+REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
+BASE_M = np.array([15.0, 100.0, 20.0])
+XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0]])
+VELOCITY = np.array([0.0, 13.3, -8.1, 20.0])
+RAYLEIGH = 2 / 16
+
+
+def simulator(region=REGION, xyz=XYZ, velocity=VELOCITY, elements=(8, 8)):
+    """Simulator of a scene in front of an array."""
+    return Simulator(
+        Scenario(
+            name="few",
+            system=SYSTEM,
+            array=VirtualArray((1, 1), elements, 1, 1),
+            frame=get_frame("panel"),
+            base_station_m=BASE_M,
+            region=region,
+            scatterers=Scatterers(np.reshape(xyz, (-1, 3)), np.array(velocity), np.ones(len(velocity))),
+        )
+    )
+
+
+@cache
+def everywhere(n_p=16, n_q=16):
+    """Observation of noise of unit power, of a region that spans every direction."""
+    region = Region((-60.0, 90.0), (60.0, 99.0), (-55.0, 95.0), (-1.0, 1.0))
+    empty = simulator(region, np.empty((0, 3)), [], (n_p, n_q)).observe(0.0)
+    scale = np.sqrt(np.mean(np.abs(empty.cells) ** 2))
+    return replace(empty, cells=empty.cells / scale)
+
+
+def noise(n, n_p=16, n_q=16, seed=0):
+    """White complex noise of unit power."""
+    rng = np.random.default_rng(seed)
+    return (rng.standard_normal((n, n_p, n_q)) + 1j * rng.standard_normal((n, n_p, n_q))) / np.sqrt(2)
+
+
+def plane_waves(estimator, u, w, phases=0.0, gain_db=40.0, n=1, shape=(16, 16), seed=0):
+    """Waves found in n snapshots of equal ones: phases at the middle, gain after all elements."""
+    n_p, n_q = shape
+    u, w = np.array(u), np.array(w)
+    amplitude = np.sqrt(10 ** (gain_db / 10) / (n_p * n_q))
+    middle = np.pi * ((n_p - 1) / 2 * u + (n_q - 1) / 2 * w)
+    gain = amplitude * np.exp(1j * (middle + np.broadcast_to(phases, u.shape)))
+    clean = np.einsum("k,kp,kq->pq", gain, steering(n_p, u), steering(n_q, w))
+    # Strongest cells 28 dB above the floor, as a detector has it.
+    floor = max(1.0, np.mean(np.abs(clean) ** 2) * 10**-2.8)
+    min_power = -np.log(estimator.angle_pfa) * floor / (n_p * n_q)
+    return estimator.plane_waves(everywhere(n_p, n_q), clean + noise(n, n_p, n_q, seed), floor, min_power)
+
+
+def misses(waves, u, w, tolerance):
+    """How many cells do not show exactly the waves, each within a tolerance of its own."""
+    missed = 0
+    truth = np.stack([u, w], axis=1)
+    for cell in range(len(waves.found)):
+        found = np.stack([waves.u[cell], waves.w[cell]], axis=1)[waves.found[cell]]
+        distance = np.linalg.norm(found[:, None] - truth, axis=2)
+        right = len(found) == len(truth) and sorted(distance.argmin(axis=0)) == list(range(len(truth)))
+        missed += not (right and distance.min(axis=0).max() < tolerance)
+    return missed
+
+
+@BOTH
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("phase_turns", [0, 0.125, 0.25, 0.5])
+def test_a_quarter_of_a_rayleigh_cell_is_resolved_60_db_above_the_noise_in_phase_too(
+    estimator, axis, phase_turns
+):
+    places = np.array([[0.0, 0.25 * RAYLEIGH], [0.1, 0.1]])
+    u, w = places[axis], places[1 - axis]
+    waves = plane_waves(estimator(), u, w, [0, 2 * np.pi * phase_turns], gain_db=60, n=40)
+    assert misses(waves, u, w, 0.125 * RAYLEIGH) <= 4
+
+
+@pytest.mark.slow
+@BOTH
+@pytest.mark.parametrize("axis", [0, 1])
+def test_resolution_over_phases_and_distances(estimator, axis):
+    for distance, least_share in ((0.15, 0.8), (0.2, 0.9), (0.25, 0.97), (0.5, 0.99), (1.0, 0.99)):
+        places = np.array([[0.0, distance * RAYLEIGH], [0.1, 0.1]])
+        u, w = places[axis], places[1 - axis]
+        missed = sum(
+            misses(
+                plane_waves(estimator(), u, w, [0, np.pi * eighth / 4], gain_db=60, n=100, seed=eighth),
+                u,
+                w,
+                distance / 2 * RAYLEIGH,
+            )
+            for eighth in range(8)
+        )
+        assert missed <= (1 - least_share) * 800, distance
+
+
+@BOTH
+@pytest.mark.parametrize("opposite", [False, True])
+@pytest.mark.parametrize(
+    ("u", "w"),
+    [
+        ([0.2, 0.2], [-0.4, 0.1]),
+        ([-0.4, 0.1], [0.2, 0.2]),
+        ([-0.3, 0.0, 0.3], [0.1, 0.1, 0.1]),
+        ([-0.2, 0.0, 0.2], [-0.1, 0.0, 0.1]),
+        ([-0.2, -0.2, 0.2, 0.2], [-0.3, 0.1, -0.3, 0.1]),
+        ([0.95, -0.9], [0.1, 0.2]),
+    ],
+)
+def test_coherent_sources_are_found_without_ghosts(estimator, u, w, opposite):
+    phases = np.pi * opposite * np.arange(len(u))
+    waves = plane_waves(estimator(), u, w, phases, gain_db=45, n=20)
+    assert misses(waves, u, w, 0.02) == 0
+
+
+@pytest.mark.parametrize("place", [(0.98, 0.05), (-0.98, 0.05), (0.05, 0.98)])
+def test_esprit_needs_no_margin_at_the_edge_of_the_visible_region(place):
+    waves = plane_waves(Esprit2d(), [place[0]], [place[1]], n=20)
+    assert misses(waves, [place[0]], [place[1]], 0.01) == 0
+
+
+@BOTH
+@settings(deadline=None, max_examples=20)
+@given(
+    shift=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
+    distance=st.tuples(st.floats(0.15, 0.3), st.floats(-0.3, 0.3)),
+    phase=st.floats(0, 2 * np.pi),
+)
+def test_directions_follow_a_shift_and_not_the_order_of_sources(estimator, shift, distance, phase):
+    u, w = np.array([0.0, distance[0]]), np.array([0.0, distance[1]])
+    for order in (slice(None), slice(None, None, -1)):
+        waves = plane_waves(
+            estimator(), (u + shift[0])[order], (w + shift[1])[order], np.array([0, phase])[order]
+        )
+        assert misses(waves, u + shift[0], w + shift[1], 0.01) == 0
+
+
+@BOTH
+@pytest.mark.parametrize("model_order", ["noise", "mdl", "aic"])
+def test_every_order_finds_strong_separate_sources(estimator, model_order):
+    u, w = [-0.5, 0.0, 0.5], [0.3, -0.4, 0.1]
+    waves = plane_waves(estimator(model_order=model_order), u, w, [0, 1, 2], gain_db=45, n=20)
+    assert misses(waves, u, w, 0.01) == 0
+
+
+@BOTH
+def test_the_eigenvalue_cfar_finds_the_strongest_of_them(estimator):
+    waves = plane_waves(estimator(model_order="eigenvalue_cfar"), [0.3], [-0.2], n=10)
+    assert misses(waves, [0.3], [-0.2], 0.01) == 0
+
+
+@BOTH
+@pytest.mark.parametrize("shape", [(2, 2), (3, 5), (2, 16), (8, 4)])
+@pytest.mark.parametrize("model_order", ["noise", "eigenvalue_cfar", "mdl", "aic"])
+def test_small_arrays_serve_and_orders_stay_within_what_they_can_tell(estimator, shape, model_order):
+    crowd = np.linspace(-0.5, 0.5, 7)
+    waves = plane_waves(
+        estimator(model_order=model_order, max_sources=9), crowd, crowd[::-1], gain_db=50, n=5, shape=shape
+    )
+    assert waves.found.shape[1] <= min(shape[0] * shape[1], 9)
+    assert np.isfinite(waves.u[waves.found]).all()
+    one = plane_waves(estimator(model_order=model_order), [0.1], [0.2], n=5, shape=shape)
+    # A sixth of the beam.
+    assert misses(one, [0.1], [0.2], 2 / min(shape) / 6) == 0
+
+
+@BOTH
+@pytest.mark.parametrize("polish", [0, 10])
+def test_no_cells_and_one_cell(estimator, polish):
+    method = estimator(polish=polish)
+    assert len(method.plane_waves(everywhere(), noise(0), 1.0, 0.1).found) == 0
+    waves = plane_waves(method, [0.3], [-0.2])
+    assert misses(waves, [0.3], [-0.2], 0.01) == 0
+
+
+@BOTH
+def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
+    method = estimator()
+    waves = method.plane_waves(everywhere(), noise(100), 1.0, -np.log(1e-5) / 256)
+    assert waves.found.sum() <= 3
+
+
+@BOTH
+def test_separate_scatterers_are_imaged_at_their_places(estimator):
+    scene = simulator(xyz=XYZ, elements=(8, 8))
+    truth = scene.scenario.truth
+    for trial in range(2):
+        cloud = estimator().estimate(scene.observe(30.0, trial))
+        assert len(cloud) == len(truth)
+        distance_m = np.linalg.norm(truth.xyz[:, None] - cloud.xyz, axis=2)
+        assert distance_m.min(axis=1).max() < 0.3
+        assert np.abs(cloud.velocity[distance_m.argmin(axis=1)] - truth.velocity).max() < 0.1
+
+
+@BOTH
+def test_a_diagnosis_shows_both_axes_with_the_directions_found(estimator):
+    assert isinstance(estimator(), Estimator)
+    scene = simulator(xyz=XYZ[:1], velocity=[0.0])
+    diagnosis = estimator().diagnose(scene.observe(30.0))
+    u, w = scene.scenario.frame.direction_cosines(XYZ[:1] - BASE_M)
+    assert [spectrum.label for spectrum in diagnosis.spectra] == ["u", "w"]
+    for spectrum, place in zip(diagnosis.spectra, (u, w), strict=True):
+        np.testing.assert_allclose(spectrum.peaks, place, atol=0.01)
+        highest = spectrum.cosine[spectrum.level_db.argmax()]
+        assert abs(highest - place[0]) < 2 * (spectrum.cosine[1] - spectrum.cosine[0])
+        assert spectrum.cosine.shape == spectrum.level_db.shape
+
+
+@BOTH
+def test_a_diagnosis_of_noise_has_no_spectra(estimator):
+    assert len(estimator().diagnose(simulator(xyz=np.empty((0, 3)), velocity=[]).observe(0.0)).spectra) in (
+        0,
+        2,
+    )
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [("subarray_fraction", 0.0), ("subarray_fraction", 1.5), ("model_order", "best"), ("polish", -1)],
+)
+def test_wrong_parameters_are_refused(estimator, parameter, value):
+    with pytest.raises(InputError, match=parameter):
+        estimator(**{parameter: value})
+
+
+def test_wrong_parameters_of_one_method_are_refused():
+    with pytest.raises(InputError, match="samples_per_lobe"):
+        Music2dJoint(samples_per_lobe=3)
+    with pytest.raises(InputError, match="model_order"):
+        Music2d(model_order="best")
+
+
+@pytest.mark.parametrize("model_order", ["noise", "mdl", "aic"])
+def test_row_and_column_music_takes_every_order(model_order):
+    scene = simulator()
+    cloud = Music2d(model_order=model_order).estimate(scene.observe(30.0))
+    assert len(cloud) == len(XYZ)
+
+
+@BOTH
+def test_the_street_is_imaged_at_full_size(estimator):
+    scenario = load_scenario("street")
+    cloud = estimator().estimate(observe(scenario, 10.0))
+    found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
+    assert found.hausdorff_sum_m < 11
+    assert found.velocity_nmse < 2e-3
