@@ -9,6 +9,9 @@
 4. Of the candidates, those are selected that explain the map together, and
    then moved between the bins to where the rest of the map leaves them.
 
+An estimator may look at the cells more than once, behind different windows:
+what a later look sees joins if the earlier ones leave it unexplained.
+
 Steps 3 and 4 need no constant of the scene: what counts is the noise, the
 strongest cells and the strongest scatterers nearby.
 """
@@ -17,32 +20,61 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.contracts import Detector, Diagnosis, Spectrum
-from isacbench.dsp.detection import DetectedCells, Integration, detect_cells
+from isacbench.dsp.detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.joint import refine_jointly, select_jointly
 from isacbench.dsp.planewaves import PlaneWaves
-from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scatterers import locate, merge_duplicates
+from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.dsp.scatterers import Scatterers, locate, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
+from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
 
 from .detectors import OscaCfar
 
-__all__ = ["CellwiseEstimator"]
+__all__ = ["CellwiseEstimator", "Levels", "Look", "middle"]
 
 Snapshots = NDArray[np.complex128]
+
+
+class Levels(NamedTuple):
+    """Power per element of white noise, and that which noise and leakage have at most."""
+
+    white: float
+    floor: float
+
 
 DETECTION_WINDOW: Window = "hann"
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How the cells are read whose plane waves are sought.
+
+    Attributes
+    ----------
+    range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
+        Tapers.
+    range_cells : {1, 3}
+        Neighbouring range cells that serve as snapshots, the cell itself in
+        the middle. More give the mean direction of what a crowd of echoes
+        spreads over them.
+    """
+
+    range_window: Window
+    doppler_window: Window
+    range_cells: int = 1
+    resolved_only: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,30 +136,45 @@ class CellwiseEstimator(ABC):
         """
         system = observation.system
         gated = GatedMap(observation.cells, observation.gate)
-        tapered = self._tapered(gated)
         detected = self._detect(gated)
-        # Only where region or speeds span the whole map do detected cells lie at its edge.
-        inside = tapered.surrounds(detected.bins)
-        bins = detected.bins[0][inside], detected.bins[1][inside]
-        if not inside.any():
-            return PointCloud.empty()
-        snapshots = tapered.cells[tapered.index(bins)]
+        levels = Levels(min(white_noise(gated), detected.floor), detected.floor)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
-        waves = self.plane_waves(observation, snapshots, detected.floor, min_power)
-        candidates = locate(
-            waves,
-            tapered,
-            bins,
-            (self.range_window, self.doppler_window),
-            OWN_CELL_EXCESS,
-            self.local_dynamic_range_db,
-        )
-        chosen = select_jointly(
-            merge_duplicates(candidates), gated, system, min_power, self.local_dynamic_range_db
-        )
-        found = refine_jointly(chosen, gated, system)
+        chosen = Scatterers.empty()
+        for look in self.looks():
+            candidates = self._candidates(
+                observation, gated, detected.bins, look, levels, min_power, chosen.next_family
+            )
+            chosen = select_jointly(
+                chosen.join(candidates), gated, system, min_power, self.local_dynamic_range_db, len(chosen)
+            )
+        found = self.refine(chosen, gated, system, levels, min_power)
         unit_power = found.power / system.processing_gain
         return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
+
+    def looks(self) -> tuple[Look, ...]:
+        """How the cells are read, one look after the other; the last one is drawn by `diagnose`."""
+        return (Look(self.range_window, self.doppler_window),)
+
+    def refine(
+        self, chosen: Scatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
+    ) -> Scatterers:
+        """Refine the selected scatterers together.
+
+        Parameters
+        ----------
+        chosen : Scatterers
+        gated : GatedMap
+            Without tapers.
+        system : System
+        levels : Levels
+        min_power : float
+            Power per element that a scatterer must have.
+
+        Returns
+        -------
+        Scatterers
+        """
+        return refine_jointly(chosen, gated, system)
 
     def diagnose(self, observation: Observation) -> Diagnosis:
         """Show the range-Doppler map, its test, and the spectra of the strongest detected cell.
@@ -145,26 +192,33 @@ class CellwiseEstimator(ABC):
         seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
-        tapered = self._tapered(gated)
+        look = self.looks()[-1]
+        tapered = gated.tapered(look.range_window, look.doppler_window)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
-            snapshot = tapered.cells[tapered.index(bins)]
-            spectra = self.spectra(observation, snapshot, detected.floor)
+            levels = Levels(min(white_noise(gated), detected.floor), detected.floor)
+            spectra = self.spectra(observation, _snapshots(tapered, bins, look.range_cells), levels)
         return Diagnosis(
             detected.power, detected.detection, seen.range_bins, seen.doppler_bins, spectra, cell
         )
 
     @abstractmethod
     def plane_waves(
-        self, observation: Observation, snapshots: Snapshots, noise: float, min_power: float
+        self,
+        observation: Observation,
+        look: Look,
+        snapshots: Snapshots,
+        levels: Levels,
+        min_power: float,
     ) -> PlaneWaves:
         """Find the plane waves of each cell.
 
         Parameters
         ----------
         observation : Observation
-        snapshots : ndarray of complex128, shape (n, P, Q)
-        noise : float
-            Power per element that noise and leakage have at most.
+        look : Look
+        snapshots : ndarray of complex128, shape (n, s, P, Q)
+            Of each cell and its neighbours in range, the cell in the middle.
+        levels : Levels
         min_power : float
             Power per element that a plane wave must have.
 
@@ -175,8 +229,8 @@ class CellwiseEstimator(ABC):
         """
 
     @abstractmethod
-    def spectra(self, observation: Observation, snapshot: Snapshots, noise: float) -> tuple[Spectrum, ...]:
-        """Angular spectra of one cell's snapshot (1, P, Q), with their tests and peaks."""
+    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
+        """Angular spectra of one cell's snapshots (1, s, P, Q), with their tests and peaks."""
 
     def cell_detector(self) -> Detector:
         """Detector of range-Doppler cells, with this estimator's probability of false alarm if it has one."""
@@ -188,5 +242,45 @@ class CellwiseEstimator(ABC):
         seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW)
         return detect_cells(seen, self.cell_detector(), self.integration, self.dynamic_range_db)
 
-    def _tapered(self, gated: GatedMap) -> GatedMap:
-        return gated.tapered(self.range_window, self.doppler_window)
+    def _candidates(
+        self,
+        observation: Observation,
+        gated: GatedMap,
+        detected: Bins,
+        look: Look,
+        levels: Levels,
+        min_power: float,
+        first_family: int,
+    ) -> Scatterers:
+        """Scatterers that the cells show in one look."""
+        tapered = gated.tapered(look.range_window, look.doppler_window)
+        # Only where region or speeds span the whole map do detected cells lie at its edge.
+        inside = tapered.surrounds(detected)
+        bins = detected[0][inside], detected[1][inside]
+        if not inside.any():
+            return Scatterers.empty()
+        snapshots = _snapshots(tapered, bins, look.range_cells)
+        waves = self.plane_waves(observation, look, snapshots, levels, min_power)
+        located = locate(
+            waves,
+            tapered,
+            bins,
+            (look.range_window, look.doppler_window),
+            OWN_CELL_EXCESS,
+            self.local_dynamic_range_db,
+            first_family,
+        )
+        return merge_duplicates(located)
+
+
+def middle(snapshots: Snapshots) -> Snapshots:
+    """Snapshots (n, P, Q) of the cells themselves, out of those with their neighbours (n, s, P, Q)."""
+    return snapshots[:, snapshots.shape[1] // 2]
+
+
+def _snapshots(tapered: GatedMap, bins: Bins, n_range: int) -> Snapshots:
+    """Snapshots (n, s, P, Q) of cells and of their neighbours in range."""
+    rows, columns = tapered.index(bins)
+    steps = np.arange(n_range) - n_range // 2
+    around: Snapshots = tapered.cells[rows[:, None] + steps, columns[:, None]]
+    return around

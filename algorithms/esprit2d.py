@@ -35,6 +35,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isacbench.dsp.esprit import unitary_esprit
 from isacbench.dsp.planewaves import PlaneWaves
@@ -73,6 +74,8 @@ class Esprit2d(JointSubspaceEstimator):
 
     name: ClassVar[str] = "esprit2d"
 
+    subarray_fraction: float = 0.625
+
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Directions of all cells, those of one order together."""
         basis, order = subspaces[0], subspaces[1].copy()
@@ -84,3 +87,23 @@ class Esprit2d(JointSubspaceEstimator):
             u[cells, :k], w[cells, :k] = found.u, found.w
             order[cells[~found.reliable]] -= 1
         return PlaneWaves(u, w, np.arange(basis.shape[3]) < order[:, None])
+
+    def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
+        """Directions of as many sources as all lie where the region is: ghosts of a crowd often do not."""
+        basis, order = subspaces
+        waves = self.directions(observation, subspaces)
+        while np.any(outside := (order > 1) & np.any(waves.found & ~_inside(waves, observation), axis=1)):
+            order = order - outside
+            fewer = self.directions(observation, Subspaces(basis[outside], order[outside]))
+            for values, new in zip(
+                (waves.u, waves.w, waves.found), (fewer.u, fewer.w, fewer.found), strict=True
+            ):
+                values[outside] = new
+        return PlaneWaves(waves.u, waves.w, waves.found & _inside(waves, observation))
+
+
+def _inside(waves: PlaneWaves, observation: Observation) -> NDArray[np.bool_]:
+    """Which plane waves come from directions that the region spans."""
+    (lowest_u, highest_u), (lowest_w, highest_w) = observation.cosine_limits
+    inside: NDArray[np.bool_] = (waves.u >= lowest_u) & (waves.u <= highest_u)
+    return inside & (waves.w >= lowest_w) & (waves.w <= highest_w)

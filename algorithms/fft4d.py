@@ -34,7 +34,7 @@ from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.errors import require
 from isacbench.model.observation import Observation
 
-from .cellwise import CellwiseEstimator, Snapshots
+from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 from .detectors import CaCfar
 
 __all__ = ["Fft4d"]
@@ -89,14 +89,19 @@ class Fft4d(CellwiseEstimator):
         require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
 
     def plane_waves(
-        self, observation: Observation, snapshots: Snapshots, noise: float, min_power: float
+        self,
+        observation: Observation,
+        look: Look,
+        snapshots: Snapshots,
+        levels: Levels,
+        min_power: float,
     ) -> PlaneWaves:
         """Local maxima of the angular power spectra inside the directions of the region."""
-        return self._angle_spectra(observation, snapshots).waves
+        return self._angle_spectra(observation, middle(snapshots)).waves
 
-    def spectra(self, observation: Observation, snapshot: Snapshots, noise: float) -> tuple[Spectrum, ...]:
+    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
         """Cuts along u and along w through the maximum of one cell's angular spectrum, in dB below it."""
-        found = self._angle_spectra(observation, snapshot)
+        found = self._angle_spectra(observation, middle(snapshots))
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
         strongest = found.power[0].max()
         level_db = 10 * np.log10(found.power[0] / strongest)

@@ -18,15 +18,15 @@ dropped by its power.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.contracts import Spectrum
-from isacbench.dsp.detection import power_map, reference_noise
 from isacbench.dsp.esprit import most_sources
+from isacbench.dsp.joint import explain_map, refine_jointly, select_jointly
 from isacbench.dsp.kernels import steering
 from isacbench.dsp.maxlik import resolve_directions
 from isacbench.dsp.model_order import (
@@ -38,15 +38,35 @@ from isacbench.dsp.model_order import (
 )
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.dsp.scatterers import Scatterers, merge_duplicates
 from isacbench.dsp.subspace2d import leading_eigenpairs, planar_covariance
 from isacbench.errors import require
+from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
 
-from .cellwise import DETECTION_WINDOW, CellwiseEstimator, Snapshots
+from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 
 __all__ = ["JointSubspaceEstimator", "Subspaces"]
 
 _Axis = Literal["u", "w"]
+
+CROWD_LOOK = Look("hamming", "hamming", range_cells=3)
+"""Low sidelobes, so that a cell shows what is near, and the mean direction of three."""
+
+INTERLEAVINGS = 2
+"""How often crowds are filled in: extended objects have more than one point a range bin."""
+
+INTERLEAVED_BINS = 0.5
+"""Range bins between a scatterer and the candidates that are put beside it."""
+
+INTERLEAVED_DYNAMIC_RANGE_DB = 25.0
+"""Local dynamic range among interleaved scatterers, which share the directions of selected ones."""
+
+MOST_UNEXPLAINED = 1.5
+"""Of white noise: what plane waves may leave of a cell that they explain. 256 elements scatter by 0.06."""
+
+LEAST_EXPLAINED = 10**1.8
+"""Power of a cell over what plane waves leave of it, 18 dB: in more noise a crowd looks like a few waves."""
 
 SPECTRUM_POINTS = 201
 """Samples of the spectra that a diagnosis shows."""
@@ -94,6 +114,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         If a parameter is out of range.
     """
 
+    local_dynamic_range_db: float = 18.0
     subarray_fraction: float = 0.5
     model_order: ModelOrder = "noise"
     polish: int = 10
@@ -107,20 +128,50 @@ class JointSubspaceEstimator(CellwiseEstimator):
         require(self.polish >= 0, "polish", self.polish, "0 and more")
 
     def plane_waves(
-        self, observation: Observation, snapshots: Snapshots, noise: float, min_power: float
+        self,
+        observation: Observation,
+        look: Look,
+        snapshots: Snapshots,
+        levels: Levels,
+        min_power: float,
     ) -> PlaneWaves:
-        """Directions from the subspaces, refined and told apart on the whole array."""
-        white = _white_noise(observation)
-        white = noise if white is None else min(white, noise)
-        waves = self.directions(observation, self.subspaces(snapshots, white))
-        if self.polish:
-            waves = resolve_directions(snapshots[:, None], waves, white, self.angle_pfa, self.polish)
-        power = np.abs(waves.amplitudes(snapshots[None])[0]) ** 2
+        """Directions down to the noise in a look at resolved cells, and those of crowds in others."""
+        cells = middle(snapshots)
+        if look.resolved_only:
+            waves = self.directions(observation, self.subspaces(cells[:, None], levels.white))
+            if self.polish:
+                waves = resolve_directions(cells[:, None], waves, levels.white, self.angle_pfa, self.polish)
+            unexplained = waves.unexplained(cells)
+            resolved = unexplained < MOST_UNEXPLAINED * levels.white
+            resolved &= np.mean(np.abs(cells) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
+        else:
+            waves = self.crowd_directions(observation, self.subspaces(snapshots, levels.floor))
+            resolved = np.zeros(len(cells), dtype=np.bool_)
+        power = np.abs(waves.amplitudes(cells[None])[0]) ** 2
         strongest = power.max(axis=1, keepdims=True, initial=0)
         found = waves.found & (power > min_power)
         found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
         found &= (np.abs(waves.u) <= 1) & (np.abs(waves.w) <= 1) & (waves.u**2 + waves.w**2 <= 1)
-        return PlaneWaves(waves.u, waves.w, found)
+        if look.resolved_only:
+            found &= resolved[:, None]
+        return PlaneWaves(waves.u, waves.w, found, resolved)
+
+    def looks(self) -> tuple[Look, ...]:
+        """Resolved cells first, then crowds: means of three range cells, then single cells."""
+        single = Look(self.range_window, self.doppler_window)
+        return replace(single, resolved_only=True), CROWD_LOOK, single
+
+    def refine(
+        self, chosen: Scatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
+    ) -> Scatterers:
+        """Refine in all coordinates where that explains the map; else fill in crowds first."""
+        explained = explain_map(chosen, gated, system, levels.white)
+        if explained is not None:
+            return explained
+        for _ in range(INTERLEAVINGS):
+            dense = merge_duplicates(chosen.interleaved(INTERLEAVED_BINS))
+            chosen = select_jointly(dense, gated, system, min_power, INTERLEAVED_DYNAMIC_RANGE_DB)
+        return merge_duplicates(refine_jointly(chosen, gated, system))
 
     @abstractmethod
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
@@ -137,9 +188,25 @@ class JointSubspaceEstimator(CellwiseEstimator):
             One row a cell.
         """
 
-    def spectra(self, observation: Observation, snapshot: Snapshots, noise: float) -> tuple[Spectrum, ...]:
+    @abstractmethod
+    def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
+        """Find directions in subspaces that hold more sources than dimensions; those are never split.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+            One row a cell.
+        """
+
+    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
         """Cuts of the array's power along u and along w through the strongest plane wave, in dB below it."""
-        waves = self.plane_waves(observation, snapshot, noise, 0.0)
+        waves = self.plane_waves(observation, self.looks()[-1], snapshots, levels, 0.0)
+        snapshot = middle(snapshots)
         power = np.abs(waves.amplitudes(snapshot[None])[0, 0])
         strongest = int(power.argmax())
         towards_u = steering(snapshot.shape[1], waves.u[0, strongest]).conj()
@@ -163,10 +230,12 @@ class JointSubspaceEstimator(CellwiseEstimator):
         )
 
     def subspaces(self, snapshots: Snapshots, noise: float) -> Subspaces:
-        """Signal subspaces of snapshots (n, P, Q) in white noise of a power per element."""
-        shape = snapshots.shape[1:]
+        """Signal subspaces of snapshots (n, s, P, Q) in noise of a power per element."""
+        n_cells, n_snapshots = snapshots.shape[:2]
+        shape = snapshots.shape[2], snapshots.shape[3]
         subarray = self.subarray(shape)
-        covariance = planar_covariance(snapshots, subarray)
+        each = planar_covariance(snapshots.reshape(-1, *shape), subarray)
+        covariance = each.reshape(n_cells, n_snapshots, *each.shape[1:]).mean(axis=1)
         n_sensors = covariance.shape[1]
         largest = max(min(self.max_sources, most_sources(subarray), n_sensors - 1), 1)
         # One more than may be sources: the last of a test's eigenvalues is never one.
@@ -196,9 +265,3 @@ class JointSubspaceEstimator(CellwiseEstimator):
             return eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
         n_independent = np.prod(shape) / np.prod(subarray)
         return information_order(eigenvalues, float(n_independent), self.model_order)
-
-
-def _white_noise(observation: Observation) -> float | None:
-    """Noise power per element where no speed of the region reaches, None where there is no such place."""
-    seen = GatedMap(observation.cells, observation.gate).tapered("rect", DETECTION_WINDOW)
-    return reference_noise(power_map(seen.cells, "noncoherent")[0], seen.gate)

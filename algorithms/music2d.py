@@ -54,7 +54,7 @@ from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_
 from isacbench.errors import require
 from isacbench.model.observation import Observation
 
-from .cellwise import CellwiseEstimator, Snapshots
+from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 from .detectors import CaCfar
 
 __all__ = ["Music2d"]
@@ -141,17 +141,27 @@ class Music2d(CellwiseEstimator):
         require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
 
     def plane_waves(
-        self, observation: Observation, snapshots: Snapshots, noise: float, min_power: float
+        self,
+        observation: Observation,
+        look: Look,
+        snapshots: Snapshots,
+        levels: Levels,
+        min_power: float,
     ) -> PlaneWaves:
         """Pair the peaks of the row and the column spectra by the joint response of the array."""
-        along_u, along_w = self._line_spectra(observation, snapshots, noise)
+        along_u, along_w = self._line_spectra(observation, middle(snapshots), levels.floor)
         return pair_directions(
-            snapshots, along_u.peaks, along_w.peaks, min_power, self.dynamic_range_db, self.max_sources
+            middle(snapshots),
+            along_u.peaks,
+            along_w.peaks,
+            min_power,
+            self.dynamic_range_db,
+            self.max_sources,
         )
 
-    def spectra(self, observation: Observation, snapshot: Snapshots, noise: float) -> tuple[Spectrum, ...]:
+    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
         """MUSIC spectra of one cell over u and over w."""
-        along_u, along_w = self._line_spectra(observation, snapshot, noise)
+        along_u, along_w = self._line_spectra(observation, middle(snapshots), levels.floor)
         return along_u.first("u"), along_w.first("w")
 
     def _line_spectra(

@@ -47,7 +47,7 @@ from isacbench.dsp.subspace2d import Nulls, null_minima, planar_null_spectrum
 from isacbench.errors import require
 from isacbench.model.observation import Observation
 
-from .cellwise import Snapshots
+from .cellwise import Levels, Snapshots
 from .jointsubspace import JointSubspaceEstimator, Subspaces
 
 __all__ = ["Music2dJoint"]
@@ -106,13 +106,19 @@ class Music2dJoint(JointSubspaceEstimator):
         n_p, n_q = observation.cells.shape[2:]
         return _split(nulls, order, np.array([2 / n_p, 2 / n_q]))
 
-    def spectra(self, observation: Observation, snapshot: Snapshots, noise: float) -> tuple[Spectrum, ...]:
+    def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
+        """Nulls of the joint spectra as they are."""
+        basis, order = subspaces
+        nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
+        return PlaneWaves(nulls.u, nulls.w, nulls.found)
+
+    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
         """Cuts of one cell's joint spectrum through its deepest null, in dB above an empty direction."""
-        basis, order = self.subspaces(snapshot, noise)
+        basis, order = self.subspaces(snapshots, levels.white)
         n_sensors = basis.shape[1] * basis.shape[2]
         grid = self._grid(observation, basis.shape[1:3])
         nulls = null_minima(basis, *grid, order)
-        waves = self.plane_waves(observation, snapshot, noise, 0.0)
+        waves = self.plane_waves(observation, self.looks()[-1], snapshots, levels, 0.0)
         if not nulls.found[0].any():
             return ()
         u, w = grid

@@ -14,13 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.dsp.atomfit import AtomFit, refine_atoms
+from isacbench.dsp.atoms import AtomMap
 from isacbench.dsp.kernels import dirichlet, steering
+from isacbench.dsp.pursuit import redundant
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import Scatterers
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
 
-__all__ = ["refine_jointly", "select_jointly"]
+__all__ = ["explain_map", "refine_jointly", "select_jointly"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -37,11 +40,29 @@ COMPETING_RESPONSE = 0.3
 REPEATING_RESPONSE = 0.8
 """Response from which a candidate only repeats a member."""
 
+LOADING = 1e-3
+"""Of unit responses: keeps the amplitudes of scatterers half a bin apart from cancelling each other."""
+
 MAX_ROUNDS = 8
 """Rounds of the selection; four to six are usual."""
 
 REFINEMENTS = 2
 """Gauss-Newton steps of the refinement: the start is within half a bin."""
+
+MOST_UNEXPLAINED = 2.0
+"""Of white noise: what may be left around each scatterer of an explained map; means of 21 scatter by 0.2."""
+
+LEAST_RESOLVED = 0.5
+"""Share of scatterers from resolved cells below which a map is a crowd, and no fit is tried..."""
+
+FEW = 16
+"""... unless there are so few that it costs next to nothing."""
+
+HOPELESS = 20.0
+"""The same after the first steps, from which no more of them help."""
+
+EXPLAINING_STEPS = 3
+"""Newton steps of a fit in four coordinates."""
 
 MAX_SHIFT_BINS = 0.5
 """Farthest that the refinement moves a scatterer."""
@@ -91,12 +112,15 @@ def select_jointly(
     system: System,
     min_power: float,
     dynamic_range_db: float,
+    n_members: int = 0,
 ) -> Scatterers:
     """Select the scatterers that explain the map together.
 
     In rounds, candidates that stand out from what the members leave
     unexplained join, the strongest of those that compete; all amplitudes are
     fitted anew, and members that turn out weak beside their neighbours leave.
+    Those of one family do not compete with each other: their cell has told them
+    apart.
 
     Parameters
     ----------
@@ -109,6 +133,8 @@ def select_jointly(
         Power per element that a matched filter's output must exceed.
     dynamic_range_db : float
         How far below the strongest of its neighbourhood a scatterer may lie.
+    n_members : int, default 0
+        The first of the candidates, which are members from the start.
 
     Returns
     -------
@@ -119,12 +145,12 @@ def select_jointly(
         return scatterers
     patches = _read_patches(scatterers, gated)
     matched, response = _matched_filters(patches, _kernels(scatterers, patches, gated.gate, system))
-    likeness = np.abs(response)
+    likeness = np.where(_known_apart(scatterers), 0, np.abs(response))
     nearby = _nearby(scatterers)
     weakest = 10 ** (-dynamic_range_db / 20)
-    amplitude = np.zeros(len(scatterers), dtype=np.complex128)
-    member = np.zeros(len(scatterers), dtype=np.bool_)
-    residual = np.abs(matched)
+    member = np.arange(len(scatterers)) < n_members
+    amplitude = _fit(matched, response, member)
+    residual = np.abs(matched - response @ amplitude)
     for _ in range(MAX_ROUNDS):
         candidate = np.where(member, 0, residual)
         rival = np.where(likeness > COMPETING_RESPONSE, candidate, 0).max(axis=1)
@@ -187,6 +213,77 @@ def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> S
     return replace(refined, power=np.abs(amplitude) ** 2)
 
 
+def explain_map(scatterers: Scatterers, gated: GatedMap, system: System, noise: float) -> Scatterers | None:
+    """Move scatterers in all four coordinates to the least-squares fit, if that explains the map.
+
+    A fit bends to whatever is not modelled, and in a crowd this is more than
+    the error that it removes.
+
+    Parameters
+    ----------
+    scatterers : Scatterers
+    gated : GatedMap
+        Without tapers.
+    system : System
+    noise : float
+        Power of white noise per element.
+
+    Returns
+    -------
+    Scatterers or None
+        Without those that noise does not tell from another. None where the map
+        holds more than any places of these scatterers explain.
+    """
+    if not len(scatterers):
+        return scatterers
+    if len(scatterers) > FEW and np.mean(scatterers.family >= 0) < LEAST_RESOLVED:
+        return None
+    atom_map = AtomMap.from_map(gated, system)
+    start = np.stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w], axis=1)
+    fit = refine_atoms(atom_map, start / atom_map.cell_size, EXPLAINING_STEPS)
+    if _most_unexplained(scatterers, fit, gated, system) > HOPELESS * noise:
+        return None
+    while True:
+        drop, places = redundant(fit, noise)
+        scatterers = scatterers.select(~drop)
+        if not len(scatterers):
+            return scatterers
+        fit = refine_atoms(atom_map, places[~drop], EXPLAINING_STEPS)
+        if not drop.any():
+            break
+    if _most_unexplained(scatterers, fit, gated, system) > MOST_UNEXPLAINED * noise:
+        return None
+    return _placed(scatterers, fit, gated)
+
+
+def _placed(scatterers: Scatterers, fit: AtomFit, gated: GatedMap) -> Scatterers:
+    """Scatterers at the places and with the power of their atoms."""
+    cell_size = np.array([1.0, 1.0, 2 / gated.cells.shape[2], 2 / gated.cells.shape[3]])
+    range_bin, doppler_bin, u, w = (fit.places * cell_size).T
+    return Scatterers(range_bin, doppler_bin, u, w, fit.power / gated.n_elements, scatterers.family)
+
+
+def _most_unexplained(scatterers: Scatterers, fit: AtomFit, gated: GatedMap, system: System) -> float:
+    """Largest mean power per element that the map holds beside all echoes, around any atom."""
+    return float(_unexplained(_placed(scatterers, fit, gated), gated, system).max())
+
+
+def _unexplained(scatterers: Scatterers, gated: GatedMap, system: System) -> Floats:
+    """Mean power per element (n,) that the map holds beside all echoes, around each scatterer."""
+    patches = _read_patches(scatterers, gated)
+    kernels = _kernels(scatterers, patches, gated.gate, system)
+    amplitude = _fit(*_matched_filters(patches, kernels), np.ones(len(scatterers), dtype=np.bool_))
+    misfit = patches.beam - _echoes(kernels, patches.direction_response * amplitude)
+    power: Floats = np.mean(misfit.real**2 + misfit.imag**2, axis=(1, 2)) * gated.n_elements
+    return power
+
+
+def _echoes(kernels: _Kernels, shares: Complex) -> Complex:
+    """What scatterers leave on all patches (n, r, d), each with its share (n, n) of the patch's direction."""
+    echoes: Complex = (kernels.along_range * shares[:, None, :]) @ kernels.along_doppler.transpose(0, 2, 1)
+    return echoes
+
+
 def _limited(place: Floats, start: Floats) -> Floats:
     return np.clip(place, start - MAX_SHIFT_BINS, start + MAX_SHIFT_BINS)
 
@@ -243,10 +340,19 @@ def _nearby(scatterers: Scatterers) -> NDArray[np.bool_]:
     return near
 
 
+def _known_apart(scatterers: Scatterers) -> NDArray[np.bool_]:
+    """Pairs (n, n) of different scatterers of one family."""
+    family = scatterers.family
+    apart: NDArray[np.bool_] = (family[:, None] == family) & (family >= 0)
+    np.fill_diagonal(apart, False)
+    return apart
+
+
 def _fit(matched: Complex, response: Complex, member: NDArray[np.bool_]) -> Complex:
     """Amplitudes (n,) that explain all members' filter outputs together, 0 for the others."""
     amplitude = np.zeros_like(matched)
-    amplitude[member] = np.linalg.solve(response[np.ix_(member, member)], matched[member])
+    square = response[np.ix_(member, member)] + LOADING * np.eye(int(member.sum()))
+    amplitude[member] = np.linalg.solve(square, matched[member])
     return amplitude
 
 
@@ -262,7 +368,7 @@ def _gauss_newton(
     n = len(scatterers)
     shares = patches.direction_response * amplitude
     np.fill_diagonal(shares, 0)
-    others = (kernels.along_range * shares[:, None, :]) @ kernels.along_doppler.transpose(0, 2, 1)
+    others = _echoes(kernels, shares)
     own_range, own_doppler = kernels.own_range, kernels.own_doppler
     echo = own_range[:, :, None] * own_doppler[:, None, :]
     range_slope, doppler_slope = _own_slopes(scatterers, patches, gate, system)

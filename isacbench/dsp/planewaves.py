@@ -35,11 +35,29 @@ class PlaneWaves:
         Direction cosines.
     found : ndarray of bool, shape (n, k)
         Which entries are plane waves.
+    resolved : ndarray of bool, shape (n,), or None
+        Cells that their plane waves explain down to the noise, so that even
+        close ones are apart; None where nobody has looked.
     """
 
     u: Floats
     w: Floats
     found: NDArray[np.bool_]
+    resolved: NDArray[np.bool_] | None = None
+
+    def select(self, keep: NDArray[np.bool_]) -> PlaneWaves:
+        """Those of some cells."""
+        resolved = None if self.resolved is None else self.resolved[keep]
+        return PlaneWaves(self.u[keep], self.w[keep], self.found[keep], resolved)
+
+    def unexplained(self, snapshots: Complex) -> Floats:
+        """Power per element (n,) that the plane waves leave of snapshots (n, P, Q), amplitudes fitted."""
+        n_p, n_q = snapshots.shape[1:]
+        amplitude = self.amplitudes(snapshots[None])[0]
+        columns = steering(n_p, self.u) * amplitude[:, :, None]
+        residual = snapshots - columns.transpose(0, 2, 1) @ steering(n_q, self.w)
+        power: Floats = np.mean(residual.real**2 + residual.imag**2, axis=(1, 2))
+        return power
 
     def amplitudes(self, snapshots: Complex) -> Complex:
         """Least-squares amplitudes of the cell's plane waves in any snapshots, jointly on all elements.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,9 @@ class Scatterers:
         Direction cosines.
     power : ndarray of float64
         Power |amplitude|² per element in the range-Doppler map.
+    family : ndarray of int64
+        Equal for those that one cell resolved: its plane waves explain it down
+        to the noise. -1 for all others.
     """
 
     range_bin: Floats
@@ -43,15 +47,50 @@ class Scatterers:
     u: Floats
     w: Floats
     power: Floats
+    family: NDArray[np.int64]
 
     def __len__(self) -> int:
         return self.power.size
 
+    @classmethod
+    def empty(cls) -> Scatterers:
+        """No scatterers."""
+        none = np.empty(0)
+        return cls(none, none, none, none, none, np.empty(0, dtype=np.int64))
+
     def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Scatterers:
         """Those that a mask or an index array picks."""
-        return Scatterers(
-            self.range_bin[keep], self.doppler_bin[keep], self.u[keep], self.w[keep], self.power[keep]
-        )
+        return Scatterers(*(values[keep] for values in self._columns()))
+
+    @property
+    def next_family(self) -> int:
+        """A number that no family has."""
+        return int(self.family.max(initial=-1)) + 1
+
+    def join(self, others: Scatterers) -> Scatterers:
+        """These and others behind them."""
+        pairs = zip(self._columns(), others._columns(), strict=True)
+        return Scatterers(*(np.concatenate(pair) for pair in pairs))
+
+    def interleaved(self, step_bins: float) -> Scatterers:
+        """These, and behind them candidates without power a step nearer and a step farther than each.
+
+        Where extended objects are imaged at one point a bin, the candidates
+        lie between the points.
+        """
+        shifted = [
+            replace(
+                self,
+                range_bin=self.range_bin + step,
+                power=np.zeros_like(self.power),
+                family=np.full_like(self.family, -1),
+            )
+            for step in (-step_bins, step_bins)
+        ]
+        return self.join(shifted[0]).join(shifted[1])
+
+    def _columns(self) -> tuple[NDArray[Any], ...]:
+        return tuple(getattr(self, field.name) for field in fields(self))
 
 
 def locate(
@@ -61,6 +100,7 @@ def locate(
     windows: tuple[Window, Window],
     own_cell_excess: tuple[float, float],
     dynamic_range_db: float,
+    first_family: int = 0,
 ) -> Scatterers:
     """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
 
@@ -86,6 +126,8 @@ def locate(
     dynamic_range_db : float
         How far below the strongest plane wave of the 5 x 5 cells around it
         another may lie.
+    first_family : int, default 0
+        Family of the first cell.
 
     Returns
     -------
@@ -103,6 +145,9 @@ def locate(
     range_offset = _offset(own[kept], farther[kept], nearer[kept], windows[0])
     profile = np.stack([amplitudes[2][kept], amplitudes[0][kept], amplitudes[1][kept]], axis=-1)
     range_offset[~_is_one_echo(profile, range_offset, windows[0])] = 0
+    family = np.full(len(own), -1)
+    if waves.resolved is not None:
+        family[waves.resolved] = first_family + np.flatnonzero(waves.resolved)
     doppler_offset = _offset(own[kept], faster[kept], slower[kept], windows[1])
     return Scatterers(
         np.broadcast_to(bins[0][:, None], own.shape)[kept] + range_offset,
@@ -110,6 +155,7 @@ def locate(
         waves.u[kept],
         waves.w[kept],
         own[kept] ** 2,
+        np.broadcast_to(family[:, None], own.shape)[kept],
     )
 
 
