@@ -5,21 +5,62 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from isacbench.contracts import Detection
-from isacbench.dsp.cfar import CellsPerSide, Threshold, ca_cfar, check_cells, check_threshold, osca_cfar
+from isacbench.dsp.cfar import (
+    Cells,
+    CellsPerSide,
+    Threshold,
+    ca_cfar,
+    check_cells,
+    check_threshold,
+    goca_cfar,
+    os_cfar,
+    osca_cfar,
+    soca_cfar,
+    tm_cfar,
+)
+from isacbench.dsp.cfar_checks import check_fraction, checked_axis
+from isacbench.dsp.cfar_orders import check_trim
 from isacbench.dsp.thresholds import check_pfa
-from isacbench.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["CaCfar", "OscaCfar"]
+__all__ = ["CaCfar", "GocaCfar", "OsCfar", "OscaCfar", "SocaCfar", "TmCfar"]
 
 
 @dataclass(frozen=True)
-class CaCfar:
+class _FramedCfar:
+    """Parameters of detectors whose training cells frame the cell under test.
+
+    Attributes
+    ----------
+    pfa : float
+        Probability of false alarm per cell in homogeneous noise.
+    training : int or tuple of int
+        Training cells to either side of the guard cells, for all axes or for
+        each. With `guard` 1 the default is the paper's 72 cells on a 2-D map.
+    guard : int or tuple of int
+        Guard cells to either side of the cell under test.
+    threshold : {"exact", "paper"}
+        Exact factor, or the one the paper prints.
+    """
+
+    pfa: float = 1e-3
+    training: CellsPerSide = 3
+    guard: CellsPerSide = 1
+    threshold: Threshold = "exact"
+
+    def __post_init__(self) -> None:
+        check_pfa(self.pfa)
+        check_cells("training", self.training)
+        check_cells("guard", self.guard)
+        check_threshold(self.threshold)
+
+
+@dataclass(frozen=True)
+class CaCfar(_FramedCfar):
     """Cell averaging: the noise is the mean of the training cells.
 
     Attributes
@@ -48,21 +89,10 @@ class CaCfar:
     [[4, 7]]
     """
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
-
     name: ClassVar[str] = "ca"
 
-    def __post_init__(self) -> None:
-        check_pfa(self.pfa)
-        check_cells("training", self.training)
-        check_cells("guard", self.guard)
-        check_threshold(self.threshold)
-
-    def detect(self, power: NDArray[np.floating], looks: int = 1) -> Detection:
-        """Test every cell of a power map, see `isacbench.dsp.cfar.ca_cfar`.
+    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map, see `isacbench.dsp.cfar.ca_cfar`.
 
         Parameters
         ----------
@@ -70,18 +100,88 @@ class CaCfar:
             Power map of any rank, any unit.
         looks : int, default 1
             Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; without it all.
 
         Returns
         -------
         Detection
-            Mask, thresholds and noise, of the map's shape.
+            Mask, thresholds and noise, of the map's shape, or of shape (n,)
+            for n listed cells.
 
         Raises
         ------
         InputError
-            If the map or `looks` is bad, or the window larger than the map.
+            If map, `looks` or `cells` are bad, or the window larger than the
+            map.
         """
-        return ca_cfar(power, self.training, self.guard, self.pfa, self.threshold, looks)
+        return ca_cfar(power, self.training, self.guard, self.pfa, self.threshold, looks, cells)
+
+
+@dataclass(frozen=True)
+class OsCfar(_FramedCfar):
+    """Order statistic: the noise is the k-th smallest of n training cells, k = ⌊`rank_fraction` n⌋.
+
+    Up to n - k echoes in the window do not mask another, and the border of
+    clutter raises no alarm while less than k cells lie in it.
+
+    Attributes
+    ----------
+    pfa, training, guard, threshold
+        Probability of false alarm, cells per side of the window, by default
+        72 training cells on a 2-D map, and kind of factor, as of `CaCfar`.
+    rank_fraction : float
+        Rank over number of training cells: the 54th of 72.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(OsCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "os"
+
+    rank_fraction: float = 0.75
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_fraction("rank_fraction", self.rank_fraction, 0, 1)
+
+    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map, see `isacbench.dsp.cfar.os_cfar`.
+
+        Parameters
+        ----------
+        power : ndarray of real numbers
+            Power map of any rank, any unit.
+        looks : int, default 1
+            Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; without it all.
+
+        Returns
+        -------
+        Detection
+            Mask, thresholds and noise, of the map's shape, or of shape (n,)
+            for n listed cells.
+
+        Raises
+        ------
+        InputError
+            If map, `looks` or `cells` are bad, or the window larger than the
+            map.
+        """
+        return os_cfar(
+            power, self.training, self.guard, self.pfa, self.threshold, looks, self.rank_fraction, cells
+        )
 
 
 @dataclass(frozen=True)
@@ -135,51 +235,241 @@ class OscaCfar:
         if self.guard is not None:
             check_cells("guard", self.guard)
         check_threshold(self.threshold)
-        if self.order_axis < 0:
-            raise InputError(f"order_axis = {self.order_axis}: allowed are 0 (range) and above")
+        checked_axis("order_axis", self.order_axis)
 
-    def detect(self, power: NDArray[np.floating], looks: int = 1) -> Detection:
-        """Test every cell of a power map, see `isacbench.dsp.cfar.osca_cfar`.
+    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map, see `isacbench.dsp.cfar.osca_cfar`.
 
         Parameters
         ----------
         power : ndarray of real numbers
-            Power map of any rank, axis 0 range; any unit.
+            Power map of any rank, any unit.
         looks : int, default 1
             Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; without it all.
 
         Returns
         -------
         Detection
-            Mask, thresholds and noise, of the map's shape.
+            Mask, thresholds and noise, of the map's shape, or of shape (n,)
+            for n listed cells.
 
         Raises
         ------
         InputError
-            If the map or `looks` is bad, or the window larger than the map.
+            If map, `looks` or `cells` are bad, or the window larger than the
+            map.
         """
-        axis = self.order_axis
-        if axis == 0:
-            return osca_cfar(power, self.training, self.guard, self.pfa, self.threshold, looks)
-        if axis >= np.ndim(power):
-            raise InputError(f"order_axis = {axis}: a map of {np.ndim(power)} axes has none of that number")
-        turned = osca_cfar(
-            np.moveaxis(power, axis, 0),
-            _moved(self.training, axis),
-            None if self.guard is None else _moved(self.guard, axis),
+        return osca_cfar(
+            power, self.training, self.guard, self.pfa, self.threshold, looks, self.order_axis, cells
+        )
+
+
+@dataclass(frozen=True)
+class GocaCfar(_FramedCfar):
+    """Greatest of: the noise is the greater of the means of the leading and the trailing half.
+
+    Fewest false alarms at the border of clutter; an echo in the window masks
+    others.
+
+    Attributes
+    ----------
+    pfa, training, guard, threshold
+        Probability of false alarm, cells per side of the window, by default
+        72 training cells on a 2-D map, and kind of factor, as of `CaCfar`.
+    split_axis : int
+        Axis along which the window is cut into halves: of a range-Doppler map
+        0 is range, 1 Doppler.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(GocaCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "goca"
+
+    split_axis: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked_axis("split_axis", self.split_axis)
+
+    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map, see `isacbench.dsp.cfar.goca_cfar`.
+
+        Parameters
+        ----------
+        power : ndarray of real numbers
+            Power map of any rank, any unit.
+        looks : int, default 1
+            Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; without it all.
+
+        Returns
+        -------
+        Detection
+            Mask, thresholds and noise, of the map's shape, or of shape (n,)
+            for n listed cells.
+
+        Raises
+        ------
+        InputError
+            If map, `looks` or `cells` are bad, or the window larger than the
+            map.
+        """
+        return goca_cfar(
+            power, self.training, self.guard, self.pfa, self.threshold, looks, self.split_axis, cells
+        )
+
+
+@dataclass(frozen=True)
+class SocaCfar(_FramedCfar):
+    """Smallest of: the noise is the smaller of the means of the leading and the trailing half.
+
+    Echoes in one half of the window do not mask another; at the border of
+    clutter alarms abound.
+
+    Attributes
+    ----------
+    pfa, training, guard, threshold
+        Probability of false alarm, cells per side of the window, by default
+        72 training cells on a 2-D map, and kind of factor, as of `CaCfar`.
+    split_axis : int
+        Axis along which the window is cut into halves: of a range-Doppler map
+        0 is range, 1 Doppler.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(SocaCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "soca"
+
+    split_axis: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked_axis("split_axis", self.split_axis)
+
+    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map, see `isacbench.dsp.cfar.soca_cfar`.
+
+        Parameters
+        ----------
+        power : ndarray of real numbers
+            Power map of any rank, any unit.
+        looks : int, default 1
+            Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; without it all.
+
+        Returns
+        -------
+        Detection
+            Mask, thresholds and noise, of the map's shape, or of shape (n,)
+            for n listed cells.
+
+        Raises
+        ------
+        InputError
+            If map, `looks` or `cells` are bad, or the window larger than the
+            map.
+        """
+        return soca_cfar(
+            power, self.training, self.guard, self.pfa, self.threshold, looks, self.split_axis, cells
+        )
+
+
+@dataclass(frozen=True)
+class TmCfar(_FramedCfar):
+    """Trimmed mean: the noise is the mean of the training cells without the smallest and the largest.
+
+    Between `ca`, with nothing trimmed, and `os`, with all but one.
+
+    Attributes
+    ----------
+    pfa, training, guard, threshold
+        Probability of false alarm, cells per side of the window, by default
+        72 training cells on a 2-D map, and kind of factor, as of `CaCfar`.
+    trim_low, trim_high : float
+        Fractions of the training cells left out, the smallest and the largest:
+        18 and 18 of 72.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(TmCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "tm"
+
+    trim_low: float = 0.25
+    trim_high: float = 0.25
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_trim(self.trim_low, self.trim_high)
+
+    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map, see `isacbench.dsp.cfar.tm_cfar`.
+
+        Parameters
+        ----------
+        power : ndarray of real numbers
+            Power map of any rank, any unit.
+        looks : int, default 1
+            Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; without it all.
+
+        Returns
+        -------
+        Detection
+            Mask, thresholds and noise, of the map's shape, or of shape (n,)
+            for n listed cells.
+
+        Raises
+        ------
+        InputError
+            If map, `looks` or `cells` are bad, or the window larger than the
+            map.
+        """
+        return tm_cfar(
+            power,
+            self.training,
+            self.guard,
             self.pfa,
             self.threshold,
             looks,
+            self.trim_low,
+            self.trim_high,
+            cells,
         )
-        return Detection(
-            mask=np.moveaxis(turned.mask, 0, axis),
-            threshold=np.moveaxis(turned.threshold, 0, axis),
-            noise=np.moveaxis(turned.noise, 0, axis),
-        )
-
-
-def _moved(cells: CellsPerSide, axis: int) -> CellsPerSide:
-    """Cells per side with those of an axis put first, as `numpy.moveaxis` does to the map."""
-    if isinstance(cells, int) or axis >= len(cells):
-        return cells
-    return (cells[axis], *cells[:axis], *cells[axis + 1 :])

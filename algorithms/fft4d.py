@@ -1,14 +1,14 @@
 """The baseline: four Fourier transforms, over subcarriers, symbols, rows and columns of the array.
 
 The range-Doppler map comes with the observation. The P x Q snapshot of every
-detected cell is zero-padded and transformed over both array axes; a 2-D
-CA-CFAR tests the angular power spectrum, and its local maxima inside the
-region's directions are plane waves. What the cells show is then explained
+detected cell is zero-padded and transformed over both array axes. Local maxima
+of the angular power spectrum inside the region's directions that pass a 2-D
+CA-CFAR are plane waves. What the cells show is then explained
 jointly (`isacbench_algorithms.cellwise`), exactly as for the other cell-by-cell
 estimators.
 
-Cost of n cells on a g x g angle grid: n g² log g for the transforms and as
-much for the test, then m (15 P Q + m) for m candidates.
+Cost of n cells on a g x g angle grid: n g² log g for the transforms, then
+m (15 P Q + m) for m candidates.
 
 Fails where sources of one cell are closer than a Rayleigh cell (2/P in u,
 2/Q in w): they have one maximum. Sources more than 12 dB below another in
@@ -29,6 +29,8 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isacbench.contracts import Detector, Spectrum
+from isacbench.dsp.cfar import Cells
+from isacbench.dsp.detection import detect_listed
 from isacbench.dsp.peaks import plane_peaks
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.errors import require
@@ -41,12 +43,11 @@ __all__ = ["Fft4d"]
 
 
 class _AngleSpectra(NamedTuple):
-    """Angular power spectra (n, g, h), the cosines of their axes, their CFAR thresholds and peaks."""
+    """Angular power spectra (n, g, h), the cosines of their axes, and the peaks that pass their test."""
 
     u: NDArray[np.float64]
     w: NDArray[np.float64]
     power: NDArray[np.float64]
-    threshold: NDArray[np.float64]
     waves: PlaneWaves
 
 
@@ -105,7 +106,7 @@ class Fft4d(CellwiseEstimator):
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
         strongest = found.power[0].max()
         level_db = 10 * np.log10(found.power[0] / strongest)
-        threshold_db = 10 * np.log10(found.threshold[0] / strongest)
+        threshold_db = 10 * np.log10(self.angle_detector.detect(found.power).threshold[0] / strongest)
         peaks = found.waves.found[0]
         return (
             Spectrum(found.u, level_db[:, column], threshold_db[:, column], found.waves.u[0][peaks], "u"),
@@ -117,15 +118,32 @@ class Fft4d(CellwiseEstimator):
         spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
         power = spectra.real**2 + spectra.imag**2
         cosines = [2 * scipy.fft.fftshift(scipy.fft.fftfreq(n)) for n in shape]
-        detection = self.angle_detector.detect(power)
         strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
-        allowed = detection.mask & (power > strongest * 10 ** (-self.angle_dynamic_range_db / 10))
         in_u, in_w = (
             (cosine >= lower - 2 / n) & (cosine <= upper + 2 / n)
             for cosine, (lower, upper), n in zip(cosines, observation.cosine_limits, shape, strict=True)
         )
-        row, column, found = plane_peaks(power, allowed & in_u[:, None] & in_w, self.max_sources)
+        allowed = power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)
+        allowed &= in_u[:, None] & in_w
+        # Only local maxima can be peaks, so that nothing else needs a test.
+        peaks = _local_maxima(power, np.nonzero(allowed))
+        allowed[:] = False
+        allowed[peaks] = detect_listed(self.angle_detector, power, 1, peaks).mask
+        row, column, found = plane_peaks(power, allowed, self.max_sources)
         u, w = (
             cosine[0] + 2 / n * place for cosine, n, place in zip(cosines, shape, (row, column), strict=True)
         )
-        return _AngleSpectra(cosines[0], cosines[1], power, detection.threshold, PlaneWaves(u, w, found))
+        return _AngleSpectra(cosines[0], cosines[1], power, PlaneWaves(u, w, found))
+
+
+def _local_maxima(power: NDArray[np.float64], cells: Cells) -> Cells:
+    """Those of the listed cells of periodic spectra (n, g, h) that no neighbour exceeds."""
+    spectrum, row, column = cells
+    n_rows, n_columns = power.shape[1:]
+    neighbours = [
+        power[spectrum, (row + down) % n_rows, (column + right) % n_columns]
+        for down in (-1, 0, 1)
+        for right in (-1, 0, 1)
+    ]
+    highest = power[cells] >= np.max(neighbours, axis=0)
+    return spectrum[highest], row[highest], column[highest]

@@ -25,7 +25,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What a detector says of a map; every array has the map's shape.
+    """What a detector says of a map; every array has the map's shape, or (n,) where n cells were listed.
 
     Attributes
     ----------
@@ -45,6 +45,10 @@ class Detection:
 @runtime_checkable
 class Detector(Protocol):
     """A CFAR detector: a frozen dataclass of its parameters.
+
+    `detect` may take a third argument, ``cells``: what to test instead of the
+    whole map, as `numpy.nonzero` gives it. Those that do are asked for no more
+    than is needed (`isacbench.dsp.detection.detect_listed`).
 
     Attributes
     ----------

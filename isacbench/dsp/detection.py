@@ -8,8 +8,10 @@ without a limit on the dynamic range images get worse as the SNR rises.
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
-from typing import Literal
+from functools import cached_property
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,15 @@ from isacbench.contracts import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.model.gate import Gate
 
-__all__ = ["DetectedCells", "Integration", "detect_cells", "power_map", "reference_noise", "white_noise"]
+__all__ = [
+    "DetectedCells",
+    "Integration",
+    "detect_cells",
+    "detect_listed",
+    "power_map",
+    "reference_noise",
+    "white_noise",
+]
 
 Integration = Literal["element", "noncoherent"]
 
@@ -37,8 +47,10 @@ class DetectedCells:
     ----------
     power : ndarray of float64, shape (n_range, n_doppler)
         The map that the detector saw.
-    detection : Detection
-        What it said of it.
+    detector : Detector
+        The detector.
+    looks : int
+        Independent noise powers that each cell of the map averages.
     bins : (ndarray of int64, ndarray of int64), each shape (n,)
         Absolute range and Doppler bins of the cells kept: detected,
         reachable, and above the floor.
@@ -48,9 +60,15 @@ class DetectedCells:
     """
 
     power: NDArray[np.float64]
-    detection: Detection
+    detector: Detector
+    looks: int
     bins: Bins
     floor: float
+
+    @cached_property
+    def detection(self) -> Detection:
+        """What the detector says of the whole map, tested when first asked for."""
+        return self.detector.detect(self.power, self.looks)
 
     def strongest_cell(self, gate: Gate) -> tuple[int, int] | None:
         """Range and Doppler bin of the strongest cell kept, None where there is none; `gate` is the map's."""
@@ -125,6 +143,34 @@ def white_noise(gated: GatedMap) -> float:
     return float(np.median(power)) if noise is None else noise
 
 
+def detect_listed(
+    detector: Detector, power: NDArray[np.float64], looks: int, cells: tuple[NDArray[np.intp], ...]
+) -> Detection:
+    """Test listed cells of a power map, and no others where the detector can be told so.
+
+    Parameters
+    ----------
+    detector : Detector
+        Its `detect` may take ``cells``; of one that does not, all cells are
+        tested and the listed ones picked.
+    power : ndarray of float64
+        Power map of any rank.
+    looks : int
+        Independent noise powers that each cell averages.
+    cells : tuple of ndarray of int, each shape (n,)
+        Cells to test, as `numpy.nonzero` gives them.
+
+    Returns
+    -------
+    Detection
+        Arrays of shape (n,).
+    """
+    if "cells" in inspect.signature(detector.detect).parameters:
+        return cast("Detection", cast("Any", detector).detect(power, looks, cells=cells))
+    whole = detector.detect(power, looks)
+    return Detection(whole.mask[cells], whole.threshold[cells], whole.noise[cells])
+
+
 def detect_cells(
     gated: GatedMap,
     detector: Detector,
@@ -148,12 +194,12 @@ def detect_cells(
     """
     gate = gated.gate
     power, looks = power_map(gated.cells, integration)
-    detection = detector.detect(power, looks)
     noise = reference_noise(power, gate)
     if noise is None:
-        noise = float(np.median(detection.noise))
+        noise = float(np.median(detector.detect(power, looks).noise))
     strongest = np.sort(power[gate.reachable])[-PEAK_CELLS:].mean()
     floor = max(noise, float(strongest) * 10 ** (-dynamic_range_db / 10))
-    kept = detection.mask & gate.reachable & (power > floor)
-    rows, columns = np.nonzero(kept)
-    return DetectedCells(power, detection, (gate.range_bins[rows], gate.doppler_bins[columns]), floor)
+    rows, columns = candidates = np.nonzero(gate.reachable & (power > floor))
+    found = detect_listed(detector, power, looks, candidates).mask
+    bins = gate.range_bins[rows[found]], gate.doppler_bins[columns[found]]
+    return DetectedCells(power, detector, looks, bins, floor)

@@ -4,372 +4,42 @@ The noise is homogeneous complex Gaussian of unknown power, so the power of a
 cell, averaged over M looks, is gamma distributed with shape M (exponential for
 one look). Every factor multiplies the detector's *own* noise estimate, a mean
 or an order statistic, whatever bias that estimate has.
+
+| noise estimate | factor | found by |
+|---|---|---|
+| mean | `ca_factor` | closed form: a quantile of the F distribution |
+| greater, smaller of two means | `goca_factor`, `soca_factor` | root of a finite sum of beta functions |
+| order statistics, averaged | `osca_factor` | root; one-dimensional quadrature |
+| trimmed mean | `tm_factor` | root of a product; quadrature with many looks |
 """
 
 from __future__ import annotations
 
-import math
-import sys
-from collections import Counter
-from functools import lru_cache
-from numbers import Integral, Real
-from typing import TYPE_CHECKING
-
-import numpy as np
-from scipy import optimize, special
-
-from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-__all__ = ["ca_factor", "ca_rate", "check_looks", "check_pfa", "osca_factor", "osca_rate", "paper_factor"]
-
-# Probability of an order statistic left out at either end of the quadrature. It stays far below the
-# least rate. 512 nodes then leave a relative error of the rate below 1e-8 even there; with more looks the
-# order statistics are narrower and smoother, and 160 nodes leave less.
-_TAIL = 1e-60
-_N_NODES_FEW_LOOKS, _N_NODES = 512, 160
-_MANY_LOOKS = 8
-_LEAST_PFA, _MOST_PFA = 1e-30, 0.999999
-
-
-def check_pfa(pfa: float) -> None:
-    """Refuse a probability of false alarm outside (0, 1).
-
-    Parameters
-    ----------
-    pfa : float
-        Probability of false alarm per cell.
-
-    Raises
-    ------
-    InputError
-        If `pfa` is not a number strictly between 0 and 1.
-    """
-    if not isinstance(pfa, Real) or not 0 < pfa < 1:
-        raise InputError(f"pfa = {pfa!r}: a probability of false alarm lies strictly between 0 and 1")
-
-
-def check_looks(looks: int) -> None:
-    """Refuse a number of looks that is not a whole number of at least one.
-
-    Parameters
-    ----------
-    looks : int
-        Independent noise powers that each cell averages.
-
-    Raises
-    ------
-    InputError
-        If `looks` is not a whole number or is below 1.
-    """
-    if not isinstance(looks, Integral) or looks < 1:
-        raise InputError(f"looks = {looks!r}: a whole number of averaged powers, at least 1, is allowed")
-
-
-def paper_factor(pfa: float, n_training: int) -> float:
-    """Give the factor as the paper prints it, T_f = P_fa^(-1/N) - 1.
-
-    The paper multiplies it with a *mean*, for which the factor N is missing:
-    at P_fa = 1e-3 the true rate is 0.90 for CA with N = 72 and 0.32 for OSCA
-    with N = 9. Kept to reproduce the paper; `ca_factor` and `osca_factor` are
-    the exact ones.
-
-    Parameters
-    ----------
-    pfa : float
-        Probability of false alarm per cell that the paper means to reach.
-    n_training : int
-        Cells N: all training cells for CA, the cells of one column for OSCA.
-
-    Returns
-    -------
-    float
-        The printed factor, without unit.
-
-    Raises
-    ------
-    InputError
-        If `pfa` or `n_training` is out of range.
-
-    References
-    ----------
-    arXiv 2310.06401.
-
-    Examples
-    --------
-    >>> round(paper_factor(1e-3, 72), 6)
-    0.100694
-    """
-    check_pfa(pfa)
-    _check_training(n_training)
-    return math.expm1(-math.log(pfa) / n_training)
-
-
-def ca_rate(factor: float, n_training: int, looks: int = 1) -> float:
-    """Give the false-alarm rate of a cell-averaging detector with a given factor.
-
-    The ratio of the cell under test to the mean of the training cells is
-    F-distributed with (2M, 2MN) degrees of freedom.
-
-    Parameters
-    ----------
-    factor : float
-        Factor α >= 0 on the mean of the training cells.
-    n_training : int
-        Number N of training cells.
-    looks : int, default 1
-        Independent noise powers M that each cell averages.
-
-    Returns
-    -------
-    float
-        P(power > α · mean) in homogeneous noise.
-
-    Raises
-    ------
-    InputError
-        If `n_training` or `looks` is below 1.
-
-    Examples
-    --------
-    >>> round(ca_rate(7.249980, 72), 9)
-    0.001
-    """
-    _check_training(n_training)
-    check_looks(looks)
-    return float(special.betainc(looks * n_training, looks, n_training / (n_training + factor)))
-
-
-@lru_cache(maxsize=4096)
-def ca_factor(pfa: float, n_training: int, looks: int = 1) -> float:
-    """Give the exact factor of a cell-averaging detector.
-
-    For one look it is N (P_fa^(-1/N) - 1); in general a quantile of the F
-    distribution with (2M, 2MN) degrees of freedom.
-
-    Parameters
-    ----------
-    pfa : float
-        Probability of false alarm per cell.
-    n_training : int
-        Number N of training cells whose mean is the noise estimate.
-    looks : int, default 1
-        Independent noise powers M that each cell averages.
-
-    Returns
-    -------
-    float
-        Factor α on the mean of the training cells.
-
-    Raises
-    ------
-    InputError
-        If `pfa`, `n_training` or `looks` is out of range.
-
-    References
-    ----------
-    H. M. Finn, R. S. Johnson, "Adaptive detection mode with threshold control
-    as a function of spatially sampled clutter-level estimates", RCA Review 29,
-    1968.
-
-    Examples
-    --------
-    >>> round(ca_factor(1e-3, 72), 6)
-    7.24998
-    """
-    check_pfa(pfa)
-    _check_training(n_training)
-    check_looks(looks)
-    # The share of the cell under test in the total power is beta distributed; it and its
-    # complement are inverted separately, since one of them may be tiny.
-    share = special.betainccinv(looks, looks * n_training, pfa)
-    rest = special.betaincinv(looks * n_training, looks, pfa)
-    return n_training * float(share / rest)
-
-
-def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 1) -> float:
-    """Give the false-alarm rate of an ordered-statistic cell-averaging detector.
-
-    Its noise estimate is the mean over columns of an order statistic of each
-    column; a single column is the plain order-statistic detector.
-
-    Parameters
-    ----------
-    factor : float
-        Factor α >= 0 on the mean of the order statistics.
-    columns : tuple of (int, int)
-        For each column the rank k (1 is the smallest) and the number n of
-        independent training cells it is taken from, *without* the cell under
-        test. A column that holds the cell under test counts as (k, n - 1),
-        see the notes.
-    looks : int, default 1
-        Independent noise powers M that each cell averages.
-
-    Returns
-    -------
-    float
-        P(power > α · estimate) in homogeneous noise.
-
-    Raises
-    ------
-    InputError
-        If `columns` or `looks` is out of range.
-
-    Notes
-    -----
-    A gamma power of integer shape M is the M-th arrival of a Poisson process.
-    P(power > s Σ_c X_c) is therefore the probability of fewer than M arrivals
-    in Σ_c s X_c: the arrivals of the columns are independent, their counts
-    add, and every term is positive, so that small rates keep their digits. For
-    one look it is the product over columns of
-    M_{k:n}(s) = Π_{i<k} (n - i) / (n - i + s) with s = α / (number of columns).
-    Time and memory grow with the looks, the time of a factor about 6 ms
-    for 256 of them; factors are cached.
-
-    A cell under test inside its own column of n cells, as in the paper, and
-    above its threshold is normally also above its column's order statistic,
-    which then is the k-th of the *other* n - 1 cells. What this leaves out is
-    that the cell exceeds the threshold, yet not n - k of its own column's
-    cells. That takes α below the number of columns and several cells above
-    the threshold at once: for the paper's 9 x 9 window the true rate is higher
-    by 2 % of itself at P_fa = 0.5, by 0.1 to 0.2 % at 0.1, and by nothing that
-    can be measured from 0.01 down. Columns of three cells reach 3 % at 0.1, and
-    a single column 40 % at 0.5.
-
-    References
-    ----------
-    H. Rohling, "Radar CFAR thresholding in clutter and multiple target
-    situations", IEEE Trans. AES 19(4), 1983: the one-look order statistic.
-
-    Examples
-    --------
-    >>> f"{osca_rate(7.437354, ((6, 9),) * 9):.6f}"
-    '0.001000'
-    """
-    _check_columns(columns)
-    check_looks(looks)
-    return _OscaLaw(columns, looks).rate(factor)
-
-
-@lru_cache(maxsize=1024)
-def osca_factor(pfa: float, columns: tuple[tuple[int, int], ...], looks: int = 1) -> float:
-    """Give the exact factor of an ordered-statistic cell-averaging detector.
-
-    Parameters
-    ----------
-    pfa : float
-        Probability of false alarm per cell, 1e-30 to 0.999999.
-    columns : tuple of (int, int)
-        Rank and number of training cells of each column, as in `osca_rate`.
-    looks : int, default 1
-        Independent noise powers M that each cell averages.
-
-    Returns
-    -------
-    float
-        Factor α on the mean over columns of the order statistics.
-
-    Raises
-    ------
-    InputError
-        If `pfa`, `columns` or `looks` is out of range.
-
-    Examples
-    --------
-    The paper's 9 x 9 window, the cell under test inside it:
-
-    >>> round(osca_factor(1e-3, ((6, 9),) * 8 + ((6, 8),)), 6)
-    7.262139
-    """
-    check_pfa(pfa)
-    if not _LEAST_PFA <= pfa <= _MOST_PFA:
-        raise InputError(
-            f"pfa = {pfa}: factors of order statistics are exact from {_LEAST_PFA} to {_MOST_PFA}"
-        )
-    _check_columns(columns)
-    check_looks(looks)
-    return _solve(_OscaLaw(columns, looks).rate, pfa)
-
-
-class _OscaLaw:
-    """The false-alarm rate of one set of columns as a function of the factor."""
-
-    def __init__(self, columns: tuple[tuple[int, int], ...], looks: int) -> None:
-        self._looks = looks
-        self._n_columns = len(columns)
-        self._quadratures = [
-            (*_order_statistic(rank, n_cells, looks), count)
-            for (rank, n_cells), count in Counter(columns).items()
-        ]
-
-    def rate(self, factor: float) -> float:
-        """Give P(power > factor · mean of the order statistics)."""
-        scale = self._looks * factor / self._n_columns
-        law = np.eye(1, self._looks)[0]
-        for power, weight, count in self._quadratures:
-            arrivals = _poisson(scale * power, self._looks) @ weight
-            for _ in range(count):
-                law = np.convolve(law, arrivals)[: self._looks]
-        return min(float(law.sum()), 1.0)
-
-
-def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Give nodes and probabilities of the rank-th smallest of `n_cells` gamma powers of mean 1.
-
-    In the logarithm of the power the density is smooth and vanishes at both
-    ends, where the trapezoid rule converges exponentially.
-    """
-    above = n_cells - rank
-    lower = special.gammaincinv(looks, special.betaincinv(rank, above + 1, _TAIL))
-    upper = special.gammainccinv(looks, special.betaincinv(above + 1, rank, _TAIL))
-    n_nodes = _N_NODES if looks >= _MANY_LOOKS else _N_NODES_FEW_LOOKS
-    log_power = np.linspace(math.log(lower), math.log(upper), n_nodes)
-    power = np.exp(log_power)
-    log_density = (
-        looks * log_power
-        - power
-        + special.xlogy(rank - 1, special.gammainc(looks, power))
-        + special.xlogy(above, special.gammaincc(looks, power))
-    )
-    weight = np.exp(log_density - log_density.max())
-    return power / looks, weight / weight.sum()
-
-
-def _poisson(mean: NDArray[np.float64], n_counts: int) -> NDArray[np.float64]:
-    """Give Poisson probabilities of the counts 0 to n_counts - 1, shape (n_counts, mean.size)."""
-    counts = np.arange(n_counts)
-    log_law = np.multiply.outer(counts, np.log(mean)) - mean
-    log_law -= special.gammaln(counts + 1)[:, np.newaxis]
-    law: NDArray[np.float64] = np.exp(log_law, out=log_law)
-    return law
-
-
-def _solve(rate: Callable[[float], float], pfa: float) -> float:
-    """Find the factor of a decreasing rate in log-log coordinates, where it is nearly straight."""
-
-    def excess(log_factor: float) -> float:
-        # A rate that underflows to 0 still tells on which side the root lies.
-        return math.log(max(rate(math.exp(log_factor)), sys.float_info.min) / pfa)
-
-    lower, upper = -1.0, 1.0
-    while excess(lower) < 0:
-        lower *= 2
-    while excess(upper) > 0:
-        upper *= 2
-    return math.exp(optimize.brentq(excess, lower, upper, xtol=1e-13))
-
-
-def _check_training(n_training: int) -> None:
-    if n_training < 1:
-        raise InputError(f"n_training = {n_training}: at least one training cell is needed")
-
-
-def _check_columns(columns: tuple[tuple[int, int], ...]) -> None:
-    if not columns or any(not 1 <= rank <= n_cells for rank, n_cells in columns):
-        raise InputError(
-            f"columns = {columns}: each column is (rank, number of training cells), 1 <= rank <= number"
-        )
+from isacbench.dsp.factor_checks import check_looks, check_pfa
+from isacbench.dsp.factor_means import (
+    ca_factor,
+    ca_rate,
+    goca_factor,
+    goca_rate,
+    paper_factor,
+    soca_factor,
+    soca_rate,
+)
+from isacbench.dsp.factor_orders import osca_factor, osca_rate
+from isacbench.dsp.factor_trimmed import tm_factor, tm_rate
+
+__all__ = [
+    "ca_factor",
+    "ca_rate",
+    "check_looks",
+    "check_pfa",
+    "goca_factor",
+    "goca_rate",
+    "osca_factor",
+    "osca_rate",
+    "paper_factor",
+    "soca_factor",
+    "soca_rate",
+    "tm_factor",
+    "tm_rate",
+]

@@ -1,0 +1,302 @@
+"""The order-statistic CFAR detector; its mask comes from counting, without sorting."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import prod
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from isacbench.contracts import Detection
+from isacbench.dsp.cfar_checks import (
+    check_fraction,
+    check_threshold,
+    checked_list,
+    checked_power,
+    share_of,
+    spread,
+)
+from isacbench.dsp.cfar_means import thresholds
+from isacbench.dsp.cfar_windows import (
+    Axis,
+    ListedWindows,
+    chunks,
+    estimate_everywhere,
+    estimate_listed,
+    factor_map,
+    window_axes,
+)
+from isacbench.dsp.factor_checks import check_pfa
+from isacbench.dsp.factor_means import paper_factor
+from isacbench.dsp.factor_orders import osca_factor
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.dsp.cfar_checks import Cells, CellsPerSide, Threshold
+    from isacbench.dsp.cfar_windows import Estimate, Floats
+
+__all__ = ["os_cfar", "os_mask"]
+
+_BLOCK = 2**14
+"""Cells of a map that are counted at a time: few enough for the cache."""
+
+
+def os_cfar(
+    power: NDArray[np.floating],
+    training: CellsPerSide,
+    guard: CellsPerSide,
+    pfa: float,
+    threshold: Threshold = "exact",
+    looks: int = 1,
+    rank_fraction: float = 0.75,
+    cells: Cells | None = None,
+) -> Detection:
+    """Test each cell against an order statistic of the training cells around it.
+
+    Of n training cells it is the k-th smallest, k = max(1, ⌊`rank_fraction` n⌋):
+    the 54th of 72. The mask comes from counting, see `os_mask`; noise and
+    thresholds are computed when they are first asked for, and cost ten times
+    as much.
+
+    Parameters
+    ----------
+    power : ndarray of real numbers
+        Power map of any rank, any unit; finite and not negative.
+    training : int or tuple of int
+        Training cells to either side of the guard cells, for all axes or for
+        each.
+    guard : int or tuple of int
+        Guard cells to either side of the cell under test; 0 leaves out the
+        cell under test alone.
+    pfa : float
+        Probability of false alarm per cell.
+    threshold : {"exact", "paper"}, default "exact"
+        Exact factor, or the one the paper prints, which misses the rate; its N
+        is the number of training cells.
+    looks : int, default 1
+        Independent noise powers that each cell averages. The printed factor
+        knows nothing of them.
+    rank_fraction : float, default 0.75
+        Rank over number of training cells.
+    cells : tuple of ndarray of int, optional
+        Cells to test, as `numpy.nonzero` gives them; without it all.
+
+    Returns
+    -------
+    Detection
+        Mask, thresholds and order statistic, of the map's shape, or of shape (n,) for
+        n listed cells.
+
+    Raises
+    ------
+    InputError
+        If the map is complex, holds NaN, infinite or negative power, or is
+        smaller than the window; if a parameter is out of range, or a cell
+        outside the map.
+
+    References
+    ----------
+    H. Rohling, IEEE Trans. AES 19(4), 1983.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(os_cfar(power, training=3, guard=1, pfa=1e-3).mask).tolist()
+    [[4, 7]]
+    """
+    test = _OsTest.of(power, training, guard, pfa, threshold, looks, rank_fraction, cells)
+    return _LazyDetection(test.mask(), test)
+
+
+def os_mask(
+    power: NDArray[np.floating],
+    training: CellsPerSide,
+    guard: CellsPerSide,
+    pfa: float,
+    threshold: Threshold = "exact",
+    looks: int = 1,
+    rank_fraction: float = 0.75,
+    cells: Cells | None = None,
+) -> NDArray[np.bool_]:
+    """Give the mask of `os_cfar` by counting, without sorting.
+
+    A cell of power x exceeds α times the k-th smallest training cell where k
+    training cells or more lie below x/α. Training cells times α are compared
+    with x, so that both say the same to the last bit.
+
+    Parameters
+    ----------
+    power, training, guard, pfa, threshold, looks, rank_fraction, cells
+        See `os_cfar`.
+
+    Returns
+    -------
+    ndarray of bool
+        Of the map's shape, or of shape (n,) for n listed cells.
+
+    Raises
+    ------
+    InputError
+        As `os_cfar` does.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(os_mask(power, training=3, guard=1, pfa=1e-3)).tolist()
+    [[4, 7]]
+    """
+    return _OsTest.of(power, training, guard, pfa, threshold, looks, rank_fraction, cells).mask()
+
+
+class _OsTest(NamedTuple):
+    """An order-statistic test of a map or of listed cells; its mask does not need its noise."""
+
+    power: Floats
+    axes: tuple[Axis, ...]
+    cells: Cells | None
+    pfa: float
+    exact: bool
+    looks: int
+    rank_fraction: float
+
+    @classmethod
+    def of(
+        cls,
+        power: NDArray[np.floating],
+        training: CellsPerSide,
+        guard: CellsPerSide,
+        pfa: float,
+        threshold: Threshold,
+        looks: int,
+        rank_fraction: float,
+        cells: Cells | None,
+    ) -> _OsTest:
+        values = checked_power(power, looks)
+        train, keep = spread(training, guard, values.ndim)
+        check_pfa(pfa)
+        check_threshold(threshold)
+        check_fraction("rank_fraction", rank_fraction, 0, 1)
+        axes = window_axes(values.shape, train, keep)
+        listed = None if cells is None else checked_list(cells, values.shape)
+        return cls(values, axes, listed, pfa, threshold == "exact", looks, rank_fraction)
+
+    def rank(self, n_training: int) -> int:
+        return max(1, share_of(self.rank_fraction, n_training))
+
+    def factor(self, n_training: int) -> float:
+        if not self.exact:
+            return paper_factor(self.pfa, n_training)
+        return osca_factor(self.pfa, ((self.rank(n_training), n_training),), self.looks)
+
+    def noise(self) -> Estimate:
+        if self.cells is None:
+            return estimate_everywhere(self.power, self.axes, self._order)
+        return estimate_listed(self.power, self.axes, self.cells, self._order)
+
+    def mask(self) -> NDArray[np.bool_]:
+        if self.cells is not None:
+            return self._counted(self.cells)
+        mask = np.zeros(self.power.shape, dtype=bool)
+        inside = tuple(slice(axis.n_window // 2, axis.length - axis.n_window // 2) for axis in self.axes)
+        at_the_edge = np.ones(self.power.shape, dtype=bool)
+        at_the_edge[inside] = False
+        mask[inside] = self._counted_inside(inside)
+        edge = np.nonzero(at_the_edge)
+        mask[edge] = self._counted(edge)
+        return mask
+
+    def _order(self, windows: ListedWindows, gathered: Floats) -> Estimate:
+        noise = np.empty(len(gathered))
+        for count, chosen, training_cells in windows.by_count(gathered):
+            index = self.rank(count) - 1
+            noise[chosen] = np.partition(training_cells, index, axis=1)[:, index]
+        return noise, windows.n_window() - windows.n_guard()
+
+    def _counted(self, cells: Cells) -> NDArray[np.bool_]:
+        """Test listed cells by counting the training cells below."""
+        masks = []
+        for some in chunks(self.axes, cells):
+            windows, under_test = ListedWindows(self.axes, some), self.power[some]
+            mask = np.empty(under_test.shape, dtype=bool)
+            for count, chosen, training_cells in windows.by_count(windows.gathered(self.power)):
+                scaled = thresholds(training_cells, np.asarray(self.factor(count)))
+                below = np.count_nonzero(scaled < under_test[chosen, np.newaxis], axis=1)
+                mask[chosen] = below >= self.rank(count)
+            masks.append(mask)
+        return np.concatenate(masks)
+
+    def _counted_inside(self, inside: tuple[slice, ...]) -> NDArray[np.bool_]:
+        """Test the cells whose window is not shifted, a block of rows at a time.
+
+        A cell is rejected as soon as too many training cells do not lie
+        below. Half of the training cells reject nearly all of them; for the few left all
+        are counted.
+        """
+        axes, power = self.axes, self.power
+        n_training = prod(axis.n_window for axis in axes) - prod(2 * axis.guard + 1 for axis in axes)
+        scaled = thresholds(power, np.asarray(self.factor(n_training)))
+        most_above = n_training - self.rank(n_training)
+        offsets = np.array(
+            [
+                offset
+                for offset in np.ndindex(tuple(axis.n_window for axis in axes))
+                if any(abs(o - a.n_window // 2) > a.guard for o, a in zip(offset, axes, strict=True))
+            ]
+        )[: 2 * (most_above + 1)]
+        under_test = power[inside]
+        mask = np.zeros(under_test.shape, dtype=bool)
+        n_rows = max(1, _BLOCK // max(1, prod(under_test.shape[1:])))
+        for start in range(0, len(under_test), n_rows):
+            tested = under_test[start : start + n_rows]
+            above = np.zeros(tested.shape, dtype=np.min_scalar_type(len(offsets)))
+            not_below = np.empty(tested.shape, dtype=bool)
+            for offset in offsets:
+                first, *others = (
+                    slice(o, o + size) for o, size in zip(offset, under_test.shape, strict=True)
+                )
+                rows = slice(first.start + start, first.start + start + len(tested))
+                np.greater_equal(scaled[(rows, *others)], tested, out=not_below)
+                np.add(above, not_below, out=above, casting="unsafe")
+            left = np.nonzero(above <= most_above)
+            if left[0].size:
+                shift = [part.start for part in inside]
+                shift[0] += start
+                mask[start : start + n_rows][left] = self._counted(
+                    tuple(index + by for index, by in zip(left, shift, strict=True))
+                )
+        return mask
+
+
+class _LazyDetection(Detection):
+    """A detection whose noise and thresholds are computed when they are first asked for."""
+
+    def __init__(self, mask: NDArray[np.bool_], test: _OsTest) -> None:
+        self.__dict__["mask"] = mask
+        # The map may be written to before noise is asked for.
+        self.__dict__["_test"] = test._replace(power=test.power.copy())
+
+    def __reduce__(self) -> tuple[type[Detection], tuple[NDArray[np.generic], ...]]:
+        return Detection, (self.mask, self.threshold, self.noise)
+
+    @cached_property
+    def _estimate(self) -> Estimate:
+        test: _OsTest = self.__dict__["_test"]
+        return test.noise()
+
+    @cached_property
+    def noise(self) -> Floats:
+        """Order statistic of each cell's training cells."""
+        return self._estimate[0]
+
+    @cached_property
+    def threshold(self) -> Floats:
+        """Threshold of each cell."""
+        test: _OsTest = self.__dict__["_test"]
+        noise, n_training = self._estimate
+        return thresholds(noise, factor_map(n_training, test.factor))
