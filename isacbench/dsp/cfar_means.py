@@ -8,7 +8,7 @@ import numpy as np
 
 from isacbench.contracts import Detection
 from isacbench.dsp.cfar_checks import check_threshold, checked_axis, checked_list, checked_power, spread
-from isacbench.dsp.cfar_windows import estimate_separably, factor_map, window_axes
+from isacbench.dsp.cfar_windows import estimate_by_sums, factor_map, window_axes
 from isacbench.dsp.factor_checks import check_pfa
 from isacbench.dsp.factor_means import ca_factor, goca_factor, paper_factor, soca_factor
 from isacbench.errors import InputError
@@ -95,7 +95,7 @@ def ca_cfar(
     def factor_of(n_training: int) -> float:
         return ca_factor(pfa, n_training, looks) if threshold == "exact" else paper_factor(pfa, n_training)
 
-    noise, n_training = estimate_separably(values, axes, listed, estimate)
+    noise, n_training = estimate_by_sums(values, axes, listed, estimate)
     return decide(values if listed is None else values[listed], noise, factor_map(n_training, factor_of))
 
 
@@ -277,7 +277,7 @@ def _chosen_half(
             return paper_factor(pfa, sum(halves))
         return (goca_factor if greatest else soca_factor)(pfa, halves, looks)
 
-    noise, key = estimate_separably(values, axes, listed, estimate)
+    noise, key = estimate_by_sums(values, axes, listed, estimate)
     found = decide(values if listed is None else values[listed], noise, factor_map(key, factor_of))
     return found if listed is not None else moved_back(found, split)
 

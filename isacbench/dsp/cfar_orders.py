@@ -21,9 +21,8 @@ from isacbench.dsp.cfar_checks import (
 from isacbench.dsp.cfar_means import decide, moved_back, moved_first
 from isacbench.dsp.cfar_windows import (
     ListedWindows,
-    estimate_everywhere,
-    estimate_listed,
-    estimate_separably,
+    estimate_by_sorting,
+    estimate_by_sums,
     factor_map,
     window_axes,
 )
@@ -149,7 +148,7 @@ def osca_cfar(
         columns = (whole_column,) * (n_columns - cut_columns) + cut_column * cut_columns
         return osca_factor(pfa, columns, looks)
 
-    noise, key = estimate_separably(values, axes, listed, estimate)
+    noise, key = estimate_by_sums(values, axes, listed, estimate)
     found = decide(values if listed is None else values[listed], noise, factor_map(key, factor_of))
     return found if listed is not None else moved_back(found, order)
 
@@ -229,25 +228,18 @@ def tm_cfar(
     def trimmed(n_training: int) -> tuple[int, int]:
         return share_of(trim_low, n_training), share_of(trim_high, n_training)
 
-    def estimate(windows: ListedWindows, gathered: Floats) -> Estimate:
-        n_training = windows.n_window() - windows.n_guard()
-        noise = np.empty(len(gathered))
-        for count, chosen, training_cells in windows.by_count(gathered):
-            below, above = trimmed(count)
-            last = count - above
-            kept = np.partition(training_cells, (below, last - 1), axis=1)[:, below:last]
-            noise[chosen] = kept.mean(axis=1)
-        return noise, n_training
+    def estimate(training_cells: Floats) -> Floats:
+        below, above = trimmed(training_cells.shape[1])
+        kept = np.sort(training_cells, axis=1)[:, below : training_cells.shape[1] - above]
+        mean: Floats = kept.mean(axis=1)
+        return mean
 
     def factor_of(n_training: int) -> float:
         if threshold == "paper":
             return paper_factor(pfa, n_training)
         return tm_factor(pfa, n_training, trimmed(n_training), looks)
 
-    if listed is None:
-        noise, n_training = estimate_everywhere(values, axes, estimate)
-    else:
-        noise, n_training = estimate_listed(values, axes, listed, estimate)
+    noise, n_training = estimate_by_sorting(values, axes, listed, estimate)
     return decide(values if listed is None else values[listed], noise, factor_map(n_training, factor_of))
 
 
@@ -272,7 +264,7 @@ def _column_order(windows: Windows, values: Floats) -> Floats:
     along = windows.axes[0]
     index = _rank(along.n_window) - 1
     if isinstance(windows, ListedWindows):
-        order: Floats = np.partition(values, index, axis=1)[:, index]
+        order: Floats = np.partition(values, index, axis=0)[index]
         return order
     columns = sliding_window_view(values, along.n_window, axis=0)
     order = np.partition(columns, index, axis=-1)[..., index][along.start()]
@@ -282,21 +274,21 @@ def _column_order(windows: Windows, values: Floats) -> Floats:
 def _cut_column_order(windows: Windows, values: Floats) -> Floats:
     """Give the order statistic of each column without its guard cells along axis 0; 0 where none is left."""
     along = windows.axes[0]
-    marks, counts = along.marks("training"), along.count("training")
     listed = isinstance(windows, ListedWindows)
     rows = windows.cells[0] if isinstance(windows, ListedWindows) else np.arange(along.length)
-    order = np.zeros((len(rows), *values.shape[2 if listed else 1 :]))
+    counts = along.count("training")[rows]
+    windowed = np.moveaxis(values, -1, 0) if listed else values
+    order = np.zeros((rows.size, *windowed.shape[2 if listed else 1 :]))
     for count in np.unique(counts[counts > 0]).tolist():
-        chosen = np.flatnonzero(counts[rows] == count)
-        place = np.nonzero(marks[rows[chosen]])[1].reshape(-1, count)
-        columns = (
-            values[chosen[:, np.newaxis], place]
-            if listed
-            else values[along.start()[rows[chosen], np.newaxis] + place]
-        )
+        chosen = np.flatnonzero(counts == count)
+        place = np.nonzero(along.marks("training")[rows[chosen]])[1].reshape(-1, count)
+        if listed:
+            columns = windowed[chosen[:, np.newaxis], place]
+        else:
+            columns = windowed[along.start()[chosen, np.newaxis] + place]
         index = _rank(count) - 1
         order[chosen] = np.partition(columns, index, axis=1)[:, index]
-    return order
+    return np.moveaxis(order, 0, -1) if listed else order
 
 
 def _rank(n_cells: int) -> int:

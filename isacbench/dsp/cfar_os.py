@@ -22,8 +22,7 @@ from isacbench.dsp.cfar_windows import (
     Axis,
     ListedWindows,
     chunks,
-    estimate_everywhere,
-    estimate_listed,
+    estimate_by_sorting,
     factor_map,
     window_axes,
 )
@@ -195,9 +194,12 @@ class _OsTest(NamedTuple):
         return osca_factor(self.pfa, ((self.rank(n_training), n_training),), self.looks)
 
     def noise(self) -> Estimate:
-        if self.cells is None:
-            return estimate_everywhere(self.power, self.axes, self._order)
-        return estimate_listed(self.power, self.axes, self.cells, self._order)
+        def order(training_cells: Floats) -> Floats:
+            index = self.rank(training_cells.shape[1]) - 1
+            statistic: Floats = np.partition(training_cells, index, axis=1)[:, index]
+            return statistic
+
+        return estimate_by_sorting(self.power, self.axes, self.cells, order)
 
     def mask(self) -> NDArray[np.bool_]:
         if self.cells is not None:
@@ -211,20 +213,14 @@ class _OsTest(NamedTuple):
         mask[edge] = self._counted(edge)
         return mask
 
-    def _order(self, windows: ListedWindows, gathered: Floats) -> Estimate:
-        noise = np.empty(len(gathered))
-        for count, chosen, training_cells in windows.by_count(gathered):
-            index = self.rank(count) - 1
-            noise[chosen] = np.partition(training_cells, index, axis=1)[:, index]
-        return noise, windows.n_window() - windows.n_guard()
-
     def _counted(self, cells: Cells) -> NDArray[np.bool_]:
         """Test listed cells by counting the training cells below."""
         masks = []
         for some in chunks(self.axes, cells):
-            windows, under_test = ListedWindows(self.axes, some), self.power[some]
+            under_test = self.power[some]
             mask = np.empty(under_test.shape, dtype=bool)
-            for count, chosen, training_cells in windows.by_count(windows.gathered(self.power)):
+            for chosen, training_cells in ListedWindows(self.axes, some).training_cells(self.power):
+                count = training_cells.shape[1]
                 scaled = thresholds(training_cells, np.asarray(self.factor(count)))
                 below = np.count_nonzero(scaled < under_test[chosen, np.newaxis], axis=1)
                 mask[chosen] = below >= self.rank(count)
@@ -262,7 +258,7 @@ class _OsTest(NamedTuple):
                 )
                 rows = slice(first.start + start, first.start + start + len(tested))
                 np.greater_equal(scaled[(rows, *others)], tested, out=not_below)
-                np.add(above, not_below, out=above, casting="unsafe")
+                np.add(above, not_below.view(np.uint8), out=above)
             left = np.nonzero(above <= most_above)
             if left[0].size:
                 shift = [part.start for part in inside]

@@ -42,9 +42,9 @@ __all__ = [
     "MapWindows",
     "Windows",
     "chunks",
-    "estimate_everywhere",
+    "estimate_by_sorting",
+    "estimate_by_sums",
     "estimate_listed",
-    "estimate_separably",
     "factor_map",
     "window_axes",
 ]
@@ -57,6 +57,9 @@ Side = Literal["before", "after"]
 
 _CHUNK = 2**20
 """Cells of windows that are gathered at a time."""
+
+_GATHERING = 6
+"""Time to gather and sum a cell of a window over that to add a cell in the sums of a whole map."""
 
 _SMALL_TABLE = 2**16
 """Factors of a table that costs nothing worth mentioning."""
@@ -245,51 +248,56 @@ class MapWindows(Windows):
 
 
 class ListedWindows(Windows):
-    """Windows of n listed cells; values have the shape (n, window along the axes that are left)."""
+    """Windows of n listed cells; values have the shape (window along the axes that are left, n)."""
 
     def __init__(self, axes: tuple[Axis, ...], cells: Cells) -> None:
         super().__init__(axes)
         self.cells = cells
+        self._starts = tuple(axis.start()[index] for axis, index in zip(axes, cells, strict=True))
 
     def gathered(self, power: Floats) -> Floats:
-        """Copy the windows out of a map, shape (n, window along each axis)."""
+        """Copy the windows out of a map, shape (window along each axis, n)."""
         windows = sliding_window_view(power, tuple(axis.n_window for axis in self.axes))
-        starts = tuple(axis.start()[index] for axis, index in zip(self.axes, self.cells, strict=True))
-        gathered: Floats = windows[starts]
-        return gathered
+        last = np.moveaxis(windows, range(power.ndim), range(power.ndim, 2 * power.ndim))
+        values: Floats = last[(slice(None),) * power.ndim + self._starts]
+        return values
 
-    def guarded(self) -> NDArray[np.bool_]:
-        """Mark guard cells and cell under test, broadcast against the gathered windows."""
-        marks = np.ones((), dtype=bool)
-        for number, (axis, index) in enumerate(zip(self.axes, self.cells, strict=True)):
-            shape = [len(index)] + [1] * len(self.axes)
-            shape[number + 1] = -1
-            marks = marks & axis.marks("guard")[index].reshape(shape)
-        return marks
-
-    def by_count(self, gathered: Floats) -> Iterator[tuple[int, Counts, Floats]]:
-        """Give the training cells, sorted by how many a cell has.
+    def training_cells(self, power: Floats) -> Iterator[tuple[Counts, Floats]]:
+        """Copy the training cells out of a map, together for cells that have them in the same places.
 
         Yields
         ------
-        count : int
         chosen : ndarray of int, shape (m,)
-            The listed cells that have as many training cells.
-        training : ndarray of float64, shape (m, count)
+            Which of the listed cells.
+        training : ndarray of float64, shape (m, number of training cells)
         """
-        n_training = np.broadcast_to(self.n_window() - self.n_guard(), len(gathered))
-        trains = np.broadcast_to(~self.guarded(), gathered.shape)
-        for count in np.unique(n_training).tolist():
-            chosen = np.flatnonzero(n_training == count)
-            yield count, chosen, gathered[chosen][trains[chosen]].reshape(chosen.size, count)
+        window = tuple(axis.n_window for axis in self.axes)
+        windows = sliding_window_view(power, window)[self._starts].reshape(-1, prod(window))
+        places = [index - start for index, start in zip(self.cells, self._starts, strict=True)]
+        keys = np.ravel_multi_index(places, window)
+        for key in np.unique(keys).tolist():
+            guarded = np.zeros(window, dtype=bool)
+            guarded[
+                tuple(
+                    slice(max(place - axis.guard, 0), place + axis.guard + 1)
+                    for place, axis in zip(np.unravel_index(key, window), self.axes, strict=True)
+                )
+            ] = True
+            trains = np.flatnonzero(~guarded.ravel())
+            chosen = np.flatnonzero(keys == key)
+            some = windows if chosen.size == keys.size else windows[chosen]
+            yield chosen, some.take(trains, axis=1)
 
     def sum_along(self, values: Floats, part: Part, number: int) -> Floats:
         """Sum a part of the window along the first axis that is left, as the product with a matrix does."""
-        marks = self.axes[number].marks(part)[self.cells[number]]
-        marks = marks.reshape(marks.shape + (1,) * (values.ndim - 2))
-        total = np.zeros(values.shape[:1] + values.shape[2:])
-        for place in range(values.shape[1]):
-            total += np.where(marks[:, place], values[:, place], 0.0)
+        marks = self.axes[number].marks(part)[self.cells[number]].T
+        total = np.zeros(values.shape[1:])
+        for mark, value in zip(np.ascontiguousarray(marks), values, strict=True):
+            # Most often all cells have the same part of the window, or none.
+            if mark.all():
+                total += value
+            elif mark.any():
+                total += np.where(mark, value, 0.0)
         return total
 
     def count(self, part: Part, number: int) -> Counts:
@@ -305,28 +313,41 @@ def estimate_listed(
     power: Floats,
     axes: tuple[Axis, ...],
     cells: Cells,
-    estimate: Callable[[ListedWindows, Floats], Estimate],
+    estimate: Callable[[ListedWindows], Estimate],
 ) -> Estimate:
-    """Estimate the noise of listed cells from their gathered windows, a chunk at a time."""
+    """Estimate the noise of listed cells, as many at a time as fill little memory."""
     parts = []
     for some in chunks(axes, cells):
-        windows = ListedWindows(axes, some)
-        noise, key = estimate(windows, windows.gathered(power))
+        # A noise that overflows becomes a threshold that is refused.
+        with np.errstate(over="ignore"):
+            noise, key = estimate(ListedWindows(axes, some))
         parts.append((noise, np.broadcast_to(key, noise.shape)))
     noises, keys = zip(*parts, strict=True)
     return np.concatenate(noises), np.concatenate(keys)
 
 
-def estimate_everywhere(
-    power: Floats, axes: tuple[Axis, ...], estimate: Callable[[ListedWindows, Floats], Estimate]
+def estimate_by_sorting(
+    power: Floats, axes: tuple[Axis, ...], cells: Cells | None, estimate: Callable[[Floats], Floats]
 ) -> Estimate:
-    """Estimate the noise of every cell of a map from gathered windows."""
-    every = np.unravel_index(np.arange(power.size), power.shape)
-    noise, key = estimate_listed(power, axes, every, estimate)
-    return noise.reshape(power.shape), key.reshape(power.shape)
+    """Estimate the noise of a whole map, or of listed cells, from sorted training cells (m, number).
+
+    Factors depend on the number of training cells.
+    """
+    listed = np.unravel_index(np.arange(power.size), power.shape) if cells is None else cells
+
+    def estimate_some(windows: ListedWindows) -> Estimate:
+        noise = np.empty(windows.cells[0].size)
+        for chosen, training in windows.training_cells(power):
+            noise[chosen] = estimate(training)
+        return noise, windows.n_window() - windows.n_guard()
+
+    noise, n_training = estimate_listed(power, axes, listed, estimate_some)
+    if cells is not None:
+        return noise, n_training
+    return noise.reshape(power.shape), n_training.reshape(power.shape)
 
 
-def estimate_separably(
+def estimate_by_sums(
     power: Floats,
     axes: tuple[Axis, ...],
     cells: Cells | None,
@@ -334,11 +355,11 @@ def estimate_separably(
 ) -> Estimate:
     """Estimate the noise of a whole map, or of listed cells, from sums axis by axis."""
     n_window, n_along = prod(axis.n_window for axis in axes), sum(axis.n_window for axis in axes)
-    if cells is not None and cells[0].size * n_window <= power.size * n_along:
-        return estimate_listed(power, axes, cells, estimate)
+    if cells is not None and _GATHERING * cells[0].size * n_window <= power.size * n_along:
+        return estimate_listed(power, axes, cells, lambda windows: estimate(windows, windows.gathered(power)))
     noise, key = estimate(MapWindows(axes), power)
     key = np.broadcast_to(key, noise.shape)
-    # The same to the last bit, and faster where most of the map is listed.
+    # The same to the last bit, and faster where much of the map is listed.
     return (noise, key) if cells is None else (noise[cells], key[cells])
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -8,17 +9,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from isacbench.dsp.cfar import ca_cfar, osca_cfar
-from isacbench.dsp.thresholds import ca_factor, osca_factor, paper_factor
+from isacbench.dsp.cfar import ca_cfar, goca_cfar, os_cfar, os_mask, osca_cfar, soca_cfar, tm_cfar
+from isacbench.dsp.thresholds import (
+    ca_factor,
+    goca_factor,
+    osca_factor,
+    paper_factor,
+    soca_factor,
+    tm_factor,
+)
 from isacbench.errors import InputError
 
 SEEDS = st.integers(0, 2**32 - 1)
 CA = (ca_cfar, 3, 1)
 OSCA = (osca_cfar, 4, None)
 OSCA_GUARDED = (osca_cfar, (3, 2), (1, 2))
+FRAMED = [goca_cfar, soca_cfar, os_cfar, tm_cfar]
 ALL = pytest.mark.parametrize(
-    ("detect", "training", "guard"), [CA, OSCA, OSCA_GUARDED], ids=["ca", "osca", "osca-guarded"]
+    ("detect", "training", "guard"),
+    [CA, OSCA, OSCA_GUARDED, *((detect, 3, 1) for detect in FRAMED)],
+    ids=["ca", "osca", "osca-guarded", "goca", "soca", "os", "tm"],
 )
+WITH_GUARD = pytest.mark.parametrize(
+    ("detect", "guard"), [(ca_cfar, 1), (osca_cfar, None), *((detect, 1) for detect in (osca_cfar, *FRAMED))]
+)
+EACH = pytest.mark.parametrize("detect", [ca_cfar, osca_cfar, *FRAMED])
 
 
 def noise_map(seed, shape, looks=1):
@@ -42,42 +57,262 @@ def window_columns(shape, cell, training, guard):
     return columns
 
 
-def plain_noise_and_factor(detect, power, cell, training, guard, pfa, looks):
-    columns = window_columns(power.shape, cell, training, guard)
+def window_cells(shape, cell, training, guard):
+    """Lists the training cells of a cell of a map of any rank, in the order of the axes."""
+    starts = [
+        min(max(i - t - g, 0), length - 2 * (t + g) - 1)
+        for i, t, g, length in zip(cell, training, guard, shape, strict=True)
+    ]
+    listed = []
+    for place in np.ndindex(*(2 * (t + g) + 1 for t, g in zip(training, guard, strict=True))):
+        other = tuple(s + p for s, p in zip(starts, place, strict=True))
+        if any(abs(o - i) > g for o, i, g in zip(other, cell, guard, strict=True)):
+            listed.append(other)
+    return listed
+
+
+def plain_noise_and_factor(detect, power, cell, training, guard, pfa, looks, option):
+    if detect is osca_cfar:
+        orders, laws = [], []
+        for column in window_columns(power.shape, cell, training, guard):
+            rank = max(1, math.floor(0.75 * len(column)))
+            orders.append(sorted(power[c] for c in column)[rank - 1])
+            laws.append((rank, len(column) - (cell in column)))
+        return math.fsum(orders) / len(orders), osca_factor(pfa, tuple(laws), looks)
+
+    chosen = window_cells(power.shape, cell, training, guard)
+    n = len(chosen)
     if detect is ca_cfar:
-        chosen = [c for column in columns for c in column]
-        return math.fsum(power[c] for c in chosen) / len(chosen), ca_factor(pfa, len(chosen), looks)
-    orders, laws = [], []
-    for column in columns:
-        rank = max(1, math.floor(0.75 * len(column)))
-        orders.append(sorted(power[c] for c in column)[rank - 1])
-        laws.append((rank, len(column) - (cell in column)))
-    return math.fsum(orders) / len(orders), osca_factor(pfa, tuple(laws), looks)
+        return math.fsum(power[c] for c in chosen) / n, ca_factor(pfa, n, looks)
+    ordered = sorted(power[c] for c in chosen)
+    if detect is os_cfar:
+        rank = max(1, math.floor(option * n + 1e-9))
+        return ordered[rank - 1], osca_factor(pfa, ((rank, n),), looks)
+    if detect is tm_cfar:
+        below, above = (math.floor(part * n + 1e-9) for part in option)
+        kept = ordered[below : n - above]
+        return math.fsum(kept) / len(kept), tm_factor(pfa, n, (below, above), looks)
+
+    def place(c):
+        return (c[option], *(i for axis, i in enumerate(c) if axis != option))
+
+    halves = [[c for c in chosen if place(c) < place(cell)], [c for c in chosen if place(c) > place(cell)]]
+    means = [math.fsum(power[c] for c in half) / len(half) for half in halves if half]
+    factor = (goca_factor if detect is goca_cfar else soca_factor)(
+        pfa, (len(halves[0]), len(halves[1])), looks
+    )
+    return (max if detect is goca_cfar else min)(means), factor
+
+
+def options(detect):
+    """Gives what a detector has beyond its window, as its parameters and for the plain loop."""
+    return {
+        ca_cfar: ({}, None),
+        osca_cfar: ({}, None),
+        os_cfar: ({"rank_fraction": 0.6}, 0.6),
+        tm_cfar: ({"trim_low": 0.1, "trim_high": 0.4}, (0.1, 0.4)),
+        goca_cfar: ({"split_axis": 0}, 0),
+        soca_cfar: ({"split_axis": 0}, 0),
+    }[detect]
 
 
 SIZES = st.tuples(st.integers(0, 2), st.integers(0, 2))
 
 
-@settings(max_examples=40, deadline=None)
-@given(
-    SEEDS,
-    st.tuples(st.integers(9, 12), st.integers(9, 12)),
-    SIZES.filter(any),
-    SIZES,
-    st.sampled_from([1, 4]),
-    st.sampled_from(["ca", "osca", "osca with the cell inside"]),
-)
-def test_every_cell_up_to_the_edges_equals_a_plain_double_loop(seed, shape, training, guard, looks, kind):
-    detect = ca_cfar if kind == "ca" else osca_cfar
-    if kind == "osca with the cell inside":
-        training, guard = (training[0] + 1, training[1]), None
-    power = noise_map(seed, shape, looks)
-    found = detect(power, training, guard, 0.05, looks=looks)
-    for cell in np.ndindex(shape):
-        noise, factor = plain_noise_and_factor(detect, power, cell, training, guard, 0.05, looks)
+def equals_a_plain_double_loop(detect, power, training, guard, looks, parameters, option):
+    found = detect(power, training, guard, 0.05, looks=looks, **parameters)
+    for cell in np.ndindex(power.shape):
+        noise, factor = plain_noise_and_factor(detect, power, cell, training, guard, 0.05, looks, option)
         assert found.noise[cell] == pytest.approx(noise, rel=1e-13)
         assert found.threshold[cell] == pytest.approx(factor * noise, rel=1e-11)
     assert np.array_equal(found.mask, power > found.threshold)
+
+
+@EACH
+@settings(max_examples=15, deadline=None)
+@given(
+    seed=SEEDS,
+    shape=st.tuples(st.integers(9, 12), st.integers(9, 12)),
+    training=SIZES.filter(any),
+    guard=SIZES,
+    looks=st.sampled_from([1, 4]),
+)
+def test_every_cell_up_to_the_edges_equals_a_plain_double_loop(detect, seed, shape, training, guard, looks):
+    equals_a_plain_double_loop(
+        detect, noise_map(seed, shape, looks), training, guard, looks, *options(detect)
+    )
+
+
+@settings(max_examples=15, deadline=None)
+@given(SEEDS, st.tuples(st.integers(9, 12), st.integers(9, 12)), SIZES, st.sampled_from([1, 4]))
+def test_osca_with_the_cell_inside_equals_a_plain_double_loop(seed, shape, training, looks):
+    training = training[0] + 1, training[1]
+    equals_a_plain_double_loop(osca_cfar, noise_map(seed, shape, looks), training, None, looks, {}, None)
+
+
+@pytest.mark.parametrize("detect", [ca_cfar, *FRAMED])
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS, length=st.integers(13, 20), training=st.integers(1, 4), guard=st.integers(0, 2))
+def test_every_cell_of_a_line_equals_a_plain_loop(detect, seed, length, training, guard):
+    equals_a_plain_double_loop(detect, noise_map(seed, (length,)), (training,), (guard,), 1, *options(detect))
+
+
+@pytest.mark.parametrize("detect", [goca_cfar, soca_cfar])
+@pytest.mark.parametrize("split_axis", [0, 1, 2])
+def test_halves_along_any_axis_of_a_cube_equal_a_plain_loop(detect, split_axis):
+    power = noise_map(split_axis, (6, 5, 7))
+    sizes = (1, 1, 2), (1, 0, 1)
+    equals_a_plain_double_loop(detect, power, *sizes, 1, {"split_axis": split_axis}, split_axis)
+
+
+def test_halves_of_the_default_window_are_36_and_36():
+    power = noise_map(1, (9, 9))
+    chosen = window_cells(power.shape, (4, 4), (3, 3), (1, 1))
+    means = [np.mean([power[c] for c in half]) for half in (chosen[:36], chosen[36:])]
+    assert chosen[35] < (4, 4) < chosen[36]
+    for detect, factor, noise in ((goca_cfar, 6.710225, max(means)), (soca_cfar, 8.198775, min(means))):
+        found = detect(power, 3, 1, 1e-3)
+        assert found.noise[4, 4] == pytest.approx(noise)
+        assert found.threshold[4, 4] == pytest.approx(factor * noise, rel=1e-6)
+
+
+@pytest.mark.parametrize("detect", [goca_cfar, soca_cfar])
+def test_where_one_half_is_empty_the_test_is_cell_averaging(detect):
+    power = noise_map(2, (30,))
+    found, averaged = (one(power, 4, 2, 1e-3) for one in (detect, ca_cfar))
+    for cell in (0, 1, 2, 27, 28, 29):
+        assert found.threshold[cell] == pytest.approx(averaged.threshold[cell], rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("detect", "name"), [(goca_cfar, "split_axis"), (soca_cfar, "split_axis"), (osca_cfar, "order_axis")]
+)
+def test_another_axis_is_the_map_turned(detect, name):
+    power = noise_map(3, (14, 17))
+    found = detect(power, (2, 3), (1, 0), 0.05, **{name: 1})
+    turned = detect(power.T, (3, 2), (0, 1), 0.05)
+    assert np.array_equal(found.mask, turned.mask.T)
+    assert np.array_equal(found.threshold, turned.threshold.T)
+    cells = np.nonzero(power > np.median(power))
+    listed = detect(power, (2, 3), (1, 0), 0.05, cells=cells, **{name: 1})
+    assert np.array_equal(listed.threshold, found.threshold[cells])
+
+
+@ALL
+@settings(max_examples=15, deadline=None)
+@given(
+    seed=SEEDS,
+    shape=st.sampled_from([(12, 11), (40, 43)]),
+    n_cells=st.sampled_from([0, 1, 7, 40, 300]),
+    looks=st.sampled_from([1, 4]),
+)
+def test_listed_cells_have_the_values_of_the_whole_map(detect, training, guard, seed, shape, n_cells, looks):
+    power = noise_map(seed, shape, looks)
+    rng = np.random.default_rng(seed)
+    cells = tuple(rng.integers(0, length, n_cells) for length in shape)
+    whole = detect(power, training, guard, 0.05, looks=looks)
+    listed = detect(power, training, guard, 0.05, looks=looks, cells=cells)
+    assert listed.mask.shape == listed.noise.shape == (n_cells,)
+    assert np.array_equal(listed.mask, whole.mask[cells])
+    assert np.array_equal(listed.noise, whole.noise[cells])
+    assert np.array_equal(listed.threshold, whole.threshold[cells])
+
+
+@EACH
+@pytest.mark.parametrize("shape", [(60,), (9, 8, 10)])
+def test_listed_cells_of_a_map_of_any_rank_have_the_values_of_the_whole_map(detect, shape):
+    power = noise_map(1, shape)
+    training, guard = (1, 1) if len(shape) == 1 else ((0, 2, 1), (0, 1, 1))
+    cells = tuple(index[::17] for index in np.indices(shape).reshape(len(shape), -1))
+    whole, listed = (detect(power, training, guard, 0.05, cells=some) for some in (None, cells))
+    assert np.array_equal(listed.mask, whole.mask[cells])
+    assert np.array_equal(listed.threshold, whole.threshold[cells])
+
+
+@EACH
+@pytest.mark.parametrize(
+    ("cells", "message"),
+    [
+        ((np.array([1]),), "tuple of 2"),
+        (np.array([[1, 2]]), "tuple of 2"),
+        ((np.array([1, 2]), np.array([1])), "equally long"),
+        ((np.array([[1]]), np.array([[1]])), "one-dimensional"),
+        ((np.array([1.0]), np.array([1.0])), "whole numbers"),
+        ((np.ones(12, bool), np.ones(12, bool)), "whole numbers"),
+        ((np.array([-1]), np.array([1])), "-1 to -1 along axis 0"),
+        ((np.array([1]), np.array([3, 12])[1:]), "12 to 12 along axis 1"),
+    ],
+)
+def test_list_that_names_no_cells_of_the_map_is_refused(detect, cells, message):
+    with pytest.raises(InputError, match=message):
+        detect(np.ones((12, 12)), 2, 1, 0.1, cells=cells)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    SEEDS,
+    st.tuples(st.integers(9, 40), st.integers(9, 14)),
+    SIZES.filter(any),
+    SIZES,
+    st.sampled_from([0.0, 0.3, 0.75, 1.0]),
+    st.sampled_from([1e-3, 0.3, 0.9]),
+    st.booleans(),
+)
+def test_mask_by_counting_is_the_comparison_with_the_sorted_threshold(
+    seed, shape, training, guard, rank_fraction, pfa, ties
+):
+    power = noise_map(seed, shape)
+    if ties:
+        power = np.floor(2 * power)
+    found = os_cfar(power, training, guard, pfa, rank_fraction=rank_fraction)
+    assert np.array_equal(found.mask, power > found.threshold)
+    assert np.array_equal(found.mask, os_mask(power, training, guard, pfa, rank_fraction=rank_fraction))
+
+
+def test_mask_by_counting_counts_beyond_255_training_cells():
+    power = noise_map(4, (2000,))
+    found = os_cfar(power, 300, 2, 0.05)
+    assert np.array_equal(found.mask, power > found.threshold)
+    assert found.mask.any()
+
+
+def test_noise_of_the_order_statistic_belongs_to_the_map_that_was_tested():
+    power = noise_map(5, (20, 20))
+    expected = os_cfar(power, 3, 1, 0.05)
+    assert expected.threshold.shape == power.shape
+    found = os_cfar(power, 3, 1, 0.05)
+    copied = pickle.loads(pickle.dumps(os_cfar(power, 3, 1, 0.05)))
+    power[:] = 0
+    for one in (found, copied):
+        assert np.array_equal(one.mask, expected.mask)
+        assert np.array_equal(one.noise, expected.noise)
+        assert np.array_equal(one.threshold, expected.threshold)
+
+
+def test_trimmed_mean_lies_between_cell_averaging_and_the_order_statistic():
+    power = noise_map(6, (15, 15))
+    untrimmed = tm_cfar(power, 3, 1, 1e-3, trim_low=0, trim_high=0)
+    averaged = ca_cfar(power, 3, 1, 1e-3)
+    np.testing.assert_allclose(untrimmed.threshold, averaged.threshold, rtol=1e-12)
+    vector = power.ravel()
+    one_left = tm_cfar(vector, 4, 1, 1e-3, trim_low=5 / 8, trim_high=2 / 8)
+    order = os_cfar(vector, 4, 1, 1e-3)
+    inner = slice(5, -5)
+    np.testing.assert_allclose(one_left.threshold[inner], order.threshold[inner], rtol=1e-9)
+
+
+@EACH
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(seed=SEEDS, training=SIZES.filter(any), guard=SIZES, looks=st.sampled_from([1, 3]))
+def test_false_alarm_rate_is_nominal_for_windows_of_any_shape(detect, seed, training, guard, looks):
+    n_maps, pfa = 6000, 0.03
+    shape = tuple(2 * (t + g) + 3 for t, g in zip(training, guard, strict=True))
+    power = noise_map(seed, (*shape, n_maps), looks)
+    found = detect(power, (*training, 0), (*guard, 0), pfa, looks=looks)
+    # Maps are independent of each other, cells of one map are not.
+    least, most = binom.interval(1 - 1e-9, n_maps, pfa)
+    for cell in ((0, 0), (0, 1), (shape[0] // 2, shape[1] // 2), (shape[0] - 1, 0)):
+        assert least <= np.count_nonzero(found.mask[cell]) <= most
 
 
 @ALL
@@ -106,7 +341,7 @@ def test_shifted_map_gives_the_shifted_detection_away_from_the_edges(
 
 @ALL
 @given(seed=SEEDS, pfa=st.floats(1e-6, 0.9), ratio=st.floats(0.01, 0.99))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_smaller_pfa_detects_a_subset(detect, training, guard, seed, pfa, ratio):
     power = noise_map(seed, (12, 12))
     strict, loose = (detect(power, training, guard, p).mask for p in (pfa * ratio, pfa))
@@ -154,12 +389,12 @@ def test_float32_map_gives_what_the_same_map_in_float64_gives(detect, training, 
     assert np.array_equal(single.mask, double.mask)
 
 
-@pytest.mark.parametrize(("detect", "guard"), [(ca_cfar, 1), (osca_cfar, None), (osca_cfar, 1)])
+@WITH_GUARD
 @pytest.mark.parametrize("looks", [1, 16, 256])
 def test_false_alarm_rate_is_nominal_in_the_corner_at_the_border_and_inside(detect, guard, looks):
     # One independent map for each place along the last axis, which the window does not mix.
     training, keep = ((4, 4, 0), None) if guard is None else ((3, 3, 0), (1, 1, 0))
-    n_maps, pfa = 20_000, 0.02
+    n_maps, pfa = 8000, 0.02
     found = detect(noise_map(looks, (9, 9, n_maps), looks), training, keep, pfa, looks=looks)
     least, most = binom.interval(1 - 1e-6, n_maps, pfa)
     for cell in ((0, 0), (0, 4), (8, 3), (4, 4)):
@@ -167,7 +402,7 @@ def test_false_alarm_rate_is_nominal_in_the_corner_at_the_border_and_inside(dete
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("detect", "guard"), [(ca_cfar, 1), (osca_cfar, None), (osca_cfar, 1)])
+@WITH_GUARD
 def test_false_alarm_rate_of_1e_minus_3_holds_in_every_cell_of_a_window(detect, guard):
     training, keep = ((4, 4, 0), None) if guard is None else ((3, 3, 0), (1, 1, 0))
     n_maps, pfa = 200_000, 1e-3
@@ -189,7 +424,9 @@ def test_errata_osca_order_takes_the_6th_smallest_of_9_and_not_percentile_75():
     assert np.percentile(power, 75) == np.sort(power)[6]
 
 
-@pytest.mark.parametrize(("detect", "training", "guard", "n"), [(*CA, 72), (*OSCA, 9)])
+@pytest.mark.parametrize(
+    ("detect", "training", "guard", "n"), [(*CA, 72), (*OSCA, 9), *((detect, 3, 1, 72) for detect in FRAMED)]
+)
 def test_printed_factor_multiplies_the_same_noise(detect, training, guard, n):
     power = noise_map(5, (9, 9))
     found = detect(power, training, guard, 1e-3, "paper")
@@ -259,9 +496,12 @@ def bad(value):
 def test_bad_map_is_refused_with_a_message_that_names_it(detect, training, guard, power, message):
     with pytest.raises(InputError, match=message):
         detect(power, training, guard, 1e-3)
+    if np.ndim(power) == 2:
+        with pytest.raises(InputError, match=message):
+            detect(power, training, guard, 1e-3, cells=(np.array([5]), np.array([5])))
 
 
-@pytest.mark.parametrize("detect", [ca_cfar, osca_cfar])
+@EACH
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -287,3 +527,22 @@ def test_bad_parameter_is_refused_with_a_message_that_names_it(detect, changed, 
 def test_osca_with_the_cell_inside_refuses_columns_of_that_cell_alone():
     with pytest.raises(InputError, match="axis 0"):
         osca_cfar(np.ones((12, 12)), (0, 4), None, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("detect", "parameters", "message"),
+    [
+        (os_cfar, {"rank_fraction": 1.1}, "rank_fraction = 1.1"),
+        (os_cfar, {"rank_fraction": math.nan}, "rank_fraction = nan"),
+        (os_cfar, {"rank_fraction": "0.5"}, "rank_fraction = '0.5'"),
+        (tm_cfar, {"trim_low": -0.1}, "trim_low = -0.1"),
+        (tm_cfar, {"trim_high": 1.5}, "trim_high = 1.5"),
+        (tm_cfar, {"trim_low": 0.5, "trim_high": 0.5}, "together below 1"),
+        (goca_cfar, {"split_axis": 2}, "split_axis = 2"),
+        (soca_cfar, {"split_axis": -1}, "split_axis = -1"),
+        (osca_cfar, {"order_axis": 0.5}, "order_axis = 0.5"),
+    ],
+)
+def test_bad_parameter_of_one_detector_is_refused_by_name(detect, parameters, message):
+    with pytest.raises(InputError, match=message):
+        detect(np.ones((12, 12)), 2, 1, 0.1, **parameters)

@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from isacbench.contracts import Detection
-from isacbench.dsp.detection import CLEAR_BINS, PEAK_CELLS, detect_cells, power_map, reference_noise
+from isacbench.dsp.detection import (
+    CLEAR_BINS,
+    PEAK_CELLS,
+    detect_cells,
+    detect_listed,
+    power_map,
+    reference_noise,
+)
 from isacbench.dsp.kernels import dirichlet
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
@@ -33,6 +40,15 @@ class Everything:
         assert looks == LOOKS
         mask = np.ones(power.shape, dtype=bool) if self.mask is None else self.mask
         return Detection(mask, np.zeros_like(power), np.full_like(power, 3.0))
+
+
+@dataclass(frozen=True)
+class Picky(Everything):
+    """Detects what it is asked for, and refuses to test a whole map."""
+
+    def detect(self, power, looks=1, cells=None):
+        assert cells is not None
+        return Detection(power[cells] > 1, np.zeros(cells[0].size), np.full(cells[0].size, 3.0))
 
 
 def noise_cells(gate, seed=0, elements=(4, 3)):
@@ -134,3 +150,28 @@ def test_strong_movers_at_any_speed_of_the_region_do_not_reach_the_reference_noi
     before, after = (reference_noise(power, quiet.gate) for power in powers)
     assert after == pytest.approx(before, rel=0.03)
     assert powers[1].mean() > 10 * powers[0].mean()
+
+
+def test_a_detector_that_takes_cells_is_asked_for_those_alone():
+    power = noise_cells(GATE)[..., 0, 0].real ** 2
+    cells = np.nonzero(power > 0.5)
+    assert np.array_equal(detect_listed(Picky(), power, LOOKS, cells).mask, power[cells] > 1)
+
+
+def test_of_a_detector_that_takes_no_cells_the_listed_ones_are_picked():
+    power = noise_cells(GATE)[..., 0, 0].real ** 2
+    mask = power > 1
+    cells = np.nonzero(power > 0.5)
+    found = detect_listed(Everything(mask=mask), power, LOOKS, cells)
+    assert np.array_equal(found.mask, mask[cells])
+    assert found.threshold.shape == found.noise.shape == cells[0].shape
+
+
+def test_where_clear_bins_give_the_floor_the_map_is_not_tested_beyond_what_may_be_kept():
+    cells = noise_cells(GATE, elements=(4, 3))
+    picked = detect_cells(GatedMap(cells, GATE), Picky(), "noncoherent", 30.0)
+    everything = np.mean(np.abs(cells) ** 2, axis=(2, 3)) > 1
+    full = detect_cells(GatedMap(cells, GATE), Everything(mask=everything), "noncoherent", 30.0)
+    assert np.array_equal(picked.bins, full.bins)
+    assert picked.bins[0].size
+    assert full.detection.mask.shape == GATE.shape

@@ -6,9 +6,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import integrate, stats
+from scipy import integrate, special, stats
 
-from isacbench.dsp.thresholds import ca_factor, ca_rate, osca_factor, osca_rate, paper_factor
+from isacbench.dsp.factor_trimmed import _TrimmedLaw
+from isacbench.dsp.thresholds import (
+    ca_factor,
+    ca_rate,
+    goca_factor,
+    goca_rate,
+    osca_factor,
+    osca_rate,
+    paper_factor,
+    soca_factor,
+    soca_rate,
+    tm_factor,
+    tm_rate,
+)
 from isacbench.errors import InputError
 
 INSIDE = ((6, 9),) * 8 + ((6, 8),)
@@ -62,6 +75,8 @@ def monte_carlo_rate(factor, rank, n_columns, n_cells, looks, n_windows, seed):
         (lambda: osca_factor(1e-3, INSIDE), 7.262139),
         (lambda: osca_factor(1e-3, OUTSIDE), 7.437354),
         (lambda: osca_factor(1e-3, ((54, 72),)), 5.448701),
+        (lambda: goca_factor(1e-3, (36, 36)), 6.710225),
+        (lambda: soca_factor(1e-3, (36, 36)), 8.198775),
     ],
 )
 def test_factors_equal_the_known_vectors(factor, expected):
@@ -125,6 +140,9 @@ def test_osca_factor_of_two_unlike_columns_gives_the_integrated_rate():
 def test_rates_undo_factors(pfa, looks):
     assert ca_rate(ca_factor(pfa, 72, looks), 72, looks) == pytest.approx(pfa, rel=1e-9)
     assert osca_rate(osca_factor(pfa, INSIDE, looks), INSIDE, looks) == pytest.approx(pfa, rel=1e-9)
+    for halves in ((36, 36), (3, 72), (1, 9)):
+        assert goca_rate(goca_factor(pfa, halves, looks), halves, looks) == pytest.approx(pfa, rel=1e-9)
+        assert soca_rate(soca_factor(pfa, halves, looks), halves, looks) == pytest.approx(pfa, rel=1e-9)
 
 
 @settings(max_examples=50, deadline=None)
@@ -132,6 +150,186 @@ def test_rates_undo_factors(pfa, looks):
 def test_factors_grow_as_the_rate_falls(pfa, looks):
     assert ca_factor(pfa, 72, looks) < ca_factor(pfa / 2, 72, looks)
     assert osca_factor(pfa, INSIDE, looks) < osca_factor(pfa / 2, INSIDE, looks)
+    assert goca_factor(pfa, (30, 42), looks) < goca_factor(pfa / 2, (30, 42), looks)
+    assert soca_factor(pfa, (30, 42), looks) < soca_factor(pfa / 2, (30, 42), looks)
+
+
+HALVES = st.tuples(st.integers(1, 60), st.integers(1, 60))
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, HALVES, st.sampled_from([1, 2, 16, 256]))
+def test_rates_of_the_greatest_and_the_smallest_half_add_to_those_of_both_halves(pfa, halves, looks):
+    for factor in (goca_factor(pfa, halves, looks), soca_factor(pfa, halves, looks)):
+        together = goca_rate(factor, halves, looks) + soca_rate(factor, halves, looks)
+        assert together == pytest.approx(sum(ca_rate(factor, n, looks) for n in halves), rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 5, 36])
+@pytest.mark.parametrize("pfa", [0.1, 1e-3, 1e-9])
+def test_soca_factor_of_one_look_gives_the_rate_of_the_published_sum(n, pfa):
+    t = soca_factor(pfa, (n, n)) / n
+    published = 2 * sum(math.comb(n - 1 + k, k) * (2 + t) ** -(n + k) for k in range(n))
+    assert published == pytest.approx(pfa, rel=1e-10)
+
+
+@pytest.mark.parametrize("looks", [1, 2, 16, 256])
+@pytest.mark.parametrize("halves", [(36, 36), (3, 72), (5, 1)])
+@pytest.mark.parametrize("pfa", [0.5, 1e-3, 1e-12, 1e-30])
+def test_factors_of_the_chosen_half_give_the_integrated_rate(pfa, halves, looks):
+    laws = [stats.gamma(looks * n, scale=1 / (looks * n)) for n in halves]
+    ends = min(law.ppf(1e-60) for law in laws), max(law.isf(1e-60) for law in laws)
+    log_mean = np.linspace(*np.log(ends), 8001)
+    mean = np.exp(log_mean)
+    for factor_of, other in ((goca_factor, stats.gamma.cdf), (soca_factor, stats.gamma.sf)):
+        density = sum(
+            own.pdf(mean) * other(mean, looks * n, scale=1 / (looks * n))
+            for own, n in zip(laws, halves[::-1], strict=True)
+        )
+        factor = factor_of(pfa, halves, looks)
+        exceeds = special.gammaincc(looks, looks * factor * mean)
+        rate = np.sum(density * exceeds * mean) * (log_mean[1] - log_mean[0])
+        assert rate == pytest.approx(pfa, rel=1e-8)
+
+
+@pytest.mark.parametrize("looks", [1, 16])
+def test_factor_of_one_empty_half_is_that_of_cell_averaging(looks):
+    for factor_of in (goca_factor, soca_factor):
+        assert (
+            factor_of(1e-3, (0, 20), looks) == factor_of(1e-3, (20, 0), looks) == ca_factor(1e-3, 20, looks)
+        )
+
+
+@pytest.mark.parametrize("halves", [(0, 0), (-1, 3), (1,)])
+def test_halves_without_a_training_cell_are_refused_by_name(halves):
+    for factor_of in (goca_factor, soca_factor):
+        with pytest.raises(InputError, match="halves ="):
+            factor_of(1e-3, halves)
+
+
+TRIMMED = st.integers(1, 80).flatmap(
+    lambda n: st.integers(1, n).flatmap(
+        lambda kept: st.tuples(st.just(n), st.integers(0, n - kept).map(lambda low: (low, n - kept - low)))
+    )
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, TRIMMED)
+def test_tm_factor_of_one_look_gives_the_rate_of_the_spacings(pfa, trim):
+    n, (below, above) = trim
+    kept = n - below - above
+    t = tm_factor(pfa, n, (below, above)) / kept
+    rate = 1.0
+    for i in range(n - above):
+        # The i-th spacing, of mean 1 / (n - i), lies under every kept cell above it.
+        rate /= 1 + t * sum(1 for cell in range(below, n - above) if cell >= i) / (n - i)
+    assert rate == pytest.approx(pfa, rel=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(PFAS, TRIMMED.filter(lambda trim: trim[1] != (0, 0)))
+def test_quadrature_for_many_looks_agrees_with_the_closed_form_of_one(pfa, trim):
+    factor = tm_factor(pfa, *trim)
+    assert _TrimmedLaw(factor, *trim, 1).rate(factor) == pytest.approx(pfa, rel=5e-3)
+
+
+@pytest.mark.parametrize("looks", [2, 16, 256])
+@pytest.mark.parametrize("pfa", [0.9, 1e-3, 1e-12, 1e-30])
+@pytest.mark.parametrize(("rank", "n"), [(54, 72), (6, 9), (1, 72), (72, 72)])
+def test_quadrature_for_the_mean_of_one_kept_cell_agrees_with_the_order_statistic(rank, n, pfa, looks):
+    factor = osca_factor(pfa, ((rank, n),), looks)
+    rate = _TrimmedLaw(factor, n, (rank - 1, n - rank), looks).rate(factor)
+    assert rate == pytest.approx(pfa, rel=1e-2 if pfa == 1e-30 else 1e-4)
+
+
+def two_kept_rate(factor, n, below, looks):
+    """Integrates the rate over the two kept cells, neighbours in order, by a fine product rule."""
+    above = n - below - 2
+    law = stats.gamma(looks, scale=1 / looks)
+    node, weight = np.polynomial.legendre.leggauss(300)
+    log_low = np.log(law.ppf(1e-25)) * (1 - node) / 2 + np.log(law.isf(1e-18)) * (1 + node) / 2
+    low = np.exp(log_low)
+    steps = weight * low * (np.log(law.isf(1e-18)) - np.log(law.ppf(1e-25))) / 2
+    gap = law.isf(1e-18) * ((1 + node) / 2) ** 2
+    gap_steps = weight * law.isf(1e-18) * (1 + node) / 2
+    high = low[:, np.newaxis] + gap
+    density = (law.pdf(low) * law.cdf(low) ** below)[:, np.newaxis] * law.pdf(high) * law.sf(high) ** above
+    ways = math.factorial(n) // (math.factorial(below) * math.factorial(above))
+    exceeds = law.sf(factor * (low[:, np.newaxis] + high) / 2)
+    return ways * (steps @ (density * exceeds) @ gap_steps)
+
+
+@pytest.mark.parametrize("looks", [2, 16])
+@pytest.mark.parametrize("pfa", [0.5, 1e-3, 1e-6])
+@pytest.mark.parametrize(("n", "below"), [(3, 0), (3, 1), (4, 1), (9, 5), (12, 10)])
+def test_tm_factor_of_two_kept_cells_gives_the_integrated_rate(n, below, pfa, looks):
+    factor = tm_factor(pfa, n, (below, n - below - 2), looks)
+    assert two_kept_rate(factor, n, below, looks) == pytest.approx(pfa, rel=2e-3)
+
+
+@pytest.mark.parametrize("looks", [2, 16, 256])
+def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
+    factors = [tm_factor(1e-6, 72, (0, above), looks) for above in (0, 1, 18, 40, 71)]
+    assert factors == sorted(factors)
+    assert factors[0] == ca_factor(1e-6, 72, looks)
+    assert factors[-1] == osca_factor(1e-6, ((1, 72),), looks)
+
+
+@pytest.mark.parametrize("looks", [2, 256])
+@pytest.mark.parametrize("trimmed", [(18, 18), (0, 18), (18, 0)])
+def test_rates_undo_factors_of_trimmed_means(trimmed, looks):
+    for pfa in (0.3, 1e-3, 1e-12):
+        assert tm_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks) == pytest.approx(pfa, rel=1e-7)
+
+
+def trimmed_windows_rate(factor, n, trimmed, looks, n_windows, seed):
+    rng = np.random.default_rng(seed)
+    hits = 0
+    for _ in range(n_windows // 20_000):
+        cells = np.sort(rng.standard_gamma(looks, (20_000, n)), axis=1)
+        estimate = cells[:, trimmed[0] : n - trimmed[1]].mean(axis=1)
+        hits += np.count_nonzero(rng.standard_gamma(looks, 20_000) > factor * estimate)
+    return hits
+
+
+@pytest.mark.parametrize("looks", [1, 4, 64])
+def test_tm_factor_keeps_the_rate_of_drawn_windows(looks):
+    n_windows, pfa = 40_000, 0.02
+    factor = tm_factor(pfa, 24, (6, 6), looks)
+    least, most = stats.binom.interval(1 - 1e-6, n_windows, pfa)
+    assert least <= trimmed_windows_rate(factor, 24, (6, 6), looks, n_windows, looks) <= most
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("looks", [2, 16, 256])
+@pytest.mark.parametrize("trimmed", [(1, 1), (18, 18), (0, 18), (40, 0)])
+def test_tm_factor_keeps_a_rate_of_one_percent_within_one_percent(trimmed, looks):
+    n_windows, pfa = 1_000_000, 1e-2
+    hits = trimmed_windows_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks, n_windows, looks)
+    assert abs(hits - pfa * n_windows) < 4 * math.sqrt(pfa * n_windows)
+
+
+def test_a_factor_of_nothing_alarms_always():
+    assert ca_rate(0.0, 8) == goca_rate(0.0, (4, 4)) == soca_rate(0.0, (4, 4)) == tm_rate(0.0, 8, (1, 1)) == 1
+
+
+@pytest.mark.parametrize("trimmed", [(4, 4), (-1, 2), (1,), (0.5, 1)])
+def test_trimming_that_leaves_no_cell_is_refused_by_name(trimmed):
+    with pytest.raises(InputError, match="trimmed ="):
+        tm_factor(1e-3, 8, trimmed, 2)
+
+
+@pytest.mark.parametrize("looks", [1, 16])
+@pytest.mark.parametrize("pfa", [1e-31, 1 - 1e-7])
+def test_factors_found_as_a_root_refuse_a_rate_beyond_what_they_resolve(pfa, looks):
+    for call in (
+        lambda: goca_factor(pfa, (4, 4), looks),
+        lambda: soca_factor(pfa, (4, 4), looks),
+        lambda: tm_factor(pfa, 8, (2, 2), looks),
+    ):
+        with pytest.raises(InputError, match=r"from 1e-30 to 0\.999999"):
+            call()
 
 
 def test_order_of_the_columns_does_not_change_the_factor():
