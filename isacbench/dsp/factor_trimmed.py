@@ -30,6 +30,7 @@ _TAIL = 1e-60
 _NEGLIGIBLE = -27.0
 _N_COARSE, _N_LINE, _N_PLANE = 24, 96, 36
 _MOST_ZOOMS = 12
+_LOGIT_SPAN = -70.0, 40.0
 _MOST_MOVES, _SMALL_MOVE = 12, 0.2
 _N_WHOLE, _N_BETWEEN = 64, 16
 # Aliases of the contour sum, relative to the rate, and terms at which it ends.
@@ -273,52 +274,47 @@ def _limits(
     The pairs span where that matters at the real argument `tilt`, in coordinates
     in which everything vanishes exponentially and smoothly at both ends.
     """
+    log_ways = special.gammaln(n_training + 1) - special.gammaln(n_training - sum(trimmed) + 1)
+    find = _one_limit if 0 in trimmed else _two_limits
+    lower, upper, log_weight = find(n_training, trimmed, looks, 1 + tilt)
+    return lower, upper, log_weight + log_ways
+
+
+def _one_limit(
+    n_training: int, trimmed: tuple[int, int], looks: int, tilted: float
+) -> tuple[Floats, Floats, Floats]:
+    """Find the pairs where cells are trimmed on one side; the other limit is where the rest is negligible."""
     below, above = trimmed
-    n_kept = n_training - below - above
-    log_ways = special.gammaln(n_training + 1) - special.gammaln(n_kept + 1)
-    tilted = 1 + tilt
+    kept_share, kept_limit, trimmed_share = (
+        (special.gammaincc, special.gammainccinv, special.gammainc)
+        if below
+        else (special.gammainc, special.gammaincinv, special.gammaincc)
+    )
+    span = _order_span(below or n_training - above + 1, n_training, looks)
 
-    def largest_below(log_power: Floats) -> Floats:
-        power = np.exp(log_power)
-        return _log_density(log_power, looks) + special.xlogy(below - 1, special.gammainc(looks, power))
+    def log_size(log_limit: Floats) -> Floats:
+        share = kept_share(looks, tilted * np.exp(log_limit))
+        log_law = _log_edge(log_limit, looks, below + above, trimmed_share)
+        return log_law + special.xlogy(n_training - below - above, share)
 
-    if below == 0:
-        log_ways -= special.gammaln(above)
+    log_limit = _zoomed(log_size, [span], _N_LINE)[0]
+    log_weight = _log_edge(log_limit, looks, below + above, trimmed_share)
+    log_weight += math.log(log_limit[1] - log_limit[0])
+    limit = np.exp(log_limit)
+    far = kept_limit(looks, kept_share(looks, tilted * limit) * math.exp(_NEGLIGIBLE)) / tilted
+    return (limit, far, log_weight) if below else (far, limit, log_weight)
 
-        def smallest_above(log_power: Floats) -> Floats:
-            power = np.exp(log_power)
-            return _log_density(log_power, looks) + special.xlogy(above - 1, special.gammaincc(looks, power))
 
-        span = _order_span(n_training - above + 1, n_training, looks)
+def _two_limits(
+    n_training: int, trimmed: tuple[int, int], looks: int, tilted: float
+) -> tuple[Floats, Floats, Floats]:
+    """Find the pairs where cells are trimmed on both sides."""
+    below, above = trimmed
 
-        def up_to(log_upper: Floats) -> Floats:
-            share = special.gammainc(looks, tilted * np.exp(log_upper))
-            return smallest_above(log_upper) + special.xlogy(n_kept, share)
-
-        log_upper = _zoomed(up_to, [span], _N_LINE)[0]
-        upper = np.exp(log_upper)
-        share = special.gammainc(looks, tilted * upper)
-        lower = special.gammaincinv(looks, share * math.exp(_NEGLIGIBLE)) / tilted
-        return lower, upper, smallest_above(log_upper) + log_ways + math.log(log_upper[1] - log_upper[0])
-    log_ways -= special.gammaln(below)
-    span = _order_span(below, n_training, looks)
-    if above == 0:
-
-        def down_to(log_lower: Floats) -> Floats:
-            share = special.gammaincc(looks, tilted * np.exp(log_lower))
-            return largest_below(log_lower) + special.xlogy(n_kept, share)
-
-        log_lower = _zoomed(down_to, [span], _N_LINE)[0]
-        lower = np.exp(log_lower)
-        share = special.gammaincc(looks, tilted * lower)
-        upper = special.gammainccinv(looks, share * math.exp(_NEGLIGIBLE)) / tilted
-        return lower, upper, largest_below(log_lower) + log_ways + math.log(log_lower[1] - log_lower[0])
-    log_ways -= special.gammaln(above)
-
-    def beyond(log_lower: Floats, logit: Floats) -> tuple[Floats, Floats]:
-        """Give the upper power, and the logarithm of the weight without the steps and the kept cells."""
-        # Without tilt, the share of what lies above the lower power that lies below the upper one
-        # is independent of the lower power.
+    def pair(log_lower: Floats, logit: Floats) -> tuple[Floats, Floats]:
+        """Give the upper power, and the logarithm of the weight without the steps."""
+        # The coordinate beside the lower power: of the law above it, the share that lies below the upper one.
+        # Without tilt the two are independent.
         lower = np.exp(log_lower)
         left = special.gammaincc(looks, lower)
         passed = special.gammainc(looks, lower) + special.expit(logit) * left
@@ -326,11 +322,12 @@ def _limits(
         upper = np.where(
             passed < 0.5, special.gammaincinv(looks, passed), special.gammainccinv(looks, remaining)
         )
-        log_weight = largest_below(log_lower) + above * np.log(left)
+        log_weight = _log_edge(log_lower, looks, below, special.gammainc) - special.gammaln(above)
+        log_weight += above * np.log(left)
         return upper, log_weight + above * special.log_expit(-logit) + special.log_expit(logit)
 
-    def between(log_lower: Floats, logit: Floats) -> Floats:
-        upper, log_weight = beyond(log_lower, logit)
+    def log_size(log_lower: Floats, logit: Floats) -> Floats:
+        upper, log_weight = pair(log_lower, logit)
         low, high = tilted * np.exp(log_lower), tilted * upper
         # Of the two differences, the one of the smaller numbers.
         share = np.where(
@@ -338,14 +335,21 @@ def _limits(
             special.gammainc(looks, high) - special.gammainc(looks, low),
             special.gammaincc(looks, low) - special.gammaincc(looks, high),
         )
-        return log_weight + special.xlogy(n_kept, np.maximum(share, 0))
+        return log_weight + special.xlogy(n_training - below - above, np.maximum(share, 0))
 
-    log_lower, logit = _zoomed(between, [span, (-70.0, 40.0)], _N_PLANE)
+    spans = [_order_span(below, n_training, looks), _LOGIT_SPAN]
+    log_lower, logit = _zoomed(log_size, spans, _N_PLANE)
     log_step = math.log((log_lower[1] - log_lower[0]) * (logit[1] - logit[0]))
     log_lower, logit = (part.ravel() for part in np.meshgrid(log_lower, logit))
-    upper, log_weight = beyond(log_lower, logit)
+    upper, log_weight = pair(log_lower, logit)
     apart = upper > np.exp(log_lower)
-    return np.exp(log_lower[apart]), upper[apart], log_weight[apart] + log_ways + log_step
+    return np.exp(log_lower[apart]), upper[apart], log_weight[apart] + log_step
+
+
+def _log_edge(log_power: Floats, looks: int, n_beyond: int, share: Callable[..., Floats]) -> Floats:
+    """Logarithm of the law of the innermost cell trimmed on one side, without the ways to choose the kept."""
+    law: Floats = _log_density(log_power, looks) - special.gammaln(n_beyond)
+    return law + special.xlogy(n_beyond - 1, share(looks, np.exp(log_power)))
 
 
 def _log_density(log_power: Floats, looks: int) -> Floats:
