@@ -75,6 +75,7 @@ class Look:
     doppler_window: Window
     range_cells: int = 1
     resolved_only: bool = False
+    one_doppler: bool = False
 
 
 @dataclass(frozen=True)
@@ -269,6 +270,7 @@ class CellwiseEstimator(ABC):
             OWN_CELL_EXCESS,
             self.local_dynamic_range_db,
             first_family,
+            look.one_doppler,
         )
         return merge_duplicates(located)
 

@@ -50,8 +50,8 @@ __all__ = ["JointSubspaceEstimator", "Subspaces"]
 
 _Axis = Literal["u", "w"]
 
-CROWD_LOOK = Look("hamming", "hamming", range_cells=3)
-"""Low sidelobes, so that a cell shows what is near, and the mean direction of three."""
+CROWD_LOOK = Look("hamming", "soft", range_cells=3, one_doppler=True)
+"""Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
 
 INTERLEAVINGS = 2
 """How often crowds are filled in: extended objects have more than one point a range bin."""
@@ -159,7 +159,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
     def looks(self) -> tuple[Look, ...]:
         """Resolved cells first, then crowds: means of three range cells, then single cells."""
         single = Look(self.range_window, self.doppler_window)
-        return replace(single, resolved_only=True), CROWD_LOOK, single
+        return replace(single, resolved_only=True), CROWD_LOOK, replace(single, one_doppler=True)
 
     def refine(
         self, chosen: Scatterers, gated: GatedMap, system: System, levels: Levels, min_power: float

@@ -101,6 +101,7 @@ def locate(
     own_cell_excess: tuple[float, float],
     dynamic_range_db: float,
     first_family: int = 0,
+    one_doppler: bool = False,
 ) -> Scatterers:
     """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
 
@@ -128,6 +129,9 @@ def locate(
         another may lie.
     first_family : int, default 0
         Family of the first cell.
+    one_doppler : bool, default False
+        Whether a plane wave must look like one echo along Doppler. One
+        between two movers, which the direction of neither fits, does not.
 
     Returns
     -------
@@ -142,6 +146,9 @@ def locate(
     kept = waves.found & (own > 0) & (own >= weakest)
     kept &= np.maximum(farther, nearer) <= own_cell_excess[0] * own
     kept &= np.maximum(faster, slower) <= own_cell_excess[1] * own
+    if one_doppler:
+        profile = np.stack([amplitudes[4], amplitudes[0], amplitudes[3]], axis=-1)
+        kept &= _is_one_echo(profile, _offset(own, faster, slower, windows[1]), windows[1])
     range_offset = _offset(own[kept], farther[kept], nearer[kept], windows[0])
     profile = np.stack([amplitudes[2][kept], amplitudes[0][kept], amplitudes[1][kept]], axis=-1)
     range_offset[~_is_one_echo(profile, range_offset, windows[0])] = 0
@@ -162,11 +169,12 @@ def locate(
 def _offset(own: Floats, behind: Floats, before: Floats, window: Window) -> Floats:
     """Signed offset in bins, from the amplitudes in a bin and in the two next to it."""
     towards = np.where(behind >= before, 1, -1)
-    return towards * fractional_bin(np.maximum(behind, before) / own, window)
+    ratio = np.divide(np.maximum(behind, before), own, out=np.zeros_like(own), where=own > 0)
+    return towards * fractional_bin(ratio, window)
 
 
 def _is_one_echo(profile: NDArray[np.complex128], offset: Floats, window: Window) -> NDArray[np.bool_]:
-    """Whether amplitudes (n, 3) around a range bin are those of one echo at that offset."""
+    """Whether amplitudes (..., 3) around a bin are those of one echo at that offset."""
     model = bin_profile(offset, window)
     explained = np.abs(np.sum(model.conj() * profile, axis=-1)) ** 2
     energy = np.sum(np.abs(model) ** 2, axis=-1) * np.sum(np.abs(profile) ** 2, axis=-1)
