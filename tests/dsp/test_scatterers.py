@@ -64,7 +64,8 @@ def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dyna
 
 def scatterers(*rows):
     """Scatterers from rows of range bin, Doppler bin, u, w and power."""
-    return Scatterers(*np.array(rows, dtype=float).reshape(-1, 5).T)
+    columns = np.array(rows, dtype=float).reshape(-1, 5).T
+    return Scatterers(*columns, np.full(len(rows), -1))
 
 
 def rows_of(found):
