@@ -43,6 +43,9 @@ REPEATING_RESPONSE = 0.8
 LOADING = 1e-3
 """Of unit responses: keeps the amplitudes of scatterers half a bin apart from cancelling each other."""
 
+LEAST_LOADING = 1e-9
+"""Of unit responses: keeps equations of nearly equal scatterers soluble; leaves nothing of an echo behind."""
+
 MAX_ROUNDS = 8
 """Rounds of the selection; four to six are usual."""
 
@@ -272,7 +275,9 @@ def _unexplained(scatterers: Scatterers, gated: GatedMap, system: System) -> Flo
     """Mean power per element (n,) that the map holds beside all echoes, around each scatterer."""
     patches = _read_patches(scatterers, gated)
     kernels = _kernels(scatterers, patches, gated.gate, system)
-    amplitude = _fit(*_matched_filters(patches, kernels), np.ones(len(scatterers), dtype=np.bool_))
+    everyone = np.ones(len(scatterers), dtype=np.bool_)
+    # What a loaded fit leaves of echoes 76 dB above the noise would count as unexplained.
+    amplitude = _fit(*_matched_filters(patches, kernels), everyone, LEAST_LOADING)
     misfit = patches.beam - _echoes(kernels, patches.direction_response * amplitude)
     power: Floats = np.mean(misfit.real**2 + misfit.imag**2, axis=(1, 2)) * gated.n_elements
     return power
@@ -348,10 +353,10 @@ def _known_apart(scatterers: Scatterers) -> NDArray[np.bool_]:
     return apart
 
 
-def _fit(matched: Complex, response: Complex, member: NDArray[np.bool_]) -> Complex:
+def _fit(matched: Complex, response: Complex, member: NDArray[np.bool_], loading: float = LOADING) -> Complex:
     """Amplitudes (n,) that explain all members' filter outputs together, 0 for the others."""
     amplitude = np.zeros_like(matched)
-    square = response[np.ix_(member, member)] + LOADING * np.eye(int(member.sum()))
+    square = response[np.ix_(member, member)] + loading * np.eye(int(member.sum()))
     amplitude[member] = np.linalg.solve(square, matched[member])
     return amplitude
 

@@ -66,7 +66,7 @@ def dirichlet_slopes(distance: ArrayLike, n: int) -> tuple[Floats, Floats, Float
     --------
     >>> value, slope, curvature = dirichlet_slopes([0.0, 1.0], 16)
     >>> value.round(12).tolist(), slope.round(4).tolist()
-    ([1.0, 0.0], [0.0, -1.0065])
+    ([1.0, 0.0], [-0.0, -1.0065])
     """
     distance = np.asarray(distance, dtype=np.float64)
     turns = np.rint(distance / n)

@@ -17,6 +17,7 @@ from isacbench.dsp.detection import (
     detect_listed,
     power_map,
     reference_noise,
+    white_noise,
 )
 from isacbench.dsp.kernels import dirichlet
 from isacbench.dsp.rangedoppler import GatedMap
@@ -150,6 +151,33 @@ def test_strong_movers_at_any_speed_of_the_region_do_not_reach_the_reference_noi
     before, after = (reference_noise(power, quiet.gate) for power in powers)
     assert after == pytest.approx(before, rel=0.03)
     assert powers[1].mean() > 10 * powers[0].mean()
+
+
+@pytest.mark.parametrize("noise_power", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("gate", [GATE, NO_CLEAR_BINS], ids=["clear", "no clear bins"])
+def test_white_noise_is_that_of_a_cell_and_element_of_the_untapered_map(gate, noise_power):
+    found = white_noise(GatedMap(np.sqrt(noise_power) * noise_cells(gate), gate))
+    # A median of gamma variates of 12 looks lies 3 % below their mean.
+    assert found == pytest.approx(noise_power, rel=0.08)
+
+
+@pytest.mark.parametrize("doppler", [-4.4, -1.7, 0.5, 2.5])
+@pytest.mark.parametrize("range_bin", [46.0, 55.4])
+def test_an_echo_70_db_above_the_noise_does_not_raise_white_noise(range_bin, doppler):
+    noise = noise_cells(GATE)
+    along_range = dirichlet(GATE.range_bins, [range_bin], 256)[:, 0] / 16
+    along_doppler = dirichlet(GATE.doppler_bins, [doppler], 1024)[:, 0].conj() / 32
+    echo = 10**3.5 * np.outer(along_range, along_doppler)[:, :, None, None]
+    quiet, loud = (white_noise(GatedMap(cells, GATE)) for cells in (noise, noise + echo))
+    bare = reference_noise(power_map(noise + echo, "noncoherent")[0], GATE)
+    assert bare > 10 * quiet
+    assert loud < 1.15 * quiet
+
+
+def test_without_clear_doppler_bins_white_noise_is_the_median_of_the_map():
+    gated = GatedMap(noise_cells(NO_CLEAR_BINS), NO_CLEAR_BINS)
+    power = np.mean(np.abs(gated.tapered("rect", "hann").cells) ** 2, axis=(2, 3))
+    assert white_noise(gated) == pytest.approx(np.median(power))
 
 
 def test_a_detector_that_takes_cells_is_asked_for_those_alone():

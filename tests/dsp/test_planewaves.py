@@ -92,6 +92,43 @@ def test_amplitudes_are_those_of_least_squares_on_all_elements(scene, seed):
     np.testing.assert_allclose(waves.amplitudes(cells)[0, 0], expected, atol=1e-8)
 
 
+@given(scene=scenes(), seed=st.integers(0, 999), n_found=st.integers(0, 4))
+def test_what_waves_leave_unexplained_is_the_residual_of_dense_least_squares(scene, seed, n_found):
+    u, w, gain = scene
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((2, N_P, N_Q)) + 1j * rng.standard_normal((2, N_P, N_Q))
+    cells = noise + np.concatenate([snapshot(u, w, gain), snapshot(u, w, 1j * gain)])
+    found = np.broadcast_to(np.arange(len(u)) < n_found, (2, len(u)))
+    waves = PlaneWaves(np.stack([u, u]), np.stack([w, w]), found)
+    for cell in range(2):
+        responses = np.zeros((N_P * N_Q, int(found[cell].sum())), dtype=complex)
+        for k in range(responses.shape[1]):
+            responses[:, k] = np.outer(steering(N_P, u[k]), steering(N_Q, w[k])).ravel()
+        amplitude = np.linalg.lstsq(responses, cells[cell].ravel(), rcond=None)[0]
+        left = np.mean(np.abs(cells[cell].ravel() - responses @ amplitude) ** 2)
+        assert waves.unexplained(cells)[cell] == pytest.approx(left, rel=1e-7)
+
+
+def test_exact_waves_leave_nothing_unexplained_and_no_waves_leave_all():
+    u, w, gain = np.array([-0.3, 0.4]), np.array([0.1, -0.5]), np.array([1.0, 2.0j])
+    cells = snapshot(u, w, gain)
+    for found, left in ((True, 0.0), (False, np.mean(np.abs(cells) ** 2))):
+        waves = PlaneWaves(u[None], w[None], np.full((1, 2), found))
+        assert waves.unexplained(cells) == pytest.approx([left], abs=1e-15)
+
+
+def test_waves_of_some_cells_stay_resolved_or_not():
+    u = np.arange(6.0).reshape(3, 2) / 10
+    keep = np.array([True, False, True])
+    waves = PlaneWaves(u, -u, u > 0.1, np.array([True, True, False]))
+    some = waves.select(keep)
+    assert some.u.tolist() == u[keep].tolist()
+    assert some.w.tolist() == (-u[keep]).tolist()
+    assert some.found.tolist() == (u > 0.1)[keep].tolist()
+    assert some.resolved.tolist() == [True, False]
+    assert PlaneWaves(u, -u, u > 0.1).select(keep).resolved is None
+
+
 def test_sources_that_share_a_column_or_a_row_are_told_apart():
     u, w, gain = np.array([-0.3, -0.3, 0.4]), np.array([-0.5, 0.2, 0.2]), np.array([1.0, 0.8j, -1.2])
     waves = pair_directions(snapshot(u, w, gain), candidates(u), candidates(w), **LIMITS)

@@ -1,5 +1,6 @@
 """Scatterers from plane waves: at home in their cell, placed along Doppler, and none twice."""
 
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -64,7 +65,8 @@ def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dyna
 
 def scatterers(*rows):
     """Scatterers from rows of range bin, Doppler bin, u, w and power."""
-    return Scatterers(*np.array(rows, dtype=float).reshape(-1, 5).T)
+    columns = np.array(rows, dtype=float).reshape(-1, 5).T
+    return Scatterers(*columns, np.full(len(rows), -1))
 
 
 def rows_of(found):
@@ -137,6 +139,77 @@ def test_what_is_no_plane_wave_is_no_scatterer():
     assert len(locate(waves, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0)) == 1
     none = PlaneWaves(waves.u, waves.w, np.zeros((1, 2), dtype=bool))
     assert len(locate(none, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0)) == 0
+
+
+@pytest.mark.parametrize("first_family", [0, 5])
+def test_waves_of_a_resolved_cell_are_one_family_and_those_of_others_none(first_family):
+    gated = gated_map([33, 33, 36, 39], [0] * 4, [-0.1, 0.1, 0.05, 0.0], [0.1, 0.2, 0.1, 0.2], [1.0] * 4)
+    bins = (np.array([33, 36, 39]), np.zeros(3, dtype=int))
+    u, w = np.array([[-0.1, 0.1], [0.05, 0], [0, 0]]), np.array([[0.1, 0.2], [0.1, 0], [0.2, 0]])
+    found = np.array([[True, True], [True, False], [True, False]])
+    waves = PlaneWaves(u, w, found, np.array([True, False, True]))
+    places = locate(waves, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0, first_family)
+    assert places.family.tolist() == [first_family, first_family, -1, first_family + 2]
+    unseen = PlaneWaves(u, w, found)
+    assert set(locate(unseen, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0).family) == {-1}
+
+
+def with_families(*family):
+    """Scatterers a range bin apart."""
+    rows = scatterers(*((30.0 + i, 1, 0.1, 0.2, 4.0 + i) for i in range(len(family))))
+    return replace(rows, family=np.array(family, dtype=np.int64))
+
+
+def test_joined_scatterers_stand_in_order_with_their_families():
+    first, second = with_families(0, -1), with_families(3)
+    joined = first.join(second)
+    assert joined.range_bin.tolist() == [30.0, 31.0, 30.0]
+    assert joined.power.tolist() == [4.0, 5.0, 4.0]
+    assert joined.family.tolist() == [0, -1, 3]
+    assert joined.family.dtype == np.int64
+
+
+def test_joining_none_changes_nothing():
+    some, none = with_families(2, -1), Scatterers.empty()
+    assert len(none) == len(none.join(none)) == 0
+    for joined in (some.join(none), none.join(some)):
+        assert rows_of(joined) == rows_of(some)
+        assert joined.family.tolist() == [2, -1]
+        assert joined.family.dtype == np.int64
+
+
+@pytest.mark.parametrize(("family", "expected"), [((), 0), ((-1, -1), 0), ((0, -1), 1), ((4, 2, 4), 5)])
+def test_the_next_family_is_new(family, expected):
+    assert with_families(*family).next_family == expected
+
+
+def test_those_who_are_picked_keep_their_family():
+    some = with_families(5, -1, 7)
+    assert some.select(np.array([True, False, True])).family.tolist() == [5, 7]
+    assert some.select(np.array([2, 0])).family.tolist() == [7, 5]
+
+
+@pytest.mark.parametrize("step_bins", [0.5, 0.3])
+def test_interleaved_candidates_lie_beside_each_without_power_or_family(step_bins):
+    some = with_families(5, -1, 7)
+    dense = some.interleaved(step_bins)
+    assert len(dense) == 9
+    first = dense.select(np.arange(3))
+    assert rows_of(first) == rows_of(some)
+    assert first.family.tolist() == [5, -1, 7]
+    new = dense.select(np.arange(3, 9))
+    assert not new.power.any()
+    assert set(new.family) == {-1}
+    expected = {(r + step, 1.0, 0.1, 0.2) for r in (30.0, 31.0, 32.0) for step in (-step_bins, step_bins)}
+    assert {*zip(new.range_bin, new.doppler_bin, new.u, new.w, strict=True)} == expected
+
+
+def test_an_interleaved_candidate_gives_way_to_the_scatterer_it_meets():
+    # Points half a bin apart: each candidate falls on a point or on another candidate.
+    line = scatterers(*((30 + 0.5 * i, 1, 0.1, 0.2, 2.0) for i in range(4)))
+    dense = merge_duplicates(line.interleaved(0.5))
+    assert sorted(dense.range_bin) == [29.5, 30.0, 30.5, 31.0, 31.5, 32.0]
+    assert np.sum(dense.power > 0) == 4
 
 
 # Steps that do not divide the duplicate cell: no pair lies on its border.
