@@ -2,20 +2,23 @@
 
 For every detected range-Doppler cell:
 
-1. Forward-backward smoothing over all subarrays of half the array and a
+1. Forward-backward smoothing over all subarrays of 5/8 of the array and a
    real eigendecomposition give the signal subspace; its dimension is the
-   number of eigenvalues that white noise does not reach, by default.
+   number of eigenvalues that noise does not reach, by default.
 2. The shift of the subarray along u and that along w give two small real
    matrices with common eigenvectors; the eigenvalues of the one plus j times
    the other hold u and w in pairs. No spectrum, no grid, no pairing step. Where
    the pairs are not reliable, the cell is solved anew with one source less.
-3. Maximum likelihood on the whole snapshot refines the directions together.
+3. In resolved cells, maximum likelihood on the whole snapshot refines the
+   directions together. In crowds, a cell is solved with fewer sources until
+   all lie where the region is (`isacbench_algorithms.jointsubspace`).
 
 What the cells show is then explained jointly (`isacbench_algorithms.cellwise`).
 
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them and k
 sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the subspaces,
-n (L M k² + k³) for the directions, and n (k P Q + k³) a step of the refinement.
+n (L M k² + k³) for the directions, and n (k P Q + k³) a step of the refinement,
+in each of three looks; then m (15 P Q + m²) for m candidates.
 
 Fails where the second eigenvalue drowns: two equal echoes in phase at the
 middle of the array and d Rayleigh cells apart leave one of about d⁴ / 20 of

@@ -1,18 +1,25 @@
-"""What `music2d_joint` and `esprit2d` share: planar subspaces, their order, and the fit of plane waves.
+"""What `music2d_joint` and `esprit2d` share: planar subspaces, resolved cells, and crowds.
 
-For every detected range-Doppler cell:
+The detected cells are looked at three times (`isacbench_algorithms.cellwise`):
 
-1. All subarrays of the P x Q snapshot, forwards and backwards, give one real
-   covariance; its largest eigenvectors span the signal subspace.
-2. The estimator itself finds starts for the directions in that subspace.
-3. Maximum likelihood refines the directions together on the whole snapshot,
-   which has twice the aperture of a subarray. Weak waves and pairs that noise
-   does not tell apart leave.
+1. *Resolved cells.* All subarrays of a cell's P x Q snapshot, forwards and
+   backwards, give one real covariance, whose largest eigenvectors span the
+   signal subspace. Its order is tested against white noise: two echoes in phase
+   a quarter of a Rayleigh cell apart leave a second eigenvalue 37 dB below the
+   first. The estimator finds starts for the directions in that subspace, and
+   maximum likelihood refines them on the whole snapshot. What comes out counts
+   only where it explains the cell down to the noise.
+2. *Crowds*, where it does not: more echoes than can be told apart, and a
+   search as fine as the first invents ghosts. Three neighbouring range cells
+   behind low sidelobes give one covariance, whose order is tested against the
+   leakage of the strongest cells.
+3. The same on single cells, for what the second look has left unexplained.
 
-The order is tested against white noise, not against the leakage of strong
-cells: two echoes in phase a quarter of a Rayleigh cell apart leave a second
-eigenvalue 37 dB below the first. What leakage adds has little power, and is
-dropped by its power.
+If the scatterers selected from all three explain the map down to the noise,
+they are moved together in range, velocity, u and w to the least-squares fit,
+which brings them to the Cramér-Rao bound. Otherwise there is a crowd: selected
+scatterers are interleaved with candidates half a range bin away, selected anew,
+and refined in range and velocity alone.
 """
 
 from __future__ import annotations
@@ -100,8 +107,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
         the sorted eigenvalues, minimum description length, or Akaike's
         criterion.
     polish : int
-        Most steps of maximum likelihood; 0 leaves directions as they come
-        out of the subspace.
+        Most steps of maximum likelihood in resolved cells; 0 leaves directions
+        as they come out of the subspace.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`. `max_sources` is
         also the largest dimension of a signal subspace.

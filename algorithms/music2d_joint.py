@@ -7,9 +7,11 @@ For every detected range-Doppler cell:
 2. The joint spectrum is evaluated over the directions that the region spans,
    separably, and its deepest nulls placed off the grid by Newton's method. A
    pair has one null: nothing is to be paired, and there are no ghosts.
-3. Where the subspace has more dimensions than the spectrum has nulls, sources
-   share one. The flattest null is split along the axis along which it is flat.
-4. Maximum likelihood on the whole snapshot refines the directions together.
+3. In resolved cells (`isacbench_algorithms.jointsubspace`), where the subspace
+   has more dimensions than the spectrum has nulls, sources share one. The
+   flattest null is split along the axis along which it is flat.
+4. There, maximum likelihood on the whole snapshot refines the directions
+   together. In crowds, the nulls are taken as they are.
 
 What the cells show is then explained jointly (`isacbench_algorithms.cellwise`).
 
@@ -19,7 +21,7 @@ a null is no power of noise, and the order says how many nulls count.
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them, g x h
 grid points and k sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the
 subspaces, n k h L (M + g) for the spectra, and n (k P Q + k³) a step of the
-refinement.
+refinement, in each of three looks; then m (15 P Q + m²) for m candidates.
 
 Fails where the second eigenvalue drowns: two equal echoes in phase at the
 middle of the array and d Rayleigh cells apart leave one of about d⁴ / 20 of
