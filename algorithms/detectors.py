@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -27,11 +28,47 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    Power = NDArray[np.floating]
+
 __all__ = ["CaCfar", "GocaCfar", "OsCfar", "OscaCfar", "SocaCfar", "TmCfar"]
 
 
+class _Cfar(ABC):
+    """The test that all detectors share."""
+
+    def detect(self, power: Power, looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map, see `isacbench.dsp.cfar`.
+
+        Parameters
+        ----------
+        power : ndarray of real numbers
+            Power map of any rank, any unit.
+        looks : int, default 1
+            Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; without it all.
+
+        Returns
+        -------
+        Detection
+            Mask, thresholds and noise, of the map's shape, or of shape (n,)
+            for n listed cells.
+
+        Raises
+        ------
+        InputError
+            If map, `looks` or `cells` are bad, or the window larger than the
+            map.
+        """
+        return self._test(power, looks, cells)
+
+    @abstractmethod
+    def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
+        """Test cells with the parameters."""
+
+
 @dataclass(frozen=True)
-class _FramedCfar:
+class _FramedCfar(_Cfar):
     """Parameters of detectors whose training cells frame the cell under test.
 
     Attributes
@@ -91,30 +128,7 @@ class CaCfar(_FramedCfar):
 
     name: ClassVar[str] = "ca"
 
-    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
-        """Test cells of a power map, see `isacbench.dsp.cfar.ca_cfar`.
-
-        Parameters
-        ----------
-        power : ndarray of real numbers
-            Power map of any rank, any unit.
-        looks : int, default 1
-            Independent noise powers that each cell averages.
-        cells : tuple of ndarray of int, optional
-            Cells to test, as `numpy.nonzero` gives them; without it all.
-
-        Returns
-        -------
-        Detection
-            Mask, thresholds and noise, of the map's shape, or of shape (n,)
-            for n listed cells.
-
-        Raises
-        ------
-        InputError
-            If map, `looks` or `cells` are bad, or the window larger than the
-            map.
-        """
+    def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
         return ca_cfar(power, self.training, self.guard, self.pfa, self.threshold, looks, cells)
 
 
@@ -155,37 +169,14 @@ class OsCfar(_FramedCfar):
         super().__post_init__()
         check_fraction("rank_fraction", self.rank_fraction, 0, 1)
 
-    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
-        """Test cells of a power map, see `isacbench.dsp.cfar.os_cfar`.
-
-        Parameters
-        ----------
-        power : ndarray of real numbers
-            Power map of any rank, any unit.
-        looks : int, default 1
-            Independent noise powers that each cell averages.
-        cells : tuple of ndarray of int, optional
-            Cells to test, as `numpy.nonzero` gives them; without it all.
-
-        Returns
-        -------
-        Detection
-            Mask, thresholds and noise, of the map's shape, or of shape (n,)
-            for n listed cells.
-
-        Raises
-        ------
-        InputError
-            If map, `looks` or `cells` are bad, or the window larger than the
-            map.
-        """
+    def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
         return os_cfar(
             power, self.training, self.guard, self.pfa, self.threshold, looks, self.rank_fraction, cells
         )
 
 
 @dataclass(frozen=True)
-class OscaCfar:
+class OscaCfar(_Cfar):
     """Order statistic along range in each Doppler column, averaged across the columns.
 
     With ``order_axis=1`` the two axes change places: the order statistic runs
@@ -237,30 +228,7 @@ class OscaCfar:
         check_threshold(self.threshold)
         checked_axis("order_axis", self.order_axis)
 
-    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
-        """Test cells of a power map, see `isacbench.dsp.cfar.osca_cfar`.
-
-        Parameters
-        ----------
-        power : ndarray of real numbers
-            Power map of any rank, any unit.
-        looks : int, default 1
-            Independent noise powers that each cell averages.
-        cells : tuple of ndarray of int, optional
-            Cells to test, as `numpy.nonzero` gives them; without it all.
-
-        Returns
-        -------
-        Detection
-            Mask, thresholds and noise, of the map's shape, or of shape (n,)
-            for n listed cells.
-
-        Raises
-        ------
-        InputError
-            If map, `looks` or `cells` are bad, or the window larger than the
-            map.
-        """
+    def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
         return osca_cfar(
             power, self.training, self.guard, self.pfa, self.threshold, looks, self.order_axis, cells
         )
@@ -304,30 +272,7 @@ class GocaCfar(_FramedCfar):
         super().__post_init__()
         checked_axis("split_axis", self.split_axis)
 
-    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
-        """Test cells of a power map, see `isacbench.dsp.cfar.goca_cfar`.
-
-        Parameters
-        ----------
-        power : ndarray of real numbers
-            Power map of any rank, any unit.
-        looks : int, default 1
-            Independent noise powers that each cell averages.
-        cells : tuple of ndarray of int, optional
-            Cells to test, as `numpy.nonzero` gives them; without it all.
-
-        Returns
-        -------
-        Detection
-            Mask, thresholds and noise, of the map's shape, or of shape (n,)
-            for n listed cells.
-
-        Raises
-        ------
-        InputError
-            If map, `looks` or `cells` are bad, or the window larger than the
-            map.
-        """
+    def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
         return goca_cfar(
             power, self.training, self.guard, self.pfa, self.threshold, looks, self.split_axis, cells
         )
@@ -371,30 +316,7 @@ class SocaCfar(_FramedCfar):
         super().__post_init__()
         checked_axis("split_axis", self.split_axis)
 
-    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
-        """Test cells of a power map, see `isacbench.dsp.cfar.soca_cfar`.
-
-        Parameters
-        ----------
-        power : ndarray of real numbers
-            Power map of any rank, any unit.
-        looks : int, default 1
-            Independent noise powers that each cell averages.
-        cells : tuple of ndarray of int, optional
-            Cells to test, as `numpy.nonzero` gives them; without it all.
-
-        Returns
-        -------
-        Detection
-            Mask, thresholds and noise, of the map's shape, or of shape (n,)
-            for n listed cells.
-
-        Raises
-        ------
-        InputError
-            If map, `looks` or `cells` are bad, or the window larger than the
-            map.
-        """
+    def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
         return soca_cfar(
             power, self.training, self.guard, self.pfa, self.threshold, looks, self.split_axis, cells
         )
@@ -438,30 +360,7 @@ class TmCfar(_FramedCfar):
         super().__post_init__()
         check_trim(self.trim_low, self.trim_high)
 
-    def detect(self, power: NDArray[np.floating], looks: int = 1, cells: Cells | None = None) -> Detection:
-        """Test cells of a power map, see `isacbench.dsp.cfar.tm_cfar`.
-
-        Parameters
-        ----------
-        power : ndarray of real numbers
-            Power map of any rank, any unit.
-        looks : int, default 1
-            Independent noise powers that each cell averages.
-        cells : tuple of ndarray of int, optional
-            Cells to test, as `numpy.nonzero` gives them; without it all.
-
-        Returns
-        -------
-        Detection
-            Mask, thresholds and noise, of the map's shape, or of shape (n,)
-            for n listed cells.
-
-        Raises
-        ------
-        InputError
-            If map, `looks` or `cells` are bad, or the window larger than the
-            map.
-        """
+    def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
         return tm_cfar(
             power,
             self.training,
