@@ -66,7 +66,7 @@ INTERLEAVINGS = 2
 INTERLEAVED_BINS = 0.5
 """Range bins between a scatterer and the candidates that are put beside it."""
 
-INTERLEAVED_DYNAMIC_RANGE_DB = 25.0
+INTERLEAVED_DYNAMIC_RANGE_DB = 23.0
 """Local dynamic range among interleaved scatterers, which share the directions of selected ones."""
 
 MOST_UNEXPLAINED = 1.5
