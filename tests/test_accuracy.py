@@ -1,13 +1,18 @@
-"""The accuracy that music2d has to reach on the street, over ten trials at full size."""
+"""The accuracy that music2d and esprit2d have to reach on the street, over some trials at full size."""
 
+from functools import cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.oracle import Oracle
 from scipy.stats import ttest_rel
 
+from isacbench.metrics.clouds import cloud_scores
 from isacbench.metrics.deviation import Deviation, paper_deviation
 from isacbench.model.echo import Simulator
 from isacbench.model.scenario import load_scenario
@@ -85,3 +90,61 @@ def test_music2d_is_no_worse_than_fft4d_trial_by_trial(scenario, snr_db):
     music, fft = (sums(scenario, name, snr_db) for name in ("music2d", "fft4d"))
     assert chance_of_being_greater(music, fft) > SIGNIFICANCE
     assert np.mean(music - fft) <= 0
+
+
+class Means(NamedTuple):
+    """Scores of an estimator, means over trials."""
+
+    hausdorff_sum_m: float
+    density: float
+    velocity_nmse: float
+    gospa_m: float
+    precision: float
+
+
+N_STREET_TRIALS = 5
+
+
+@cache
+def street_means(snr_db):
+    """Means of esprit2d and of the oracle on the same observations of the street."""
+    scenario = load_scenario("street")
+    simulator, truth, region = Simulator(scenario), scenario.truth, scenario.region
+    rows = {"esprit2d": [], "oracle": []}
+    for trial in range(N_STREET_TRIALS):
+        observation = simulator.observe(snr_db, trial)
+        clouds = {
+            "esprit2d": Esprit2d().estimate(observation),
+            "oracle": Oracle().estimate(observation, truth),
+        }
+        for name, cloud in clouds.items():
+            found = paper_deviation(truth, cloud, region, scenario.system.velocity_bin_mps)
+            others = cloud_scores(truth, cloud, region)
+            rows[name].append(
+                Means(
+                    found.hausdorff_sum_m,
+                    found.density,
+                    found.velocity_nmse,
+                    others.gospa_m,
+                    others.precision,
+                )
+            )
+    return {name: Means(*np.mean(scores, axis=0)) for name, scores in rows.items()}
+
+
+@pytest.mark.parametrize("score", ["hausdorff_sum_m", "gospa_m"])
+def test_esprit2d_images_the_street_no_worse_than_one_point_a_rayleigh_cell(score):
+    means = street_means(10.0)
+    assert getattr(means["esprit2d"], score) <= getattr(means["oracle"], score)
+
+
+def test_the_number_speeds_and_precision_of_esprit2d_are_reached():
+    means = street_means(10.0)["esprit2d"]
+    assert means.density <= 0.65
+    assert means.velocity_nmse <= 1e-3
+    assert means.precision >= 0.95
+
+
+def test_in_much_noise_esprit2d_stays_near_one_point_a_rayleigh_cell():
+    means = street_means(-20.0)
+    assert means["esprit2d"].hausdorff_sum_m <= 1.3 * means["oracle"].hausdorff_sum_m

@@ -194,12 +194,13 @@ def merge_duplicates(scatterers: Scatterers) -> Scatterers:
     """Keep the strongest of scatterers within 0.3 bins in range and Doppler and 0.01 in u and w.
 
     Stronger scatterers decide first, so that a chain of neighbours is thinned
-    out and not merged into one.
+    out and not merged into one. A family is as strong as its strongest: where
+    two cells have resolved the same scatterers, those of one cell are kept.
     """
     points = np.column_stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w])
     pairs = cKDTree(points / DUPLICATE_CELL).query_pairs(1.0, p=np.inf, output_type="ndarray")
     rank = np.empty(len(scatterers), dtype=np.int64)
-    rank[np.argsort(-scatterers.power, kind="stable")] = np.arange(len(scatterers))
+    rank[np.lexsort((-scatterers.power, -_family_power(scatterers)))] = np.arange(len(scatterers))
     swap = rank[pairs[:, 0]] > rank[pairs[:, 1]]
     pairs[swap] = pairs[swap][:, ::-1]
     alive = np.ones(len(scatterers), dtype=np.bool_)
@@ -207,3 +208,13 @@ def merge_duplicates(scatterers: Scatterers) -> Scatterers:
         if alive[stronger]:
             alive[weaker] = False
     return scatterers.select(alive)
+
+
+def _family_power(scatterers: Scatterers) -> Floats:
+    """Power (n,) of the strongest of each scatterer's family, its own where it has none."""
+    related = scatterers.family >= 0
+    strongest = np.zeros(scatterers.next_family)
+    np.maximum.at(strongest, scatterers.family[related], scatterers.power[related])
+    power = scatterers.power.copy()
+    power[related] = strongest[scatterers.family[related]]
+    return power

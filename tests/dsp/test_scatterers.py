@@ -260,5 +260,26 @@ def test_of_equals_one_is_left():
     assert len(merge_duplicates(scatterers(*[(30, 1, 0.1, 0.2, 5.0)] * 4))) == 1
 
 
+def test_of_two_cells_that_resolve_the_same_pair_one_is_heard():
+    # The cell that holds the strongest wave has the weaker estimate of the second.
+    twice = scatterers(
+        (30, 1, 0.100, 0.2, 9.0),
+        (30, 1, 0.130, 0.2, 4.0),
+        (30.1, 1, 0.105, 0.2, 8.0),
+        (30.1, 1, 0.127, 0.2, 5.0),
+    )
+    alike = replace(twice, family=np.array([3, 3, 8, 8]))
+    assert merge_duplicates(alike).family.tolist() == [3, 3]
+    # Without families each point is for itself.
+    assert merge_duplicates(twice).power.tolist() == [9.0, 5.0]
+
+
+def test_what_the_stronger_cell_has_not_seen_is_kept():
+    rows = scatterers((30, 1, 0.1, 0.2, 9.0), (30.1, 1, 0.105, 0.2, 8.0), (30.1, 1, 0.127, 0.2, 5.0))
+    merged = merge_duplicates(replace(rows, family=np.array([3, 8, 8])))
+    assert merged.power.tolist() == [9.0, 5.0]
+    assert merged.family.tolist() == [3, 8]
+
+
 def test_no_scatterers_merge_into_none():
     assert len(merge_duplicates(scatterers())) == 0

@@ -1,0 +1,203 @@
+"""`music2d_joint` and `esprit2d` from echo to image: close pairs, the Cramér-Rao bound, symmetries."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+
+from isacbench.bench.cell import Shot
+from isacbench.bench.efficiency import BOUNDS, ERRORS
+from isacbench.bench.efficiency import measure as measure_error
+from isacbench.bench.radio import DIMENSIONS, draw_place, gain_db, space_places
+from isacbench.bench.resolution import measure as measure_pair
+from isacbench.bench.resolution import pair
+from isacbench.dsp.kernels import steering
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scenario import load_scenario
+from isacbench.model.scene import Scatterers, Scenario
+
+BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
+AXES = pytest.mark.parametrize("dimension", ["u", "w"])
+
+
+def image(scenario, estimator, gained_db, trial):
+    """Shot of a scenario at an SNR after all gains of one unit scatterer."""
+    snr_db = gained_db - gain_db(scenario)
+    observation = Simulator(scenario).observe(snr_db, trial)
+    return Shot(scenario, observation, estimator, snr_db, estimator.estimate(observation))
+
+
+def close_pairs(estimator, dimension, phase_deg, trials):
+    """Images of two a quarter of a Rayleigh cell apart, 60 dB above the noise, that show both, no third."""
+    template, n_found = load_scenario("single"), 0
+    for trial in trials:
+        centre = draw_place(template, trial, 1, 0.625)
+        scenario = pair(template, "pair", centre, dimension, 0.25, phase_deg)
+        found = measure_pair(dimension, image(scenario, estimator, 60.0, trial))
+        n_found += found["resolved"] and not found["n_false"]
+    return n_found
+
+
+@BOTH
+@AXES
+@pytest.mark.parametrize("phase_deg", [0, 180])
+def test_a_pair_that_a_cell_resolves_is_in_the_image(estimator, dimension, phase_deg):
+    assert close_pairs(estimator(), dimension, phase_deg, range(2)) == 2
+
+
+@pytest.mark.slow
+@BOTH
+@AXES
+@pytest.mark.parametrize("phase_deg", range(0, 360, 45))
+def test_of_close_pairs_nine_in_ten_are_in_the_image_whatever_their_phase(estimator, dimension, phase_deg):
+    assert close_pairs(estimator(), dimension, phase_deg, range(20)) >= 18
+
+
+def one_scatterer(trial):
+    """Scenario `single` with one unit scatterer at a place that knows no grid."""
+    template = load_scenario("single")
+    xyz, velocity = space_places(template, draw_place(template, trial, 0, 0.5)[None])
+    return replace(template, scatterers=Scatterers(xyz, velocity, np.ones(1)))
+
+
+def errors_over_bound(estimator, gained_db, trials):
+    """Errors (trial, dimension) in standard deviations of the bound; each image must hold the one point."""
+    rows = []
+    for trial in trials:
+        measured = measure_error(image(one_scatterer(trial), estimator, gained_db, trial))
+        assert measured["hit"]
+        assert not measured["n_false"]
+        rows.append([measured[error] / measured[bound] for error, bound in zip(ERRORS, BOUNDS, strict=True)])
+    return np.array(rows)
+
+
+@pytest.mark.slow
+@BOTH
+@pytest.mark.parametrize("gained_db", [25.0, 35.0, 45.0, 60.0])
+def test_directions_of_one_scatterer_err_by_less_than_1_3_of_the_cramer_rao_bound(estimator, gained_db):
+    errors = errors_over_bound(estimator(), gained_db, range(60))
+    ratio = dict(zip(DIMENSIONS, np.sqrt(np.mean(errors**2, axis=0)), strict=True))
+    assert ratio["u"] < 1.3
+    assert ratio["w"] < 1.3
+
+
+@BOTH
+def test_errors_scale_with_the_noise_however_strong_the_echo_is(estimator):
+    some, strong = (errors_over_bound(estimator(), gained_db, range(3)) for gained_db in (50.0, 100.0))
+    np.testing.assert_allclose(strong, some, atol=0.05)
+    assert np.abs(some).max() < 4
+
+
+SYSTEM = System(n_subcarriers=256, n_symbols=64)
+BASE_M = np.array([15.0, 100.0, 20.0])
+REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
+FEW_M = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0]])
+# Two lines, of which every cell holds several points.
+LINES_M = np.concatenate(
+    [
+        np.linspace([10.0, 20.0, 2.0], [11.0, 29.0, 2.5], 60),
+        np.linspace([20.0, 12.0, 1.0], [19.0, 15.0, 12.0], 30),
+    ]
+)
+SCENES = pytest.mark.parametrize("xyz", [FEW_M, LINES_M], ids=["few", "crowd"])
+
+
+def simulator(xyz):
+    """Simulator of a scene in front of a 16 x 16 array."""
+    velocity = np.where(np.arange(len(xyz)) % 4 == 3, 13.3, 0.0)
+    amplitude = 1 + np.arange(len(xyz)) % 3 / 4
+    return Simulator(
+        Scenario(
+            name="scene",
+            system=SYSTEM,
+            array=VirtualArray((1, 1), (16, 16), 1, 1),
+            frame=get_frame("panel"),
+            base_station_m=BASE_M,
+            region=REGION,
+            scatterers=Scatterers(xyz, velocity, amplitude),
+        )
+    )
+
+
+def rows_of(cloud):
+    """Rows x, y, z, v and power in a fixed order."""
+    rows = cloud.to_array()
+    return rows[np.lexsort(rows[:, :4].round(6).T)]
+
+
+@BOTH
+@SCENES
+def test_the_order_of_scatterers_does_not_matter(estimator, xyz):
+    scene = simulator(xyz)
+    order = np.random.default_rng(0).permutation(len(xyz))
+    shuffled = replace(scene.scenario, scatterers=permuted(scene.scenario.scatterers, order))
+    expected = rows_of(estimator().estimate(scene.observe(20.0)))
+    found = rows_of(estimator().estimate(Simulator(shuffled).observe(20.0)))
+    assert len(expected) >= len(FEW_M)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
+
+
+def permuted(scatterers, order):
+    """Scatterers in another order."""
+    return Scatterers(scatterers.xyz[order], scatterers.velocity[order], scatterers.amplitude[order])
+
+
+@BOTH
+@SCENES
+@pytest.mark.parametrize("exponent", [-40, 1, 40])
+def test_a_power_of_two_on_the_echo_scales_powers_and_nothing_else(estimator, xyz, exponent):
+    observation = simulator(xyz).observe(20.0)
+    scaled = replace(observation, cells=2.0**exponent * observation.cells)
+    expected = rows_of(estimator().estimate(observation))
+    found = rows_of(estimator().estimate(scaled))
+    np.testing.assert_allclose(found[:, :4], expected[:, :4], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found[:, 4], 4.0**exponent * expected[:, 4], rtol=1e-6)
+
+
+@cache
+def empty():
+    """Observation of noise, whose region spans some directions only."""
+    return simulator(np.empty((0, 3))).observe(0.0)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    n_waves=st.integers(1, 12),
+    n_snapshots=st.sampled_from([1, 3]),
+    spread=st.floats(0.01, 1.0),
+    seed=st.integers(0, 9999),
+)
+def test_directions_that_esprit_takes_from_a_crowd_lie_inside_the_region(n_waves, n_snapshots, spread, seed):
+    rng = np.random.default_rng(seed)
+    n_cells = 5
+    u, w = spread * rng.uniform(-1, 1, (2, n_cells, n_snapshots, n_waves))
+    gain = rng.standard_normal((n_cells, n_snapshots, n_waves)) + 1j * rng.standard_normal(u.shape)
+    snapshots = np.einsum("nsk,nskp,nskq->nspq", 10 * gain, steering(16, u), steering(16, w))
+    noise = rng.standard_normal(snapshots.shape) + 1j * rng.standard_normal(snapshots.shape)
+    method, observation = Esprit2d(), empty()
+    waves = method.crowd_directions(observation, method.subspaces(snapshots + noise, 2.0))
+    for places, (lower, upper) in zip((waves.u, waves.w), observation.cosine_limits, strict=True):
+        assert (places[waves.found] >= lower).all()
+        assert (places[waves.found] <= upper).all()
+    # Nothing that a crowd shows is split: there are at most as many directions as dimensions.
+    assert (waves.found.sum(axis=1) <= method.subspaces(snapshots + noise, 2.0).order).all()
+
+
+def test_where_all_directions_lie_inside_the_region_esprit_keeps_them():
+    method, observation = Esprit2d(), empty()
+    (lower_u, upper_u), (lower_w, upper_w) = observation.cosine_limits
+    u = np.array([0.8 * lower_u + 0.2 * upper_u, 0.2 * lower_u + 0.8 * upper_u])
+    w = np.array([0.7 * lower_w + 0.3 * upper_w, 0.3 * lower_w + 0.7 * upper_w])
+    snapshot = np.einsum("k,kp,kq->pq", [10.0, 10.0j], steering(16, u), steering(16, w))
+    waves = method.crowd_directions(observation, method.subspaces(snapshot[None, None], 1.0))
+    assert waves.found.tolist() == [[True, True]]
+    np.testing.assert_allclose(np.sort(waves.u[0]), np.sort(u), atol=1e-6)
