@@ -47,7 +47,7 @@ STEERING_SAMPLES = 8
 
 
 class Line(NamedTuple):
-    """Factors of n atoms along one coordinate, and their derivatives by the place, each of shape (n, size)."""
+    """Factors of n atoms along one coordinate and their derivatives by the place, each (n, size)."""
 
     value: Floats
     slope: Floats
@@ -281,7 +281,8 @@ class AtomMap:
     def _real_rows(self) -> Floats:
         """The map as real rows, one a range bin: the kernels are real, and so is the product with them."""
         rows = np.ascontiguousarray(self.cells).reshape(self.range_bins.size, -1)
-        return rows.view(np.float64)
+        real: Floats = rows.view(np.float64)
+        return real
 
 
 def _mirror_transform(n: int) -> Complex:
@@ -300,7 +301,7 @@ def _real_steering(n: int, places: Floats) -> Line:
 
 
 def _steering_basis(n: int, limits: Interval | None) -> Floats:
-    """Orthonormal basis (n, m) of the real steering vectors between two direction cosines and a little beyond."""
+    """Orthonormal basis (n, m) of the real steering vectors between two cosines and a little beyond."""
     if limits is None:
         return np.eye(n)
     lower, upper = (n / 2 * limits[0] - MARGIN_CELLS, n / 2 * limits[1] + MARGIN_CELLS)

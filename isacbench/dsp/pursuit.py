@@ -118,10 +118,7 @@ class BeamSpace:
             for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:] / BEAMS_A_CELL, strict=True)
         )
         towards_u, towards_w = atom_map.line(u, 2).value, atom_map.line(w, 3).value
-        reach = tuple(
-            slice(max(reachable.start - MARGIN_BINS, 0), reachable.stop + MARGIN_BINS)
-            for reachable in (gate.reachable_range, gate.reachable_doppler)
-        )
+        reach = _around(gate.reachable_range), _around(gate.reachable_doppler)
         return cls(atom_map, reach, u, w, towards_u @ (atom_map.cells[reach] @ towards_w.T))
 
     @property
@@ -190,6 +187,11 @@ class BeamSpace:
             index.append(np.clip(np.rint(steps).astype(np.int64), 0, axis.size - 1))
         around: Floats = mean[tuple(index)]
         return around
+
+
+def _around(reachable: slice) -> slice:
+    """Bins in which echoes from reachable ones show."""
+    return slice(max(reachable.start - MARGIN_BINS, 0), reachable.stop + MARGIN_BINS)
 
 
 def _halved(beams: Complex, axis: int) -> Complex:
