@@ -144,7 +144,7 @@ class Nomp4d:
         PointCloud
         """
         gated = GatedMap(observation.cells, observation.gate)
-        atom_map = AtomMap.from_map(gated, observation.system)
+        atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
         fit = self._pursue(atom_map, observation, white_noise(gated))
         if fit is None:
             return PointCloud.empty()
@@ -154,7 +154,7 @@ class Nomp4d:
 
     def _pursue(self, atom_map: AtomMap, observation: Observation, noise: float) -> AtomFit | None:
         """Make moves until none is left, then refine; None where nothing was found."""
-        space = BeamSpace.from_map(atom_map, observation.cosine_limits)
+        space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
         threshold = noise * np.log(space.n_independent / self.pfa)
         atoms = _Atoms(np.empty((0, N_COORDINATES)), np.empty((0, N_COORDINATES)))
         fit: AtomFit | None = None

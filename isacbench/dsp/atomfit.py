@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.atoms import N_COORDINATES, AtomMap, Correlations, product_matrix
+from isacbench.dsp.atoms import N_COORDINATES, AtomMap, Correlations, Lines, product_matrix
 
 __all__ = ["AtomFit", "fit_atoms", "refine_atoms", "refit_atoms"]
 
@@ -96,7 +96,8 @@ def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
     -------
     AtomFit
     """
-    return _fit(atom_map, places, atom_map.correlate(places))
+    lines = atom_map.lines(places)
+    return _fit(atom_map, places, lines, atom_map.correlate(lines))
 
 
 def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: NDArray[np.bool_], places: Floats) -> AtomFit:
@@ -119,19 +120,19 @@ def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: NDArray[np.bool_], places
     known = fit.correlations.select(keep)
     moved = np.any(places[keep] != fit.places[keep], axis=1)
     if moved.any():
-        fresh = atom_map.correlate(places[keep][moved])
+        fresh = atom_map.correlate(atom_map.lines(places[keep][moved]))
         known.value[moved], known.slope[moved] = fresh.value, fresh.slope
-    return _fit(atom_map, places[keep], known)
+    return _fit(atom_map, places[keep], atom_map.lines(places[keep]), known)
 
 
-def _fit(atom_map: AtomMap, places: Floats, correlations: Correlations) -> AtomFit:
+def _fit(atom_map: AtomMap, places: Floats, lines: Lines, correlations: Correlations) -> AtomFit:
     n = len(places)
-    lines = atom_map.products(places)
-    gram = product_matrix(lines, None, None) + LOADING * np.eye(n)
-    mixed = np.concatenate([product_matrix(lines, None, axis) for axis in range(N_COORDINATES)], axis=1)
+    products = atom_map.products(lines)
+    gram = product_matrix(products, None, None) + LOADING * np.eye(n)
+    mixed = np.concatenate([product_matrix(products, None, axis) for axis in range(N_COORDINATES)], axis=1)
     slopes = np.block(
         [
-            [product_matrix(lines, left, right) for right in range(N_COORDINATES)]
+            [product_matrix(products, left, right) for right in range(N_COORDINATES)]
             for left in range(N_COORDINATES)
         ]
     )

@@ -6,12 +6,19 @@ direction cosine. Along each coordinate it is a wave over an aperture, and all
 apertures are referred to their middle here. Then an atom is orthogonal to its
 own slopes, and all products between atoms and slopes are real, so that joint
 fits of many atoms cost a few real matrices of their number squared.
+
+Even the atoms are real: behind the transforms along range and Doppler they are
+real kernels, and steering vectors become real by a unitary transform that
+mixes each element with its mirror image. Where the directions are known to lie
+between limits, the few dimensions that such steering vectors span are all that
+is kept of the array.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +26,9 @@ from numpy.typing import NDArray
 from isacbench.dsp.kernels import dirichlet_slopes
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.numerology import System
+from isacbench.model.region import Interval
 
-__all__ = ["N_COORDINATES", "AtomMap", "Correlations", "LineProducts", "product_matrix"]
+__all__ = ["N_COORDINATES", "AtomMap", "Correlations", "Line", "LineProducts", "Lines", "product_matrix"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -28,27 +36,47 @@ Complex = NDArray[np.complex128]
 N_COORDINATES = 4
 """Range, Doppler, u and w, in this order everywhere."""
 
+MARGIN_CELLS = 1.0
+"""Rayleigh cells beyond the limits of u and w in which steering vectors are kept."""
+
+NEGLIGIBLE = 1e-3
+"""Singular value, relative to the largest, below which a dimension of the steering vectors is left out."""
+
+STEERING_SAMPLES = 8
+"""Steering vectors a Rayleigh cell from which their dimensions are found."""
+
+
+class Line(NamedTuple):
+    """Factors of n atoms along one coordinate and their derivatives by the place, each (n, size)."""
+
+    value: Floats
+    slope: Floats
+    curvature: Floats
+
+
+Lines = tuple[Line, Line, Line, Line]
+"""Factors of atoms along range, Doppler, u and w."""
+
 
 @dataclass(frozen=True, eq=False)
 class Correlations:
-    """Products of n atoms and of their derivatives with a map.
+    """Products of n atoms and of their slopes with a map.
 
     Attributes
     ----------
     value : ndarray of complex128, shape (n,)
         Outputs of the matched filters.
-    slope, curvature : ndarray of complex128, shape (n, 4)
-        The same of the first and of the second derivatives along each
-        coordinate, per Rayleigh cell.
+    slope : ndarray of complex128, shape (n, 4)
+        The same of the first derivatives along each coordinate, per Rayleigh
+        cell.
     """
 
     value: Complex
     slope: Complex
-    curvature: Complex
 
     def select(self, keep: NDArray[np.bool_]) -> Correlations:
         """Copies of those of some atoms."""
-        return Correlations(self.value[keep], self.slope[keep], self.curvature[keep])
+        return Correlations(self.value[keep], self.slope[keep])
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +100,18 @@ class LineProducts:
 
 @dataclass(frozen=True, eq=False)
 class AtomMap:
-    """A gated map, its apertures referred to their middle.
+    """A gated map in which all atoms are real.
 
     Attributes
     ----------
-    cells : ndarray of complex128, shape (n_range, n_doppler, P, Q)
+    cells : ndarray of complex128, shape (n_range, n_doppler, n_u, n_w)
+        Apertures referred to their middle, the array in its bases.
     range_bins, doppler_bins : ndarray of float64
         Bins of the first two axes.
     n_subcarriers, n_symbols : int
         Lengths of the transforms that the bins come from.
+    bases : (ndarray of float64, ndarray of float64), shapes (P, n_u) and (Q, n_w)
+        Orthonormal, of the real steering vectors along u and w.
     """
 
     cells: Complex
@@ -88,15 +119,21 @@ class AtomMap:
     doppler_bins: Floats
     n_subcarriers: int
     n_symbols: int
+    bases: tuple[Floats, Floats]
 
     @classmethod
-    def from_map(cls, gated: GatedMap, system: System) -> AtomMap:
+    def from_map(
+        cls, gated: GatedMap, system: System, cosine_limits: tuple[Interval, Interval] | None = None
+    ) -> AtomMap:
         """Refer an untapered map to the middle of its apertures.
 
         Parameters
         ----------
         gated : GatedMap
         system : System
+        cosine_limits : (Interval, Interval), optional
+            Lowest and highest u, and w, between which echoes are of interest;
+            the rest of the array's dimensions is left out.
 
         Returns
         -------
@@ -106,13 +143,18 @@ class AtomMap:
         rows, columns = gated.gate.range_bins, gated.gate.doppler_bins
         along_range = np.exp(-1j * np.pi * (n_c - 1) / n_c * rows)
         along_doppler = np.exp(1j * np.pi * (n_s - 1) / n_s * columns)
-        cells = gated.cells * np.multiply.outer(along_range, along_doppler)[:, :, None, None]
-        return cls(cells, rows.astype(np.float64), columns.astype(np.float64), n_c, n_s)
+        n_p, n_q = gated.cells.shape[2:]
+        limits = (None, None) if cosine_limits is None else cosine_limits
+        bases = _steering_basis(n_p, limits[0]), _steering_basis(n_q, limits[1])
+        into_u, into_w = (basis.T @ _mirror_transform(len(basis)) for basis in bases)
+        cells = into_u @ (gated.cells @ into_w.T)
+        cells *= np.multiply.outer(along_range, along_doppler)[:, :, None, None]
+        return cls(cells, rows.astype(np.float64), columns.astype(np.float64), n_c, n_s, bases)
 
     @property
     def array_shape(self) -> tuple[int, int]:
         """Virtual elements (P, Q)."""
-        return self.cells.shape[2], self.cells.shape[3]
+        return len(self.bases[0]), len(self.bases[1])
 
     @property
     def cell_size(self) -> Floats:
@@ -120,119 +162,96 @@ class AtomMap:
         n_p, n_q = self.array_shape
         return np.array([1.0, 1.0, 2 / n_p, 2 / n_q])
 
-    def lines(self, places: Floats) -> tuple[tuple[Floats, Floats, Floats], ...]:
-        """Kernels over the bins, with both derivatives, along range and along Doppler.
-
-        Parameters
-        ----------
-        places : ndarray of float64, shape (n, 4)
-
-        Returns
-        -------
-        tuple
-            For range and for Doppler three arrays (n, bins).
-        """
-        return (
-            dirichlet_slopes(self.range_bins - places[:, :1], self.n_subcarriers),
-            dirichlet_slopes(self.doppler_bins - places[:, 1:2], self.n_symbols),
-        )
-
-    def beams(self, places: Floats, axis: int) -> tuple[Complex, Floats]:
-        """Unit-energy steering vectors along u (axis 2) or w (axis 3), and their phase slopes.
+    def line(self, places: Floats, axis: int) -> Line:
+        """Factors of atoms along one coordinate.
 
         Parameters
         ----------
         places : ndarray of float64, shape (n,)
-            In Rayleigh cells.
+            Along that coordinate, in Rayleigh cells.
         axis : int
+            0 to 3 for range, Doppler, u and w.
 
         Returns
         -------
-        vectors : ndarray of complex128, shape (n, elements)
-        slope : ndarray of float64, shape (elements,)
-            Phase per Rayleigh cell; the derivative of a vector is j times
-            this times the vector.
+        Line
         """
-        n = self.cells.shape[axis]
-        slope = -2 * np.pi / n * (np.arange(n) - (n - 1) / 2)
-        return np.exp(1j * np.multiply.outer(places, slope)) / np.sqrt(n), slope
+        if axis < 2:
+            bins = (self.range_bins, self.doppler_bins)[axis]
+            length = (self.n_subcarriers, self.n_symbols)[axis]
+            value, slope, curvature = dirichlet_slopes(bins - places[:, None], length)
+            return Line(value, -slope, curvature)
+        basis = self.bases[axis - 2]
+        return Line(*(factor @ basis for factor in _real_steering(len(basis), places)))
 
-    def correlate(self, places: Floats, curvatures: bool = False) -> Correlations:
-        """Products of atoms, and of their derivatives, with the map.
+    def lines(self, places: Floats) -> Lines:
+        """Factors of atoms along range, Doppler, u and w.
 
         Parameters
         ----------
         places : ndarray of float64, shape (n, 4)
-        curvatures : bool, default False
-            Whether second derivatives are wanted; without, they are NaN.
+
+        Returns
+        -------
+        tuple of Line
+        """
+        along_range, along_doppler, along_u, along_w = (
+            self.line(places[:, axis], axis) for axis in range(N_COORDINATES)
+        )
+        return along_range, along_doppler, along_u, along_w
+
+    def correlate(self, lines: Lines) -> Correlations:
+        """Products of atoms, and of their slopes, with the map.
+
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
 
         Returns
         -------
         Correlations
         """
-        n, n_doppler = len(places), self.doppler_bins.size
-        along_range, along_doppler = self.lines(places)
-        n_orders = 3 if curvatures else 2
-        # Kernels of place minus bin: odd derivatives change sign.
-        rows = np.concatenate([along_range[0], -along_range[1], along_range[2]][:n_orders])
-        columns = along_doppler[0], -along_doppler[1], along_doppler[2]
-        lines = (rows @ self._real_rows).view(np.complex128).reshape(n_orders, n, n_doppler, -1)
+        return Correlations(*self._contract(lines, 1))
 
-        def snapshot(range_order: int, doppler_order: int) -> Complex:
-            line: Complex = columns[doppler_order][:, None, :] @ lines[range_order]
-            return line.reshape(n, *self.array_shape)
+    def correlate_curvatures(self, lines: Lines) -> Complex:
+        """Products of the second derivatives of atoms along each coordinate with the map.
 
-        a, slope_u = self.beams(places[:, 2], 2)
-        b, slope_w = self.beams(places[:, 3], 3)
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
 
-        def beam(snapshots: Complex, u_order: int = 0, w_order: int = 0) -> Complex:
-            left, right = a.conj() * (-1j * slope_u) ** u_order, b.conj() * (-1j * slope_w) ** w_order
-            output: Complex = np.sum(left * (snapshots @ right[:, :, None])[:, :, 0], axis=1)
-            return output
+        Returns
+        -------
+        ndarray of complex128, shape (n, 4)
+        """
+        return self._contract(lines, 2)[1]
 
-        own = snapshot(0, 0)
-
-        def derivative(order: int) -> Complex:
-            along = beam(snapshot(order, 0)), beam(snapshot(0, order)), beam(own, order), beam(own, 0, order)
-            return np.stack(along, axis=1)
-
-        curvature = derivative(2) if curvatures else np.full((n, N_COORDINATES), np.nan, dtype=np.complex128)
-        return Correlations(beam(own), derivative(1), curvature)
-
-    def products(self, places: Floats) -> tuple[LineProducts, ...]:
+    def products(self, lines: Lines) -> tuple[LineProducts, ...]:
         """Products of atoms with each other along the four coordinates.
 
         Parameters
         ----------
-        places : ndarray of float64, shape (n, 4)
+        lines : tuple of Line
+            From `lines`.
 
         Returns
         -------
         tuple of LineProducts
             For range, Doppler, u and w, as the gate and the array see them.
         """
-        lines = [
-            LineProducts(value @ value.T, -value @ slope.T, slope @ slope.T)
-            for value, slope, _ in self.lines(places)
-        ]
-        for axis in (2, 3):
-            vectors, slope = self.beams(places[:, axis], axis)
-            turned = 1j * slope * vectors
-            lines.append(
-                LineProducts(
-                    (vectors.conj() @ vectors.T).real,
-                    (vectors.conj() @ turned.T).real,
-                    (turned.conj() @ turned.T).real,
-                )
-            )
-        return tuple(lines)
+        return tuple(
+            LineProducts(value @ value.T, value @ slope.T, slope @ slope.T) for value, slope, _ in lines
+        )
 
-    def curvature_products(self, places: Floats) -> tuple[tuple[Floats, Floats], ...]:
+    def curvature_products(self, lines: Lines) -> tuple[tuple[Floats, Floats], ...]:
         """Products of the second derivatives of atoms along each coordinate.
 
         Parameters
         ----------
-        places : ndarray of float64, shape (n, 4)
+        lines : tuple of Line
+            From `lines`.
 
         Returns
         -------
@@ -240,20 +259,56 @@ class AtomMap:
             For range, Doppler, u and w: products (n, n) with the atoms
             themselves along that coordinate, and energies (n,).
         """
-        lines = [
-            (curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in self.lines(places)
-        ]
-        for axis in (2, 3):
-            vectors, slope = self.beams(places[:, axis], axis)
-            curved = -(slope**2) * vectors
-            lines.append(((curved.conj() @ vectors.T).real, np.sum(np.abs(curved) ** 2, axis=1)))
-        return tuple(lines)
+        return tuple((curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in lines)
+
+    def _contract(self, lines: Lines, order: int) -> tuple[Complex, Complex]:
+        """Products of atoms (n,) and of their derivatives of an order (n, 4) with the map."""
+        along_range, along_doppler, along_u, along_w = lines
+        n, n_doppler = along_doppler.value.shape
+        rows = np.concatenate([along_range.value, along_range[order]])
+        read = (rows @ self._real_rows).reshape(2, n, n_doppler, -1)
+        columns = np.stack([along_doppler.value, along_doppler[order]], axis=1)
+        seen = np.concatenate([columns @ read[0], columns[:, :1] @ read[1]], axis=1)
+        # Snapshots of the atom, of its derivative along Doppler, of that along range.
+        snapshots = seen.view(np.complex128).reshape(n, 3, *self.cells.shape[2:])
+        beams = np.einsum("nsuw,nw->nsu", snapshots, along_w.value)
+        output = np.einsum("nsu,nu->ns", beams, along_u.value)
+        turned_u = np.einsum("nu,nu->n", beams[:, 0], along_u[order])
+        turned_w = np.einsum("nuw,nu,nw->n", snapshots[:, 0], along_u.value, along_w[order])
+        return output[:, 0], np.stack([output[:, 2], output[:, 1], turned_u, turned_w], axis=1)
 
     @cached_property
     def _real_rows(self) -> Floats:
         """The map as real rows, one a range bin: the kernels are real, and so is the product with them."""
         rows = np.ascontiguousarray(self.cells).reshape(self.range_bins.size, -1)
-        return rows.view(np.float64)
+        real: Floats = rows.view(np.float64)
+        return real
+
+
+def _mirror_transform(n: int) -> Complex:
+    """Unitary transform (n, n) that turns exp(jx), odd in x over the elements, into cos x + sin x."""
+    identity = np.eye(n)
+    transform: Complex = ((1 - 1j) * identity + (1 + 1j) * identity[::-1]) / 2
+    return transform
+
+
+def _real_steering(n: int, places: Floats) -> Line:
+    """Unit-energy steering vectors (k, n) behind `_mirror_transform`, and their derivatives per cell."""
+    rate = -2 * np.pi / n * (np.arange(n) - (n - 1) / 2)
+    phase = np.multiply.outer(places, rate)
+    cosine, sine = np.cos(phase) / np.sqrt(n), np.sin(phase) / np.sqrt(n)
+    return Line(cosine + sine, rate * (cosine - sine), -(rate**2) * (cosine + sine))
+
+
+def _steering_basis(n: int, limits: Interval | None) -> Floats:
+    """Orthonormal basis (n, m) of the real steering vectors between two cosines and a little beyond."""
+    if limits is None:
+        return np.eye(n)
+    lower, upper = (n / 2 * limits[0] - MARGIN_CELLS, n / 2 * limits[1] + MARGIN_CELLS)
+    places = np.linspace(lower, upper, int(np.ceil(STEERING_SAMPLES * (upper - lower))))
+    _, strength, directions = np.linalg.svd(_real_steering(n, places).value, full_matrices=False)
+    basis: Floats = directions[strength > NEGLIGIBLE * strength[0]].T
+    return basis
 
 
 def product_matrix(lines: tuple[LineProducts, ...], left: int | None, right: int | None) -> Floats:

@@ -12,14 +12,16 @@ the same fraction of each of them, spread like its sidelobes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 
 from isacbench.dsp.atomfit import AtomFit
 from isacbench.dsp.atoms import N_COORDINATES, AtomMap, product_matrix
+from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
 
 __all__ = [
@@ -37,6 +39,9 @@ Complex = NDArray[np.complex128]
 
 BEAMS_A_CELL = 2
 """Beams a Rayleigh cell: halfway between two of them an echo keeps 81 % of its power along each axis."""
+
+MARGIN_BINS = 2
+"""Range and Doppler bins beyond those of the region in which its echoes still show."""
 
 NEIGHBOURHOOD_BINS = 2.0
 """Range and Doppler bins in which weaker atoms are held against the strongest, whatever their direction."""
@@ -73,11 +78,13 @@ class Splits(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BeamSpace:
-    """Beams of a map towards the directions of a region.
+    """Beams of a map towards the directions of a region, in the bins that it can reach.
 
     Attributes
     ----------
     atom_map : AtomMap
+    reach : (slice, slice)
+        Where in the map's range and Doppler bins those of the beams lie.
     u, w : ndarray of float64
         Directions in Rayleigh cells, equidistant.
     beams : ndarray of complex128, shape (n_range, n_doppler, n_u, n_w)
@@ -85,17 +92,20 @@ class BeamSpace:
     """
 
     atom_map: AtomMap
+    reach: tuple[slice, slice]
     u: Floats
     w: Floats
     beams: Complex
 
     @classmethod
-    def from_map(cls, atom_map: AtomMap, cosine_limits: tuple[Interval, Interval]) -> BeamSpace:
+    def from_map(cls, atom_map: AtomMap, gate: Gate, cosine_limits: tuple[Interval, Interval]) -> BeamSpace:
         """Form the beams.
 
         Parameters
         ----------
         atom_map : AtomMap
+        gate : Gate
+            Of the map.
         cosine_limits : (Interval, Interval)
             Lowest and highest u, and w.
 
@@ -107,8 +117,15 @@ class BeamSpace:
             np.arange(np.floor(lower / step), np.ceil(upper / step) + 1) / BEAMS_A_CELL
             for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:] / BEAMS_A_CELL, strict=True)
         )
-        towards_u, towards_w = atom_map.beams(u, 2)[0], atom_map.beams(w, 3)[0]
-        return cls(atom_map, u, w, towards_u.conj() @ (atom_map.cells @ towards_w.conj().T))
+        towards_u, towards_w = atom_map.line(u, 2).value, atom_map.line(w, 3).value
+        reach = _around(gate.reachable_range), _around(gate.reachable_doppler)
+        return cls(atom_map, reach, u, w, towards_u @ (atom_map.cells[reach] @ towards_w.T))
+
+    @property
+    def axes(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Places of the beams along range, Doppler, u and w, in Rayleigh cells."""
+        in_range, in_doppler = self.reach
+        return self.atom_map.range_bins[in_range], self.atom_map.doppler_bins[in_doppler], self.u, self.w
 
     @property
     def n_independent(self) -> float:
@@ -119,13 +136,15 @@ class BeamSpace:
         """Beams without the atoms of a fit."""
         if fit is None:
             return self.beams
-        atom_map, places = self.atom_map, fit.places
-        along_range, along_doppler = (values for values, _, _ in atom_map.lines(places))
-        towards_u = atom_map.beams(places[:, 2], 2)[0] @ atom_map.beams(self.u, 2)[0].conj().T
-        towards_w = atom_map.beams(places[:, 3], 3)[0] @ atom_map.beams(self.w, 3)[0].conj().T
-        bins = along_range.T[:, None, :] * along_doppler.T[None, :, :] * fit.amplitude
-        directions = towards_u[:, :, None] * towards_w[:, None, :]
-        echoes = bins.reshape(-1, len(fit)) @ directions.reshape(len(fit), -1)
+        atom_map, n = self.atom_map, len(fit)
+        along_range, along_doppler, along_u, along_w = (line.value for line in atom_map.lines(fit.places))
+        towards_u = along_u @ atom_map.line(self.u, 2).value.T
+        towards_w = along_w @ atom_map.line(self.w, 3).value.T
+        along_range, along_doppler = along_range[:, self.reach[0]].T, along_doppler[:, self.reach[1]]
+        directions = (towards_u[:, :, None] * towards_w[:, None, :]).reshape(n, 1, -1)
+        rest = (along_doppler[:, :, None] * directions).reshape(n, -1)
+        # All factors but the amplitudes are real.
+        echoes = (along_range * fit.amplitude.real) @ rest + 1j * ((along_range * fit.amplitude.imag) @ rest)
         residual: Complex = self.beams - echoes.reshape(self.beams.shape)
         return residual
 
@@ -142,35 +161,37 @@ class BeamSpace:
         -------
         Peaks4d
         """
-        dense = _halved(_halved(residual, 0), 1)
-        energy = dense.real**2 + dense.imag**2
-        is_peak = (energy == maximum_filter(energy, size=3)) & (energy > least_energy)
-        index = np.nonzero(is_peak)
+        index, energy = _local_maxima(_halved(_halved(residual, 0), 1), least_energy)
+        along_range, along_doppler, along_u, along_w = self.axes
         places = np.stack(
             [
-                self.atom_map.range_bins[0] + index[0] / 2,
-                self.atom_map.doppler_bins[0] + index[1] / 2,
-                self.u[index[2]],
-                self.w[index[3]],
+                along_range[0] + index[0] / 2,
+                along_doppler[0] + index[1] / 2,
+                along_u[index[2]],
+                along_w[index[3]],
             ],
             axis=1,
         )
-        return Peaks4d(places, energy[is_peak])
+        return Peaks4d(places, energy)
 
     def mean_around(self, residual: Complex, places: Floats) -> Floats:
         """Mean energy (n,) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
         energy = residual.real**2 + residual.imag**2
         n_beams = 2 * BEAMS_A_CELL - 1
         mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
-        axes = (self.atom_map.range_bins, self.atom_map.doppler_bins, self.u, self.w)
         index = []
-        for axis, coordinate in zip(axes, places.T, strict=True):
+        for axis, coordinate in zip(self.axes, places.T, strict=True):
             steps = (
                 (coordinate - axis[0]) / (axis[1] - axis[0]) if axis.size > 1 else np.zeros_like(coordinate)
             )
             index.append(np.clip(np.rint(steps).astype(np.int64), 0, axis.size - 1))
         around: Floats = mean[tuple(index)]
         return around
+
+
+def _around(reachable: slice) -> slice:
+    """Bins in which echoes from reachable ones show."""
+    return slice(max(reachable.start - MARGIN_BINS, 0), reachable.stop + MARGIN_BINS)
 
 
 def _halved(beams: Complex, axis: int) -> Complex:
@@ -182,10 +203,25 @@ def _halved(beams: Complex, axis: int) -> Complex:
     return np.moveaxis(dense, 0, axis)
 
 
+def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np.int64], ...], Floats]:
+    """Indices and energies of the samples above a level that none of their 80 neighbours exceeds."""
+    framed = np.full([n + 2 for n in beams.shape], -np.inf)
+    energy = framed[1:-1, 1:-1, 1:-1, 1:-1]
+    energy[...] = beams.real**2
+    energy += beams.imag**2
+    flat, strides = framed.ravel(), np.array(framed.strides) // framed.itemsize
+    index = np.flatnonzero(flat > least_energy)
+    # Neighbours along one axis first: they leave few for the others.
+    for step in sorted(product((-1, 0, 1), repeat=N_COORDINATES), key=np.count_nonzero):
+        index = index[flat[index] >= flat[index + int(np.dot(strides, step))]]
+    return tuple(along - 1 for along in np.unravel_index(index, framed.shape)), flat[index]
+
+
 def sidelobe_envelope(distance: Floats) -> Floats:
     """Bound of an atom's amplitude response at distances (..., 4) in Rayleigh cells, shape (...)."""
-    bound = 1 / np.maximum(np.pi * np.abs(distance), 1)
-    envelope: Floats = bound.prod(axis=-1)
+    envelope = np.ones(distance.shape[:-1])
+    for axis in range(N_COORDINATES):
+        envelope /= np.maximum(np.pi * np.abs(distance[..., axis]), 1)
     return envelope
 
 
@@ -197,9 +233,12 @@ def strongest_around(places: Floats, fit: AtomFit) -> Floats:
     Atoms do not count at their own place.
     """
     distance = places[:, None, :] - fit.places
-    near = (np.abs(distance[:, :, :2]) < NEIGHBOURHOOD_BINS).all(axis=2)
+    along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
+    near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
     share = np.where(near, 1.0, sidelobe_envelope(distance) ** 2)
-    share[(distance == 0).all(axis=2)] = 0
+    itself = near & (along_range == 0) & (along_doppler == 0)
+    itself[itself] = (distance[itself] == 0).all(axis=1)
+    share[itself] = 0
     strongest: Floats = (share * fit.power).max(axis=1, initial=0)
     return strongest
 
@@ -226,22 +265,23 @@ def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_
         Along the coordinate that gains most.
     """
     n = len(fit)
-    correlations = atom_map.correlate(fit.places, curvatures=True)
-    lines = atom_map.products(fit.places)
-    curvatures = atom_map.curvature_products(fit.places)
+    lines = atom_map.lines(fit.places)
+    curvature_outputs = atom_map.correlate_curvatures(lines)
+    products = atom_map.products(lines)
+    curvatures = atom_map.curvature_products(lines)
     others = np.stack(
         [
-            np.prod([lines[k].value for k in range(N_COORDINATES) if k != axis], axis=0)
+            np.prod([products[k].value for k in range(N_COORDINATES) if k != axis], axis=0)
             for axis in range(N_COORDINATES)
         ]
     )
     gain, separation = np.zeros((2, n, N_COORDINATES))
     for axis, (curved, energy) in enumerate(curvatures):
-        slope = correlations.slope[:, axis] - product_matrix(lines, axis, None) @ fit.amplitude
-        curvature = correlations.curvature[:, axis] - (others[axis] * curved) @ fit.amplitude
+        slope = fit.correlations.slope[:, axis] - product_matrix(products, axis, None) @ fit.amplitude
+        curvature = curvature_outputs[:, axis] - (others[axis] * curved) @ fit.amplitude
         # An atom's second derivative without the part that is the atom itself.
         free = energy - curved.diagonal() ** 2
-        gain[:, axis] = np.abs(slope) ** 2 / lines[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
+        gain[:, axis] = np.abs(slope) ** 2 / products[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
         separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
     axis, atom = gain.argmax(axis=1), np.arange(n)
     best = gain[atom, axis]

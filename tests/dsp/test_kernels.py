@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.kernels import dirichlet, steering
+from isacbench.dsp.kernels import dirichlet, dirichlet_slopes, steering
 
 LENGTHS = st.integers(1, 40)
 PLACES = st.floats(-100, 100)
@@ -51,3 +51,44 @@ def test_steering_is_one_phase_step_an_element(n_elements, cosines):
 def test_steering_keeps_the_shape_of_its_cosines_in_front():
     assert steering(5, 0.3).shape == (5,)
     assert steering(5, np.zeros((2, 3))).shape == (2, 3, 5)
+
+
+DISTANCES = st.floats(-90, 90)
+
+
+@given(LENGTHS, DISTANCES)
+def test_the_centred_kernel_and_its_slopes_are_sums_over_the_aperture(n, distance):
+    middle = [i - (n - 1) / 2 for i in range(n)]
+    phase = [2 * cmath.pi * x / n for x in middle]
+    value = sum(cmath.cos(rate * distance).real for rate in phase) / n
+    slope = sum(-rate * cmath.sin(rate * distance).real for rate in phase) / n
+    curvature = sum(-(rate**2) * cmath.cos(rate * distance).real for rate in phase) / n
+    actual = [float(part) for part in dirichlet_slopes(distance, n)]
+    # Sums over half-integers repeat with a change of sign, which rounding must not touch.
+    assert actual == pytest.approx([value, slope, curvature], abs=1e-5)
+
+
+@given(LENGTHS, st.floats(-20, 20))
+def test_slopes_are_the_derivatives_of_the_kernel(n, distance):
+    step = 1e-4
+    before, at, after = (np.array(dirichlet_slopes(distance + k * step, n)) for k in (-1, 0, 1))
+    np.testing.assert_allclose(at[1:], (after - before)[:2] / (2 * step), atol=1e-5)
+
+
+@given(st.integers(2, 3000), st.floats(1e-12, 0.1), st.integers(-3, 3))
+def test_slopes_keep_their_digits_near_every_peak(n, distance, turns):
+    # At whole turns alone is the distance itself exact.
+    offset = 0.0 if turns else distance
+    value, slope, curvature = dirichlet_slopes(turns * n + offset, n)
+    second, fourth = (np.pi**2) * (1 - n**-2) / 3, np.pi**4 / 5
+    sign = -1 if turns * (n - 1) % 2 else 1
+    assert sign * value == pytest.approx(1 - second * offset**2 / 2, abs=fourth * offset**4)
+    assert sign * slope == pytest.approx(-second * offset, rel=1e-5, abs=fourth * offset**3)
+    assert sign * curvature == pytest.approx(-second, abs=fourth * offset**2 + 1e-5)
+
+
+def test_the_centred_kernel_is_the_dirichlet_kernel_turned_to_its_middle():
+    bins, places, n = np.arange(-5, 9), np.array([0.3, 2.0, 7.7]), 12
+    distance = bins[:, None] - places
+    turned = dirichlet(bins, places, n) * np.exp(-1j * np.pi * (n - 1) / n * distance) / np.sqrt(n)
+    np.testing.assert_allclose(dirichlet_slopes(distance, n)[0], turned, atol=1e-12)

@@ -1,0 +1,297 @@
+"""Matching pursuit on scenes of few scatterers: exact, at the bound, and indifferent to where the grid lies."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isacbench_algorithms.nomp4d import Nomp4d
+
+from isacbench.bench.radio import DIMENSIONS, gain_db, radio_places, rayleigh_cells, space_places
+from isacbench.bench.resolution import pair
+from isacbench.dsp.bounds import single_bound
+from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.observation import Observation
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
+
+SYSTEM = System(n_subcarriers=255, n_symbols=63)
+REGION = Region((-60.0, 60.0), (0.0, 30.0), (0.0, 60.0), (-25.0, 25.0))
+EMPTY = Scenario(
+    name="few",
+    system=SYSTEM,
+    array=VirtualArray((1, 1), (8, 8), 1, 1),
+    frame=get_frame("panel"),
+    base_station_m=np.array([0.0, 100.0, 30.0]),
+    region=REGION,
+    scatterers=Scatterers(np.empty((0, 3)), np.empty(0), np.empty(0)),
+)
+CELLS = rayleigh_cells(EMPTY)
+MIDDLE = np.array([90.0, 3.0, 0.04, 0.03])
+"""Range, velocity, u and w well inside the region."""
+
+# Distances in Rayleigh cells; everything else is free.
+SCENES = {
+    "apart": [[0, 0, 0, 0], [3.3, 1.2, 0.4, -0.3], [-2.7, -2.1, -0.3, 0.6]],
+    "equal angles in different cells": [[0, 0, 0, 0], [2.4, 0, 0, 0], [0, 2.4, 0, 0]],
+    "equal cells at different angles": [[0, 0, -0.6, 0], [0, 0, 0.7, 0], [0, 0, 0, 1.3]],
+    "three on a line": [[0, 0, -1.1, -0.5], [0, 0, 0, 0], [0, 0, 1.1, 0.5]],
+    "three on a line in range": [[-1.2, 0, 0, 0], [0, 0, 0, 0], [1.2, 0, 0, 0]],
+}
+
+
+def scene(places, amplitude=None, phase_rad=0.0, template=EMPTY, name="few"):
+    """Scenario of scatterers at places (n, 4) as the radio sees them."""
+    xyz, velocity = space_places(template, np.reshape(places, (-1, 4)))
+    amplitude = np.ones(len(xyz)) if amplitude is None else np.asarray(amplitude, dtype=float)
+    return replace(template, name=name, scatterers=Scatterers(xyz, velocity, amplitude, phase_rad))
+
+
+def near_middle(offsets):
+    """Places some Rayleigh cells off the middle."""
+    return MIDDLE + np.asarray(offsets) * CELLS
+
+
+def image(scenario, snr_after_gain_db=np.inf, trial=0, **parameters):
+    """Cloud of one image; the SNR is that of a unit scatterer after all sums."""
+    snr_db = snr_after_gain_db - gain_db(scenario)
+    return Nomp4d(**parameters).estimate(Simulator(scenario).observe(snr_db, trial))
+
+
+def errors(scenario, cloud):
+    """Distances (n_points, n_true, 4) in Rayleigh cells."""
+    true = radio_places(scenario, scenario.scatterers)
+    return (radio_places(scenario, cloud)[:, None] - true) / rayleigh_cells(scenario)
+
+
+def assert_found(scenario, cloud, cells, power=None):
+    """One point a scatterer, within so many Rayleigh cells along every coordinate, and its power."""
+    error = np.abs(errors(scenario, cloud)).max(axis=2)
+    assert len(cloud) == len(scenario.scatterers)
+    nearest = error.argmin(axis=0)
+    assert sorted(nearest) == list(range(len(cloud)))
+    assert error.min(axis=0).max() < cells
+    np.testing.assert_allclose(
+        cloud.power[nearest] / scenario.scatterers.amplitude**2, 1, atol=power or 4 * cells
+    )
+
+
+def ordered(cloud):
+    """Rows of the cloud, ordered by range."""
+    rows = cloud.to_array()
+    return rows[rows[:, 1].argsort()]
+
+
+@pytest.mark.parametrize("frame", ["panel", "paper"])
+@pytest.mark.parametrize("name", SCENES)
+def test_few_scatterers_without_noise_are_exact(name, frame):
+    template = replace(EMPTY, frame=get_frame(frame))
+    middle = MIDDLE if frame == "panel" else np.array([90.0, 3.0, 0.0, 0.25])
+    scenario = scene(middle + np.array(SCENES[name]) * CELLS, template=template)
+    assert_found(scenario, image(scenario), 1e-3)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_few_scatterers_30_db_above_the_noise_are_found_and_nothing_else(name):
+    scenario = scene(near_middle(SCENES[name]))
+    for trial in range(3):
+        assert_found(scenario, image(scenario, 30.0, trial), 0.12, power=0.5)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.tuples(*[st.floats(-0.5, 0.5)] * 4), st.floats(0, 6.28))
+def test_a_lone_scatterer_without_noise_is_exact_wherever_the_bins_lie(offset, phase_rad):
+    scenario = scene(near_middle([offset]), phase_rad=phase_rad)
+    assert_found(scenario, image(scenario), 1e-6)
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.tuples(st.integers(-8, 8), st.integers(-5, 5), st.floats(-1, 1), st.floats(-1, 1)))
+def test_shifts_of_range_velocity_and_angle_shift_the_image(shift):
+    # Without noise and far from sidelobes of bins that the shift would move in or out of the gate.
+    offsets = np.array(SCENES["apart"])
+    base, moved = scene(near_middle(offsets)), scene(near_middle(offsets + shift))
+    before, after = (radio_places(EMPTY, image(scenario)) / CELLS for scenario in (base, moved))
+    assert len(before) == len(after) == 3
+    difference = after[after[:, 0].argsort()] - before[before[:, 0].argsort()]
+    np.testing.assert_allclose(difference, np.broadcast_to(shift, (3, 4)), atol=2e-3)
+
+
+def test_the_order_of_scatterers_does_not_matter():
+    places = near_middle(SCENES["apart"])
+    phase_rad = np.array([0.3, 1.1, 2.0])
+    amplitude = np.array([1.0, 0.8, 1.2])
+    order = [2, 0, 1]
+    # The noise belongs to the name.
+    first = image(scene(places, amplitude, phase_rad), 30.0)
+    second = image(scene(places[order], amplitude[order], phase_rad[order]), 30.0)
+    np.testing.assert_allclose(ordered(first), ordered(second), rtol=1e-6)
+
+
+@pytest.mark.parametrize("exponent", [-40, 40])
+def test_the_unit_of_the_echo_scales_powers_and_nothing_else(exponent):
+    observation = Simulator(scene(near_middle(SCENES["three on a line"]))).observe(-10.0)
+    other = Observation(
+        2.0**exponent * observation.cells,
+        observation.gate,
+        observation.system,
+        observation.array,
+        observation.frame,
+        observation.base_station_m,
+        observation.region,
+    )
+    cloud, scaled = Nomp4d().estimate(observation), Nomp4d().estimate(other)
+    assert len(cloud) == 3
+    np.testing.assert_array_equal(scaled.xyz, cloud.xyz)
+    np.testing.assert_array_equal(scaled.velocity, cloud.velocity)
+    np.testing.assert_array_equal(scaled.power, 4.0**exponent * cloud.power)
+
+
+def test_the_observation_is_not_written_to_and_the_answer_repeats():
+    observation = Simulator(scene(near_middle(SCENES["apart"]))).observe(-10.0)
+    before = observation.cells.copy()
+    first, second = (Nomp4d().estimate(observation) for _ in range(2))
+    np.testing.assert_array_equal(first.to_array(), second.to_array())
+    np.testing.assert_array_equal(observation.cells, before)
+
+
+def rmse_over_bound(snr_after_gain_db, n_trials):
+    """RMSE over the Cramér-Rao bound (4,) of a lone scatterer at random places off the grid."""
+    rng, found = np.random.default_rng(7), []
+    for trial in range(n_trials):
+        scenario = scene(near_middle([rng.uniform(-2, 2, 4) * [1, 1, 0.5, 0.5]]), phase_rad=rng.uniform(0, 6))
+        cloud = image(scenario, snr_after_gain_db, trial)
+        assert len(cloud) == 1
+        found.append(errors(scenario, cloud)[0, 0])
+    bound = single_bound(SYSTEM, (8, 8), 10 ** (snr_after_gain_db / 10) / (SYSTEM.processing_gain * 64))
+    std = np.array([bound.range_m, bound.velocity_mps, bound.u, bound.w]) / CELLS
+    return np.sqrt(np.mean(np.square(found), axis=0)) / std
+
+
+def test_a_lone_scatterer_20_db_above_the_noise_is_placed_as_well_as_the_bound_allows():
+    n_trials = 60
+    # RMSE of n Gaussian errors: relative standard deviation (2n)^(-1/2).
+    assert np.all(rmse_over_bound(20.0, n_trials) < 1.1 + 3 / np.sqrt(2 * n_trials))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("snr_after_gain_db", [20.0, 30.0, 60.0])
+def test_a_lone_scatterer_is_placed_within_a_tenth_of_the_bound(snr_after_gain_db):
+    assert np.all(rmse_over_bound(snr_after_gain_db, 1000) < 1.1)
+
+
+def n_false(pfa, n_trials):
+    """Images of noise that are not empty, and their points."""
+    counts = np.array([len(image(EMPTY, 0.0, trial, pfa=pfa)) for trial in range(n_trials)])
+    return np.count_nonzero(counts), counts.max()
+
+
+def test_images_of_noise_are_empty():
+    n_images, n_points = n_false(1e-3, 60)
+    assert n_images <= 2
+    assert n_points <= 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pfa", [0.01, 0.1])
+def test_noise_makes_points_about_as_often_as_pfa_says(pfa):
+    n_trials = 1500
+    n_images, _ = n_false(pfa, n_trials)
+    assert 0.2 * pfa * n_trials < n_images < 2 * pfa * n_trials
+
+
+def test_an_empty_scene_without_noise_has_no_points():
+    assert len(image(EMPTY)) == 0
+
+
+@pytest.mark.parametrize("dimension", DIMENSIONS)
+@pytest.mark.parametrize("phase_deg", [0.0, 90.0, 180.0])
+def test_coherent_pairs_a_third_of_a_cell_apart_are_two(dimension, phase_deg):
+    scenario = pair(EMPTY, "pair", MIDDLE, dimension, 0.35, phase_deg)
+    cloud = image(scenario, 60.0)
+    assert len(cloud) == 2
+    along = np.sort(errors(scenario, cloud)[:, 0, DIMENSIONS.index(dimension)])
+    assert abs(along[0]) < 0.1
+    assert abs(along[1] - 0.35) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dimension", DIMENSIONS)
+def test_pairs_a_quarter_of_a_cell_apart_are_two_in_nine_of_ten_images(dimension):
+    resolved, index = [], DIMENSIONS.index(dimension)
+    for phase_deg in (0.0, 45.0, 90.0, 135.0, 180.0):
+        for trial in range(8):
+            scenario = pair(EMPTY, f"pair{phase_deg}", MIDDLE, dimension, 0.25, phase_deg)
+            limits = np.ones(4)
+            limits[index] = 0.125
+            found = (np.abs(errors(scenario, image(scenario, 60.0, trial))) < limits).all(axis=2)
+            resolved.append(found.any(axis=0).all())
+    assert np.mean(resolved) >= 0.9
+
+
+def test_a_weak_mover_beside_a_strong_scatterer_is_found():
+    scenario = scene(near_middle([[0, 0, 0, 0], [0.4, 3.6, 0.3, -0.4]]), [10**1.5, 1.0])
+    for trial in range(3):
+        assert_found(scenario, image(scenario, 30.0, trial), 0.15, power=0.5)
+
+
+def test_sources_at_the_edge_of_the_visible_region_are_found():
+    # A panel sees along its own surface at u² + w² = 1; the street lies below and almost beside it.
+    template = replace(
+        EMPTY,
+        base_station_m=np.array([0.0, 31.0, 30.0]),
+        region=Region((40.0, 90.0), (0.0, 30.9), (20.0, 40.0), (-25.0, 25.0)),
+    )
+    for u, w in ((0.995, 0.02), (0.98, 0.15), (0.97, -0.12)):
+        scenario = scene([[70.0, 3.0, u, w]], template=template)
+        error = np.abs(errors(scenario, image(scenario, 40.0)))
+        assert error.shape == (1, 1, 4)
+        assert error.max() < 0.05
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 5), (5, 2)])
+def test_small_arrays_see_two_scatterers_in_different_cells(shape):
+    template = replace(EMPTY, array=VirtualArray((1, 1), shape, 1, 1))
+    scenario = scene(near_middle([[0, 0, 0, 0], [3.4, 1.3, 0.2, 0.1]]), template=template)
+    assert_found(scenario, image(scenario, 40.0), 0.06, power=0.3)
+
+
+@pytest.mark.parametrize("velocity", [-20.0, 3.0, 17.0])
+def test_a_region_that_spans_all_doppler_bins_has_no_margin_and_works(velocity):
+    system = System(n_subcarriers=255, n_symbols=7)
+    template = replace(EMPTY, system=system)
+    template = replace(template, region=replace(REGION, speed_mps=(-190.0, 190.0)))
+    simulator = Simulator(scene([[90.0, velocity, 0.04, 0.03]], template=template))
+    assert simulator.gate.shape[1] == 7
+    assert_found(simulator.scenario, image(simulator.scenario, 40.0), 0.05, power=0.3)
+
+
+def test_more_rounds_find_more():
+    scenario = scene(near_middle([[0, 0, 0, 0], [3.3, 1.2, 0.4, -0.3]]), [10.0, 1.0])
+    assert len(image(scenario, 30.0, max_rounds=1)) == 1
+    assert len(image(scenario, 30.0, max_rounds=2)) == 2
+
+
+def test_a_smaller_local_dynamic_range_drops_the_weak_beside_the_strong():
+    scenario = scene(near_middle([[0, 0, 0, 0], [1.4, 0.2, 0.4, -0.3]]), [10**0.5, 1.0])
+    assert len(image(scenario, 30.0)) == 2
+    assert len(image(scenario, 30.0, local_dynamic_range_db=6.0)) == 1
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"pfa": 0.0}, r"pfa = 0\.0: allowed is between 0 and 1"),
+        ({"pfa": float("nan")}, r"pfa = nan"),
+        ({"local_dynamic_range_db": 0.0}, r"local_dynamic_range_db = 0\.0: allowed is above 0"),
+        ({"max_rounds": 0}, r"max_rounds = 0: allowed is 1 and more"),
+    ],
+)
+def test_a_bad_parameter_is_refused_by_name(parameters, message):
+    with pytest.raises(InputError, match=message):
+        Nomp4d(**parameters)
