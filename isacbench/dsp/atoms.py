@@ -288,7 +288,8 @@ class AtomMap:
 def _mirror_transform(n: int) -> Complex:
     """Unitary transform (n, n) that turns exp(jx), odd in x over the elements, into cos x + sin x."""
     identity = np.eye(n)
-    transform: Complex = ((1 - 1j) * identity + (1 + 1j) * identity[::-1]) / 2
+    # A product that numpy's types take for real, though it is not.
+    transform: Complex = np.add((0.5 - 0.5j) * identity, (0.5 + 0.5j) * identity[::-1], dtype=np.complex128)
     return transform
 
 

@@ -50,10 +50,13 @@ SPLIT_OFFSETS_CELLS = (0.15, 0.5)
 """Least and most distance of the two starts from the atom that is split."""
 
 SPLIT_STANDOUT = 25.0
-"""Gain of a split over the mean residual around it, unless it is a large part of the atom."""
+"""Gain of a split over the mean residual around it."""
 
-SPLIT_SHARE = 0.125
-"""Part of an atom's energy that needs no such proof."""
+SPLIT_CALM = 10**-2.5
+"""Residual around an atom, relative to it, above which what it misses is a crowd and not a second echo."""
+
+LEAST_FREE = 1e-6
+"""Part of the energy of an atom's second derivative that is not the atom itself, below which it is rounding."""
 
 TOLD_APART = 16.0
 """Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
@@ -281,11 +284,14 @@ def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_
         curvature = curvature_outputs[:, axis] - (others[axis] * curved) @ fit.amplitude
         # An atom's second derivative without the part that is the atom itself.
         free = energy - curved.diagonal() ** 2
+        if np.any(free <= LEAST_FREE * energy):
+            # Two elements: whatever they see is one wave.
+            continue
         gain[:, axis] = np.abs(slope) ** 2 / products[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
         separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
     axis, atom = gain.argmax(axis=1), np.arange(n)
     best = gain[atom, axis]
-    stands_out = (best > SPLIT_SHARE * fit.power) | (best > SPLIT_STANDOUT * residual_around)
+    stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_CALM * fit.power)
     offsets = np.zeros((n, N_COORDINATES))
     offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
     return Splits(offsets, np.where(stands_out & (best > least_energy), best, 0))
