@@ -60,7 +60,7 @@ __all__ = ["Nomp4d"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-ROUND_RANGE_DB = 6.0
+ROUND_RANGE_DB = 10.0
 """How far below the best move others may lie that are made in the same round."""
 
 APART_CELLS = 1.0
@@ -81,11 +81,11 @@ PAIR_CELLS = 0.8
 HOPELESS_CELLS = 0.3
 """The same of a new atom, where a whole round changed nothing."""
 
-BOX_CELLS = 0.5
+BOX_CELLS = 0.3
 """Farthest that an atom moves from where it came in, unless little is left around it."""
 
-CALM = 1e-4
-"""Residual around an atom, relative to it, below which it may move on: it is not bent to a crowd."""
+CALM, CALM_NOISE = 1e-4, 3.0
+"""Residual around an atom, relative to it or to the noise, below which it is not bent to a crowd."""
 
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
@@ -152,7 +152,7 @@ class Nomp4d:
 
     pfa: float = 1e-2
     local_dynamic_range_db: float = 16.5
-    max_rounds: int = 12
+    max_rounds: int = 10
 
     def __post_init__(self) -> None:
         require(0 < self.pfa < 1, "pfa", self.pfa, "between 0 and 1")
@@ -191,7 +191,7 @@ class Nomp4d:
         hopeless = unsplit = np.empty((0, N_COORDINATES))
         for _ in range(self.max_rounds):
             residual = space.residual(fit)
-            atoms = _released(space, residual, atoms, fit)
+            atoms = _released(space, residual, atoms, fit, noise)
             moves = self._moves(space, residual, fit, level, observation.gate, hopeless, unsplit)
             if not moves.number:
                 break
@@ -201,7 +201,7 @@ class Nomp4d:
             if len(atoms.places) == len(before.places) and not _is_pair(moves.centres, atoms.places).any():
                 hopeless = np.concatenate([hopeless, moves.added])
         for _ in range(2):
-            atoms = _released(space, space.residual(fit), atoms, fit)
+            atoms = _released(space, space.residual(fit), atoms, fit, noise)
             atoms, fit = self._settle(atom_map, atoms, LAST_STEPS, least, noise)
         return fit
 
@@ -273,11 +273,14 @@ def _reachable(places: Floats, gate: Gate) -> NDArray[np.bool_]:
     return inside
 
 
-def _released(space: BeamSpace, residual: Complex, atoms: _Atoms, fit: AtomFit | None) -> _Atoms:
+def _released(
+    space: BeamSpace, residual: Complex, atoms: _Atoms, fit: AtomFit | None, noise: float
+) -> _Atoms:
     """Atoms with new boxes around those that explain almost all that there is."""
     if fit is None:
         return atoms
-    calm = space.mean_around(residual, atoms.places) < CALM * fit.power
+    around = space.mean_around(residual, atoms.places)
+    calm = (around < CALM * fit.power) | (around < CALM_NOISE * noise)
     return _Atoms(atoms.places, np.where(calm[:, None], atoms.places, atoms.origins))
 
 
