@@ -43,6 +43,7 @@ from isacbench.dsp.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.detection import white_noise
 from isacbench.dsp.pursuit import (
     BeamSpace,
+    noise_maximum,
     redundant,
     sidelobe_envelope,
     split_gains,
@@ -57,8 +58,9 @@ from isacbench.model.observation import Observation
 __all__ = ["Nomp4d"]
 
 Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
-ROUND_RANGE_DB = 6.0
+ROUND_RANGE_DB = 10.0
 """How far below the best move others may lie that are made in the same round."""
 
 APART_CELLS = 1.0
@@ -76,8 +78,14 @@ TABOO_CELLS = 0.15
 PAIR_CELLS = 0.8
 """How far from the atom that was split the two are looked for."""
 
-BOX_CELLS = 0.5
-"""Farthest that an atom moves from where it came in."""
+HOPELESS_CELLS = 0.3
+"""The same of a new atom, where a whole round changed nothing."""
+
+BOX_CELLS = 0.3
+"""Farthest that an atom moves from where it came in, unless little is left around it."""
+
+CALM, CALM_NOISE = 1e-4, 3.0
+"""Residual around an atom, relative to it or to the noise, below which it is not bent to a crowd."""
 
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
@@ -93,6 +101,26 @@ class _Atoms(NamedTuple):
         return _Atoms(self.places[keep], self.origins[keep])
 
 
+class _Moves(NamedTuple):
+    """Places (n, 4) of new atoms; indices, places and offsets of atoms that become two."""
+
+    added: Floats
+    split: NDArray[np.int64]
+    centres: Floats
+    offsets: Floats
+
+    @property
+    def number(self) -> int:
+        return len(self.added) + len(self.split)
+
+    def made(self, atoms: _Atoms) -> _Atoms:
+        """Atoms with the moves made."""
+        kept = np.ones(len(atoms.places), dtype=np.bool_)
+        kept[self.split] = False
+        new = np.concatenate([self.centres - self.offsets, self.centres + self.offsets, self.added])
+        return _Atoms(*(np.concatenate([old[kept], new]) for old in atoms))
+
+
 @dataclass(frozen=True)
 class Nomp4d:
     """Matching pursuit with joint Newton refinement in range, velocity, u and w.
@@ -100,7 +128,8 @@ class Nomp4d:
     Attributes
     ----------
     pfa : float
-        Probability that noise alone adds an atom to an image.
+        Probability that noise alone adds an atom to an image; less, because an
+        echo must also show in beams between which it loses power.
     local_dynamic_range_db : float
         Below the strongest atom nearby, what is not told from its misfit.
     max_rounds : int
@@ -123,7 +152,7 @@ class Nomp4d:
 
     pfa: float = 1e-2
     local_dynamic_range_db: float = 16.5
-    max_rounds: int = 12
+    max_rounds: int = 10
 
     def __post_init__(self) -> None:
         require(0 < self.pfa < 1, "pfa", self.pfa, "between 0 and 1")
@@ -155,33 +184,40 @@ class Nomp4d:
     def _pursue(self, atom_map: AtomMap, observation: Observation, noise: float) -> AtomFit | None:
         """Make moves until none is left, then refine; None where nothing was found."""
         space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
-        threshold = noise * np.log(space.n_independent / self.pfa)
+        level = noise * np.log(space.n_independent / self.pfa)
+        least = noise * noise_maximum(space.n_independent, self.pfa)
         atoms = _Atoms(np.empty((0, N_COORDINATES)), np.empty((0, N_COORDINATES)))
         fit: AtomFit | None = None
-        taboo = np.empty((0, N_COORDINATES))
+        hopeless = unsplit = np.empty((0, N_COORDINATES))
         for _ in range(self.max_rounds):
-            moved, centres = self._moves(space, atoms, fit, taboo, threshold, observation.gate)
-            if len(moved.places) == len(atoms.places):
+            residual = space.residual(fit)
+            atoms = _released(space, residual, atoms, fit, noise)
+            moves = self._moves(space, residual, fit, level, observation.gate, hopeless, unsplit)
+            if not moves.number:
                 break
-            atoms, fit = self._settle(atom_map, moved, STEPS, threshold, noise)
-            taboo = np.concatenate([taboo, centres[~_is_pair(centres, atoms.places)]])
+            before = atoms
+            atoms, fit = self._settle(atom_map, moves.made(atoms), STEPS, least, noise)
+            unsplit = np.concatenate([unsplit, moves.centres[~_is_pair(moves.centres, atoms.places)]])
+            if len(atoms.places) == len(before.places) and not _is_pair(moves.centres, atoms.places).any():
+                hopeless = np.concatenate([hopeless, moves.added])
         for _ in range(2):
-            atoms, fit = self._settle(atom_map, atoms, LAST_STEPS, threshold, noise)
+            atoms = _released(space, space.residual(fit), atoms, fit, noise)
+            atoms, fit = self._settle(atom_map, atoms, LAST_STEPS, least, noise)
         return fit
 
     def _moves(
         self,
         space: BeamSpace,
-        atoms: _Atoms,
+        residual: Complex,
         fit: AtomFit | None,
-        taboo: Floats,
-        threshold: float,
+        level: float,
         gate: Gate,
-    ) -> tuple[_Atoms, Floats]:
-        """Atoms with the best moves made, and the places of those that were split."""
-        residual = space.residual(fit)
-        places, gain = space.peaks(residual, threshold)
-        eligible = _reachable(places, gate)
+        hopeless: Floats,
+        unsplit: Floats,
+    ) -> _Moves:
+        """Best moves, one in a neighbourhood, none of those that failed."""
+        places, gain = space.peaks(residual, level)
+        eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
         if fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, fit))
         places, gain = places[eligible], gain[eligible]
@@ -189,24 +225,17 @@ class Nomp4d:
         offsets = np.zeros_like(places)
         if fit is not None:
             around = space.mean_around(residual, fit.places)
-            splits = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * threshold)
-            allowed = ~_near(fit.places, taboo, TABOO_CELLS)
+            splits = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * level)
+            allowed = ~_near(fit.places, unsplit, TABOO_CELLS)
             places = np.concatenate([places, fit.places])
             offsets = np.concatenate([offsets, splits.offsets])
             gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
         chosen = _choose(places, gain, np.arange(len(places)) < n_new)
-        added, split = places[chosen[chosen < n_new]], chosen[chosen >= n_new]
-        kept = np.ones(len(atoms.places), dtype=np.bool_)
-        kept[split - n_new] = False
-        halves = [places[split] - offsets[split], places[split] + offsets[split]]
-        new = np.concatenate([*halves, added])
-        return (
-            _Atoms(*(np.concatenate([old[kept], new]) for old in (atoms.places, atoms.origins))),
-            places[split],
-        )
+        split = chosen[chosen >= n_new]
+        return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 
     def _settle(
-        self, atom_map: AtomMap, atoms: _Atoms, n_steps: int, threshold: float, noise: float
+        self, atom_map: AtomMap, atoms: _Atoms, n_steps: int, least: float, noise: float
     ) -> tuple[_Atoms, AtomFit | None]:
         """Move all atoms, each in its box, and drop those that explain nothing of their own."""
         if not len(atoms.places):
@@ -217,7 +246,7 @@ class Nomp4d:
         fit = refit_atoms(atom_map, fit, everyone, boxed)
         while True:
             places = fit.places
-            weak = fit.power < np.maximum(threshold, self._weakest(strongest_around(places, fit)))
+            weak = fit.power < np.maximum(least, self._weakest(strongest_around(places, fit)))
             weak |= np.any(np.abs(places[:, 2:] * atom_map.cell_size[2:]) > 1, axis=1)
             if not weak.any():
                 weak, places = redundant(fit, noise)
@@ -242,6 +271,17 @@ def _reachable(places: Floats, gate: Gate) -> NDArray[np.bool_]:
     ):
         inside &= (places[:, axis] >= bins[reach.start] - 1) & (places[:, axis] <= bins[reach.stop - 1] + 1)
     return inside
+
+
+def _released(
+    space: BeamSpace, residual: Complex, atoms: _Atoms, fit: AtomFit | None, noise: float
+) -> _Atoms:
+    """Atoms with new boxes around those that explain almost all that there is."""
+    if fit is None:
+        return atoms
+    around = space.mean_around(residual, atoms.places)
+    calm = (around < CALM * fit.power) | (around < CALM_NOISE * noise)
+    return _Atoms(atoms.places, np.where(calm[:, None], atoms.places, atoms.origins))
 
 
 def _near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:

@@ -28,6 +28,7 @@ __all__ = [
     "BeamSpace",
     "Peaks4d",
     "Splits",
+    "noise_maximum",
     "redundant",
     "sidelobe_envelope",
     "split_gains",
@@ -52,11 +53,14 @@ SPLIT_OFFSETS_CELLS = (0.15, 0.5)
 SPLIT_STANDOUT = 25.0
 """Gain of a split over the mean residual around it."""
 
-SPLIT_CALM = 10**-2.5
+SPLIT_CALM = 5e-3
 """Residual around an atom, relative to it, above which what it misses is a crowd and not a second echo."""
 
 LEAST_FREE = 1e-6
-"""Part of the energy of an atom's second derivative that is not the atom itself, below which it is rounding."""
+"""Part of the energy of an atom's second derivative beside the atom itself, below which it is rounding."""
+
+FIXED_POINT_STEPS = 40
+"""Each halves the error of a level, or better."""
 
 TOLD_APART = 16.0
 """Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
@@ -218,6 +222,43 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np
     for step in sorted(product((-1, 0, 1), repeat=N_COORDINATES), key=np.count_nonzero):
         index = index[flat[index] >= flat[index + int(np.dot(strides, step))]]
     return tuple(along - 1 for along in np.unravel_index(index, framed.shape)), flat[index]
+
+
+def noise_maximum(n_independent: float, chance: float) -> float:
+    """Level that the highest matched-filter output of noise, off any grid, exceeds with a small chance.
+
+    The output over all four coordinates is a smooth field. Along one, a
+    Rayleigh cell holds sqrt(πx/3) exp(-x) upcrossings of a level of x times
+    the mean, and to first order as many per coordinate multiply.
+
+    Parameters
+    ----------
+    n_independent : float
+        Rayleigh cells.
+    chance : float
+        Less than 1.
+
+    Returns
+    -------
+    float
+        Of the mean energy.
+
+    References
+    ----------
+    Rice, "Mathematical analysis of random noise", Bell System Tech. J. 24 (1945).
+    Adler and Taylor, "Random Fields and Geometry", Springer (2007), chapter 11.
+
+    Examples
+    --------
+    >>> round(noise_maximum(5000, 0.01), 2)
+    19.12
+    """
+    samples = np.log(n_independent / chance)
+    level = samples
+    # A contraction where the level is above 4; below that, noise is what it is.
+    for _ in range(FIXED_POINT_STEPS):
+        level = samples + N_COORDINATES / 2 * np.log(np.pi / 3 * max(level, N_COORDINATES))
+    return float(level)
 
 
 def sidelobe_envelope(distance: Floats) -> Floats:

@@ -12,6 +12,7 @@ from isacbench.dsp.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.pursuit import (
     TOLD_APART,
     BeamSpace,
+    noise_maximum,
     redundant,
     sidelobe_envelope,
     split_gains,
@@ -188,6 +189,41 @@ def test_no_split_gains_what_noise_may_or_where_all_around_is_as_bad():
     assert 0 < gain < fit.power[0] / 8
     assert split_gains(atom_map, fit, np.array([1e-6]), 2 * gain).gain[0] == 0
     assert split_gains(atom_map, fit, np.array([gain]), 1e-5).gain[0] == 0
+
+
+def test_two_elements_see_one_wave_and_no_split():
+    cells = np.random.default_rng(0).standard_normal((*GATE.shape, 2, 2)).astype(complex)
+    small = AtomMap.from_map(GatedMap(cells, GATE), SYSTEM)
+    fit = fit_atoms(small, PLACE[None])
+    splits = split_gains(small, fit, np.array([1e-9]), 1e-9)
+    assert np.all(np.isfinite(splits.gain))
+    assert np.all(splits.offsets[:, 2:] == 0)
+
+
+@given(st.floats(1, 1e6), st.floats(1e-9, 0.1))
+def test_the_highest_noise_is_where_rice_expects_one_crossing_in_so_many_images(n, chance):
+    level = noise_maximum(n, chance)
+    if level > N_COORDINATES:
+        expected = n * (np.pi * level / 3) ** 2 * np.exp(-level)
+        assert expected == pytest.approx(chance, rel=1e-5)
+    assert level > np.log(n / chance)
+
+
+@pytest.mark.slow
+def test_maxima_of_noise_off_the_grid_are_as_frequent_as_rice_says():
+    # All Nyquist cells of a small map and array, refined from every peak.
+    gate = Gate(np.arange(10), np.arange(-4, 5), slice(0, 10), slice(0, 9))
+    system, shape, n_images = System(n_subcarriers=10, n_symbols=9), (6, 5), 400
+    rng, chance = np.random.default_rng(0), 0.1
+    level, n_above = noise_maximum(10 * 9 * 30, chance), 0
+    for _ in range(n_images):
+        cells = rng.standard_normal((*gate.shape, *shape, 2)).view(np.complex128)[..., 0] * np.sqrt(0.5)
+        atom_map = AtomMap.from_map(GatedMap(cells, gate), system)
+        space = BeamSpace.from_map(atom_map, gate, ((-1, 1), (-1, 1)))
+        places, _ = space.peaks(space.beams, 0.5 * level)
+        best = [refine_atoms(atom_map, place[None], 4).energy for place in places]
+        n_above += max(best, default=0) > level
+    assert 0.3 * chance * n_images < n_above < 1.5 * chance * n_images
 
 
 @given(st.tuples(*[st.floats(-6, 6)] * 4))
