@@ -96,6 +96,8 @@ class BeamSpace:
         Directions in Rayleigh cells, equidistant.
     beams : ndarray of complex128, shape (n_range, n_doppler, n_u, n_w)
         Outputs of unit-energy beams.
+    n_independent : float
+        Rayleigh cells of the region itself: independent noise samples.
     """
 
     atom_map: AtomMap
@@ -103,6 +105,7 @@ class BeamSpace:
     u: Floats
     w: Floats
     beams: Complex
+    n_independent: float
 
     @classmethod
     def from_map(cls, atom_map: AtomMap, gate: Gate, cosine_limits: tuple[Interval, Interval]) -> BeamSpace:
@@ -126,18 +129,17 @@ class BeamSpace:
         )
         towards_u, towards_w = atom_map.line(u, 2).value, atom_map.line(w, 3).value
         reach = _around(gate.reachable_range), _around(gate.reachable_doppler)
-        return cls(atom_map, reach, u, w, towards_u @ (atom_map.cells[reach] @ towards_w.T))
+        beams = towards_u @ (atom_map.cells[reach] @ towards_w.T)
+        n_independent = float(np.count_nonzero(gate.reachable))
+        for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:], strict=True):
+            n_independent *= max((upper - lower) / step, 1)
+        return cls(atom_map, reach, u, w, beams, n_independent)
 
     @property
     def axes(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Places of the beams along range, Doppler, u and w, in Rayleigh cells."""
         in_range, in_doppler = self.reach
         return self.atom_map.range_bins[in_range], self.atom_map.doppler_bins[in_doppler], self.u, self.w
-
-    @property
-    def n_independent(self) -> float:
-        """Independent noise samples among the beams."""
-        return self.beams.size / BEAMS_A_CELL**2
 
     def residual(self, fit: AtomFit | None) -> Complex:
         """Beams without the atoms of a fit."""

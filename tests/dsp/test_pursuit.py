@@ -86,6 +86,11 @@ def test_beams_cover_the_bins_and_directions_of_the_region_and_a_little_more():
     assert (along_w[0], along_w[-1]) == (-2.0, 1.5)
 
 
+def test_independent_samples_are_the_rayleigh_cells_of_the_region():
+    # 8 range and 7 Doppler bins; a cosine of 1 is 4 cells along u and 3 along w.
+    assert space_of(noisy(PLACE, [1.0])).n_independent == pytest.approx(8 * 7 * 4 * 3)
+
+
 def test_nothing_is_left_of_a_map_without_noise_when_its_atoms_are_taken_out():
     places = PLACE + np.array([[0, 0, 0, 0], [2.1, -0.7, 0.9, 0.4], [-1.3, 0.2, -1.1, 0.8]])
     atom_map, fit = fitted(places, [2.0, 1j, 0.5 - 1j], noise=0.0)
