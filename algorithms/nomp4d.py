@@ -14,13 +14,15 @@ No detector is asked: the threshold follows from `pfa` and the noise in Doppler
 bins that no speed of the region reaches. A lone scatterer's errors are at the
 Cramér-Rao bound (docs/results.md).
 
-Cost of n cells, b beams, P Q elements and K atoms: n P Q (P + Q) for the beams once,
-and in each of a dozen rounds n K b for the residual, K n P Q + K³ for a step.
+Cost of n cells, b beams and K atoms, where the directions of the region span s of
+the P Q dimensions of the array: n P Q sqrt(s) once, and in each of a dozen rounds
+n K b for the residual and K n s + K³ for a step.
 
 Fails in crowds: where more scatterers share a Rayleigh cell than can be told
 apart, no place of the atoms explains the echo, and the least-squares fit bends
-them to the misfit. Moves are then bounded to half a cell and atoms far below
-their neighbours dropped, yet cell-by-cell estimators image such objects better.
+them to the misfit. There none is split, moves are bounded to half a cell and atoms
+far below their neighbours dropped, yet cell-by-cell estimators image such objects
+better.
 
 References
 ----------
@@ -60,7 +62,7 @@ __all__ = ["Nomp4d"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-ROUND_RANGE_DB = 10.0
+ROUND_RANGE_DB = 6.0
 """How far below the best move others may lie that are made in the same round."""
 
 APART_CELLS = 1.0
@@ -81,10 +83,10 @@ PAIR_CELLS = 0.8
 HOPELESS_CELLS = 0.3
 """The same of a new atom, where a whole round changed nothing."""
 
-BOX_CELLS = 0.3
+BOX_CELLS = 0.5
 """Farthest that an atom moves from where it came in, unless little is left around it."""
 
-CALM, CALM_NOISE = 1e-4, 3.0
+CALM, CALM_NOISE = 1e-3, 3.0
 """Residual around an atom, relative to it or to the noise, below which it is not bent to a crowd."""
 
 STEPS, LAST_STEPS = 2, 3
@@ -152,7 +154,7 @@ class Nomp4d:
 
     pfa: float = 1e-2
     local_dynamic_range_db: float = 16.5
-    max_rounds: int = 10
+    max_rounds: int = 12
 
     def __post_init__(self) -> None:
         require(0 < self.pfa < 1, "pfa", self.pfa, "between 0 and 1")

@@ -166,12 +166,15 @@ def test_the_observation_is_not_written_to_and_the_answer_repeats():
 
 def rmse_over_bound(snr_after_gain_db, n_trials):
     """RMSE over the Cramér-Rao bound (4,) of a lone scatterer at random places off the grid."""
-    rng, found = np.random.default_rng(7), []
+    rng, found, n_false = np.random.default_rng(7), [], 0
     for trial in range(n_trials):
         scenario = scene(near_middle([rng.uniform(-2, 2, 4) * [1, 1, 0.5, 0.5]]), phase_rad=rng.uniform(0, 6))
         cloud = image(scenario, snr_after_gain_db, trial)
-        assert len(cloud) == 1
-        found.append(errors(scenario, cloud)[0, 0])
+        error = errors(scenario, cloud)[:, 0]
+        found.append(error[np.abs(error).max(axis=1).argmin()])
+        n_false += len(cloud) - 1
+    # Noise alone: no more often than pfa.
+    assert n_false <= 1 + 0.01 * n_trials
     bound = single_bound(SYSTEM, (8, 8), 10 ** (snr_after_gain_db / 10) / (SYSTEM.processing_gain * 64))
     std = np.array([bound.range_m, bound.velocity_mps, bound.u, bound.w]) / CELLS
     return np.sqrt(np.mean(np.square(found), axis=0)) / std

@@ -75,6 +75,13 @@ def test_slopes_are_the_derivatives_of_the_kernel(n, distance):
     np.testing.assert_allclose(at[1:], (after - before)[:2] / (2 * step), atol=1e-5)
 
 
+@pytest.mark.parametrize("n", [2, 3, 16, 2047])
+def test_the_series_at_the_peak_meets_the_quotients_beside_it(n):
+    below, above = (np.array(dirichlet_slopes(x, n)) for x in (0.999999e-3, 1.000001e-3))
+    np.testing.assert_allclose(below[1], above[1], rtol=1e-5)
+    np.testing.assert_allclose(below[[0, 2]], above[[0, 2]], rtol=5e-7)
+
+
 @given(st.integers(2, 3000), st.floats(1e-12, 0.1), st.integers(-3, 3))
 def test_slopes_keep_their_digits_near_every_peak(n, distance, turns):
     # At whole turns alone is the distance itself exact.
