@@ -43,18 +43,17 @@ __all__ = ["CellwiseEstimator", "Levels", "Look", "middle"]
 
 Snapshots = NDArray[np.complex128]
 
+DETECTION_WINDOW: Window = "hann"
+
+OWN_CELL_EXCESS = (3.0, 1.0)
+"""Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
+
 
 class Levels(NamedTuple):
     """Power per element of white noise, and that which noise and leakage have at most."""
 
     white: float
     floor: float
-
-
-DETECTION_WINDOW: Window = "hann"
-
-OWN_CELL_EXCESS = (3.0, 1.0)
-"""Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +68,11 @@ class Look:
         Neighbouring range cells that serve as snapshots, the cell itself in
         the middle. More give the mean direction of what a crowd of echoes
         spreads over them.
+    resolved_only : bool
+        Whether only cells count that their plane waves explain down to the
+        noise.
+    one_doppler : bool
+        Whether plane waves must look like one echo along Doppler.
     """
 
     range_window: Window
@@ -138,7 +142,7 @@ class CellwiseEstimator(ABC):
         system = observation.system
         gated = GatedMap(observation.cells, observation.gate)
         detected = self._detect(gated)
-        levels = Levels(min(white_noise(gated), detected.floor), detected.floor)
+        levels = _levels(gated, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         chosen = Scatterers.empty()
         for look in self.looks():
@@ -196,8 +200,8 @@ class CellwiseEstimator(ABC):
         look = self.looks()[-1]
         tapered = gated.tapered(look.range_window, look.doppler_window)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
-            levels = Levels(min(white_noise(gated), detected.floor), detected.floor)
-            spectra = self.spectra(observation, _snapshots(tapered, bins, look.range_cells), levels)
+            snapshots = _snapshots(tapered, bins, look.range_cells)
+            spectra = self.spectra(observation, snapshots, _levels(gated, detected))
         return Diagnosis(
             detected.power, detected.detection, seen.range_bins, seen.doppler_bins, spectra, cell
         )
@@ -278,6 +282,11 @@ class CellwiseEstimator(ABC):
 def middle(snapshots: Snapshots) -> Snapshots:
     """Snapshots (n, P, Q) of the cells themselves, out of those with their neighbours (n, s, P, Q)."""
     return snapshots[:, snapshots.shape[1] // 2]
+
+
+def _levels(gated: GatedMap, detected: DetectedCells) -> Levels:
+    """Levels of a map; white noise is never above the floor that was detected with."""
+    return Levels(min(white_noise(gated), detected.floor), detected.floor)
 
 
 def _snapshots(tapered: GatedMap, bins: Bins, n_range: int) -> Snapshots:

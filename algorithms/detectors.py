@@ -235,7 +235,18 @@ class OscaCfar(_Cfar):
 
 
 @dataclass(frozen=True)
-class GocaCfar(_FramedCfar):
+class _HalvedCfar(_FramedCfar):
+    """Parameters of detectors that cut their window into halves."""
+
+    split_axis: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked_axis("split_axis", self.split_axis)
+
+
+@dataclass(frozen=True)
+class GocaCfar(_HalvedCfar):
     """Greatest of: the noise is the greater of the means of the leading and the trailing half.
 
     Fewest false alarms at the border of clutter; an echo in the window masks
@@ -266,12 +277,6 @@ class GocaCfar(_FramedCfar):
 
     name: ClassVar[str] = "goca"
 
-    split_axis: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        checked_axis("split_axis", self.split_axis)
-
     def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
         return goca_cfar(
             power, self.training, self.guard, self.pfa, self.threshold, looks, self.split_axis, cells
@@ -279,7 +284,7 @@ class GocaCfar(_FramedCfar):
 
 
 @dataclass(frozen=True)
-class SocaCfar(_FramedCfar):
+class SocaCfar(_HalvedCfar):
     """Smallest of: the noise is the smaller of the means of the leading and the trailing half.
 
     Echoes in one half of the window do not mask another; at the border of
@@ -309,12 +314,6 @@ class SocaCfar(_FramedCfar):
     """
 
     name: ClassVar[str] = "soca"
-
-    split_axis: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        checked_axis("split_axis", self.split_axis)
 
     def _test(self, power: Power, looks: int, cells: Cells | None) -> Detection:
         return soca_cfar(

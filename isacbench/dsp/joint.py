@@ -52,20 +52,20 @@ MAX_ROUNDS = 8
 REFINEMENTS = 2
 """Gauss-Newton steps of the refinement: the start is within half a bin."""
 
+EXPLAINING_STEPS = 3
+"""Newton steps of a fit in four coordinates, before and after scatterers have left it."""
+
 MOST_UNEXPLAINED = 2.0
 """Of white noise: what may be left around each scatterer of an explained map; means of 21 scatter by 0.2."""
+
+HOPELESS = 20.0
+"""The same after the first steps, from which no more of them help."""
 
 LEAST_RESOLVED = 0.5
 """Share of scatterers from resolved cells below which a map is a crowd, and no fit is tried..."""
 
 FEW = 16
 """... unless there are so few that it costs next to nothing."""
-
-HOPELESS = 20.0
-"""The same after the first steps, from which no more of them help."""
-
-EXPLAINING_STEPS = 3
-"""Newton steps of a fit in four coordinates."""
 
 MAX_SHIFT_BINS = 0.5
 """Farthest that the refinement moves a scatterer."""
