@@ -12,12 +12,13 @@ from isacbench.metrics.score import score
 from isacbench.model.cloud import PointCloud
 
 if TYPE_CHECKING:
+    from isacbench.bench.record import Status
     from isacbench.contracts import Estimator, TruthEstimator
     from isacbench.model.observation import Observation
     from isacbench.model.scenario import Scenario
     from isacbench.registry import AnyEstimator
 
-__all__ = ["Measure", "Shot", "estimate_cloud", "failure", "run_cell"]
+__all__ = ["Measure", "Shot", "estimate_cloud", "failed_by", "failure", "run_cell"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +81,8 @@ def run_cell(
         )
         shot = Shot(scenario, observation, estimator, cell.snr_db, cloud)
         extras = {} if measure is None else measure(shot)
-    except Exception as error:
-        return failure(cell, error, len(truth), time.perf_counter() - start)
+    except (Exception, SystemExit) as error:
+        return failed_by(error, cell, len(truth), time.perf_counter() - start)
     record = Record(
         **vars(cell),
         status="ok" if len(cloud) else "no_detection",
@@ -93,15 +94,18 @@ def run_cell(
     return Outcome(record, cloud, extras)
 
 
-def failure(cell: Cell, error: Exception, n_true: int, time_s: float) -> Outcome:
+def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:
+    """Row of a cell that an exception ended after a time; out of memory is killed, all else an error."""
+    status: Status = "killed" if isinstance(error, MemoryError) else "error"
+    message = str(error)
+    reason = f"{type(error).__name__}: {message}" if message else type(error).__name__
+    return failure(cell, status, reason, n_true, time_s)
+
+
+def failure(cell: Cell, status: Status, reason: str, n_true: int, time_s: float) -> Outcome:
     """Row of a cell that failed after a time, with the reason."""
     record = Record(
-        **vars(cell),
-        status="error",
-        reason=f"{type(error).__name__}: {error}",
-        n_true=n_true,
-        n_estimated=0,
-        time_estimate_s=time_s,
+        **vars(cell), status=status, reason=reason, n_true=n_true, n_estimated=0, time_estimate_s=time_s
     )
     return Outcome(record, PointCloud.empty())
 
@@ -113,6 +117,8 @@ def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: Poi
     ------
     TypeError
         If the estimator returns anything but a `PointCloud`.
+    ValueError
+        If the cloud has wrong shapes, NaN or infinities.
     """
     if getattr(estimator, "needs_truth", False):
         cloud = cast("TruthEstimator", estimator).estimate(observation, truth)
@@ -120,4 +126,5 @@ def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: Poi
         cloud = cast("Estimator", estimator).estimate(observation)
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
-    return cloud
+    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
+    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)

@@ -8,17 +8,20 @@ them were detected, clear cells and how many of them were false alarms.
 
 from __future__ import annotations
 
-import dataclasses
+import hashlib
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from isacbench.bench.cell import failure
+from isacbench.bench.cell import failed_by, failure
+from isacbench.bench.content import digest
 from isacbench.bench.imaging import require_scatterers
 from isacbench.bench.intervals import CONFIDENCE, wilson_interval
 from isacbench.bench.maps import PowerMap, draw_map, near
@@ -36,6 +39,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.cell import Shot
     from isacbench.bench.maps import MapName
+    from isacbench.bench.record import Status
     from isacbench.bench.study import Scene
     from isacbench.bench.suite import DetectionSuite
     from isacbench.model.scenario import Scenario
@@ -79,6 +83,40 @@ class DetectorStudy:
         ]
 
 
+@dataclass(frozen=True, eq=False)
+class MapEncounter:
+    """A map that detectors test.
+
+    Attributes
+    ----------
+    cell : Cell
+        Key of its rows, without a detector.
+    drawn : PowerMap
+    power : ndarray of float64
+        Of the map at the SNR, read-only.
+    labels : mapping of str to Any
+        Further columns of every row.
+    """
+
+    cell: Cell
+    drawn: PowerMap
+    power: NDArray[np.float64]
+    labels: Mapping[str, Any]
+
+    def meet(self, contestant: Contestant[Detector]) -> Outcome:
+        """Let a detector test the map."""
+        outcome = _run_detector(contestant.cell(self.cell), contestant.plugin, self.drawn, self.power)
+        return outcome.labelled({**self.labels, **contestant.labels})
+
+    def forfeit(
+        self, contestant: Contestant[Detector], status: Status, reason: str, time_s: float
+    ) -> Outcome:
+        """Row of a detector that left no other trace."""
+        n_targets = int(self.drawn.targets.sum())
+        outcome = failure(contestant.cell(self.cell), status, reason, n_targets, time_s)
+        return outcome.labelled({**self.labels, **contestant.labels})
+
+
 class MapScene:
     """A synthetic map and the detectors that test it.
 
@@ -96,23 +134,30 @@ class MapScene:
     ) -> None:
         self.name = name
         self.snr_db = element_snrs_db(suite, MAP_GAIN_DB)
-        self.n_contestants = len(contestants)
+        self.contestants = contestants
         self._suite = suite
         self._map_name: MapName = name
-        self._contestants = contestants
         self._drawn: tuple[int, PowerMap] | None = None
 
-    def outcomes(self, snr_db: float, trial: int) -> Iterator[Outcome]:
-        """Test the map by every detector."""
+    @cached_property
+    def content(self) -> str:
+        """Digest of the first map drawn: of what no rounding changes."""
+        drawn = draw_map(self._map_name, 0, self._suite.seed)
+        bits = np.packbits([drawn.targets, drawn.clear, drawn.noise.real > 0, drawn.echo.real > 0])
+        return digest([self._suite.kind, self.name, hashlib.sha256(bits.tobytes()).hexdigest()])
+
+    def observe(self, snr_db: float, trial: int) -> MapEncounter:
+        """Draw the map, for all detectors."""
         drawn, suite = self._draw(trial), self._suite
         target_snr_db = gained_snr_db(snr_db, MAP_GAIN_DB)
         power = drawn.power(target_snr_db)
         power.setflags(write=False)
-        for contestant in self._contestants:
-            cell = Cell(suite.name, self.name, contestant.name, contestant.params, snr_db, trial, suite.seed)
-            outcome = _run_detector(cell, contestant.plugin, drawn, power)
-            labels = {"snr_gain_db": target_snr_db, **contestant.labels}
-            yield dataclasses.replace(outcome, extras={**labels, **outcome.extras})
+        cell = Cell(suite.name, self.name, "", "", snr_db, trial, suite.seed, self.content)
+        return MapEncounter(cell, drawn, power, {"snr_gain_db": target_snr_db})
+
+    def forget(self) -> None:
+        """Let go of the map."""
+        self._drawn = None
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Give no scatterers: a map has none."""
@@ -243,8 +288,8 @@ def _run_detector(cell: Cell, detector: Detector, drawn: PowerMap, power: NDArra
     try:
         mask = _mask(detector.detect(power), power.shape)
         elapsed_s = time.perf_counter() - start
-    except Exception as error:
-        return failure(cell, error, n_targets, time.perf_counter() - start)
+    except (Exception, SystemExit) as error:
+        return failed_by(error, cell, n_targets, time.perf_counter() - start)
     n_detected = int(mask.sum())
     record = Record(
         **vars(cell),

@@ -21,14 +21,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CLOUD_KEYS",
+    "COLUMNS",
     "DRAW_COLUMNS",
     "POINT_COLUMNS",
+    "PROVENANCE",
+    "TIMES",
     "Cell",
     "Outcome",
     "Record",
     "Results",
     "Status",
-    "tabulate",
+    "typed",
 ]
 
 Status = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
@@ -50,6 +53,9 @@ class Cell:
         The estimator's parameters as canonical JSON.
     snr_db : float
     trial, seed : int
+    scenario_content : str
+        Digest of what the scene consists of: two cells are the same only if
+        it is, too.
     """
 
     suite: str
@@ -59,11 +65,12 @@ class Cell:
     snr_db: float
     trial: int
     seed: int
+    scenario_content: str
 
 
 @dataclass(frozen=True)
 class Record(Cell):
-    """One row of the results, its fields in the order of the columns.
+    """One row of the results; `COLUMNS` has the order of the columns.
 
     Attributes
     ----------
@@ -79,6 +86,11 @@ class Record(Cell):
         Wall time of the estimate, or until it failed.
     time_score_s : float
         Wall time of the scoring, NaN for a failure.
+    timing : bool
+        Whether the time counts: measured alone, one cell after the other, on
+        one thread, warm.
+    environment : str
+        Name of the environment that made it; the manifest describes it.
     """
 
     status: Status
@@ -97,6 +109,19 @@ class Record(Cell):
     precision: float = math.nan
     recall: float = math.nan
     time_score_s: float = math.nan
+    timing: bool = False
+    environment: str = ""
+
+
+PROVENANCE = ["timing", "scenario_content", "environment"]
+COLUMNS = [field.name for field in dataclasses.fields(Record) if field.name not in PROVENANCE] + PROVENANCE
+"""Columns of every table of results; a study appends its own."""
+
+TYPES = {field.name: str(field.type) for field in dataclasses.fields(Record)}
+KINDS = {"str": "str", "Status": "str", "int": "int64", "float": "float64", "bool": "bool"}
+
+TIMES = ["time_estimate_s", "time_score_s"]
+"""Columns that differ from one run to the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +139,14 @@ class Outcome:
     record: Record
     cloud: PointCloud
     extras: Mapping[str, Any] = field(default_factory=dict)
+
+    def labelled(self, labels: Mapping[str, Any]) -> Outcome:
+        """Same with further columns, as far as it does not have them itself."""
+        return dataclasses.replace(self, extras={**labels, **self.extras})
+
+    def made_by(self, environment: str) -> Outcome:
+        """Same with the name of the environment that made it."""
+        return dataclasses.replace(self, record=dataclasses.replace(self.record, environment=environment))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +166,8 @@ class Results:
     draws : DataFrame
         One row a scatterer that a study drew: scenario, trial, x, y, z, v,
         power, phase_rad. Empty where all scatterers are the scenarios' own.
+    environments : mapping of str to dict
+        What made the rows, by the names that they have.
     started : datetime
         With its time zone.
     wall_time_s : float
@@ -146,6 +181,7 @@ class Results:
     clouds: pd.DataFrame
     scenarios: dict[str, Scenario]
     draws: pd.DataFrame
+    environments: Mapping[str, Any]
     started: datetime
     wall_time_s: float
     interrupted: bool
@@ -158,30 +194,25 @@ class Results:
         return PointCloud.from_array(self.clouds.loc[chosen, POINT_COLUMNS].to_numpy())
 
 
-def tabulate(
-    outcomes: Sequence[Outcome], columns: Mapping[str, Any] | None = None
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Tables of the records and of the points of some outcomes.
+def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
+    """Table with all columns in their order and in their types, wherever its rows come from.
 
     Parameters
     ----------
-    outcomes : sequence of Outcome
-    columns : mapping of str to Any, optional
-        Further columns, each with its value where an outcome has none.
+    records : DataFrame
+    columns : mapping of str to Any
+        Columns of the study, each with a value of its type, which rows
+        without it get.
 
     Returns
     -------
-    records, clouds : DataFrame
-        As in `Results`.
+    DataFrame
+        Columns as in `COLUMNS`, then those of the study.
     """
-    names = [field.name for field in dataclasses.fields(Record)]
-    rows = [outcome.record for outcome in outcomes]
-    table = {name: [getattr(row, name) for row in rows] for name in names}
-    for name, default in (columns or {}).items():
-        table[name] = [outcome.extras.get(name, default) for outcome in outcomes]
-    records = pd.DataFrame(table)
-    n_points = [len(outcome.cloud) for outcome in outcomes]
-    clouds = records[CLOUD_KEYS].loc[np.repeat(records.index, n_points)].reset_index(drop=True)
-    points = np.concatenate([np.empty((0, 5)), *(outcome.cloud.to_array() for outcome in outcomes)])
-    clouds[POINT_COLUMNS] = points
-    return records, clouds
+    kinds = {name: KINDS[TYPES[name]] for name in COLUMNS}
+    kinds |= {name: KINDS[type(default).__name__] for name, default in columns.items()}
+    table = records.reindex(columns=list(kinds))
+    for name, default in columns.items():
+        if name not in records:
+            table[name] = default
+    return table.astype(kinds)

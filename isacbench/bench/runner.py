@@ -3,33 +3,104 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cell import estimate_cloud, run_cell
-from isacbench.bench.record import DRAW_COLUMNS, Outcome, Results, tabulate
-from isacbench.bench.store import reserve_folder, write_results
+from isacbench.bench.folder import open_folder
+from isacbench.bench.guard import DEFAULT_TIMEOUT_S, Guard
+from isacbench.bench.job import load_job
+from isacbench.bench.journal import Journal, read_journal
+from isacbench.bench.local import work_guarded, work_here
+from isacbench.bench.plan import Shard
+from isacbench.bench.record import Results, typed
+from isacbench.bench.resume import Rerun, keep
+from isacbench.bench.rows import Rows
+from isacbench.bench.store import (
+    JOURNAL,
+    Session,
+    read_rows,
+    read_sessions,
+    write_manifest,
+    write_results,
+    write_rows,
+    write_truth,
+)
 from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import Suite, load_suite
 from isacbench.errors import InputError
-from isacbench.model.scenario import Scenario, load_scenario
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from isacbench.bench.study import Scene
+    from isacbench.bench.job import Job
+    from isacbench.bench.plan import Block, Plan
+    from isacbench.bench.workbench import Made
 
-__all__ = ["Progress", "estimate_cloud", "run", "run_cell", "run_suite"]
+__all__ = ["Execution", "Progress", "estimate_cloud", "run", "run_cell", "run_suite"]
 
 Progress = Callable[[int, int], None]
 """Called after each cell with the number of cells done and the number of all."""
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where and how cells are worked off, none of which changes what they yield.
+
+    Attributes
+    ----------
+    n_jobs : int or None
+        Guarded worker processes on this machine; None for this process,
+        without guard.
+    guard : Guard
+        Limits of every cell, where there are workers.
+    dask : str or None
+        Address of a Dask scheduler, whose workers take the place of those
+        of this machine.
+    shard : Shard or None
+        Which part of the cells.
+    rerun : collection of {"failed", "stale", "all"}
+        Stored cells that are made again.
+    mix_versions : bool
+        Whether rows of other versions may stay beside new ones.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
+    """
+
+    n_jobs: int | None = None
+    guard: Guard = Guard()
+    dask: str | None = None
+    shard: Shard | None = None
+    rerun: Collection[Rerun] = ()
+    mix_versions: bool = False
+
+    def __post_init__(self) -> None:
+        if self.n_jobs is not None and self.n_jobs < 1:
+            raise InputError(f"jobs {self.n_jobs}: allowed is 1 or more")
+        if self.n_jobs is not None and self.dask is not None:
+            raise InputError("jobs and dask: allowed is one of them; how many jobs a Dask worker runs is its own matter")
+
+    def describe(self) -> dict[str, Any]:
+        """Describe it in terms of JSON."""
+        return {
+            "jobs": self.n_jobs,
+            "timeout_s": self.guard.timeout_s,
+            "memory_mib": self.guard.memory_mib,
+            "dask": self.dask,
+            "shard": None if self.shard is None else f"{self.shard.k}/{self.shard.n}",
+        }
+
+
+HERE = Execution()
 
 
 def run(
@@ -41,6 +112,13 @@ def run(
     trials: int | None = None,
     seed: int | None = None,
     out: str | Path | None = None,
+    jobs: int | None = None,
+    timeout_s: float | None = DEFAULT_TIMEOUT_S,
+    memory_mib: float | None = None,
+    dask: str | None = None,
+    shard: str | None = None,
+    rerun: Collection[Rerun] = (),
+    mix_versions: bool = False,
 ) -> pd.DataFrame:
     """Run a suite and return its records.
 
@@ -51,19 +129,36 @@ def run(
     estimators, scenarios, snr_db, trials, seed : optional
         Replace the suite's own; `snr_db` also takes the place of `snr_gain_db`.
     out : str or Path, optional
-        New folder for the results; without it nothing is written.
+        Folder for the results. If it holds a part of this run already, only
+        the rest is run. Without it nothing is kept.
+    jobs : int, optional
+        Worker processes, in which a cell that hangs, exhausts memory or
+        crashes costs nothing but its own row. Without it cells run in this
+        process, unguarded.
+    timeout_s, memory_mib : float or None
+        Wall time and memory that a cell may take in a worker; None for no
+        limit.
+    dask : str, optional
+        Address of a Dask scheduler whose workers run the cells.
+    shard : str, optional
+        ``k/n``: part k of n of the cells, for job arrays.
+    rerun : collection of {"failed", "stale", "all"}
+        Cells in `out` to run again.
+    mix_versions : bool
+        Whether rows of other versions may stay in `out` beside new ones.
 
     Returns
     -------
     DataFrame
         One row for each scenario, SNR, trial and estimator; the columns are
-        the fields of `isacbench.bench.record.Record` and those that the
-        suite's kind adds.
+        those of `isacbench.bench.record.COLUMNS` and those that the suite's
+        kind adds.
 
     Raises
     ------
     InputError
-        If a name, a parameter or a value is not allowed, or `out` exists.
+        If a name, a parameter or a value is not allowed, or `out` cannot be
+        gone on with.
     KeyboardInterrupt
         If the run was interrupted; with `out` the rows so far are written first.
 
@@ -83,6 +178,14 @@ def run(
             seed=seed,
         ),
         out=None if out is None else Path(out),
+        execution=Execution(
+            n_jobs=jobs,
+            guard=Guard(timeout_s, memory_mib),
+            dask=dask,
+            shard=None if shard is None else Shard.parse(shard),
+            rerun=rerun,
+            mix_versions=mix_versions,
+        ),
     )
     if results.interrupted:
         raise KeyboardInterrupt(
@@ -91,16 +194,24 @@ def run(
     return results.records
 
 
-def run_suite(suite: Suite, out: Path | None = None, progress: Progress | None = None) -> Results:
+def run_suite(
+    suite: Suite,
+    out: Path | None = None,
+    progress: Progress | None = None,
+    execution: Execution = HERE,
+) -> Results:
     """Run a suite; an interrupt ends it early and keeps the records so far.
 
     Parameters
     ----------
     suite : Suite
     out : Path, optional
-        New folder for the results; without it nothing is written.
+        Folder for the results, new or of the same run; without it nothing is
+        kept.
     progress : callable, optional
         Called after each cell with the numbers of cells done and of all.
+    execution : Execution, optional
+        Where and how cells are worked off.
 
     Returns
     -------
@@ -109,63 +220,99 @@ def run_suite(suite: Suite, out: Path | None = None, progress: Progress | None =
     Raises
     ------
     InputError
-        If the suite names something unknown, or `out` exists.
+        If the suite names something unknown, or `out` cannot be gone on with.
     """
-    started, tick = datetime.now().astimezone(), time.perf_counter()
-    scenarios = _load_scenarios(suite)
-    scenes = _expand(suite, scenarios)
-    n_cells = sum(len(scene.snr_db) * scene.n_contestants for scene in scenes) * suite.trials
-    outcomes: list[Outcome] = []
-    interrupted = False
-    with reserve_folder(out) if out is not None else nullcontext():
-        try:
-            # Threads make small batched algebra slower and its timing unrepeatable.
-            with threadpool_limits(limits=1):
-                for outcome in _outcomes(suite, scenes):
-                    outcomes.append(outcome)
-                    if progress is not None:
-                        progress(len(outcomes), n_cells)
-        except KeyboardInterrupt:
-            interrupted = True
-        records, clouds = tabulate(outcomes, STUDIES[suite.kind].columns)
-        draws = _draws(scenes, suite.trials)
+    job = load_job(suite)
+    session, tick = Session(datetime.now().astimezone(), execution.describe()), time.perf_counter()
+    with open_folder(out) as folder:
+        sessions, kept = read_sessions(folder), _enter(folder, job, execution)
+        blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
+        _begin(folder, job, kept, [*sessions, session.describe(0.0, interrupted=True)])
+        with Journal(folder / JOURNAL, STUDIES[suite.kind].columns) as journal:
+            interrupted = _work(job, blocks, execution, journal, n_kept, progress)
+        new, _ = read_journal(folder / JOURNAL)
+        rows = Rows.joined([kept, new])
+        rows = rows.take(np.argsort(job.plan.positions(rows.records), kind="stable"))
         wall_time_s = time.perf_counter() - tick
-        results = Results(suite, records, clouds, scenarios, draws, started, wall_time_s, interrupted)
+        results = Results(
+            suite=suite,
+            records=typed(rows.records, STUDIES[suite.kind].columns),
+            clouds=rows.clouds(),
+            scenarios=dict(job.scenarios),
+            draws=job.draws(),
+            environments=rows.environments,
+            started=session.started,
+            wall_time_s=wall_time_s,
+            interrupted=interrupted,
+        )
         if out is not None:
-            write_results(results, out)
+            _finish(results, folder, [*sessions, session.describe(wall_time_s, interrupted)])
     return results
 
 
-def _draws(scenes: Sequence[Scene], n_trials: int) -> pd.DataFrame:
-    """Scatterers that the scenes drew."""
-    tables = [table for scene in scenes if len(table := scene.draws(n_trials))]
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=DRAW_COLUMNS)
+def _enter(folder: Path, job: Job, execution: Execution) -> Rows:
+    """Stored rows that the run goes on with; the others are gone afterwards."""
+    stored = read_rows(folder)
+    if not len(stored):
+        return stored
+    suite = job.suite
+    try:
+        kept = keep(stored, job.plan, suite.name, suite.seed, execution.rerun, execution.mix_versions)
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from error
+    if (folder / JOURNAL).exists() or len(kept) < len(stored):
+        write_rows(folder, typed(kept.records, STUDIES[suite.kind].columns), kept.clouds())
+        (folder / JOURNAL).unlink(missing_ok=True)
+    return kept
 
 
-def _load_scenarios(suite: Suite) -> dict[str, Scenario]:
-    """Scenarios of a suite by name."""
-    loaded: dict[str, Scenario] = {}
-    for name_or_path in suite.scenarios:
-        scenario = load_scenario(name_or_path)
-        if scenario.name in loaded:
-            raise InputError(f"scenarios: {name_or_path!r} repeats the name {scenario.name!r}")
-        loaded[scenario.name] = scenario
-    return loaded
+def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Block], int]:
+    """Blocks that are still to be worked off, and the number of cells that are not."""
+    wanted = np.ones(plan.n_cells, dtype=np.bool_) if shard is None else plan.shard(shard)
+    todo = wanted.copy()
+    todo[plan.positions(kept.records)] = False
+    return plan.blocks(todo), int(np.sum(wanted & ~todo))
 
 
-def _expand(suite: Suite, scenarios: dict[str, Scenario]) -> Sequence[Scene]:
-    """Scenes that the suite's study makes of its scenarios."""
-    scenes = STUDIES[suite.kind].scenes(suite, scenarios)
-    names = [scene.name for scene in scenes]
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")
-    return scenes
+def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]]) -> None:
+    """Write what the rows to come cannot be understood without, should the run be killed."""
+    write_truth(folder, job.scenarios)
+    write_manifest(folder, job.suite, job.scenarios, kept.environments, sessions)
 
 
-def _outcomes(suite: Suite, scenes: Sequence[Scene]) -> Iterator[Outcome]:
-    """Outcomes cell by cell, in the order in which echo, noise and observation are shared best."""
-    for scene in scenes:
-        for trial in range(suite.trials):
-            for snr_db in scene.snr_db:
-                yield from scene.outcomes(snr_db, trial)
+def _work(
+    job: Job,
+    blocks: Sequence[Block],
+    execution: Execution,
+    journal: Journal,
+    n_kept: int,
+    progress: Progress | None,
+) -> bool:
+    """Work off blocks, every row into the journal at once; whether an interrupt ended it early."""
+    n_cells = n_kept + sum(len(block.contestants) for block in blocks)
+    try:
+        for n_done, made in enumerate(_made(job, blocks, execution), start=n_kept + 1):
+            journal.append(made)
+            if progress is not None:
+                progress(n_done, n_cells)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Iterator[Made]:
+    """Outcomes of blocks, wherever they are worked off."""
+    if execution.dask is not None:
+        from isacbench.bench.cluster import work_on_cluster  # an optional dependency
+
+        return work_on_cluster(job, blocks, execution.guard, execution.dask)
+    if execution.n_jobs is not None:
+        return work_guarded(job, blocks, execution.guard, execution.n_jobs)
+    return work_here(job, blocks)
+
+
+def _finish(results: Results, folder: Path, sessions: list[dict[str, Any]]) -> None:
+    """Write the tables, and only then let go of the journal that they are made from."""
+    write_results(results, folder)
+    write_manifest(folder, results.suite, results.scenarios, results.environments, sessions)
+    (folder / JOURNAL).unlink()

@@ -1,85 +1,142 @@
-"""The store: a run's folder, complete enough to be scored and drawn again without running again."""
+"""The store: a run's folder, complete enough to be scored, drawn and gone on with without running again."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import platform
-import subprocess
 import sys
-from contextlib import contextmanager
+import warnings
 from datetime import datetime
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_info
+import pyarrow as pa
 
 import isacbench
-from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Results
+from isacbench.bench.content import describe_scenario, restore_scenario, scenario_digest, truth_table
+from isacbench.bench.folder import replacing
+from isacbench.bench.journal import read_journal
+from isacbench.bench.provenance import blas_libraries, git_state, machine, package_versions, python_version
+from isacbench.bench.record import (
+    CLOUD_KEYS,
+    COLUMNS,
+    DRAW_COLUMNS,
+    POINT_COLUMNS,
+    PROVENANCE,
+    Results,
+    typed,
+)
+from isacbench.bench.rows import Rows
+from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import restore_suite
-from isacbench.errors import InputError
-from isacbench.model.array import VirtualArray
-from isacbench.model.frame import Frame, PaperFrame, get_frame
-from isacbench.model.numerology import System
-from isacbench.model.region import Region
-from isacbench.model.scenario import Scatterers, Scenario
-from isacbench.registry import distribution, estimator_names
+from isacbench.errors import InputError, InputWarning
+from isacbench.metrics.score import METRIC_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
 
-__all__ = ["default_folder", "read_results", "replacing", "reserve_folder", "write_results"]
+    from isacbench.bench.provenance import Environment
+    from isacbench.bench.suite import Suite
+    from isacbench.model.scenario import Scenario
+
+__all__ = [
+    "JOURNAL",
+    "Session",
+    "read_manifest",
+    "read_results",
+    "read_rows",
+    "read_sessions",
+    "write_manifest",
+    "write_results",
+    "write_rows",
+    "write_truth",
+]
 
 RECORDS, RECORDS_CSV = "results.parquet", "results.csv"
 CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"
-DRAWS = "draws.parquet"
-PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "scikit-image", "threadpoolctl")
+DRAWS, JOURNAL = "draws.parquet", "journal.jsonl"
+
+UNKNOWN = {"timing": False, "scenario_content": "", "environment": ""}
+"""What runs say that were written before rows told it."""
+
+T = TypeVar("T")
+
+DAMAGE = (ValueError, KeyError, OSError, pa.ArrowException)
+"""What a damaged file ends in."""
 
 
-def default_folder(suite_name: str) -> Path:
-    """Return the folder ``results/<suite>-<time>`` of a run that starts now."""
-    return Path("results") / f"{suite_name}-{datetime.now():%Y%m%d-%H%M%S}"
+@dataclasses.dataclass(frozen=True)
+class Session:
+    """One call that worked on a run.
 
-
-@contextmanager
-def reserve_folder(folder: Path) -> Iterator[None]:
-    """Create a folder at the start of a run, and take it away again if the run leaves it empty.
-
-    Raises
-    ------
-    InputError
-        If the folder exists or cannot be created.
+    Attributes
+    ----------
+    started : datetime
+        With its time zone.
+    options : mapping of str to Any
+        How it was run, in terms of JSON.
     """
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError as error:
-        raise InputError(f"{folder}: exists; allowed is a new folder, nothing was overwritten") from error
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be created: {error.strerror}") from error
-    try:
-        yield
-    finally:
-        if not any(folder.iterdir()):
-            folder.rmdir()
+
+    started: datetime
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def describe(self, wall_time_s: float, interrupted: bool) -> dict[str, Any]:
+        """Describe it in terms of JSON."""
+        return {
+            "argv": sys.argv,
+            "started": self.started.isoformat(timespec="seconds"),
+            "wall_time_s": round(wall_time_s, 3),
+            "interrupted": interrupted,
+            **self.options,
+        }
 
 
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path that takes the place of `path` once it is written whole."""
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+def write_manifest(
+    folder: Path,
+    suite: Suite,
+    scenarios: Mapping[str, Scenario],
+    environments: Mapping[str, Environment],
+    sessions: list[dict[str, Any]],
+) -> None:
+    """Write what a run depends on, in place of an older manifest.
+
+    Parameters
+    ----------
+    folder : Path
+    suite : Suite
+    scenarios : mapping of str to Scenario
+    environments : mapping of str to Environment
+        By the names that rows have.
+    sessions : list of dict
+        All calls that worked on the run, the last one last.
+    """
+    last = sessions[-1]
+    manifest = {
+        "isacbench": isacbench.__version__,
+        "git": git_state(),
+        **{key: last[key] for key in ("argv", "started", "wall_time_s", "interrupted")},
+        "seed": suite.seed,
+        "suite": suite.model_dump(),
+        "metric": {"name": "paper", "version": METRIC_VERSION},
+        "scenarios": {
+            name: {**describe_scenario(scenario), "content": scenario_digest(scenario)}
+            for name, scenario in scenarios.items()
+        },
+        "environments": dict(environments),
+        "sessions": sessions,
+        "python": python_version(),
+        "packages": package_versions(),
+        **machine(),
+        "blas_threads": 1,
+        "blas": blas_libraries(),
+    }
+    with replacing(folder / MANIFEST) as path:
+        path.write_text(json.dumps(manifest, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def write_results(results: Results, folder: Path) -> None:
-    """Write a run into its folder; the manifest comes last, so that its presence means all is there.
+    """Write the tables of a run into its folder.
 
     Parameters
     ----------
@@ -87,164 +144,162 @@ def write_results(results: Results, folder: Path) -> None:
     folder : Path
         An existing folder.
     """
-    truth = pd.concat([_truth_table(scenario) for scenario in results.scenarios.values()], ignore_index=True)
-    tables = {RECORDS: results.records, CLOUDS: results.clouds, TRUTH: truth}
+    write_truth(folder, results.scenarios)
     if len(results.draws):
-        tables[DRAWS] = results.draws
-    for name, table in tables.items():
-        with replacing(folder / name) as path:
-            table.to_parquet(path, index=False)
+        _write_parquet(results.draws, folder / DRAWS)
+    write_rows(folder, results.records, results.clouds)
     with replacing(folder / RECORDS_CSV) as path:
         results.records.to_csv(path, index=False)
-    with replacing(folder / MANIFEST) as path:
-        path.write_text(json.dumps(_manifest(results), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def read_results(folder: Path) -> Results:
-    """Read a run back from its folder.
+def write_rows(folder: Path, records: pd.DataFrame, clouds: pd.DataFrame) -> None:
+    """Write rows and clouds, as far as they are made, in place of older ones."""
+    _write_parquet(clouds, folder / CLOUDS)
+    _write_parquet(records, folder / RECORDS)
+
+
+def write_truth(folder: Path, scenarios: Mapping[str, Scenario]) -> None:
+    """Write the scatterers of some scenarios."""
+    tables = [truth_table(scenario) for scenario in scenarios.values()]
+    _write_parquet(pd.concat(tables, ignore_index=True), folder / TRUTH)
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read the manifest of a run.
 
     Raises
     ------
     InputError
-        If the folder does not hold a complete run.
+        If there is none, or it is damaged.
     """
-    missing = [name for name in (MANIFEST, RECORDS, CLOUDS, TRUTH) if not (folder / name).is_file()]
-    if missing:
-        raise InputError(
-            f"{folder}: not the folder of a run, {', '.join(missing)} missing; "
-            "allowed is a folder that isacbench run wrote"
-        )
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        if not isinstance(manifest, dict):
+            raise ValueError("not a table")
+    except FileNotFoundError as error:
+        raise _no_run(folder, MANIFEST) from error
+    except DAMAGE as error:
+        raise InputError(f"{folder}: damaged run: {MANIFEST}: {type(error).__name__}: {error}") from error
+    return manifest
+
+
+def read_sessions(folder: Path) -> list[dict[str, Any]]:
+    """Calls that have worked on a run so far; none where its manifest is missing or damaged."""
+    sessions = _lenient(lambda: read_manifest(folder)["sessions"], folder / MANIFEST)
+    return sessions if isinstance(sessions, list) else []
+
+
+def read_rows(folder: Path) -> Rows:
+    """Read every row that a folder holds and that is not damaged, of a killed run as well.
+
+    Returns
+    -------
+    Rows
+        Of rows of the same cell, the last one counts.
+
+    Warns
+    -----
+    InputWarning
+        If something is damaged, and its rows or clouds are lost.
+    """
+    environments = _lenient(lambda: read_manifest(folder)["environments"], folder / MANIFEST) or {}
+    records = _lenient(lambda: _read_records(folder), folder / RECORDS)
+    parts = []
+    if records is not None:
+        clouds = _lenient(lambda: _read_clouds(folder), folder / CLOUDS)
+        parts.append(Rows.of_tables(records, _no_clouds() if clouds is None else clouds, environments))
+    if (folder / JOURNAL).exists():
+        rows, n_torn = read_journal(folder / JOURNAL)
+        if n_torn:
+            _warn_of_damage(folder / JOURNAL, f"{n_torn} lines")
+        parts.append(rows)
+    return Rows.joined(parts)
+
+
+def read_results(folder: Path) -> Results:
+    """Read a run back from its folder; of one that was killed the rows that it made.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold a run, or a damaged one.
+    """
+    manifest, journal = read_manifest(folder), folder / JOURNAL
+    if not journal.exists() and not (folder / RECORDS).is_file():
+        raise _no_run(folder, RECORDS)
+    try:
+        suite = restore_suite(manifest["suite"])
+        parts = []
+        if (folder / RECORDS).exists():
+            parts.append(Rows.of_tables(_read_records(folder), _read_clouds(folder), manifest["environments"]))
+        if journal.exists():
+            parts.append(read_journal(journal)[0])
+        rows = Rows.joined(parts)
+        rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
         truth = pd.read_parquet(folder / TRUTH)
         return Results(
-            suite=restore_suite(manifest["suite"]),
-            records=pd.read_parquet(folder / RECORDS),
-            clouds=pd.read_parquet(folder / CLOUDS),
+            suite=suite,
+            records=typed(rows.records, STUDIES[suite.kind].columns),
+            clouds=rows.clouds(),
             scenarios={
-                name: _scenario(name, described, truth[truth["scenario"] == name])
+                name: restore_scenario(name, described, truth[truth["scenario"] == name])
                 for name, described in manifest["scenarios"].items()
             },
-            draws=_draws(folder / DRAWS),
+            draws=_read_draws(folder / DRAWS),
+            environments=manifest["environments"],
             started=datetime.fromisoformat(manifest["started"]),
             wall_time_s=manifest["wall_time_s"],
             interrupted=manifest["interrupted"],
         )
-    except (ValueError, KeyError, OSError) as error:
+    except DAMAGE as error:
         raise InputError(f"{folder}: damaged run: {type(error).__name__}: {error}") from error
 
 
-def _draws(path: Path) -> pd.DataFrame:
+def _write_parquet(table: pd.DataFrame, path: Path) -> None:
+    with replacing(path) as temporary:
+        table.to_parquet(temporary, index=False, write_page_checksum=True)
+
+
+def _read_records(folder: Path) -> pd.DataFrame:
+    records = _read_parquet(folder / RECORDS)
+    if missing := [name for name in COLUMNS if name not in records and name not in PROVENANCE]:
+        raise KeyError(f"{RECORDS} has no column {missing[0]}")
+    return records.assign(**{name: value for name, value in UNKNOWN.items() if name not in records})
+
+
+def _read_clouds(folder: Path) -> pd.DataFrame:
+    return _read_parquet(folder / CLOUDS) if (folder / CLOUDS).exists() else _no_clouds()
+
+
+def _no_clouds() -> pd.DataFrame:
+    return pd.DataFrame(columns=[*CLOUD_KEYS, *POINT_COLUMNS])
+
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    return pd.read_parquet(path, page_checksum_verification=True)
+
+
+def _read_draws(path: Path) -> pd.DataFrame:
     """Scatterers that a study drew; most draw none, and write no file."""
-    return pd.read_parquet(path) if path.exists() else pd.DataFrame(columns=DRAW_COLUMNS)
+    return _read_parquet(path) if path.exists() else pd.DataFrame(columns=DRAW_COLUMNS)
 
 
-def _manifest(results: Results) -> dict[str, Any]:
-    """Everything that a run depended on, in terms of JSON."""
-    estimators = results.records[["estimator", "params"]].drop_duplicates()
-    return {
-        "isacbench": isacbench.__version__,
-        "git": _git_state(Path(isacbench.__file__).parent.parent),
-        "argv": sys.argv,
-        "started": results.started.isoformat(timespec="seconds"),
-        "wall_time_s": round(results.wall_time_s, 3),
-        "interrupted": results.interrupted,
-        "seed": results.suite.seed,
-        "suite": results.suite.model_dump(),
-        "estimators": [
-            {"name": name, "params": json.loads(params), "package": _package(name)}
-            for name, params in estimators.itertuples(index=False)
-        ],
-        "scenarios": {name: _describe(scenario) for name, scenario in results.scenarios.items()},
-        "python": platform.python_version(),
-        "packages": {name: _version(name) for name in PACKAGES},
-        "platform": platform.platform(),
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "blas_threads": 1,
-        "blas": [
-            {key: library.get(key) for key in ("user_api", "internal_api", "version", "architecture")}
-            for library in threadpool_info()
-        ],
-    }
+def _lenient(read: Callable[[], T], path: Path) -> T | None:
+    """Read what is there; None where it is not, or damaged, which is told."""
+    if not path.exists():
+        return None
+    try:
+        return read()
+    except DAMAGE as error:
+        _warn_of_damage(path, f"{type(error).__name__}: {error}")
+        return None
 
 
-def _package(name: str) -> str:
-    """Package of an estimator, or of a detector that stands for itself."""
-    return distribution("estimator" if name in estimator_names() else "detector", name)
+def _warn_of_damage(path: Path, what: str) -> None:
+    warnings.warn(f"{path}: damaged, its cells run again ({what})", InputWarning, stacklevel=2)
 
 
-def _describe(scenario: Scenario) -> dict[str, Any]:
-    """Describe a scenario without its scatterers, which the truth holds."""
-    frame = "paper" if isinstance(scenario.frame, PaperFrame) else "panel"
-    return {
-        "system": dataclasses.asdict(scenario.system),
-        "array": dataclasses.asdict(scenario.array),
-        "frame": {"name": frame, **_fields(scenario.frame)},
-        "base_station_m": scenario.base_station_m.tolist(),
-        "region": dataclasses.asdict(scenario.region),
-    }
-
-
-def _fields(frame: Frame) -> dict[str, float]:
-    return {name: getattr(frame, name) for name in getattr(frame, "__dataclass_fields__", ())}
-
-
-def _scenario(name: str, described: dict[str, Any], truth: pd.DataFrame) -> Scenario:
-    """Build the scenario that `_describe` and the truth describe."""
-    points = truth[POINT_COLUMNS].to_numpy()
-    return Scenario(
-        name=name,
-        system=System(**described["system"]),
-        array=VirtualArray(**{key: _tupled(value) for key, value in described["array"].items()}),
-        frame=get_frame(**described["frame"]),
-        base_station_m=np.array(described["base_station_m"]),
-        region=Region(**{key: _tupled(value) for key, value in described["region"].items()}),
-        scatterers=Scatterers(xyz=points[:, :3], velocity=points[:, 3], amplitude=np.sqrt(points[:, 4])),
+def _no_run(folder: Path, missing: str) -> InputError:
+    return InputError(
+        f"{folder}: not the folder of a run, {missing} missing; allowed is a folder that isacbench run wrote"
     )
-
-
-def _tupled(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _truth_table(scenario: Scenario) -> pd.DataFrame:
-    """One row a scatterer."""
-    table = pd.DataFrame(scenario.truth.to_array(), columns=POINT_COLUMNS)
-    table.insert(0, "scenario", scenario.name)
-    return table
-
-
-def _git_state(checkout: Path) -> dict[str, Any] | None:
-    """Commit and dirty flag of the checkout that the code runs from; None where there is none, or no git."""
-    if not (checkout / ".git").exists():
-        return None
-    try:
-        status = subprocess.run(
-            ["git", "-C", str(checkout), "status", "--porcelain=v2", "--branch"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    lines = status.stdout.splitlines()
-    commit = next((line.split()[2] for line in lines if line.startswith("# branch.oid")), None)
-    return {"commit": commit, "dirty": any(not line.startswith("#") for line in lines)}
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
-
-
-def _processor() -> str:
-    """Name of the processor as its maker writes it, where the system tells."""
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        for line in cpuinfo.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()

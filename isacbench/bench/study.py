@@ -2,32 +2,37 @@
 
 A study expands a suite into scenes. A scene is what the column `scenario`
 names: it is drawn once a trial, observed at every SNR, and every contestant
-meets the same observation. The runner knows nothing else.
+meets the same observation. The harness knows nothing else.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import pandas as pd
 
-from isacbench.bench.cell import run_cell
+from isacbench.bench.cell import failure, run_cell
+from isacbench.bench.content import digest, scenario_digest
 from isacbench.bench.radio import gain_db
-from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Cell, Outcome
+from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Cell
 from isacbench.errors import InputError
 from isacbench.model.echo import Simulator
 from isacbench.registry import AnyEstimator, build_estimator, canonical_params
 
 if TYPE_CHECKING:
     from isacbench.bench.cell import Measure
+    from isacbench.bench.record import Outcome, Status
     from isacbench.bench.suite import Suite
+    from isacbench.model.observation import Observation
     from isacbench.model.scenario import Scenario
 
 __all__ = [
     "Contestant",
+    "Encounter",
     "ImagedScene",
     "Scene",
     "Study",
@@ -63,6 +68,10 @@ class Contestant(Generic[Plugin]):
     plugin: Plugin
     labels: Mapping[str, Any] = field(default_factory=dict)
 
+    def cell(self, of: Cell) -> Cell:
+        """Key of its row, given the key that it shares with the others."""
+        return dataclasses.replace(of, estimator=self.name, params=self.params)
+
 
 class Scene(Protocol):
     """What one name in the column ``scenario`` stands for."""
@@ -72,18 +81,35 @@ class Scene(Protocol):
         """Unique in a run."""
 
     @property
+    def content(self) -> str:
+        """Digest of what its rows follow from beside contestant, SNR, trial and seed."""
+
+    @property
     def snr_db(self) -> Sequence[float]:
         """SNRs, per resource element and virtual element."""
 
     @property
-    def n_contestants(self) -> int:
-        """Rows that every SNR of every trial gets."""
+    def contestants(self) -> Sequence[Contestant[Any]]:
+        """Who meets every observation."""
 
-    def outcomes(self, snr_db: float, trial: int) -> Iterator[Outcome]:
-        """Observe once, and let every contestant meet the observation."""
+    def observe(self, snr_db: float, trial: int) -> Encounter:
+        """Observe once, for all contestants."""
+
+    def forget(self) -> None:
+        """Let go of what was kept for further observations."""
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Scatterers that were drawn, a row each, columns as in `isacbench.bench.record.Results.draws`."""
+
+
+class Encounter(Protocol):
+    """One observation, which every contestant of a scene meets."""
+
+    def meet(self, contestant: Contestant[Any]) -> Outcome:
+        """Let a contestant have its try; whatever it raises becomes a row."""
+
+    def forfeit(self, contestant: Contestant[Any], status: Status, reason: str, time_s: float) -> Outcome:
+        """Row of a contestant that left no other trace."""
 
 
 class Study(Protocol[SuiteT]):
@@ -101,6 +127,43 @@ class Study(Protocol[SuiteT]):
         InputError
             If the suite cannot be run on them.
         """
+
+
+@dataclass(frozen=True, eq=False)
+class ImageEncounter:
+    """An observation that estimators image.
+
+    Attributes
+    ----------
+    cell : Cell
+        Key of its rows, without an estimator.
+    scenario : Scenario
+        With the scatterers that were observed.
+    observation : Observation
+    measure : callable or None
+        What to measure beside the scores.
+    labels : mapping of str to Any
+        Further columns of every row.
+    """
+
+    cell: Cell
+    scenario: Scenario
+    observation: Observation
+    measure: Measure | None
+    labels: Mapping[str, Any]
+
+    def meet(self, contestant: Contestant[AnyEstimator]) -> Outcome:
+        """Let an estimator image the observation."""
+        cell = contestant.cell(self.cell)
+        outcome = run_cell(cell, self.scenario, self.observation, contestant.plugin, self.measure)
+        return outcome.labelled({**self.labels, **contestant.labels})
+
+    def forfeit(
+        self, contestant: Contestant[AnyEstimator], status: Status, reason: str, time_s: float
+    ) -> Outcome:
+        """Row of an estimator that left no other trace."""
+        outcome = failure(contestant.cell(self.cell), status, reason, len(self.scenario.truth), time_s)
+        return outcome.labelled({**self.labels, **contestant.labels})
 
 
 class ImagedScene:
@@ -135,44 +198,54 @@ class ImagedScene:
     ) -> None:
         self.name = scenario.name
         self.snr_db = snr_db
-        self.n_contestants = len(contestants)
+        self.contestants = contestants
         self._suite = suite
         self._scenario = scenario
-        self._contestants = contestants
         self._draw = draw
         self._measure = measure
         self._labels = labels or {}
         self._observed: tuple[int, Simulator] | None = None
 
-    def outcomes(self, snr_db: float, trial: int) -> Iterator[Outcome]:
-        """Observe once, and let every estimator image it."""
+    @cached_property
+    def content(self) -> str:
+        """Digest of the first scenario drawn, and of what the rows are labelled with."""
+        return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self._labels)])
+
+    def observe(self, snr_db: float, trial: int) -> ImageEncounter:
+        """Observe once, for all estimators."""
         simulator, suite = self._simulator(trial), self._suite
-        observation = simulator.observe(snr_db, trial, suite.seed)
-        labels = {**self._labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(simulator.scenario))}
-        for contestant in self._contestants:
-            cell = Cell(suite.name, self.name, contestant.name, contestant.params, snr_db, trial, suite.seed)
-            outcome = run_cell(cell, simulator.scenario, observation, contestant.plugin, self._measure)
-            extras = {**labels, **contestant.labels, **outcome.extras}
-            yield dataclasses.replace(outcome, extras=extras)
+        gained = gained_snr_db(snr_db, gain_db(simulator.scenario))
+        return ImageEncounter(
+            cell=Cell(suite.name, self.name, "", "", snr_db, trial, suite.seed, self.content),
+            scenario=simulator.scenario,
+            observation=simulator.observe(snr_db, trial, suite.seed),
+            measure=self._measure,
+            labels={**self._labels, "snr_gain_db": gained},
+        )
+
+    def forget(self) -> None:
+        """Let go of echo and noise."""
+        self._observed = None
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Scatterers of the first trials, none where every trial has the same."""
         tables = [pd.DataFrame(columns=DRAW_COLUMNS)]
         for trial in range(n_trials if self._draw is not None else 0):
-            drawn = self._drawn(trial)
+            drawn = self.drawn(trial)
             table = pd.DataFrame(drawn.truth.to_array(), columns=POINT_COLUMNS)
             table.insert(0, "scenario", self.name)
             table.insert(1, "trial", trial)
             tables.append(table.assign(phase_rad=drawn.scatterers.phase_rad))
         return pd.concat(tables[1:] or tables, ignore_index=True)
 
-    def _drawn(self, trial: int) -> Scenario:
+    def drawn(self, trial: int) -> Scenario:
+        """Scenario of a trial."""
         return self._scenario if self._draw is None else self._draw(trial)
 
     def _simulator(self, trial: int) -> Simulator:
         """Simulator of a trial; the last one is kept, and what does not change with the trial."""
         if self._observed is None or (self._draw is not None and self._observed[0] != trial):
-            self._observed = trial, Simulator(self._drawn(trial))
+            self._observed = trial, Simulator(self.drawn(trial))
         return self._observed[1]
 
 

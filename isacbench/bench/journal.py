@@ -1,0 +1,145 @@
+"""The journal: rows and clouds on disk the moment they are made, whatever happens next.
+
+A line is the checksum of what follows it, and JSON: the names of the columns,
+the description of an environment, or a row with its cloud. A line that a kill
+or a failing disk has torn does not match its checksum, and is left out.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import zlib
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.record import COLUMNS
+from isacbench.bench.rows import Rows
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+    from types import TracebackType
+
+    from numpy.typing import NDArray
+
+    from isacbench.bench.provenance import Environment
+    from isacbench.bench.workbench import Made
+
+__all__ = ["Journal", "read_journal"]
+
+CHUNK_ROWS = 50_000
+"""Rows that are held as Python objects at a time."""
+
+N_CRC = 8
+
+
+class Journal:
+    """A journal that is written to; a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        Appended to, if it exists.
+    columns : mapping of str to Any
+        Columns of the study, each with its value where an outcome has none.
+    """
+
+    def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
+        self._columns = columns
+        self._known: set[str] = set()
+        # Unbuffered: one system call a line, so that a kill leaves whole lines and at most one torn.
+        self._file = path.open("ab", buffering=0)
+        if self._file.tell():
+            self._file.write(b"\n")  # the end of a line that a kill may have torn
+        self._write({"columns": [*COLUMNS, *columns]})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def append(self, made: Made) -> None:
+        """Write a row and its cloud."""
+        record, cloud, extras = made.outcome.record, made.outcome.cloud, made.outcome.extras
+        if record.environment not in self._known:
+            self._known.add(record.environment)
+            self._write({"environment": record.environment, "is": made.environment})
+        values = [getattr(record, name) for name in COLUMNS]
+        values += [extras.get(name, default) for name, default in self._columns.items()]
+        points = base64.b64encode(cloud.to_array().astype("<f8").tobytes()).decode()
+        self._write({"row": values, "points": points})
+
+    def _write(self, entry: Mapping[str, Any]) -> None:
+        text = json.dumps(entry, separators=(",", ":"), default=_builtin).encode()
+        self._file.write(b"%08x %s\n" % (zlib.crc32(text), text))
+
+
+def read_journal(path: Path) -> tuple[Rows, int]:
+    """Read a journal.
+
+    Returns
+    -------
+    rows : Rows
+        In the order in which they were made.
+    n_torn : int
+        Lines that are damaged and were left out.
+    """
+    reader = _Reader()
+    with path.open("rb") as file:
+        for line in file:
+            reader.read(line)
+    reader.gather()
+    rows = Rows.joined(reader.parts)
+    return dataclasses.replace(rows, environments=reader.environments), reader.n_torn
+
+
+class _Reader:
+    """Entries of a journal, gathered into tables a chunk at a time."""
+
+    def __init__(self) -> None:
+        self.columns: list[str] = []
+        self.values: list[list[Any]] = []
+        self.points: list[NDArray[np.float64]] = []
+        self.parts: list[Rows] = []
+        self.environments: dict[str, Environment] = {}
+        self.n_torn = 0
+
+    def read(self, line: bytes) -> None:
+        if line == b"\n":
+            return
+        text = line[N_CRC + 1 : -1]
+        if line[:N_CRC] != b"%08x" % zlib.crc32(text):
+            self.n_torn += 1
+            return
+        entry = json.loads(text)
+        if "columns" in entry:
+            self.gather()
+            self.columns = entry["columns"]
+        elif "environment" in entry:
+            self.environments[entry["environment"]] = entry["is"]
+        elif len(entry["row"]) == len(self.columns):
+            self.values.append(entry["row"])
+            self.points.append(np.frombuffer(base64.b64decode(entry["points"]), dtype="<f8").reshape(-1, 5))
+            if len(self.values) == CHUNK_ROWS:
+                self.gather()
+        else:  # the names of its columns were on a damaged line
+            self.n_torn += 1
+
+    def gather(self) -> None:
+        if self.values:
+            records = pd.DataFrame(self.values, columns=self.columns)
+            n_points = np.array([len(points) for points in self.points])
+            self.parts.append(Rows(records, n_points, np.concatenate(self.points), {}))
+            self.values, self.points = [], []
+
+
+def _builtin(value: Any) -> Any:
+    """Plain value of a NumPy scalar."""
+    return value.item()

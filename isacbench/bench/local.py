@@ -1,0 +1,78 @@
+"""Blocks worked off on this machine: in this process, or in guarded processes side by side."""
+
+from __future__ import annotations
+
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from queue import SimpleQueue
+from typing import TYPE_CHECKING
+
+from threadpoolctl import threadpool_limits
+
+from isacbench.bench.guard import Guard, Lane
+from isacbench.bench.plan import BlockQueue
+from isacbench.bench.workbench import Made, Workbench
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from isacbench.bench.job import Job
+    from isacbench.bench.plan import Block
+
+__all__ = ["work_guarded", "work_here"]
+
+
+def work_here(job: Job, blocks: Sequence[Block]) -> Iterator[Made]:
+    """Work off blocks in this process: easy to debug, but a plugin that hangs or dies takes all with it."""
+    workbench = Workbench(job)
+    # Threads make small batched algebra slower and its timing unrepeatable.
+    with threadpool_limits(limits=1):
+        for block in blocks:
+            yield from workbench.work(block)
+
+
+def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -> Iterator[Made]:
+    """Work off blocks in guarded processes.
+
+    Parameters
+    ----------
+    job : Job
+    blocks : sequence of Block
+    guard : Guard
+        Limits of every cell.
+    n_jobs : int
+        Processes side by side.
+
+    Yields
+    ------
+    Made
+        In the order in which they are done.
+    """
+    queue = BlockQueue(blocks)
+    done: SimpleQueue[Made | BaseException | None] = SimpleQueue()
+    lanes = [Lane(job, guard) for _ in range(min(n_jobs, len(blocks)))]
+
+    def work(lane: Lane) -> None:
+        try:
+            for block in queue.blocks():
+                for made in lane.work(block):
+                    done.put(made)
+        except BaseException as error:
+            done.put(error)
+        done.put(None)
+
+    with ThreadPoolExecutor(max(len(lanes), 1)) as threads:
+        try:
+            for lane in lanes:
+                threads.submit(work, lane)
+            n_working = len(lanes)
+            while n_working:
+                made = done.get()
+                if made is None:
+                    n_working -= 1
+                elif isinstance(made, BaseException):
+                    raise made
+                else:
+                    yield made
+        finally:
+            for lane in lanes:
+                lane.stop()

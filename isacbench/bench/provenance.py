@@ -1,0 +1,144 @@
+"""Where a row comes from: the versions of everything that it follows from, and the machine that made it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import subprocess
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from threadpoolctl import threadpool_info
+
+import isacbench
+from isacbench.bench.content import digest
+from isacbench.registry import plugin_version
+
+if TYPE_CHECKING:
+    from isacbench.contracts import Detector
+    from isacbench.registry import AnyEstimator
+
+__all__ = [
+    "Environment",
+    "blas_libraries",
+    "code_digest",
+    "environment_id",
+    "environment_of",
+    "git_state",
+    "machine",
+    "package_version",
+    "package_versions",
+    "python_version",
+]
+
+Environment = dict[str, Any]
+"""What made a row: ``versions`` (isacbench, plugins, python, packages) and ``machine``."""
+
+PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "pebble", "threadpoolctl")
+RESULT_PACKAGES = ("numpy", "scipy")
+"""Packages whose versions rows can hang on."""
+
+SOURCE = Path(isacbench.__file__).parent
+PRESENTATION = ("report", "cli.py", "__main__.py")
+"""Parts of the source that no row follows from."""
+
+
+def environment_of(plugin: AnyEstimator | Detector) -> Environment:
+    """Describe what makes the rows of an estimator or detector in this process.
+
+    Returns
+    -------
+    dict
+        ``versions``: of isacbench with a digest of its source, of the
+        packages that the plugin and its detectors come from likewise, of
+        Python, NumPy and SciPy. ``machine``: its system, processor and cores.
+        Rows whose ``versions`` are equal may stand in one table.
+    """
+    return {
+        "versions": {
+            "isacbench": {"version": isacbench.__version__, "digest": code_digest()},
+            "plugins": plugin_version(plugin),
+            "python": python_version(),
+            **{name: package_version(name) for name in RESULT_PACKAGES},
+        },
+        "machine": machine(),
+    }
+
+
+def environment_id(environment: Environment) -> str:
+    """Short name of an environment, equal for equal ones."""
+    return digest(environment)[:12]
+
+
+@cache
+def code_digest() -> str:
+    """Digest of the source of isacbench, as far as rows can follow from it."""
+    total = hashlib.sha256()
+    for path in sorted(SOURCE.rglob("*.py")):
+        inside = path.relative_to(SOURCE)
+        if inside.parts[0] not in PRESENTATION:
+            total.update(inside.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return total.hexdigest()[:16]
+
+
+@cache
+def machine() -> dict[str, Any]:
+    """System, processor and cores of this machine."""
+    return {"platform": platform.platform(), "processor": _processor(), "cores": os.cpu_count()}
+
+
+def git_state(checkout: Path = SOURCE.parent) -> dict[str, Any] | None:
+    """Commit and dirty flag of the checkout that the code runs from; None where there is none, or no git."""
+    if not (checkout / ".git").exists():
+        return None
+    try:
+        status = subprocess.run(
+            ["git", "-C", str(checkout), "status", "--porcelain=v2", "--branch"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    lines = status.stdout.splitlines()
+    commit = next((line.split()[2] for line in lines if line.startswith("# branch.oid")), None)
+    return {"commit": commit, "dirty": any(not line.startswith("#") for line in lines)}
+
+
+def python_version() -> str:
+    """Version of Python."""
+    return platform.python_version()
+
+
+def package_versions() -> dict[str, str | None]:
+    """Versions of the packages that isacbench is built on."""
+    return {name: package_version(name) for name in PACKAGES}
+
+
+def package_version(package: str) -> str | None:
+    """Version of an installed package."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def blas_libraries() -> list[dict[str, Any]]:
+    """Linear algebra libraries of this process."""
+    return [
+        {key: library.get(key) for key in ("user_api", "internal_api", "version", "architecture")}
+        for library in threadpool_info()
+    ]
+
+
+def _processor() -> str:
+    """Name of the processor as its maker writes it, where the system tells."""
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        for line in cpuinfo.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

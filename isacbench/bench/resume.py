@@ -1,0 +1,167 @@
+"""Going on with a run: which stored rows are those of its cells, and which have to be made again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.provenance import environment_of
+from isacbench.bench.statuses import failed
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from numpy.typing import NDArray
+
+    from isacbench.bench.plan import Plan
+    from isacbench.bench.rows import Rows
+
+    Mask = NDArray[np.bool_]
+
+__all__ = ["RERUNS", "Rerun", "differing_versions", "keep"]
+
+Rerun = Literal["failed", "stale", "all"]
+
+RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")
+
+
+def keep(
+    stored: Rows,
+    plan: Plan,
+    suite_name: str,
+    seed: int,
+    rerun: Collection[Rerun] = (),
+    mix_versions: bool = False,
+) -> Rows:
+    """Choose the stored rows that a run goes on with.
+
+    Parameters
+    ----------
+    stored : Rows
+        What a folder holds, in any order; of rows of the same cell the last one counts.
+    plan : Plan
+        Of the run.
+    suite_name : str
+    seed : int
+    rerun : collection of {"failed", "stale", "all"}
+        Rows not to keep: of cells that failed, of cells whose scenario or
+        versions have changed since, or all.
+    mix_versions : bool
+        Whether rows of other versions may stand beside new ones.
+
+    Returns
+    -------
+    Rows
+        At most one row a cell, each of the same identity (content of the
+        scenario, estimator, parameters, SNR, trial, seed) as the plan's cell.
+
+    Raises
+    ------
+    InputError
+        If there are rows of another suite, seed, or grid, which would be
+        lost, or of other scenarios or versions, and nobody said what to do
+        with them.
+    """
+    records = stored.records
+    if records.empty:
+        return stored
+    positions = plan.positions(records)
+    _refuse_others(records, positions, suite_name, seed)
+    good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & _has_its_cloud(stored)
+    if "all" in rerun:
+        return stored.take(np.zeros_like(good))
+    if "failed" in rerun:
+        good &= ~failed(records).to_numpy()
+    other_content, other_versions = _other_content(records, plan), _other_versions(stored, plan)
+    if "stale" in rerun:
+        return stored.take(good & ~other_content & ~(other_versions & (not mix_versions)))
+    _refuse_stale(stored, plan, good & other_content, good & other_versions, mix_versions)
+    return stored.take(good)
+
+
+def differing_versions(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Say in which versions two environments differ, such as ``numpy 2.0.0 instead of 2.1.0``."""
+    before, after = _flat(old), _flat(new)
+    names = dict.fromkeys([*before, *after])
+    return [
+        f"{name} {before.get(name, 'none')} instead of {after.get(name, 'none')}"
+        for name in names
+        if before.get(name) != after.get(name)
+    ]
+
+
+def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], suite_name: str, seed: int) -> None:
+    for column, wanted in (("suite", suite_name), ("seed", seed)):
+        others = records.loc[records[column] != wanted, column]
+        if len(others):
+            raise InputError(
+                f"it holds cells of {column} {others.iloc[0]}, not {wanted}; "
+                "allowed is the same one, or a new folder"
+            )
+    if (positions < 0).any():
+        first = records[positions < 0].iloc[0]
+        raise InputError(
+            f"it holds {np.sum(positions < 0)} cells that this run does not have, the first one "
+            f"{first['estimator']} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
+            "allowed is a run that has them all and perhaps more, or a new folder"
+        )
+
+
+def _has_its_cloud(stored: Rows) -> Mask:
+    """Rows whose clouds are as large as they say; rows without scores have none."""
+    scored = stored.records["deviation"].notna().to_numpy()
+    whole: Mask = ~scored | (stored.n_points == stored.records["n_estimated"].to_numpy())
+    return whole
+
+
+def _other_content(records: pd.DataFrame, plan: Plan) -> Mask:
+    """Rows of scenes that have changed since."""
+    contents = {scene.name: scene.content for scene in plan.scenes}
+    other: Mask = (records["scenario_content"] != records["scenario"].map(contents)).to_numpy()
+    return other
+
+
+def _other_versions(stored: Rows, plan: Plan) -> Mask:
+    """Rows that other versions have made."""
+    now = _versions_now(plan)
+    columns = ["environment", "estimator", "params"]
+    groups = stored.records.groupby(columns, sort=False)
+    other = [
+        stored.environments.get(name, {}).get("versions") != now[estimator, params]
+        for name, estimator, params in groups.size().index
+    ]
+    return np.array(other, dtype=np.bool_)[groups.ngroup().to_numpy()]
+
+
+def _versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
+    contestants = {(one.name, one.params): one for scene in plan.scenes for one in scene.contestants}
+    return {key: environment_of(one.plugin)["versions"] for key, one in contestants.items()}
+
+
+def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask, mix_versions: bool) -> None:
+    if content.any():
+        raise InputError(
+            f"{content.sum()} of its {content.size} cells are of another content of the scenario "
+            f"{stored.records[content].iloc[0]['scenario']!r}; allowed are --rerun stale, "
+            "which makes them again, or a new folder"
+        )
+    if versions.any() and not mix_versions:
+        first = stored.records[versions].iloc[0]
+        old = stored.environments.get(first["environment"], {}).get("versions", {})
+        new = _versions_now(plan)[first["estimator"], first["params"]]
+        raise InputError(
+            f"{versions.sum()} of its {versions.size} cells were made by other versions, the first one by "
+            f"{', '.join(differing_versions(old, new)) or 'unknown ones'}; allowed are --rerun stale, which makes them "
+            "again, --mix-versions, which keeps them beside new ones, or a new folder"
+        )
+
+
+def _flat(versions: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Versions by dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in versions.items():
+        flat |= _flat(value, f"{above}{name} ") if isinstance(value, dict) else {f"{above}{name}": value}
+    return flat
