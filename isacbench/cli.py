@@ -108,6 +108,10 @@ EstimatorSpecs = Annotated[
         help="Estimator, instead of the suite's; repeats.",
     ),
 ]
+PluginFiles = Annotated[
+    list[Path] | None,
+    typer.Option("--plugin", metavar="FILE.py", help="Local file with estimators or detectors; repeats."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 SEED_HELP = "Seed that all noise follows from."
 ScenarioNames = Annotated[
@@ -132,12 +136,14 @@ def run(
         Path | None,
         typer.Option("-o", "--out", metavar="DIR", help="New folder; default results/<suite>-<time>."),
     ] = None,
+    plugin: PluginFiles = None,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw."""
     from isacbench.bench.runner import run_suite
     from isacbench.bench.store import default_folder
     from isacbench.bench.suite import load_suite, parse_snr
 
+    _register(plugin)
     wanted = load_suite(suite).replace(
         estimators=estimator,
         scenarios=scenario,
@@ -172,10 +178,11 @@ def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of
 
 
 @app.command("list")
-def list_(as_json: AsJson = False) -> None:
+def list_(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
     """List estimators, detectors, scenarios and suites."""
     from isacbench.bench.catalogue import catalogue
 
+    _register(plugin)
     content = catalogue()
     if as_json:
         _print_json(content)
@@ -206,6 +213,7 @@ def image(
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="picture.png", help="Draw the cloud beside the truth.")
     ] = None,
+    plugin: PluginFiles = None,
 ) -> None:
     """Take one image, score it, and write or draw its cloud."""
     from isacbench.bench.runner import estimate_cloud
@@ -217,6 +225,7 @@ def image(
 
     if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
+    _register(plugin)
     scene, imager, snr_db = load_scenario(scenario), build_estimator(estimator), _one_snr(snr)
     observation = observe(scene, snr_db, trial, seed)
     start = time.perf_counter()
@@ -262,6 +271,14 @@ def score(
         _print_json(scores)
     else:
         _print_scores(scores)
+
+
+def _register(plugin_files: list[Path] | None) -> None:
+    """Register local plugin files."""
+    from isacbench.entries import load_plugin_file
+
+    for path in plugin_files or ():
+        load_plugin_file(path)
 
 
 def _one_snr(text: str) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["InputError", "InputWarning", "did_you_mean", "require", "unknown_name"]
+__all__ = ["InputError", "InputWarning", "did_you_mean", "nearest", "require", "unknown_name"]
 
 
 class InputError(ValueError):
@@ -23,6 +23,12 @@ class InputWarning(UserWarning):
     """Input that is allowed, but hardly what was meant; the command line prints the message alone."""
 
 
+def nearest(name: str, allowed: Iterable[str]) -> str | None:
+    """Name that was probably meant by one that does not exist, None where no one is near."""
+    close = difflib.get_close_matches(name, list(allowed), n=1)
+    return close[0] if close else None
+
+
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """Answer a name that does not exist with the nearest one that does, and with all of them.
 
@@ -32,8 +38,8 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     "did you mean 'quick'? allowed are paper, quick"
     """
     allowed = list(allowed)
-    close = difflib.get_close_matches(name, allowed, n=1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
+    close = nearest(name, allowed)
+    hint = "" if close is None else f"did you mean {close!r}? "
     return f"{hint}allowed are {', '.join(allowed) or 'none'}"
 
 

@@ -5,51 +5,49 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
-import re
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args, get_type_hints
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from isacbench.contracts import Detector, Estimator, TruthEstimator
-from isacbench.errors import InputError, unknown_name
+from isacbench.entries import Entry, Kind, entries, load_plugin_file, local_plugins, register_plugin
+from isacbench.errors import InputError, nearest, unknown_name
+from isacbench.plugin_files import METHODS, PluginFile
+from isacbench.spec import Spec, expand_spec, parse_spec, spec_variants
 
 __all__ = [
     "AnyEstimator",
+    "Kind",
+    "PluginFile",
     "Spec",
     "build_estimator",
+    "build_estimators_of",
     "canonical_params",
     "describe",
     "detector_names",
     "distribution",
     "estimator_names",
+    "expand_spec",
     "get_detector",
     "get_estimator",
+    "load_plugin_file",
+    "local_plugins",
     "parse_spec",
+    "register_plugin",
+    "spec_variants",
 ]
 
-Kind = Literal["estimator", "detector"]
 AnyEstimator = Estimator | TruthEstimator
-
-GROUPS: dict[Kind, str] = {"estimator": "isacbench.estimators", "detector": "isacbench.detectors"}
-METHODS: dict[Kind, str] = {"estimator": "estimate", "detector": "detect"}
-
-
-class Spec(NamedTuple):
-    """A name and its parameters, as ``name[param=value,...]`` spells them."""
-
-    name: str
-    params: dict[str, Any]
 
 
 def estimator_names() -> list[str]:
     """Names of the registered estimators, sorted."""
-    return sorted(_entry_points("estimator"))
+    return sorted(entries("estimator"))
 
 
 def detector_names() -> list[str]:
     """Names of the registered detectors, sorted."""
-    return sorted(_entry_points("detector"))
+    return sorted(entries("detector"))
 
 
 def get_estimator(name: str, **params: Any) -> AnyEstimator:
@@ -108,38 +106,35 @@ def get_detector(name: str, **params: Any) -> Detector:
 
 
 def build_estimator(spec: str) -> AnyEstimator:
-    """Build the estimator that ``name[param=value,...]`` describes; see `parse_spec`."""
+    """Build the one estimator that ``name[param=value,...]`` describes; see `isacbench.spec.parse_spec`."""
     name, params = parse_spec(spec)
     return get_estimator(name, **params)
 
 
-def parse_spec(text: str) -> Spec:
-    """Parse ``name[param=value,...]``.
-
-    A value is an integer, a float, ``true``, ``false``, a bare word, a tuple
-    of such in parentheses, or a nested ``name[...]``.
+def build_estimators_of(spec: str) -> list[tuple[str, AnyEstimator]]:
+    """Build every estimator that a grid ``name[param=[value,...],...]`` stands for.
 
     Parameters
     ----------
-    text : str
+    spec : str
+        As `isacbench.spec.spec_variants` takes it.
 
     Returns
     -------
-    Spec
-        Name and parameters; nested specs are `Spec` again.
+    list of (str, Estimator or TruthEstimator)
+        Each with the specification of it alone.
 
     Raises
     ------
     InputError
-        Quoting the text and saying where it breaks.
+        If the grid is broken, or one of its variants cannot be built.
 
     Examples
     --------
-    >>> name, params = parse_spec("music2d[detector=osca[pfa=1e-4],integration=element]")
-    >>> name, params["integration"], params["detector"].params
-    ('music2d', 'element', {'pfa': 0.0001})
+    >>> [text for text, _ in build_estimators_of("music2d[pfa=[1e-3,1e-4]]")]
+    ['music2d[pfa=1e-3]', 'music2d[pfa=1e-4]']
     """
-    return _SpecParser(text).parse()
+    return [(text, get_estimator(spec.name, **spec.params)) for text, spec in spec_variants(spec)]
 
 
 def canonical_params(plugin: AnyEstimator | Detector) -> str:
@@ -157,7 +152,7 @@ def canonical_params(plugin: AnyEstimator | Detector) -> str:
 
 def distribution(kind: Kind, name: str) -> str:
     """Name and version of the package that registers a name, such as ``isacbench 0.1.0``."""
-    return _origin(_entry_points(kind)[name])
+    return entries(kind)[name].origin
 
 
 def describe(kind: Kind) -> list[dict[str, Any]]:
@@ -170,8 +165,8 @@ def describe(kind: Kind) -> list[dict[str, Any]]:
         and, where there is one, ``default``) and ``package``.
     """
     described = []
-    for name, entry_point in sorted(_entry_points(kind).items()):
-        plugin = _load(kind, entry_point)
+    for name, entry in sorted(entries(kind).items()):
+        plugin = _load(entry)
         hints = _parameter_types(kind, plugin)
         described.append(
             {
@@ -181,118 +176,26 @@ def describe(kind: Kind) -> list[dict[str, Any]]:
                     field.name: _describe_field(field, hints[field.name])
                     for field in dataclasses.fields(plugin)
                 },
-                "package": _origin(entry_point),
+                "package": entry.origin,
             }
         )
     return described
 
 
-class _SpecParser:
-    """Recursive descent over ``name[param=value,...]``."""
-
-    TOKEN = re.compile(r"\s*([\[\](),=]|[^\[\](),=\s]+)\s*")
-    LITERALS: ClassVar[dict[str, bool]] = {"true": True, "false": False}
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.tokens = self.TOKEN.findall(text)
-
-    def parse(self) -> Spec:
-        spec = self.spec(self.word("a name"))
-        if self.tokens:
-            raise self.broken("the end")
-        return spec
-
-    def spec(self, name: str) -> Spec:
-        params: dict[str, Any] = {}
-        if self.take("["):
-            while not self.take("]"):
-                key = self.word("a parameter or ']'")
-                if key in params:
-                    raise InputError(f"{self.text!r}: parameter {key!r} is given twice")
-                self.expect("=")
-                params[key] = self.value()
-                self.separate("]")
-        return Spec(name, params)
-
-    def value(self) -> Any:
-        if self.take("("):
-            items = []
-            while not self.take(")"):
-                items.append(self.value())
-                self.separate(")")
-            return tuple(items)
-        word = self.word("a value")
-        return self.spec(word) if self.tokens[:1] == ["["] else self.scalar(word)
-
-    def scalar(self, word: str) -> bool | int | float | str:
-        if word in self.LITERALS:
-            return self.LITERALS[word]
-        for number in (int, float):
-            try:
-                return number(word)
-            except ValueError:
-                continue
-        return word
-
-    def word(self, wanted: str) -> str:
-        if not self.tokens or self.tokens[0] in "[](),=":
-            raise self.broken(wanted)
-        return str(self.tokens.pop(0))
-
-    def separate(self, closing: str) -> None:
-        if self.tokens[:1] != [closing]:
-            self.expect(",", f"',' or {closing!r}")
-
-    def expect(self, token: str, wanted: str = "") -> None:
-        if not self.take(token):
-            raise self.broken(wanted or repr(token))
-
-    def take(self, token: str) -> bool:
-        if self.tokens[:1] != [token]:
-            return False
-        self.tokens.pop(0)
-        return True
-
-    def broken(self, wanted: str) -> InputError:
-        where = f"before {''.join(self.tokens)!r}" if self.tokens else "at its end"
-        return InputError(f"{self.text!r}: expected {wanted} {where}; allowed is NAME[param=value,...]")
-
-
-def _entry_points(kind: Kind) -> dict[str, EntryPoint]:
-    """Entry points of a group by name; two packages must not claim the same name."""
-    found: dict[str, EntryPoint] = {}
-    for entry_point in entry_points(group=GROUPS[kind]):
-        if entry_point.name in found:
-            raise InputError(
-                f"{kind} {entry_point.name!r} is registered twice, by {_origin(found[entry_point.name])} and "
-                f"by {_origin(entry_point)}: names must be unique, uninstall or rename one"
-            )
-        found[entry_point.name] = entry_point
-    return found
-
-
-def _origin(entry_point: EntryPoint) -> str:
-    """Name the package of an entry point and its version."""
-    return f"{entry_point.dist.name} {entry_point.dist.version}" if entry_point.dist else entry_point.value
-
-
-def _load(kind: Kind, entry_point: EntryPoint) -> type[Any]:
+def _load(entry: Entry) -> type[Any]:
     """Import a plugin's class and hold it to the contract."""
-    where = f"{kind} {entry_point.name!r} ({entry_point.value} of {_origin(entry_point)})"
+    where = f"{entry.kind} {entry.name!r} ({entry.target} of {entry.origin})"
     try:
-        plugin = entry_point.load()
+        plugin = entry.load()
     except (ImportError, AttributeError) as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
     if not (inspect.isclass(plugin) and dataclasses.is_dataclass(plugin) and _is_frozen(plugin)):
         raise InputError(f"{where} must be a frozen dataclass")
-    if not callable(getattr(plugin, METHODS[kind], None)):
-        raise InputError(f"{where} must have a method {METHODS[kind]!r}")
-    if getattr(plugin, "name", None) != entry_point.name:
-        raise InputError(
-            f"{where} must have the class attribute name = {entry_point.name!r}, "
-            f"not {getattr(plugin, 'name', None)!r}"
-        )
+    if not callable(getattr(plugin, METHODS[entry.kind], None)):
+        raise InputError(f"{where} must have a method {METHODS[entry.kind]!r}")
+    name = getattr(plugin, "name", None)
+    if name != entry.name:
+        raise InputError(f"{where} must have the class attribute name = {entry.name!r}, not {name!r}")
     return plugin
 
 
@@ -302,10 +205,12 @@ def _is_frozen(plugin: type[Any]) -> bool:
 
 def _build(kind: Kind, name: str, params: dict[str, Any]) -> Any:
     """Instance of a registered class with checked parameters."""
-    registered = _entry_points(kind)
+    registered = entries(kind)
+    if "[" in name:
+        raise InputError(f"{kind} {name!r}: allowed is a bare name, parameters are given beside it")
     if name not in registered:
         raise unknown_name(kind, name, sorted(registered))
-    plugin = _load(kind, registered[name])
+    plugin = _load(registered[name])
     hints = _parameter_types(kind, plugin)
     for key in params:
         if key not in hints:
@@ -358,7 +263,17 @@ def _check(where: str, key: str, value: Any, hint: Any) -> Any:
             dict.fromkeys(found["msg"].removeprefix("Input should be ") for found in error.errors())
         )
         shown = f"{value.name}[...]" if isinstance(value, Spec) else repr(value)
-        raise InputError(f"{where}: {key} = {shown}: should be {wanted}") from error
+        raise InputError(f"{where}: {key} = {shown}: should be {wanted}{_suggestion(value, hint)}") from error
+
+
+def _suggestion(value: Any, hint: Any) -> str:
+    """Nearest of the words that a field takes."""
+    members = (hint, *get_args(hint))
+    words = [word for member in members if get_origin(member) is Literal for word in get_args(member)]
+    close = (
+        nearest(value, [word for word in words if isinstance(word, str)]) if isinstance(value, str) else None
+    )
+    return "" if close is None else f"; did you mean {close!r}?"
 
 
 def _plain_params(plugin: Any) -> dict[str, Any]:

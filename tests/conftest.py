@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import pytest
 
+from isacbench.entries import isolated_plugins
+
 PLUGINS = '''
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -144,6 +146,20 @@ def plugins(plugin_folder, monkeypatch):
         detectors={"level": "Level"},
     )
     return plugin_folder
+
+
+@pytest.fixture
+def write_plugin(tmp_path):
+    """Return a function that writes a plugin file; what is registered is forgotten afterwards."""
+
+    def write(filename, source):
+        path = tmp_path / filename
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(source)
+        return path
+
+    with isolated_plugins():
+        yield write
 
 
 @pytest.fixture

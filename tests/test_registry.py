@@ -6,6 +6,7 @@ from isacbench.contracts import Detector
 from isacbench.errors import InputError
 from isacbench.registry import (
     build_estimator,
+    build_estimators_of,
     canonical_params,
     describe,
     detector_names,
@@ -13,7 +14,6 @@ from isacbench.registry import (
     estimator_names,
     get_detector,
     get_estimator,
-    parse_spec,
 )
 
 MINIMAL = """
@@ -60,43 +60,13 @@ def test_a_detector_parameter_takes_a_name_a_spec_or_a_detector(plugins):
 
 
 @pytest.mark.parametrize(
-    ("text", "params"),
-    [
-        ("a", {}),
-        ("a[]", {}),
-        ("a[n=1,x=1e-4,y=-2.5,on=true,off=false]", {"n": 1, "x": 1e-4, "y": -2.5, "on": True, "off": False}),
-        ("a[word=element, size=(4,4)]", {"word": "element", "size": (4, 4)}),
-        ("a[d=b[pfa=1e-4,e=c[n=1]],m=2]", {"d": ("b", {"pfa": 1e-4, "e": ("c", {"n": 1})}), "m": 2}),
-    ],
-)
-def test_specs_parse_into_names_and_typed_parameters(text, params):
-    assert parse_spec(text) == ("a", params)
-    assert all(
-        type(parse_spec(text).params[key]) is type(value) for key, value in params.items() if key != "d"
-    )
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "[", "a[", "a]", "a[n", "a[n=", "a[n=1", "a[n=1]]", "a[n=1 m=2]", "a[=1]", "a[n=(1,2]", "a b"],
-)
-def test_a_broken_spec_is_quoted_with_what_was_expected(text):
-    with pytest.raises(InputError, match=r"expected .*allowed is NAME") as caught:
-        parse_spec(text)
-    assert repr(text) in str(caught.value)
-
-
-def test_a_parameter_given_twice_is_refused():
-    with pytest.raises(InputError, match="'n' is given twice"):
-        parse_spec("a[n=1,n=2]")
-
-
-@pytest.mark.parametrize(
     ("spec", "message"),
     [
         ("blop", "unknown estimator 'blop': did you mean 'blob'"),
         ("blob[mod=near]", "unknown parameter of estimator blob 'mod': did you mean 'mode'"),
-        ("blob[mode=nearr]", "mode = 'nearr': should be 'near' or 'far'"),
+        ("blob[mode=nearr]", "mode = 'nearr': should be 'near' or 'far'; did you mean 'near'?"),
+        ("blob[mode=3]", "mode = 3: should be 'near' or 'far'"),
+        ("blob[n=[1,2]]", "stands for 2 variants, 'blob[n=1]' the first; allowed here is one"),
         ("blob[n=1.5]", "n = 1.5: should be a valid integer"),
         ("blob[n=true]", "n = True: should be a valid integer"),
         ("blob[pfa=x]", "pfa = 'x': should be a valid number"),
@@ -112,6 +82,20 @@ def test_a_wrong_name_or_value_is_answered_with_what_is_allowed(plugins, spec, m
     with pytest.raises(InputError) as caught:
         build_estimator(spec)
     assert message in str(caught.value)
+
+
+def test_every_variant_of_a_grid_is_built_and_its_text_builds_it_alone(plugins):
+    built = build_estimators_of("blob[detector=[level,level[pfa=[0.25,0.5]]],n=[2,3]]")
+    assert [(e.detector.pfa, e.n) for _, e in built] == [
+        (1e-3, 2), (1e-3, 3), (0.25, 2), (0.25, 3), (0.5, 2), (0.5, 3)
+    ]  # fmt: skip
+    assert all(build_estimator(text) == estimator for text, estimator in built)
+
+
+@pytest.mark.parametrize("get", [get_estimator, get_detector])
+def test_a_name_with_parameters_is_refused_where_they_are_given_beside_it(plugins, get):
+    with pytest.raises(InputError, match="a bare name"):
+        get("level[pfa=0.5]")
 
 
 def test_the_word_none_stands_for_no_value_only_where_a_field_takes_none(plugins):
@@ -159,7 +143,7 @@ def test_two_packages_that_claim_one_name_are_both_named(plugins):
     with pytest.raises(InputError, match=r"'blob' is registered twice") as caught:
         estimator_names()
     assert "test-plugins 1.0" in str(caught.value)
-    assert "rival-plugins 1.0" in str(caught.value)
+    assert "rival-plugins 1.0 (rival_plugins:Good)" in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ from isacbench.contracts import Detection, Detector, Diagnoser
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
-from isacbench.registry import canonical_params, get_detector, get_estimator, parse_spec
+from isacbench.registry import canonical_params, get_detector, get_estimator, spec_variants
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     from isacbench.bench.study import Scene
     from isacbench.bench.suite import DetectionSuite
     from isacbench.model.scenario import Scenario
-    from isacbench.registry import AnyEstimator, Spec
+    from isacbench.registry import AnyEstimator
+    from isacbench.spec import Variant
 
 __all__ = ["DetectorStudy", "MapScene", "count_cells", "summarise"]
 
@@ -69,8 +70,8 @@ class DetectorStudy:
 
     def scenes(self, suite: DetectionSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
         """Maps with every detector alone, scenarios with every estimator behind every detector."""
-        specs = {text: parse_spec(text) for text in suite.detectors}
-        alone, behind = _alone(specs, suite.pfa), _behind(specs, suite.estimators)
+        detectors, estimators = _variants(suite.detectors), _variants(suite.estimators)
+        alone, behind = _alone(detectors, suite.pfa), _behind(detectors, estimators)
         require_scatterers(scenarios)
         if clash := set(suite.maps) & set(scenarios):
             raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
@@ -243,10 +244,15 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _alone(specs: Mapping[str, Spec], rates: Sequence[float]) -> list[Contestant[Detector]]:
+def _variants(specs: Sequence[str]) -> list[Variant]:
+    """Specifications without grids."""
+    return [variant for text in specs for variant in spec_variants(text)]
+
+
+def _alone(detectors: Sequence[Variant], rates: Sequence[float]) -> list[Contestant[Detector]]:
     """Every detector at every nominal rate, at its own where none is given."""
     contestants = []
-    for text, (name, params) in specs.items():
+    for text, (name, params) in detectors:
         for rate in rates or [get_detector(name, **params).pfa]:
             detector = get_detector(name, **{**params, "pfa": rate})
             labels = {"detector": text, "pfa": detector.pfa}
@@ -255,14 +261,13 @@ def _alone(specs: Mapping[str, Spec], rates: Sequence[float]) -> list[Contestant
     return contestants
 
 
-def _behind(specs: Mapping[str, Spec], estimators: Sequence[str]) -> list[Contestant[AnyEstimator]]:
+def _behind(detectors: Sequence[Variant], estimators: Sequence[Variant]) -> list[Contestant[AnyEstimator]]:
     """Every estimator behind every detector."""
     contestants = []
-    for estimator_text in estimators:
-        name, params = parse_spec(estimator_text)
+    for estimator_text, (name, params) in estimators:
         if "detector" in params:
             raise InputError(f"estimators: {estimator_text!r} has a detector; its place is in detectors")
-        for text, spec in specs.items():
+        for text, spec in detectors:
             estimator = get_estimator(name, **params, detector=spec)
             own_pfa = getattr(estimator, "pfa", None)
             pfa = get_detector(spec.name, **spec.params).pfa if own_pfa is None else own_pfa

@@ -21,7 +21,7 @@ from isacbench.bench.radio import gain_db
 from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Cell
 from isacbench.errors import InputError
 from isacbench.model.echo import Simulator
-from isacbench.registry import AnyEstimator, build_estimator, canonical_params
+from isacbench.registry import AnyEstimator, build_estimators_of, canonical_params
 
 if TYPE_CHECKING:
     from isacbench.bench.cell import Measure
@@ -250,7 +250,7 @@ class ImagedScene:
 
 
 def build_estimators(suite: Suite) -> list[Contestant[AnyEstimator]]:
-    """Estimators of a suite.
+    """Estimators of a suite, every variant of its grids.
 
     Raises
     ------
@@ -259,11 +259,11 @@ def build_estimators(suite: Suite) -> list[Contestant[AnyEstimator]]:
     """
     built: dict[tuple[str, str], Contestant[AnyEstimator]] = {}
     for spec in suite.estimators:
-        estimator = build_estimator(spec)
-        key = estimator.name, canonical_params(estimator)
-        if key in built:
-            raise InputError(f"estimators: {spec!r} repeats an estimator with equal parameters")
-        built[key] = Contestant(*key, estimator)
+        for variant, estimator in build_estimators_of(spec):
+            key = estimator.name, canonical_params(estimator)
+            if key in built:
+                raise InputError(f"estimators: {variant!r} repeats an estimator with equal parameters")
+            built[key] = Contestant(*key, estimator)
     return list(built.values())
 
 

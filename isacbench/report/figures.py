@@ -15,7 +15,7 @@ from isacbench.contracts import Diagnoser
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
-from isacbench.registry import build_estimator
+from isacbench.registry import build_estimators_of
 from isacbench.report.clouds import Image, draw_clouds, draw_comparison
 from isacbench.report.curves import draw_deviations, draw_scores
 from isacbench.report.maps import draw_map
@@ -117,10 +117,10 @@ def draw_image(
 
 
 def _built(specs: Sequence[str]) -> Iterator[tuple[str, AnyEstimator]]:
-    """Estimators of a suite as far as they are installed, by specification."""
+    """Estimators of a suite as far as they are installed, by specification of each variant."""
     for spec in specs:
         try:
-            yield spec, build_estimator(spec)
+            yield from build_estimators_of(spec)
         except InputError as error:
             warnings.warn(f"no map and no spectra of {spec}: {error}", stacklevel=3)
 

@@ -1,0 +1,242 @@
+"""Specifications: ``name[param=value,...]``, and grids of them where a value is a list of alternatives."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["MAX_VARIANTS", "Spec", "Variant", "expand_spec", "parse_spec", "spec_variants"]
+
+MAX_VARIANTS = 1000
+"""More variants than anyone compares in a run: a larger grid is a slip of the pen."""
+
+
+class Spec(NamedTuple):
+    """A name and its parameters, as ``name[param=value,...]`` spells them."""
+
+    name: str
+    params: dict[str, Any]
+
+
+class Variant(NamedTuple):
+    """One of the specifications that a grid stands for.
+
+    Attributes
+    ----------
+    text : str
+        Its spelling: numbers and words as written, no spaces, no alternatives.
+    spec : Spec
+        What the text says.
+    """
+
+    text: str
+    spec: Spec
+
+
+def parse_spec(text: str) -> Spec:
+    """Parse ``name[param=value,...]``.
+
+    A value is an integer, a float, ``true``, ``false``, a bare word, a tuple
+    of such in parentheses, or a nested ``name[...]``.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    Spec
+        Name and parameters; nested specs are `Spec` again.
+
+    Raises
+    ------
+    InputError
+        Quoting the text and saying where it breaks, or that it is a grid.
+
+    Examples
+    --------
+    >>> name, params = parse_spec("music2d[detector=osca[pfa=1e-4],integration=element]")
+    >>> name, params["integration"], params["detector"].params
+    ('music2d', 'element', {'pfa': 0.0001})
+    """
+    variants = spec_variants(text)
+    if len(variants) > 1:
+        raise InputError(
+            f"{text!r} stands for {len(variants)} variants, {variants[0].text!r} the first; "
+            "allowed here is one: give one value for each parameter"
+        )
+    return variants[0].spec
+
+
+def expand_spec(text: str) -> list[Spec]:
+    """Parse a grid into the specifications that it stands for; see `spec_variants`.
+
+    Examples
+    --------
+    >>> [spec.params["pfa"] for spec in expand_spec("music2d[pfa=[1e-3,1e-4]]")]
+    [0.001, 0.0001]
+    """
+    return [variant.spec for variant in spec_variants(text)]
+
+
+def spec_variants(text: str) -> list[Variant]:
+    """Parse a specification in which any value may be a list of alternatives, ``param=[value,...]``.
+
+    Parameters
+    ----------
+    text : str
+        As `parse_spec` takes it. Alternatives may stand in nested
+        specifications and in tuples.
+
+    Returns
+    -------
+    list of Variant
+        Every combination of alternatives, that of the last parameter varying
+        fastest; a single one where there are no alternatives.
+
+    Raises
+    ------
+    InputError
+        Quoting the text and saying where it breaks, or which list of
+        alternatives is empty, repeats itself or makes more than
+        `MAX_VARIANTS` combinations.
+
+    Examples
+    --------
+    >>> [variant.text for variant in spec_variants("a[d=[b,c[n=1]],pfa=[1e-3,1e-4]]")]
+    ['a[d=b,pfa=1e-3]', 'a[d=b,pfa=1e-4]', 'a[d=c[n=1],pfa=1e-3]', 'a[d=c[n=1],pfa=1e-4]']
+    """
+    return [Variant(option.text, option.value) for option in _SpecParser(text).parse()]
+
+
+class _Option(NamedTuple):
+    """One of the values that a part of a specification stands for, and its spelling."""
+
+    value: Any
+    text: str
+
+
+class _SpecParser:
+    """Recursive descent over ``name[param=value,...]``; every part yields its options."""
+
+    TOKEN = re.compile(r"\s*([\[\](),=]|[^\[\](),=\s]+)\s*")
+    LITERALS: ClassVar[dict[str, bool]] = {"true": True, "false": False}
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.tokens = self.TOKEN.findall(text)
+
+    def parse(self) -> list[_Option]:
+        options = self.spec(self.word("a name"))
+        if self.tokens:
+            raise self.broken("the end")
+        return options
+
+    def spec(self, name: str) -> list[_Option]:
+        if not self.take("["):
+            return [_Option(Spec(name, {}), name)]
+        params: dict[str, list[_Option]] = {}
+        while not self.take("]"):
+            key = self.word("a parameter or ']'")
+            if key in params:
+                raise InputError(f"{self.text!r}: parameter {key!r} is given twice")
+            self.expect("=")
+            params[key] = self.value(key)
+            self.separate("]")
+        return [
+            _Option(
+                Spec(name, {key: option.value for key, option in zip(params, combined, strict=True)}),
+                f"{name}[{','.join(f'{key}={o.text}' for key, o in zip(params, combined, strict=True))}]",
+            )
+            for combined in self.combinations([*params.values()])
+        ]
+
+    def value(self, key: str) -> list[_Option]:
+        """Options of a parameter's value."""
+        return self.alternatives(key) if self.take("[") else self.single(key)
+
+    def alternatives(self, key: str) -> list[_Option]:
+        """Options of a list of alternatives whose bracket is already taken."""
+        options: list[_Option] = []
+        while not self.take("]"):
+            options += self.single(key)
+            self.limit(len(options))
+            self.separate("]")
+        if not options:
+            raise InputError(
+                f"{self.text!r}: {key!r} has an empty list of alternatives; allowed is [value,...]"
+            )
+        # By what they mean, not by how they are spelled; 1 and 1.0 are not the same everywhere.
+        meanings = [repr(option.value) for option in options]
+        for index, option in enumerate(options):
+            if meanings[index] in meanings[:index]:
+                raise InputError(f"{self.text!r}: {key!r} lists the alternative {option.text} twice")
+        return options
+
+    def single(self, key: str) -> list[_Option]:
+        """Options of a tuple, a nested specification or a plain value."""
+        if self.tokens[:1] == ["["]:
+            raise self.broken("a value, not alternatives among alternatives (a tuple takes parentheses),")
+        if self.take("("):
+            return self.tuples(key)
+        word = self.word("a value")
+        return self.spec(word) if self.tokens[:1] == ["["] else [_Option(self.scalar(word), word)]
+
+    def tuples(self, key: str) -> list[_Option]:
+        """Options of a tuple whose parenthesis is already taken."""
+        items: list[list[_Option]] = []
+        while not self.take(")"):
+            items.append(self.value(key))
+            self.separate(")")
+        return [
+            _Option(tuple(item.value for item in combined), f"({','.join(item.text for item in combined)})")
+            for combined in self.combinations(items)
+        ]
+
+    def combinations(self, parts: Sequence[list[_Option]]) -> list[tuple[_Option, ...]]:
+        self.limit(math.prod(len(options) for options in parts))
+        return list(itertools.product(*parts))
+
+    def limit(self, n: int) -> None:
+        if n > MAX_VARIANTS:
+            raise InputError(f"{self.text!r}: {n} variants; allowed are at most {MAX_VARIANTS}")
+
+    def scalar(self, word: str) -> bool | int | float | str:
+        if word in self.LITERALS:
+            return self.LITERALS[word]
+        for number in (int, float):
+            try:
+                return number(word)
+            except ValueError:
+                continue
+        return word
+
+    def word(self, wanted: str) -> str:
+        if not self.tokens or self.tokens[0] in "[](),=":
+            raise self.broken(wanted)
+        return str(self.tokens.pop(0))
+
+    def separate(self, closing: str) -> None:
+        if self.tokens[:1] != [closing]:
+            self.expect(",", f"',' or {closing!r}")
+
+    def expect(self, token: str, wanted: str = "") -> None:
+        if not self.take(token):
+            raise self.broken(wanted or repr(token))
+
+    def take(self, token: str) -> bool:
+        if self.tokens[:1] != [token]:
+            return False
+        self.tokens.pop(0)
+        return True
+
+    def broken(self, wanted: str) -> InputError:
+        where = f"before {''.join(self.tokens)!r}" if self.tokens else "at its end"
+        return InputError(f"{self.text!r}: expected {wanted} {where}; allowed is NAME[param=value,...]")
