@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 import traceback
 import warnings
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 __all__ = ["app", "main"]
 
 MAX_TABLE_WIDTH = 1000
+DEFAULT_TIMEOUT_S = 600.0
+"""Nothing that images a scene takes ten minutes, unless it hangs."""
+
 EXIT_USAGE = 2
 EXIT_FAILED_CELLS = 3
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
@@ -113,6 +117,7 @@ PluginFiles = Annotated[
     typer.Option("--plugin", metavar="FILE.py", help="Local file with estimators or detectors; repeats."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+OUT_HELP = "Folder, new or of the same run, which then goes on; default results/<suite>-<time>."
 SEED_HELP = "Seed that all noise follows from."
 ScenarioNames = Annotated[
     list[str] | None,
@@ -134,14 +139,55 @@ def run(
     seed: Annotated[int | None, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = None,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help="New folder; default results/<suite>-<time>."),
+        typer.Option("-o", "--out", metavar="DIR", help=OUT_HELP),
     ] = None,
     plugin: PluginFiles = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes; default 1."),
+    ] = None,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="SECONDS", help="Longest time of a cell; inf for no limit.")
+    ] = DEFAULT_TIMEOUT_S,
+    memory: Annotated[
+        float | None, typer.Option("--memory", metavar="MIB", help="Most memory that a cell may add to its process.")
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, instead of workers of this machine.")
+    ] = None,
+    shard: Annotated[
+        str | None, typer.Option("--shard", metavar="k/n", help="Only part k of n; isacbench merge joins parts.")
+    ] = None,
+    rerun: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--rerun", metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."
+        ),
+    ] = None,
+    mix_versions: Annotated[
+        bool, typer.Option("--mix-versions", help="Keep rows that other versions made beside new ones.")
+    ] = False,
 ) -> None:
-    """Run a suite: estimate, score, tabulate and draw."""
-    from isacbench.bench.runner import run_suite
-    from isacbench.bench.store import default_folder
+    """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
+    from isacbench.bench.guard import Guard, start_process_server
+    from isacbench.bench.plan import Shard
+
+    if dask is None:
+        start_process_server()  # which imports what workers need while this process imports the rest
+    from isacbench.bench.folder import default_folder
+    from isacbench.bench.resume import parse_reruns
+    from isacbench.bench.runner import Execution, run_suite
+    from isacbench.bench.statuses import failed
     from isacbench.bench.suite import load_suite, parse_snr
+
+    execution = Execution(
+        n_jobs=jobs or (1 if dask is None else None),
+        guard=Guard(None if math.isinf(timeout) else timeout, memory),
+        dask=dask,
+        shard=None if shard is None else Shard.parse(shard),
+        rerun=parse_reruns(rerun or ()),
+        mix_versions=mix_versions,
+    )
 
     _register(plugin)
     wanted = load_suite(suite).replace(
@@ -153,17 +199,17 @@ def run(
     )
     folder = default_folder(wanted.name) if out is None else out
     with _progress_bar(wanted.name) as progress:
-        results = run_suite(wanted, out=folder, progress=progress)
+        results = run_suite(wanted, folder, progress, execution)
     if not results.records.empty:
         _report(folder, results.records, results.suite.kind)
     if results.interrupted:
         _fail(f"interrupted: the {len(results.records)} cells so far are in {folder}", EXIT_INTERRUPTED)
-    failed = results.records[results.records["status"] == "error"]
-    if not failed.empty:
-        first = failed.iloc[0]
+    lost = results.records[failed(results.records)]
+    if not lost.empty:
+        first = lost.iloc[0]
         _fail(
-            f"{len(failed)} of {len(results.records)} cells failed, the first one {first['estimator']} on "
-            f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['reason']}",
+            f"{len(lost)} of {len(results.records)} cells failed, the first one {first['estimator']} on "
+            f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['status']}, {first['reason']}",
             EXIT_FAILED_CELLS,
         )
 

@@ -99,7 +99,7 @@ class Lane:
 
     def stop(self) -> None:
         """End the process, whatever it does; from any thread."""
-        self._pool.stop()
+        self._pool.stop()  # type: ignore[no-untyped-call]
         self._pool.join()
 
     def work(self, block: Block) -> Iterator[Made]:

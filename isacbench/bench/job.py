@@ -13,7 +13,7 @@ from isacbench.bench.record import DRAW_COLUMNS
 from isacbench.bench.studies import STUDIES
 from isacbench.errors import InputError
 from isacbench.model.scenario import load_scenario
-from isacbench.registry import PluginFile, local_plugins, register_plugin
+from isacbench.entries import local_plugins, register_plugin
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from isacbench.bench.study import Scene
     from isacbench.bench.suite import Suite
     from isacbench.model.scenario import Scenario
+    from isacbench.plugin_files import PluginFile
 
 __all__ = ["Job", "load_job"]
 

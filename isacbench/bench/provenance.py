@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_info
 
 import isacbench
 from isacbench.bench.content import digest
-from isacbench.registry import plugin_version
+from isacbench.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
     from isacbench.contracts import Detector

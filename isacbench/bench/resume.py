@@ -9,7 +9,7 @@ import pandas as pd
 
 from isacbench.bench.provenance import environment_of
 from isacbench.bench.statuses import failed
-from isacbench.errors import InputError
+from isacbench.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -21,11 +21,25 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-__all__ = ["RERUNS", "Rerun", "differing_versions", "keep"]
+__all__ = ["RERUNS", "Rerun", "differing_versions", "keep", "parse_reruns"]
 
 Rerun = Literal["failed", "stale", "all"]
 
 RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")
+
+
+def parse_reruns(names: Collection[str]) -> tuple[Rerun, ...]:
+    """Check the names of what is made again.
+
+    Raises
+    ------
+    InputError
+        If there is no such one.
+    """
+    for name in names:
+        if name not in RERUNS:
+            raise unknown_name("cells to rerun", name, RERUNS)
+    return tuple(name for name in RERUNS if name in names)
 
 
 def keep(

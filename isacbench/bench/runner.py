@@ -20,7 +20,7 @@ from isacbench.bench.journal import Journal, read_journal
 from isacbench.bench.local import work_guarded, work_here
 from isacbench.bench.plan import Shard
 from isacbench.bench.record import Results, typed
-from isacbench.bench.resume import Rerun, keep
+from isacbench.bench.resume import Rerun, keep, parse_reruns
 from isacbench.bench.rows import Rows
 from isacbench.bench.store import (
     JOURNAL,
@@ -117,7 +117,7 @@ def run(
     memory_mib: float | None = None,
     dask: str | None = None,
     shard: str | None = None,
-    rerun: Collection[Rerun] = (),
+    rerun: Collection[str] = (),
     mix_versions: bool = False,
 ) -> pd.DataFrame:
     """Run a suite and return its records.
@@ -183,7 +183,7 @@ def run(
             guard=Guard(timeout_s, memory_mib),
             dask=dask,
             shard=None if shard is None else Shard.parse(shard),
-            rerun=rerun,
+            rerun=parse_reruns(rerun),
             mix_versions=mix_versions,
         ),
     )

@@ -57,9 +57,6 @@ RECORDS, RECORDS_CSV = "results.parquet", "results.csv"
 CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"
 DRAWS, JOURNAL = "draws.parquet", "journal.jsonl"
 
-UNKNOWN = {"timing": False, "scenario_content": "", "environment": ""}
-"""What runs say that were written before rows told it."""
-
 T = TypeVar("T")
 
 DAMAGE = (ValueError, KeyError, OSError, pa.ArrowException)
@@ -262,9 +259,13 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 def _read_records(folder: Path) -> pd.DataFrame:
     records = _read_parquet(folder / RECORDS)
+    # Runs from before rows told where they come from have columns less.
     if missing := [name for name in COLUMNS if name not in records and name not in PROVENANCE]:
         raise KeyError(f"{RECORDS} has no column {missing[0]}")
-    return records.assign(**{name: value for name, value in UNKNOWN.items() if name not in records})
+    unknown = pd.DataFrame(
+        {"timing": False, "scenario_content": "", "environment": ""}, index=records.index
+    )
+    return pd.concat([records, unknown[unknown.columns.difference(records.columns)]], axis=1)
 
 
 def _read_clouds(folder: Path) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import pandas as pd
 
 from isacbench.bench import detection, efficiency, resolution
-from isacbench.bench.store import replacing
+from isacbench.bench.folder import replacing
 from isacbench.report import study_tables, tables
 from isacbench.report.tables import Grid, markdown
 

@@ -14,7 +14,7 @@ from matplotlib.colors import AsinhNorm, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from isacbench.bench.store import replacing
+from isacbench.bench.folder import replacing
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
