@@ -1,0 +1,36 @@
+"""Which statuses of a row mean that a cell was imaged and scored; every other one is a failure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["SCORED", "failed"]
+
+SCORED: tuple[str, ...] = ("ok", "no_detection")
+"""Statuses of cells that have a score; an empty image has one too."""
+
+
+def failed(records: pd.DataFrame) -> pd.Series[bool]:
+    """Tell which cells failed, for whatever reason.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run, with the column ``status``.
+
+    Returns
+    -------
+    Series of bool
+        True where a cell has no score: it raised, ran out of time, was
+        killed, or was skipped. Of the index of the rows.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> failed(pd.DataFrame({"status": ["ok", "no_detection", "timeout"]})).tolist()
+    [False, False, True]
+    """
+    return ~records["status"].isin(SCORED)
