@@ -27,6 +27,7 @@ from isacbench.bench.intervals import CONFIDENCE, wilson_interval
 from isacbench.bench.maps import PowerMap, draw_map, near
 from isacbench.bench.radio import gain_db
 from isacbench.bench.record import DRAW_COLUMNS, Cell, Outcome, Record
+from isacbench.bench.statuses import failed
 from isacbench.bench.study import Contestant, ImagedScene, element_snrs_db, gained_snr_db
 from isacbench.contracts import Detection, Detector, Diagnoser
 from isacbench.errors import InputError
@@ -228,7 +229,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
             **dict(zip(GROUP, key, strict=True)),
             "snr_gain_db": part["snr_gain_db"].iloc[0],
             "n_cells": len(part),
-            "n_failed": int((part["status"] == "error").sum()),
+            "n_failed": int(failed(part).sum()),
             **counts,
         }
         for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):

@@ -19,6 +19,7 @@ import pandas as pd
 
 from isacbench.bench.intervals import rms_interval
 from isacbench.bench.radio import DIMENSIONS, draw_place, gain_db, radio_places, rayleigh_cells, space_places
+from isacbench.bench.statuses import failed
 from isacbench.bench.study import ImagedScene, build_estimators, element_snrs_db
 from isacbench.dsp.bounds import single_bound
 from isacbench.model.scene import Scatterers
@@ -114,13 +115,13 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for key, part in records.groupby(GROUP, sort=False):
-        failed, hits = part["status"] == "error", part[part["hit"]]
+        broken, hits = failed(part), part[part["hit"]]
         row: dict[str, Any] = {
             **dict(zip(GROUP, key, strict=True)),
             "snr_gain_db": part["snr_gain_db"].iloc[0],
             "n_trials": len(part),
-            "n_failed": int(failed.sum()),
-            "n_misses": int((~failed & ~part["hit"]).sum()),
+            "n_failed": int(broken.sum()),
+            "n_misses": int((~broken & ~part["hit"]).sum()),
             "n_false": int(part["n_false"].sum()),
         }
         for dimension, error, bound in zip(DIMENSIONS, ERRORS, BOUNDS, strict=True):

@@ -18,6 +18,7 @@ import pandas as pd
 
 from isacbench.bench.intervals import wilson_interval
 from isacbench.bench.radio import DIMENSIONS, draw_place, gain_db, radio_places, rayleigh_cells, space_places
+from isacbench.bench.statuses import failed
 from isacbench.bench.study import ImagedScene, build_estimators, element_snrs_db
 from isacbench.model.echo import central_phase
 from isacbench.model.scene import Scatterers
@@ -175,7 +176,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         row: dict[str, Any] = {
             **dict(zip(GROUP, key, strict=True)),
             "n_cells": len(part),
-            "n_failed": int((part["status"] == "error").sum()),
+            "n_failed": int(failed(part).sum()),
             "n_false": int(part["n_false"].sum()),
             "resolved_worst": phases.min(),
             "worst_phase_deg": phases.idxmin(),

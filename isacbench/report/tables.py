@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
+from isacbench.bench.statuses import failed
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
@@ -73,12 +75,12 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         95 % confidence interval of the mean (Student's t), over the cells
         that did not fail; and ``time_estimate_s_median``.
     """
-    scored = records["status"].isin(["ok", "no_detection"])
+    broken = failed(records)
     table = records.assign(
         hausdorff_sum_m=records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False),
-        n_estimated=records["n_estimated"].where(scored),
+        n_estimated=records["n_estimated"].where(~broken),
         no_detection=records["status"] == "no_detection",
-        failed=~scored,
+        failed=broken,
     )
     groups = table.groupby(GROUP, sort=False)
     mean, deviation, count = (getattr(groups[AVERAGED], name)() for name in ("mean", "std", "count"))

@@ -178,6 +178,16 @@ def test_the_summary_pools_the_counts_of_trials(suite):
     assert math.isnan(row["deviation_mean"])
 
 
+@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
+def test_the_summary_counts_failures_of_every_kind(suite, failure):
+    records = run(suite.replace(trials=2))
+    assert not summarise(records)["n_failed"].any()
+    struck = records["detector"] == "ca"
+    records.loc[struck & (records["trial"] == 1), "status"] = failure
+    summary = summarise(records)
+    assert (summary["n_failed"] == summary["detector"].eq("ca")).all()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -105,14 +105,15 @@ def test_a_failure_is_neither_a_hit_nor_a_miss(suite):
     assert summary["ratio_u"].isna().all()
 
 
-def test_the_summary_takes_errors_of_hits_alone():
+@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
+def test_the_summary_takes_errors_of_hits_alone(failure):
     rows = {
         "scenario": "s",
         "estimator": "e",
         "params": "{}",
         "snr_db": -60.0,
         "snr_gain_db": 20.0,
-        "status": ["ok", "ok", "no_detection", "error"],
+        "status": ["ok", "ok", "no_detection", failure],
         "hit": [True, True, False, False],
         "n_false": [0, 2, 0, 0],
         "time_estimate_s": [0.1, 0.2, 0.3, 0.4],

@@ -113,7 +113,8 @@ def test_who_sees_the_truth_finds_every_pair(suite):
     assert records.groupby("estimator")["resolved"].mean().to_dict() == {"seer": 1.0, "blob": 0.0}
 
 
-def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase():
+@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
+def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase(failure):
     rows = [
         {
             "template": "t",
@@ -125,7 +126,7 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase():
             "phase_deg": phase_deg,
             "resolved": resolved,
             "n_false": 1,
-            "status": "error" if phase_deg == 90 and not resolved else "ok",
+            "status": failure if phase_deg == 90 and not resolved else "ok",
             "time_estimate_s": 0.1,
         }
         for phase_deg, found in ((0.0, [1, 0]), (90.0, [0, 0]), (180.0, [1, 1]))

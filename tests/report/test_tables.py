@@ -51,10 +51,11 @@ def test_what_did_not_work_is_counted_and_failures_have_no_mean(records):
     assert empty["deviation_mean"].notna().all()
 
 
-def test_a_failure_among_others_is_left_out_of_their_mean(records):
+@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
+def test_a_failure_among_others_is_left_out_of_their_mean(records, failure):
     records = records.copy()
     first = records.index[(records["estimator"] == "blob") & (records["snr_db"] == 0)][0]
-    records.loc[first, "status"] = "error"
+    records.loc[first, "status"] = failure
     records.loc[first, "deviation"] = np.nan
     summary = summarise(records)
     assert summary["n_failed"].max() == 3
