@@ -150,13 +150,16 @@ def run(
         float, typer.Option("--timeout", metavar="SECONDS", help="Longest time of a cell; inf for no limit.")
     ] = DEFAULT_TIMEOUT_S,
     memory: Annotated[
-        float | None, typer.Option("--memory", metavar="MIB", help="Most memory that a cell may add to its process.")
+        float | None,
+        typer.Option("--memory", metavar="MIB", help="Most memory that a cell may add to its process."),
     ] = None,
     dask: Annotated[
-        str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, instead of workers of this machine.")
+        str | None,
+        typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, instead of workers of this machine."),
     ] = None,
     shard: Annotated[
-        str | None, typer.Option("--shard", metavar="k/n", help="Only part k of n; isacbench merge joins parts.")
+        str | None,
+        typer.Option("--shard", metavar="k/n", help="Only part k of n; isacbench merge joins parts."),
     ] = None,
     rerun: Annotated[
         list[str] | None,
@@ -209,7 +212,8 @@ def run(
         first = lost.iloc[0]
         _fail(
             f"{len(lost)} of {len(results.records)} cells failed, the first one {first['estimator']} on "
-            f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['status']}, {first['reason']}",
+            f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['status']}, "
+            f"{first['reason']}",
             EXIT_FAILED_CELLS,
         )
 

@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 import time
+from itertools import islice
 from types import ModuleType
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 import isacbench
+from isacbench.bench.local import work_guarded
 from isacbench.cli import app
 from isacbench.model.cloud_io import read_cloud
 from isacbench.model.scenario import load_scenario
@@ -143,13 +145,18 @@ def test_run_with_failed_cells_keeps_all_rows_names_the_first_and_exits_3(cli):
     assert result.exit_code == 3
     assert result.stderr == (
         "isacbench: 1 of 4 cells failed, the first one trouble on tiny at 0 dB, trial 0: "
-        "ZeroDivisionError: no luck\n"
+        "error, ZeroDivisionError: no luck\n"
     )
     assert len(pd.read_parquet("out/results.parquet")) == 4
 
 
-def test_an_interrupted_run_says_where_its_rows_are(cli):
-    result = cli(*RUN, "-e", "trouble[kind=interrupt]", "-o", "out")
+def test_an_interrupted_run_says_where_its_rows_are(cli, monkeypatch):
+    def interrupted(*args):
+        yield from islice(work_guarded(*args), 3)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("isacbench.bench.runner.work_guarded", interrupted)
+    result = cli(*RUN, "-o", "out")
     assert result.exit_code == 130
     assert "interrupted: the 3 cells so far are in out" in result.stderr
     assert len(pd.read_parquet("out/results.parquet")) == 3

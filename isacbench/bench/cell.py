@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from isacbench.model.scenario import Scenario
     from isacbench.registry import AnyEstimator
 
-__all__ = ["Measure", "Shot", "estimate_cloud", "failed_by", "failure", "run_cell"]
+__all__ = ["Measure", "Shot", "describe_error", "estimate_cloud", "failed_by", "failure", "run_cell"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +97,13 @@ def run_cell(
 def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:
     """Row of a cell that an exception ended after a time; out of memory is killed, all else an error."""
     status: Status = "killed" if isinstance(error, MemoryError) else "error"
-    message = str(error)
-    reason = f"{type(error).__name__}: {message}" if message else type(error).__name__
-    return failure(cell, status, reason, n_true, time_s)
+    return failure(cell, status, describe_error(error), n_true, time_s)
+
+
+def describe_error(error: BaseException) -> str:
+    """Type and message of an exception, in one line."""
+    message = " ".join(str(error).split())
+    return f"{type(error).__name__}: {message}" if message else type(error).__name__
 
 
 def failure(cell: Cell, status: Status, reason: str, n_true: int, time_s: float) -> Outcome:

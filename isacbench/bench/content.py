@@ -1,4 +1,4 @@
-"""What a scenario consists of, in terms of JSON and of a table, and the digest by which its content is known."""
+"""What a scenario consists of, in terms of JSON and of a table, and the digest that it is known by."""
 
 from __future__ import annotations
 
@@ -20,7 +20,14 @@ from isacbench.model.scenario import Scatterers, Scenario
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["canonical_json", "describe_scenario", "digest", "restore_scenario", "scenario_digest", "truth_table"]
+__all__ = [
+    "canonical_json",
+    "describe_scenario",
+    "digest",
+    "restore_scenario",
+    "scenario_digest",
+    "truth_table",
+]
 
 SIGNIFICANT = 10
 """Significant digits of a number in a digest; drawn places go through sines, whose last digits vary."""
@@ -46,7 +53,7 @@ def digest(content: Any) -> str:
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """Digest of everything that observations of a scenario follow from, its name included: noise hangs on that.
+    """Digest of everything that observations of a scenario follow from; noise follows from its name.
 
     Parameters
     ----------

@@ -79,8 +79,8 @@ def _create(folder: Path) -> bool:
         names = {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}
         if names and not names & RUN_FILES:
             raise InputError(
-                f"{folder}: exists and is not the folder of a run; allowed are a new or empty folder, or that of a run "
-                "to go on with; nothing was overwritten"
+                f"{folder}: exists and is not the folder of a run; allowed are a new folder, an empty one, "
+                "or that of a run to go on with; nothing was overwritten"
             ) from error
         return False
     except OSError as error:
@@ -97,8 +97,8 @@ def _locked(folder: Path) -> Iterator[None]:
         except OSError as error:
             file.seek(0)
             raise InputError(
-                f"{folder}: another run writes into it ({file.read() or 'unknown'}); allowed is to wait for its end, "
-                "or another folder"
+                f"{folder}: another run writes into it ({file.read() or 'unknown'}); allowed is to "
+                "wait for its end, or another folder"
             ) from error
         file.truncate(0)
         now = datetime.now().astimezone().isoformat(timespec="seconds")

@@ -13,6 +13,7 @@ import signal
 import time
 from collections import deque
 from concurrent.futures import TimeoutError as DeadlineError
+from concurrent.futures import wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import connection, parent_process
@@ -23,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Self
 from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
+from isacbench.bench.cell import describe_error
 from isacbench.bench.workbench import Made, Workbench
 from isacbench.errors import InputError
 
@@ -40,6 +42,8 @@ DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
 
 OBSERVE_ATTEMPTS = 3
+POLL_S = 0.2
+GRACE_S = 2.0
 MIB = 2**20
 PRELOADED = ["isacbench.bench.guard", "isacbench.bench.studies", "isacbench_algorithms.cellwise"]
 """What the server of processes imports once, so that a fresh worker is there at once."""
@@ -88,6 +92,7 @@ class Lane:
     def __init__(self, job: Job, guard: Guard) -> None:
         self._job, self._guard = job, guard
         self._pool = self._fresh_pool()
+        self._process_id = 0
 
     def __enter__(self) -> Self:
         return self
@@ -124,7 +129,7 @@ class Lane:
         """Observe in the process; where the system kills it for want of memory, once more in a fresh one."""
         for _ in range(OBSERVE_ATTEMPTS):
             try:
-                made: list[Made] = self._pool.schedule(_observe, args=[block]).result()
+                self._process_id, made = self._pool.schedule(_observe, args=[block]).result()
             except ProcessExpired as death:
                 cause = _cause(death)
             else:
@@ -136,14 +141,18 @@ class Lane:
         future = self._pool.schedule(
             _image, args=[contestant, self._guard.memory_mib], timeout=self._guard.timeout_s
         )
+        while not future.done() and self._is_alive():
+            wait([future], timeout=POLL_S)
+        # The pool tells of every other death, but not at once.
+        if not wait([future], timeout=GRACE_S).done:
+            self._renew()
+            return _lost(trace, "killed", "the process exited with code 0", time.perf_counter() - start)
         error = future.exception()
         if error is not None:
             return _lost(trace, *self._verdict(error), time.perf_counter() - start)
         made: Made = future.result()
         if made.outcome.record.status == "killed":
-            # What the plugin still holds must not be held against other cells.
-            self.stop()
-            self._pool = self._fresh_pool()
+            self._renew()  # what the plugin still holds must not be held against other cells
         return made
 
     def _verdict(self, error: BaseException) -> tuple[Status, str]:
@@ -152,7 +161,19 @@ class Lane:
             return "timeout", f"more than {self._guard.timeout_s:g} s"
         if isinstance(error, ProcessExpired):
             return "killed", f"the process {_cause(error)}"
-        return "error", f"{type(error).__name__}: {error}"
+        return "error", describe_error(error)
+
+    def _is_alive(self) -> bool:
+        """Whether the process is there; the pool does not notice one that leaves with code 0."""
+        try:
+            os.kill(self._process_id, 0)
+        except ProcessLookupError:
+            return False
+        return True
+
+    def _renew(self) -> None:
+        self.stop()
+        self._pool = self._fresh_pool()
 
     def _fresh_pool(self) -> ProcessPool:
         return ProcessPool(1, initializer=_start_worker, initargs=[self._job], context=_context())
@@ -208,14 +229,14 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _observe(block: Block) -> list[Made]:
+def _observe(block: Block) -> tuple[int, list[Made]]:
     global _workbench
     if _workbench is None:
         assert _job is not None
         _workbench = Workbench(_job)
         # Threads make small batched algebra slower and its timing unrepeatable; here for good.
         threadpool_limits(limits=1)
-    return _workbench.observe(block)
+    return os.getpid(), _workbench.observe(block)
 
 
 def _image(contestant: int, memory_mib: float | None) -> Made:

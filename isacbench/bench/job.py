@@ -11,9 +11,9 @@ import pandas as pd
 from isacbench.bench.plan import Plan
 from isacbench.bench.record import DRAW_COLUMNS
 from isacbench.bench.studies import STUDIES
+from isacbench.entries import local_plugins, register_plugin
 from isacbench.errors import InputError
 from isacbench.model.scenario import load_scenario
-from isacbench.entries import local_plugins, register_plugin
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, pairwise
 from threading import Lock
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,7 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from isacbench.bench.study import Scene
+    from isacbench.bench.study import Contestant, Scene
 
 __all__ = ["Block", "BlockQueue", "Plan", "Shard"]
 
@@ -90,6 +90,12 @@ class Plan:
         """Cells of all scenes."""
         return int(self._offsets[-1])
 
+    @property
+    def contestants(self) -> list[Contestant[Any]]:
+        """Everybody who takes part, once each."""
+        every = {(one.name, one.params): one for scene in self.scenes for one in scene.contestants}
+        return list(every.values())
+
     def positions(self, keys: pd.DataFrame) -> NDArray[np.int64]:
         """Positions in the table of some cells.
 
@@ -123,7 +129,7 @@ class Plan:
         return blocks
 
     def shard(self, shard: Shard) -> NDArray[np.bool_]:
-        """Mark the cells of a part of the run; whole trials of a scene as long as there are enough of them."""
+        """Mark the cells of a part of the run: whole trials of a scene, if there are enough."""
         blocks = self.blocks(np.ones(self.n_cells, dtype=np.bool_))
         trials = [block[:2] for block in blocks]
         part = np.cumsum([before != after for before, after in pairwise([trials[0], *trials])])
@@ -139,7 +145,9 @@ class Plan:
 
     def _positions_in(self, index: int, keys: pd.DataFrame) -> NDArray[np.int64]:
         scene = self.scenes[index]
-        at_snr = pd.Index(scene.snr_db, dtype=np.float64).get_indexer(pd.Index(keys["snr_db"], dtype=np.float64))
+        at_snr = pd.Index(scene.snr_db, dtype=np.float64).get_indexer(
+            pd.Index(keys["snr_db"], dtype=np.float64)
+        )
         variants = pd.MultiIndex.from_tuples([(one.name, one.params) for one in scene.contestants])
         contestant = variants.get_indexer(pd.MultiIndex.from_frame(keys[["estimator", "params"]]))
         trial = keys["trial"].to_numpy()
@@ -178,4 +186,3 @@ class BlockQueue:
             # Nothing untouched is left: take from the end of whoever has most.
             fullest = max(self._taken, key=len, default=mine)
             return fullest.pop() if fullest else None
-

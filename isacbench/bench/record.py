@@ -13,7 +13,7 @@ import pandas as pd
 from isacbench.model.cloud import PointCloud
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from datetime import datetime
 
     from isacbench.bench.suite import Suite

@@ -151,8 +151,7 @@ def _other_versions(stored: Rows, plan: Plan) -> Mask:
 
 
 def _versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
-    contestants = {(one.name, one.params): one for scene in plan.scenes for one in scene.contestants}
-    return {key: environment_of(one.plugin)["versions"] for key, one in contestants.items()}
+    return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in plan.contestants}
 
 
 def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask, mix_versions: bool) -> None:
@@ -168,8 +167,8 @@ def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask, mix_v
         new = _versions_now(plan)[first["estimator"], first["params"]]
         raise InputError(
             f"{versions.sum()} of its {versions.size} cells were made by other versions, the first one by "
-            f"{', '.join(differing_versions(old, new)) or 'unknown ones'}; allowed are --rerun stale, which makes them "
-            "again, --mix-versions, which keeps them beside new ones, or a new folder"
+            f"{', '.join(differing_versions(old, new)) or 'unknown ones'}; allowed are --rerun stale, which "
+            "makes them again, --mix-versions, which keeps them beside new ones, or a new folder"
         )
 
 

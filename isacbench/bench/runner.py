@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,7 +77,7 @@ class Execution:
     """
 
     n_jobs: int | None = None
-    guard: Guard = Guard()
+    guard: Guard = field(default_factory=Guard)
     dask: str | None = None
     shard: Shard | None = None
     rerun: Collection[Rerun] = ()
@@ -87,7 +87,9 @@ class Execution:
         if self.n_jobs is not None and self.n_jobs < 1:
             raise InputError(f"jobs {self.n_jobs}: allowed is 1 or more")
         if self.n_jobs is not None and self.dask is not None:
-            raise InputError("jobs and dask: allowed is one of them; how many jobs a Dask worker runs is its own matter")
+            raise InputError(
+                "jobs and dask: allowed is one of them; how many jobs a Dask worker runs is its own matter"
+            )
 
     def describe(self) -> dict[str, Any]:
         """Describe it in terms of JSON."""
@@ -246,7 +248,7 @@ def run_suite(
             interrupted=interrupted,
         )
         if out is not None:
-            _finish(results, folder, [*sessions, session.describe(wall_time_s, interrupted)])
+            _finish(folder, job, results, [*sessions, session.describe(wall_time_s, interrupted)])
     return results
 
 
@@ -277,7 +279,7 @@ def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Bloc
 def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]]) -> None:
     """Write what the rows to come cannot be understood without, should the run be killed."""
     write_truth(folder, job.scenarios)
-    write_manifest(folder, job.suite, job.scenarios, kept.environments, sessions)
+    write_manifest(folder, job, kept.environments, sessions)
 
 
 def _work(
@@ -311,8 +313,8 @@ def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Iterator[M
     return work_here(job, blocks)
 
 
-def _finish(results: Results, folder: Path, sessions: list[dict[str, Any]]) -> None:
+def _finish(folder: Path, job: Job, results: Results, sessions: list[dict[str, Any]]) -> None:
     """Write the tables, and only then let go of the journal that they are made from."""
     write_results(results, folder)
-    write_manifest(folder, results.suite, results.scenarios, results.environments, sessions)
+    write_manifest(folder, job, results.environments, sessions)
     (folder / JOURNAL).unlink()

@@ -31,13 +31,14 @@ from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import restore_suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.score import METRIC_VERSION
+from isacbench.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from isacbench.bench.job import Job
     from isacbench.bench.provenance import Environment
-    from isacbench.bench.suite import Suite
     from isacbench.model.scenario import Scenario
 
 __all__ = [
@@ -91,8 +92,7 @@ class Session:
 
 def write_manifest(
     folder: Path,
-    suite: Suite,
-    scenarios: Mapping[str, Scenario],
+    job: Job,
     environments: Mapping[str, Environment],
     sessions: list[dict[str, Any]],
 ) -> None:
@@ -101,13 +101,13 @@ def write_manifest(
     Parameters
     ----------
     folder : Path
-    suite : Suite
-    scenarios : mapping of str to Scenario
+    job : Job
     environments : mapping of str to Environment
         By the names that rows have.
     sessions : list of dict
         All calls that worked on the run, the last one last.
     """
+    suite = job.suite
     last = sessions[-1]
     manifest = {
         "isacbench": isacbench.__version__,
@@ -116,9 +116,13 @@ def write_manifest(
         "seed": suite.seed,
         "suite": suite.model_dump(),
         "metric": {"name": "paper", "version": METRIC_VERSION},
+        "estimators": [
+            {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
+            for one in job.plan.contestants
+        ],
         "scenarios": {
             name: {**describe_scenario(scenario), "content": scenario_digest(scenario)}
-            for name, scenario in scenarios.items()
+            for name, scenario in job.scenarios.items()
         },
         "environments": dict(environments),
         "sessions": sessions,
@@ -228,7 +232,9 @@ def read_results(folder: Path) -> Results:
         suite = restore_suite(manifest["suite"])
         parts = []
         if (folder / RECORDS).exists():
-            parts.append(Rows.of_tables(_read_records(folder), _read_clouds(folder), manifest["environments"]))
+            parts.append(
+                Rows.of_tables(_read_records(folder), _read_clouds(folder), manifest["environments"])
+            )
         if journal.exists():
             parts.append(read_journal(journal)[0])
         rows = Rows.joined(parts)
@@ -262,9 +268,7 @@ def _read_records(folder: Path) -> pd.DataFrame:
     # Runs from before rows told where they come from have columns less.
     if missing := [name for name in COLUMNS if name not in records and name not in PROVENANCE]:
         raise KeyError(f"{RECORDS} has no column {missing[0]}")
-    unknown = pd.DataFrame(
-        {"timing": False, "scenario_content": "", "environment": ""}, index=records.index
-    )
+    unknown = pd.DataFrame({"timing": False, "scenario_content": "", "environment": ""}, index=records.index)
     return pd.concat([records, unknown[unknown.columns.difference(records.columns)]], axis=1)
 
 

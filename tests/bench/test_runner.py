@@ -217,7 +217,7 @@ def test_a_cell_is_a_function_of_its_arguments(tiny):
             return PointCloud([[1, 2, 3]], [0], [1])
 
     scenario = load_scenario(tiny)
-    cell = Cell("suite", "tiny", "echoing", "{}", 0.0, 0, 0)
+    cell = Cell("suite", "tiny", "echoing", "{}", 0.0, 0, 0, "content")
     outcome = run_cell(cell, scenario, observe(scenario, 0), Echoing())
     assert (outcome.record.n_true, outcome.record.n_estimated, len(outcome.cloud)) == (3, 1, 1)
     assert outcome.record.status == "ok"

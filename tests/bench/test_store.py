@@ -1,11 +1,13 @@
 import json
+import os
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.bench.folder import default_folder, open_folder, replacing
 from isacbench.bench.runner import run_suite
-from isacbench.bench.store import default_folder, read_results, replacing, reserve_folder
+from isacbench.bench.store import read_results
 from isacbench.bench.suite import DetectionSuite, ResolutionSuite, Suite
 from isacbench.errors import InputError
 from isacbench.metrics.score import score
@@ -68,7 +70,7 @@ def test_the_package_of_a_detector_that_ran_alone_is_in_the_manifest(plugins, ti
     run_suite(suite, out=tmp_path / "run")
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
     assert [entry["name"] for entry in manifest["estimators"]] == ["level", "blob"]
-    assert {entry["package"] for entry in manifest["estimators"]} == {"test-plugins 1.0"}
+    assert all("test-plugins" in entry["packages"] for entry in manifest["estimators"])
     assert not (tmp_path / "run" / "draws.parquet").exists()
 
 
@@ -107,7 +109,7 @@ def test_the_manifest_says_what_ran_on_what(written):
     assert manifest["suite"]["estimators"][0] == "blob[n=5]"
     assert manifest["seed"] == 0
     assert manifest["estimators"][0]["params"]["n"] == 5
-    assert manifest["estimators"][0]["package"] == "test-plugins 1.0"
+    assert manifest["estimators"][0]["packages"]["test-plugins"]["version"] == "1.0"
     assert manifest["packages"]["numpy"] == np.__version__
     assert manifest["blas_threads"] == 1
     assert manifest["wall_time_s"] > 0
@@ -115,30 +117,44 @@ def test_the_manifest_says_what_ran_on_what(written):
     assert {"isacbench", "git", "argv", "started", "python", "platform", "cores", "blas"} <= set(manifest)
 
 
-def test_an_existing_folder_is_refused_and_left_alone(written):
-    results, folder = written
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(InputError, match="mine: exists; allowed is a new folder"):
-        run_suite(results.suite, out=folder)
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def test_an_empty_existing_folder_is_refused_too(tmp_path):
-    with pytest.raises(InputError, match="exists"), reserve_folder(tmp_path):
+def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("precious")
+    with pytest.raises(InputError, match="is not the folder of a run"), open_folder(tmp_path):
         pass
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_an_empty_existing_folder_is_taken(tmp_path):
+    with open_folder(tmp_path) as folder:
+        assert folder == tmp_path
     assert tmp_path.is_dir()
 
 
 def test_a_folder_below_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be created"), reserve_folder(tmp_path / "file" / "run"):
+    with pytest.raises(InputError, match="cannot be created"), open_folder(tmp_path / "file" / "run"):
         pass
 
 
-def test_a_reserved_folder_that_stays_empty_goes_away(tmp_path):
-    with pytest.raises(RuntimeError), reserve_folder(tmp_path / "run"):
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="is not the folder of a run"), open_folder(tmp_path / "file"):
+        pass
+
+
+def test_a_new_folder_that_stays_empty_goes_away(tmp_path):
+    with pytest.raises(RuntimeError), open_folder(tmp_path / "run"):
         raise RuntimeError
     assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_that_is_written_into_is_refused_with_who_does(tmp_path):
+    with (
+        open_folder(tmp_path / "run"),
+        pytest.raises(InputError, match=rf"another run writes into it \(process {os.getpid()} on "),
+        open_folder(tmp_path / "run"),
+    ):
+        pass
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
@@ -154,7 +170,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
 
 
 def test_a_folder_without_a_run_is_refused_with_what_is_missing(tmp_path):
-    with pytest.raises(InputError, match=r"manifest\.json, results\.parquet"):
+    with pytest.raises(InputError, match=r"not the folder of a run, manifest\.json missing"):
         read_results(tmp_path)
 
 
