@@ -12,13 +12,13 @@ import resource
 import signal
 import time
 from collections import deque
+from concurrent.futures import CancelledError, wait
 from concurrent.futures import TimeoutError as DeadlineError
-from concurrent.futures import wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import connection, parent_process
 from pathlib import Path
-from threading import Thread
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Self
 
 from pebble import ProcessExpired, ProcessPool
@@ -93,6 +93,8 @@ class Lane:
         self._job, self._guard = job, guard
         self._pool = self._fresh_pool()
         self._process_id = 0
+        self._is_stopped = False
+        self._lock = Lock()
 
     def __enter__(self) -> Self:
         return self
@@ -103,9 +105,10 @@ class Lane:
         self.stop()
 
     def stop(self) -> None:
-        """End the process, whatever it does; from any thread."""
-        self._pool.stop()  # type: ignore[no-untyped-call]
-        self._pool.join()
+        """End the process, whatever it does, and start no other; from any thread."""
+        with self._lock:
+            self._is_stopped = True
+            self._end_process()
 
     def work(self, block: Block) -> Iterator[Made]:
         """Work off the cells of a block; each yields a row, whatever becomes of it.
@@ -141,8 +144,10 @@ class Lane:
         future = self._pool.schedule(
             _image, args=[contestant, self._guard.memory_mib], timeout=self._guard.timeout_s
         )
-        while not future.done() and self._is_alive():
+        while not future.done() and self._is_alive() and not self._is_stopped:
             wait([future], timeout=POLL_S)
+        if self._is_stopped:
+            raise CancelledError
         # The pool tells of every other death, but not at once.
         if not wait([future], timeout=GRACE_S).done:
             self._renew()
@@ -172,8 +177,15 @@ class Lane:
         return True
 
     def _renew(self) -> None:
-        self.stop()
-        self._pool = self._fresh_pool()
+        with self._lock:
+            if self._is_stopped:
+                raise CancelledError
+            self._end_process()
+            self._pool = self._fresh_pool()
+
+    def _end_process(self) -> None:
+        self._pool.stop()  # type: ignore[no-untyped-call]
+        self._pool.join()
 
     def _fresh_pool(self) -> ProcessPool:
         return ProcessPool(1, initializer=_start_worker, initargs=[self._job], context=_context())
