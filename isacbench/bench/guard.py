@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 from multiprocessing import connection, parent_process
 from pathlib import Path
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from pebble import ProcessExpired, ProcessPool
+from pebble import ProcessExpired, ProcessFuture, ProcessPool
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cell import describe_error
@@ -29,7 +29,7 @@ from isacbench.bench.workbench import Made, Workbench
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from types import TracebackType
 
     from isacbench.bench.job import Job
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from isacbench.bench.record import Status
 
 __all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "start_process_server"]
+
+T = TypeVar("T")
 
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
@@ -130,26 +132,26 @@ class Lane:
 
     def _observe(self, block: Block) -> list[Made]:
         """Observe in the process; where the system kills it for want of memory, once more in a fresh one."""
+        error: BaseException | None = None
         for _ in range(OBSERVE_ATTEMPTS):
-            try:
-                self._process_id, made = self._pool.schedule(_observe, args=[block]).result()
-            except ProcessExpired as death:
-                cause = _cause(death)
-            else:
+            future = self._schedule(_observe, block)
+            error = future.exception()
+            if error is None:
+                self._process_id, made = future.result()
                 return made
-        raise RuntimeError(f"scene {block.scene}, trial {block.trial}: observing it, the process {cause}")
+            if not isinstance(error, ProcessExpired):
+                raise error
+        assert error is not None
+        reason = self._verdict(error)[1]
+        raise RuntimeError(f"scene {block.scene}, trial {block.trial} cannot be observed: {reason}")
 
     def _image(self, contestant: int, trace: Made) -> Made:
         start = time.perf_counter()
-        future = self._pool.schedule(
-            _image, args=[contestant, self._guard.memory_mib], timeout=self._guard.timeout_s
+        limits = self._guard
+        future = self._schedule(
+            _image, contestant, limits.memory_mib, timeout_s=limits.timeout_s, is_alive=self._is_alive
         )
-        while not future.done() and self._is_alive() and not self._is_stopped:
-            wait([future], timeout=POLL_S)
-        if self._is_stopped:
-            raise CancelledError
-        # The pool tells of every other death, but not at once.
-        if not wait([future], timeout=GRACE_S).done:
+        if not future.done():
             self._renew()
             return _lost(trace, "killed", "the process exited with code 0", time.perf_counter() - start)
         error = future.exception()
@@ -159,6 +161,23 @@ class Lane:
         if made.outcome.record.status == "killed":
             self._renew()  # what the plugin still holds must not be held against other cells
         return made
+
+    def _schedule(
+        self,
+        function: Callable[..., T],
+        *args: object,
+        timeout_s: float | None = None,
+        is_alive: Callable[[], bool] = lambda: True,
+    ) -> ProcessFuture[T]:
+        """Call a function in the process and wait for its end, for that of the process, or until stopped."""
+        future = self._pool.schedule(function, args=args, timeout=timeout_s)
+        while not future.done() and is_alive():
+            if self._is_stopped:
+                raise CancelledError
+            wait([future], timeout=POLL_S)
+        # The pool tells of every death but one with code 0, though not at once.
+        wait([future], timeout=GRACE_S)
+        return future
 
     def _verdict(self, error: BaseException) -> tuple[Status, str]:
         """Status and reason of a cell whose outcome did not come back."""
