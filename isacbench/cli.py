@@ -251,6 +251,28 @@ def image(
 
 
 @app.command()
+def check(
+    package_or_file: Annotated[
+        str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
+    ],
+    as_json: AsJson = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Put estimators and detectors through the contract, and say what to mend."""
+    from isacbench.conformance import check_plugin, find_plugins
+    from isacbench.report.conformance import describe_checks, print_checks
+
+    _register(plugin)
+    found = {(kind, name): check_plugin(kind, name) for kind, name in find_plugins(package_or_file)}
+    if as_json:
+        _print_json(describe_checks(found))
+    else:
+        print_checks(found)
+    if any(finding.status == "failed" for findings in found.values() for finding in findings):
+        raise typer.Exit(EXIT_FAILED_CELLS)
+
+
+@app.command()
 def score(
     truth: Annotated[
         str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
