@@ -105,7 +105,7 @@ EstimatorSpecs = Annotated[
         "-e",
         "--estimator",
         metavar="NAME[param=value,...]",
-        help="Estimator, instead of the suite's; repeats.",
+        help="Estimator, instead of the suite's; repeats. A value [a,b] stands for each.",
     ),
 ]
 PluginFiles = Annotated[
