@@ -36,6 +36,9 @@ class Loud:
     def estimate(self, observation):
         print("loud")
         return PointCloud.empty()
+
+
+print("imported")
 '''
 
 
