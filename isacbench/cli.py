@@ -109,7 +109,7 @@ EstimatorSpecs = Annotated[
         "-e",
         "--estimator",
         metavar="NAME[param=value,...]",
-        help="Estimator, instead of the suite's; repeats.",
+        help="Estimator, instead of the suite's; repeats. A value [a,b] stands for each.",
     ),
 ]
 PluginFiles = Annotated[
@@ -298,6 +298,28 @@ def image(
     if len(scene.truth):  # a scene of noise alone can be looked at, not scored
         velocity_bin_mps = scene.system.velocity_bin_mps
         _print_scores(score(scene.truth, cloud, region=scene.region, velocity_bin_mps=velocity_bin_mps))
+
+
+@app.command()
+def check(
+    package_or_file: Annotated[
+        str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
+    ],
+    as_json: AsJson = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Put estimators and detectors through the contract, and say what to mend."""
+    from isacbench.conformance import check_plugin, find_plugins
+    from isacbench.report.conformance import describe_checks, print_checks
+
+    _register(plugin)
+    found = {(kind, name): check_plugin(kind, name) for kind, name in find_plugins(package_or_file)}
+    if as_json:
+        _print_json(describe_checks(found))
+    else:
+        print_checks(found)
+    if any(finding.status == "failed" for findings in found.values() for finding in findings):
+        raise typer.Exit(EXIT_FAILED_CELLS)
 
 
 @app.command()
