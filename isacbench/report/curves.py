@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from isacbench.metrics.score import METRICS
 from isacbench.report.panels import MAX_SNR_TICKS, panel_grid
@@ -30,6 +31,8 @@ __all__ = ["draw_deviations", "draw_scores"]
 TITLE_WIDTH = 40
 PRACTICALLY_ZERO = 1e-6
 """Smaller means do not stretch a logarithmic axis: velocities are exact then for any purpose."""
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 LARGEST_BAND = 1.5
 """How far above the largest mean a linear axis reaches for a band."""
@@ -166,10 +169,23 @@ def _scale(axes: Axes, panel: _Panel, curves: Sequence[_Curve]) -> float:
         return -np.inf
     lowest, highest = _decades(curves)
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(0.7 * lowest, 1.5 * highest)
     if any((curve.mean < lowest).any() for curve in curves):
         axes.set_ylabel("mean (less: at the lower edge)")
     return lowest
+
+
+def _power_of_ten(value: float, _: int | None = None) -> str:
+    """Write a power of ten in the font's own superscripts; mathematics takes a parser, and its time.
+
+    Examples
+    --------
+    >>> _power_of_ten(1e-5), _power_of_ten(1.0)
+    ('10⁻⁵', '10⁰')
+    """
+    return "10" + f"{round(np.log10(value))}".translate(SUPERSCRIPTS)
 
 
 def _curve(part: pd.DataFrame, variant: Variant, column: str) -> _Curve:

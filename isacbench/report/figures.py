@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from isacbench.bench import detection, efficiency, resolution
 from isacbench.bench.maps import MAPS
-from isacbench.bench.record import Results
+from isacbench.bench.record import POINT_COLUMNS, Results
 from isacbench.bench.store import read_results
 from isacbench.contracts import Diagnoser
 from isacbench.errors import InputError
@@ -27,11 +27,19 @@ from isacbench.report.study_figures import (
     draw_resolution,
     draw_roc,
 )
-from isacbench.report.style import assign_looks, counted, drawable, file_stems, save, styled
+from isacbench.report.style import (
+    assign_looks,
+    counted,
+    drawable,
+    file_stems,
+    older_objects_uncollected,
+    save,
+    styled,
+)
 from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, estimator_labels, summarise
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Hashable, Mapping, Sequence
     from pathlib import Path
 
     import pandas as pd
@@ -87,7 +95,7 @@ def draw_run(folder: Path) -> list[Path]:
         return []
     target = folder / FOLDER
     target.mkdir(exist_ok=True)
-    with styled():
+    with styled(), older_objects_uncollected():
         return [save(figure, target / f"{stem}.png") for stem, figure in FIGURES[results.suite.kind](results)]
 
 
@@ -205,8 +213,9 @@ def _cloud_figure(results: Results, scenario: str, looks: dict[Variant, Look]) -
     records = results.records[results.records["scenario"] == scenario]
     trial = int(records["trial"].min())
     records = records[records["trial"] == trial]
+    clouds = _clouds_of(results, scenario, trial)
     rows = {
-        snr_db: [_image(results, records, variant, snr_db) for variant in looks]
+        snr_db: [_image(clouds, records, variant, snr_db) for variant in looks]
         for snr_db in _nearest(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
     }
     scene = results.scenarios[scenario]
@@ -214,14 +223,31 @@ def _cloud_figure(results: Results, scenario: str, looks: dict[Variant, Look]) -
     return draw_clouds(f"{drawable(scenario)}, trial {trial}", scene.truth, scene.region, labels, rows)
 
 
-def _image(results: Results, records: pd.DataFrame, variant: Variant, snr_db: float) -> Image:
+def _clouds_of(results: Results, scenario: str, trial: int) -> dict[Hashable, PointCloud]:
+    """Clouds of a trial that have points, by name, parameters and SNR."""
+    points = results.clouds
+    # Numbers first: they are compared much faster than text, and leave little of it.
+    points = points[points["trial"] == trial]
+    points = points[points["scenario"] == scenario]
+    return {
+        key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
+        for key, part in points.groupby(["estimator", "params", "snr_db"], sort=False)
+    }
+
+
+def _image(
+    clouds: Mapping[Hashable, PointCloud],
+    records: pd.DataFrame,
+    variant: Variant,
+    snr_db: float,
+) -> Image:
     """Cloud of one cell, and what came of it; an interrupted run has no record of some."""
     name, params = variant
     chosen = (records["estimator"] == name) & (records["params"] == params) & (records["snr_db"] == snr_db)
     if not chosen.any():
         return Image(PointCloud.empty(), "not run")
     record = records[chosen].iloc[0]
-    cloud = results.cloud(record["scenario"], name, params, snr_db, record["trial"])
+    cloud = clouds.get((name, params, snr_db), PointCloud.empty())
     if record["status"] == "ok":
         hausdorff_m = record[HAUSDORFF_COLUMNS].sum()
         return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
