@@ -198,6 +198,8 @@ def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> Changes:
     (array([0.25]), array([0.25]))
     """
     n_trials, n_points = base.shape
+    if not base.size:
+        return Changes(*np.full((6, n_points), np.nan))
     weights = np.random.default_rng(seed).multinomial(n_trials, np.full(n_trials, 1 / n_trials), N_RESAMPLES)
     found = np.full((6, n_points), np.nan)
     for start in range(0, n_points, COLUMNS_AT_ONCE):
