@@ -148,7 +148,7 @@ def compare(
             chosen, told = timed_alike(pairs, tolerance.metric, base, new)
             notes += told
         scores, told = point_scores(chosen, tolerance.metric)
-        notes += told
+        notes += told if len(chosen) or not len(pairs) else []
         sign = 1 if better[tolerance.metric] == "lower" else -1
         points.append(_measure(scores, tolerance, sign))
         curves.append(_measure(curve_scores(scores), tolerance, sign))
