@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +28,8 @@ __all__ = ["comparison_paths", "draw_changes", "draw_comparison_files"]
 FOLDER = "figures"
 MAX_PANELS = 12
 MAX_COLUMNS = 3
-TITLE_WIDTH = 44
+TITLE_WIDTH = 42
+TITLE_SIZE = 8.0
 
 BASE = Look("base", "0.35", "s", "--", False)
 NEW = Look("new", "#0072B2", "o", "-", False)
@@ -117,10 +117,9 @@ def draw_changes(comparison: Comparison, metric: str) -> Figure:
             == [curve["scenario"], curve["estimator"], curve["params"]]
         ).all(axis=1)
         _draw_panel(axes, points[chosen].sort_values("snr_db"))
-        name = f"{curve['scenario']}, {labels[curve['estimator'], curve['params']]}"
-        title = textwrap.fill(drawable(name), TITLE_WIDTH)
+        name = _name(curve["scenario"], labels[curve["estimator"], curve["params"]])
         colour, _ = MARKS.get(str(curve["verdict"]), ("black", ""))
-        axes.set_title(f"{title}\nwhole curve: {_outcome(curve)}", color=colour)
+        axes.set_title(f"{name}\nwhole curve: {_outcome(curve)}", color=colour, fontsize=TITLE_SIZE, pad=4.0)
     return figure
 
 
@@ -145,7 +144,7 @@ def _title(metric: str, shown: pd.DataFrame, curves: pd.DataFrame) -> str:
     average = (
         "one trial" if n_trials == 1 else f"mean of {n_trials} paired trials with its 95 % confidence band"
     )
-    part = f"\n{len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
+    part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
     return f"{drawable(metric)}: {average}{part}"
 
 
@@ -209,6 +208,25 @@ def _limits(points: pd.DataFrame) -> tuple[float, float]:
     low, high = max(np.nanmin(means - bands), low - reach), min(np.nanmax(means + bands), high + reach)
     missing = max(reach - (high - low), 0.0) / 2
     return low - missing - 0.08 * reach, high + missing + 0.08 * reach
+
+
+def _name(scenario: str, label: str) -> str:
+    """Name a curve above its panel, on two lines at most."""
+    one_line = f"{scenario}, {label}"
+    lines = [one_line] if len(one_line) <= TITLE_WIDTH else [scenario, label]
+    return "\n".join(drawable(_shortened(line)) for line in lines)
+
+
+def _shortened(text: str) -> str:
+    """Text without its middle, where it is too long.
+
+    Examples
+    --------
+    >>> _shortened("music2d[" + "a=1," * 20 + "z=1]")
+    'music2d[a=1,a=1,a=1,…a=1,a=1,a=1,a=1,z=1]'
+    """
+    half = (TITLE_WIDTH - 1) // 2
+    return text if len(text) <= TITLE_WIDTH else f"{text[:half]}…{text[-half:]}"
 
 
 def _outcome(curve: Mapping[Hashable, Any]) -> str:

@@ -164,7 +164,7 @@ def test_the_axis_holds_all_means_and_does_not_blow_up_what_hardly_varies(compar
 
 
 def test_of_many_curves_those_with_a_regression_are_drawn_and_titles_do_not_overlap(compared):
-    names = [f"music2d_with_a_long_name_{n:02d}" for n in range(30)]
+    names = [f"music2d_with_a_{'very_' * 9}long_name_{n:02d}" for n in range(30)]
 
     def change(records):
         chosen = (records["estimator"] == names[-1]) & (records["snr_db"] == 10)
@@ -174,9 +174,11 @@ def test_of_many_curves_those_with_a_regression_are_drawn_and_titles_do_not_over
         figure = draw_changes(compared(change, estimators=names, trials=14), "deviation")
         figure.canvas.draw()
     assert len(figure.axes) == 12
-    assert names[-1] in figure.axes[0].get_title()
+    scenario, name, outcome = figure.axes[0].get_title().split("\n")
+    assert (scenario, name[:14], name[-7:]) == ("street", names[-1][:14], "name_29")
+    assert outcome.startswith("whole curve: ")
     assert "12 of 30 curves" in figure.get_suptitle()
-    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    boxes = [axes.get_tightbbox() for axes in figure.axes] + [figure._suptitle.get_window_extent()]
     pairs = [(one, other) for i, one in enumerate(boxes) for other in boxes[:i]]
     assert not any(one.overlaps(other) for one, other in pairs)
 
