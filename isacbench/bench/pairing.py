@@ -174,7 +174,7 @@ def pair_cells(base: RunTable, new: RunTable) -> tuple[pd.DataFrame, CellChanges
         All other cells.
     """
     # Categories differ between runs, text does not.
-    text = dict.fromkeys(CURVE, object)
+    text = dict.fromkeys([*CURVE, "status", "reason", "environment"], object)
     cells = pd.merge(
         base.records.astype(text),
         new.records.astype(text),

@@ -10,6 +10,8 @@ import pandas as pd
 from isacbench.bench.pairing import CURVE, RunTable, machines
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -90,35 +92,23 @@ def point_scores(pairs: pd.DataFrame, metric: str) -> tuple[PairedScores, list[s
     notes : list of str
         What has a score in one of the runs only.
     """
-    before = pairs[f"{metric}_base"].to_numpy(dtype=np.float64)
-    after = pairs[f"{metric}_new"].to_numpy(dtype=np.float64)
-    scored = np.isfinite(before) | np.isfinite(after)
-    is_pair = np.isfinite(before) & np.isfinite(after)
-    told = []
-    if not scored.any():
-        told.append(f"{metric}: no cell of both runs has one, nothing compared")
-    elif (scored & ~is_pair).any():
-        lost, gained = (scored & ~np.isfinite(after)).sum(), (scored & ~np.isfinite(before)).sum()
-        told.append(
-            f"{metric}: {lost} cells that have one in the base alone, and {gained} that have one in the new "
-            "run alone, are left out"
-        )
-    rows = pairs.loc[scored, [*CURVE, "snr_db", "trial"]].reset_index(drop=True)
-    number = rows.groupby(CURVE, sort=False).ngroup()
-    order = np.lexsort([rows["snr_db"], number])
-    keys = rows[[*CURVE, "snr_db"]].iloc[order].drop_duplicates().reset_index(drop=True)
+    before, after = (pairs[f"{metric}_{run}"].to_numpy(dtype=np.float64) for run in ("base", "new"))
+    lost, gained = np.isfinite(before) & ~np.isfinite(after), ~np.isfinite(before) & np.isfinite(after)
+    scored, is_unpaired = np.isfinite(before) | np.isfinite(after), lost | gained
+    rows = pairs.loc[scored, [*CURVE, "snr_db", "trial"]]
+    keys, tables = _lay_out(
+        rows, [np.where(is_unpaired, np.nan, values)[scored] for values in (before, after)]
+    )
     keys.insert(0, "metric", metric)
-    column = rows.iloc[order].groupby([*CURVE, "snr_db"], sort=False).ngroup().to_numpy()
-    trial, _ = pd.factorize(rows["trial"].iloc[order], sort=True)
-    shape = (int(trial.max(initial=-1)) + 1, len(keys))
-    found = []
-    for values in (before, after):
-        table = np.full(shape, np.nan)
-        table[trial, column] = np.where(is_pair, values, np.nan)[scored][order]
-        found.append(table)
-    # Ties and zeros are exact below: rounding must not pass for a difference.
-    negligible = np.abs(found[1] - found[0]) <= ROUNDING * (np.abs(found[0]) + np.abs(found[1])) / 2
-    return PairedScores(keys, found[0], np.where(negligible, found[0], found[1])), told
+    notes = []
+    if not scored.any():
+        notes.append(f"{metric}: no cell of both runs has one, nothing compared")
+    elif lost.any() or gained.any():
+        notes.append(
+            f"{metric}: {lost.sum()} cells that have one in the base alone, and {gained.sum()} that have one "
+            "in the new run alone, are left out"
+        )
+    return PairedScores(keys, tables[0], _without_rounding(*tables)), notes
 
 
 def curve_scores(points: PairedScores) -> PairedScores:
@@ -134,4 +124,25 @@ def curve_scores(points: PairedScores) -> PairedScores:
     )
     with np.errstate(invalid="ignore"):
         base, change = base / n_pairs, change / n_pairs
-    return PairedScores(keys, base, base + change)
+    return PairedScores(keys, base, _without_rounding(base, base + change))
+
+
+def _lay_out(rows: pd.DataFrame, columns: Sequence[Floats]) -> tuple[pd.DataFrame, list[Floats]]:
+    """Keys of the points, curve by curve and by SNR, and each column as a table of trials over points."""
+    rows = rows.reset_index(drop=True)
+    curve = rows.groupby(CURVE, sort=False).ngroup()
+    order = np.lexsort([rows["snr_db"], curve])
+    rows = rows.iloc[order]
+    keys = rows[[*CURVE, "snr_db"]].drop_duplicates().reset_index(drop=True)
+    point = rows.groupby([*CURVE, "snr_db"], sort=False).ngroup().to_numpy()
+    trial, trials = pd.factorize(rows["trial"])
+    tables = [np.full((len(trials), len(keys)), np.nan) for _ in columns]
+    for table, column in zip(tables, columns, strict=True):
+        table[trial, point] = column[order]
+    return keys, tables
+
+
+def _without_rounding(base: Floats, new: Floats) -> Floats:
+    """New scores, made equal to the base's where only rounding parts them: zeros and ties are to be exact."""
+    is_rounding = np.abs(new - base) <= ROUNDING * (np.abs(base) + np.abs(new)) / 2
+    return np.where(is_rounding, base, new)

@@ -184,6 +184,17 @@ def test_the_mean_of_a_trial_takes_its_paired_snrs_alone(two_runs):
     assert counts["music2d", 10] == 10
 
 
+def test_changes_that_cancel_over_the_snrs_leave_the_curve_as_it_was(two_runs):
+    def change(records):
+        records.loc[records["snr_db"] == -20, "deviation"] += 0.1
+        records.loc[records["snr_db"] == 10, "deviation"] -= 0.1
+
+    found = compare(*two_runs(change))
+    assert (found.curves["change"] == 0).all()
+    assert (found.curves["p_worse"] == 1).all()
+    assert found.points["change"].abs().max() == pytest.approx(0.1)
+
+
 def test_a_curve_of_one_snr_is_tested_once(two_runs):
     found = compare(*two_runs(scaled(1.2), snr_db=[0], trials=7))
     assert verdicts(found.curves)["music2d"] == verdicts(found.points)["music2d"] == "regression"
@@ -242,7 +253,8 @@ def test_other_parameters_of_an_estimator_are_named_as_the_reason_why_cells_are_
 def test_rows_in_another_order_or_as_categories_are_paired_alike(two_runs):
     base, new = two_runs(scaled(1.1, spread=0.05))
     shuffled = new.records.sample(frac=1, random_state=0)
-    categories = shuffled.astype(dict.fromkeys(["scenario", "estimator", "params"], "category"))
+    texts = ["scenario", "estimator", "params", "status", "reason", "environment", "scenario_content"]
+    categories = shuffled.astype(dict.fromkeys(texts, "category"))
     found, expected = compare(base, RunTable("new", categories, new.manifest)), compare(base, new)
     pd.testing.assert_frame_equal(
         found.points.sort_values([*KEYS, "snr_db"], ignore_index=True).astype({"params": object}),
@@ -317,7 +329,7 @@ def test_run_time_is_compared_between_timed_rows_of_equal_machines(two_runs):
     for run in (base, new):
         run.records["timing"] = True
     new.manifest["environments"] = {"e2": new.manifest["environments"]["e1"]}
-    new.records["environment"] = "e2"
+    new.records["environment"] = pd.Categorical(["e2"] * len(new.records))
     assert not compare(base, new).is_regression
     found = compare(base, new, TIME)
     assert found.is_regression
