@@ -222,10 +222,14 @@ def run(
 
 
 @app.command()
-def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")]) -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    plugin: PluginFiles = None,
+) -> None:
     """Redraw tables and figures of a run, without running again."""
     from isacbench.bench.store import read_results
 
+    _register(plugin)
     results = read_results(folder)
     _report(folder, results.records, results.suite.kind)
 
@@ -368,11 +372,12 @@ def check(
     plugin: PluginFiles = None,
 ) -> None:
     """Put estimators and detectors through the contract, and say what to mend."""
-    from isacbench.conformance import check_plugin, find_plugins
+    from isacbench.conformance import find_plugins
+    from isacbench.conformance.guarded import check_guarded
     from isacbench.report.conformance import describe_checks, print_checks
 
     _register(plugin)
-    found = {(kind, name): check_plugin(kind, name) for kind, name in find_plugins(package_or_file)}
+    found = {(kind, name): check_guarded(kind, name) for kind, name in find_plugins(package_or_file)}
     if as_json:
         _print_json(describe_checks(found))
     else:

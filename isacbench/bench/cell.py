@@ -18,7 +18,16 @@ if TYPE_CHECKING:
     from isacbench.model.scenario import Scenario
     from isacbench.registry import AnyEstimator
 
-__all__ = ["Measure", "Shot", "describe_error", "estimate_cloud", "failed_by", "failure", "run_cell"]
+__all__ = [
+    "Measure",
+    "Shot",
+    "describe_error",
+    "estimate_cloud",
+    "failed_by",
+    "failure",
+    "raw_cloud",
+    "run_cell",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +124,7 @@ def failure(cell: Cell, status: Status, reason: str, n_true: int, time_s: float)
 
 
 def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+    """Image an observation, and hold the cloud to its contract.
 
     Raises
     ------
@@ -124,11 +133,23 @@ def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: Poi
     ValueError
         If the cloud has wrong shapes, NaN or infinities.
     """
+    cloud = raw_cloud(estimator, observation, truth)
+    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
+    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
+
+
+def raw_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
+    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+
+    Raises
+    ------
+    TypeError
+        If the estimator returns anything but a `PointCloud`.
+    """
     if getattr(estimator, "needs_truth", False):
         cloud = cast("TruthEstimator", estimator).estimate(observation, truth)
     else:
         cloud = cast("Estimator", estimator).estimate(observation)
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
-    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
-    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
+    return cloud

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from isacbench.bench.cell import estimate_cloud
+from isacbench.bench.cell import raw_cloud
 from isacbench.bench.radio import radio_places, rayleigh_cells
 from isacbench.conformance import scenes
 from isacbench.conformance.classes import BUILT, CLASS_CHECKS, PluginSubject
@@ -45,7 +45,7 @@ class EstimatorSubject(PluginSubject):
 
     def look(self, shot: Shot, observation: Observation, plugin: Any = None) -> PointCloud:
         """Image a given observation of a scene."""
-        return estimate_cloud(self.plugin if plugin is None else plugin, observation, shot.scenario.truth)
+        return raw_cloud(self.plugin if plugin is None else plugin, observation, shot.scenario.truth)
 
 
 def _sees_no_truth(subject: EstimatorSubject) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,7 +69,7 @@ class Check(Generic[Subject]):
     needs: tuple[str, ...] = ()
 
 
-def run_checks(checks: Sequence[Check[Subject]], subject: Subject) -> list[Finding]:
+def run_checks(checks: Sequence[Check[Subject]], subject: Subject) -> Iterator[Finding]:
     """Run checks in their order; what a plugin prints or warns of is kept from the terminal.
 
     Parameters
@@ -78,20 +78,20 @@ def run_checks(checks: Sequence[Check[Subject]], subject: Subject) -> list[Findi
     subject : object
         What they look at.
 
-    Returns
-    -------
-    list of Finding
+    Yields
+    ------
+    Finding
     """
     found: dict[str, Finding] = {}
     for check in checks:
         missing = [name for name in check.needs if found[name].status in ("failed", "skipped")]
         if missing:
             found[check.name] = Finding(check.name, "skipped", f"needs {missing[0]!r}")
-            continue
-        with redirect_stdout(io.StringIO()), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found[check.name] = _found(check, subject)
-    return list(found.values())
+        else:
+            with redirect_stdout(io.StringIO()), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                found[check.name] = _found(check, subject)
+        yield found[check.name]
 
 
 def _found(check: Check[Subject], subject: Subject) -> Finding:
