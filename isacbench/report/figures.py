@@ -36,7 +36,7 @@ from isacbench.report.style import (
     save,
     styled,
 )
-from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, estimator_labels, summarise
+from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, batched, estimator_labels, summarise
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.suite import Kind
     from isacbench.model.observation import Observation
+    from isacbench.model.scenario import Scenario
     from isacbench.registry import AnyEstimator
     from isacbench.report.style import Look
 
@@ -56,6 +57,8 @@ FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
 DIAGNOSIS_SNR_DB = 10.0
 CLOUDS_A_FIGURE = 4
+MOST_CLOUDS = 16
+"""Estimators of which clouds are drawn: of more, those of least mean deviation, for nobody looks at all."""
 
 Named = tuple[str, "Figure"]
 
@@ -73,9 +76,10 @@ def draw_run(folder: Path) -> list[Path]:
     list of Path
         What was written. Of images: ``deviation.png``; for each scenario
         ``curves-*.png`` and ``clouds-*.png``, more than one of these where
-        the estimators are many; for each estimator that is a `Diagnoser`
-        ``rdm-*.png`` and, where it detects anything, ``spectrum-*.png``, of
-        the first scenario. Of a study, for each scenario that it has:
+        the estimators are many, and of the 16 best alone where they are
+        more; for each estimator that is a `Diagnoser` ``rdm-*.png`` and,
+        where it detects anything, ``spectrum-*.png``, of the first
+        scenario. Of a study, for each scenario that it has:
         ``efficiency-*.png``; ``resolution-*.png``; or ``maps.png`` and
         ``roc.png``, and ``detection-*.png``. Nothing where the run holds no
         cells.
@@ -197,30 +201,51 @@ def _curves(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
 def _clouds(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
     """Clouds of every scenario's first trial, a few estimators a figure."""
     # A run of limits alone still has clouds to show.
-    shown = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
-    pages = [shown[start : start + CLOUDS_A_FIGURE] for start in range(0, len(shown), CLOUDS_A_FIGURE)]
+    candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
     for scenario, stem in file_stems(results.records["scenario"].unique()).items():
+        records = results.records[results.records["scenario"] == scenario]
+        shown = _best(records, candidates)
+        title = drawable(scenario)
+        if len(shown) < len(candidates):
+            title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
+        trial = int(records["trial"].min())
+        clouds, records = _clouds_of(results, scenario, trial), records[records["trial"] == trial]
+        pages = batched(shown, CLOUDS_A_FIGURE)
         for number, page in enumerate(pages, start=1):
             suffix = f"-{number}" if len(pages) > 1 else ""
+            page_looks = {variant: looks[variant] for variant in page}
             yield (
                 f"clouds-{stem}{suffix}",
-                _cloud_figure(results, scenario, {key: looks[key] for key in page}),
+                _cloud_figure(
+                    f"{title}, trial {trial}", results.scenarios[scenario], records, clouds, page_looks
+                ),
             )
 
 
-def _cloud_figure(results: Results, scenario: str, looks: dict[Variant, Look]) -> Figure:
-    """Clouds of one scenario's first trial at a few SNRs."""
-    records = results.records[results.records["scenario"] == scenario]
-    trial = int(records["trial"].min())
-    records = records[records["trial"] == trial]
-    clouds = _clouds_of(results, scenario, trial)
+def _best(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
+    """Estimators whose clouds are drawn, in the order given."""
+    if len(candidates) <= MOST_CLOUDS:
+        return list(candidates)
+    means = records.groupby(["estimator", "params"], sort=False)["deviation"].mean()
+    # What failed throughout has no mean, and comes last.
+    best = set(means.reindex(list(candidates)).sort_values(kind="stable").index[:MOST_CLOUDS])
+    return [variant for variant in candidates if variant in best]
+
+
+def _cloud_figure(
+    title: str,
+    scene: Scenario,
+    records: pd.DataFrame,
+    clouds: Mapping[Hashable, PointCloud],
+    looks: Mapping[Variant, Look],
+) -> Figure:
+    """Clouds of one trial of a scenario at a few SNRs."""
     rows = {
         snr_db: [_image(clouds, records, variant, snr_db) for variant in looks]
         for snr_db in _nearest(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
     }
-    scene = results.scenarios[scenario]
     labels = [look.label for look in looks.values()]
-    return draw_clouds(f"{drawable(scenario)}, trial {trial}", scene.truth, scene.region, labels, rows)
+    return draw_clouds(title, scene.truth, scene.region, labels, rows)
 
 
 def _clouds_of(results: Results, scenario: str, trial: int) -> dict[Hashable, PointCloud]:
