@@ -11,6 +11,7 @@ import base64
 import dataclasses
 import json
 import zlib
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -71,13 +72,12 @@ class Journal:
         if record.environment not in self._known:
             self._known.add(record.environment)
             self._write({"environment": record.environment, "is": made.environment})
-        values = [getattr(record, name) for name in COLUMNS]
-        values += [extras.get(name, default) for name, default in self._columns.items()]
+        values = [*_values(record), *(extras.get(name, value) for name, value in self._columns.items())]
         points = base64.b64encode(cloud.to_array().astype("<f8").tobytes()).decode()
         self._write({"row": values, "points": points})
 
     def _write(self, entry: Mapping[str, Any]) -> None:
-        text = json.dumps(entry, separators=(",", ":"), default=_builtin).encode()
+        text = _encode(entry).encode()
         self._file.write(b"%08x %s\n" % (zlib.crc32(text), text))
 
 
@@ -143,3 +143,7 @@ class _Reader:
 def _builtin(value: Any) -> Any:
     """Plain value of a NumPy scalar."""
     return value.item()
+
+
+_encode = json.JSONEncoder(separators=(",", ":"), default=_builtin).encode
+_values = attrgetter(*COLUMNS)

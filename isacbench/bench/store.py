@@ -14,6 +14,7 @@ import pyarrow as pa
 
 import isacbench
 from isacbench.bench.content import describe_scenario, restore_scenario, scenario_digest, truth_table
+from isacbench.bench.csv_table import write_csv_table
 from isacbench.bench.folder import replacing
 from isacbench.bench.journal import read_journal
 from isacbench.bench.provenance import blas_libraries, git_state, machine, package_versions, python_version
@@ -150,7 +151,7 @@ def write_results(results: Results, folder: Path) -> None:
         _write_parquet(results.draws, folder / DRAWS)
     write_rows(folder, results.records, results.clouds)
     with replacing(folder / RECORDS_CSV) as path:
-        results.records.to_csv(path, index=False)
+        write_csv_table(results.records, path)
 
 
 def write_rows(folder: Path, records: pd.DataFrame, clouds: pd.DataFrame) -> None:

@@ -65,6 +65,7 @@ def made_up_results(n_snrs, n_trials, n_variants):
         clouds=clouds,
         scenarios={name: load_scenario(name) for name in names},
         draws=pd.DataFrame(columns=DRAW_COLUMNS),
+        environments={},
         started=datetime.now(UTC),
         wall_time_s=0.0,
         interrupted=False,
