@@ -34,7 +34,7 @@ SPECIAL = r"[,\"\r\n]"
 
 
 def write_csv_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV, as ``table.to_csv(path, index=False)`` does.
+    """Write a table as CSV, as ``table.to_csv(path, index=False)`` does; carriage returns survive too.
 
     Missing values are empty, text is quoted where it must be, a number has as
     many digits as tell it from every other, and a whole one of a column of

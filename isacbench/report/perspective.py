@@ -1,7 +1,7 @@
 """A box in perspective, drawn on plain axes.
 
-mplot3d draws the same picture in five times the time: it lays out every tick
-twice, and projects in Python what NumPy projects at once.
+With mplot3d a figure of clouds takes half as long again: it lays out every
+tick twice, and projects piece by piece what NumPy projects at once.
 """
 
 from __future__ import annotations
