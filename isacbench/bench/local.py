@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
@@ -56,6 +56,8 @@ def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -
             for block in queue.blocks():
                 for made in lane.work(block):
                     done.put(made)
+        except CancelledError:
+            pass  # nobody waits for more
         except BaseException as error:
             done.put(error)
         done.put(None)
