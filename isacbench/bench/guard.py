@@ -111,6 +111,10 @@ class Lane:
     ) -> None:
         self.stop()
 
+    def cancel(self) -> None:
+        """Tell the lane to end its work, without waiting for it; from any thread."""
+        self._stopped.set()
+
     def stop(self) -> None:
         """End the process for good, whatever it does; from any thread."""
         self._stopped.set()

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pandas as pd
 
+from isacbench.bench.folder import cannot_be_written
 from isacbench.bench.record import COLUMNS
 from isacbench.bench.rows import Rows
 
@@ -38,7 +39,7 @@ N_CRC = 8
 
 
 class Journal:
-    """A journal that is written to; a context manager.
+    """A journal that is written to, each entry at once; a context manager.
 
     Parameters
     ----------
@@ -46,13 +47,22 @@ class Journal:
         Appended to, if it exists.
     columns : mapping of str to Any
         Columns of the study, each with its value where an outcome has none.
+
+    Raises
+    ------
+    InputError
+        Here and in every method that writes, if the system does not let it.
     """
 
     def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
         self._columns = columns
         self._known: set[str] = set()
-        # Unbuffered: one system call a line, so that a kill leaves whole lines and at most one torn.
-        self._file = path.open("ab", buffering=0)
+        self._path = path
+        try:
+            # Unbuffered: one system call a line, so that a kill leaves whole lines and at most one torn.
+            self._file = path.open("ab", buffering=0)
+        except OSError as error:
+            raise cannot_be_written(path, error) from error
         if self._file.tell():
             self._file.write(b"\n")  # the end of a line that a kill may have torn
         self._write({"columns": [*COLUMNS, *columns]})
@@ -78,7 +88,12 @@ class Journal:
 
     def _write(self, entry: Mapping[str, Any]) -> None:
         text = json.dumps(entry, separators=(",", ":"), default=_builtin).encode()
-        self._file.write(b"%08x %s\n" % (zlib.crc32(text), text))
+        rest = memoryview(b"%08x %s\n" % (zlib.crc32(text), text))
+        try:
+            while rest:  # a disk that gets full takes a part, and only then refuses
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            raise cannot_be_written(self._path, error) from error
 
 
 def read_journal(path: Path) -> tuple[Rows, int]:
