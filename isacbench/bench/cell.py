@@ -29,6 +29,9 @@ __all__ = [
     "run_cell",
 ]
 
+MAX_MESSAGE = 1000
+"""Characters of an exception's message that a row keeps."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shot:
@@ -90,7 +93,9 @@ def run_cell(
         )
         shot = Shot(scenario, observation, estimator, cell.snr_db, cloud)
         extras = {} if measure is None else measure(shot)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         return failed_by(error, cell, len(truth), time.perf_counter() - start)
     record = Record(
         **vars(cell),
@@ -110,8 +115,14 @@ def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> O
 
 
 def describe_error(error: BaseException) -> str:
-    """Type and message of an exception, in one line."""
-    message = " ".join(str(error).split())
+    """Type and message of an exception, in one line that every file can hold."""
+    try:
+        message = str(error)
+    except Exception as another:
+        message = f"its message raised {type(another).__name__}"
+    message = " ".join(message[:MAX_MESSAGE].split()) + ("..." if len(message) > MAX_MESSAGE else "")
+    # A name of a file that is no UTF-8 becomes half a character, which no table takes.
+    message = message.replace("\0", "").encode(errors="backslashreplace").decode()
     return f"{type(error).__name__}: {message}" if message else type(error).__name__
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pandas as pd
 
+from isacbench.bench.folder import cannot_be_written
 from isacbench.bench.record import COLUMNS
 from isacbench.bench.rows import Rows
 
@@ -39,7 +40,7 @@ N_CRC = 8
 
 
 class Journal:
-    """A journal that is written to; a context manager.
+    """A journal that is written to, each entry at once; a context manager.
 
     Parameters
     ----------
@@ -47,13 +48,22 @@ class Journal:
         Appended to, if it exists.
     columns : mapping of str to Any
         Columns of the study, each with its value where an outcome has none.
+
+    Raises
+    ------
+    InputError
+        Here and in every method that writes, if the system does not let it.
     """
 
     def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
         self._columns = columns
         self._known: set[str] = set()
-        # Unbuffered: one system call a line, so that a kill leaves whole lines and at most one torn.
-        self._file = path.open("ab", buffering=0)
+        self._path = path
+        try:
+            # Unbuffered: one system call a line, so that a kill leaves whole lines and at most one torn.
+            self._file = path.open("ab", buffering=0)
+        except OSError as error:
+            raise cannot_be_written(path, error) from error
         if self._file.tell():
             self._file.write(b"\n")  # the end of a line that a kill may have torn
         self._write({"columns": [*COLUMNS, *columns]})
@@ -77,8 +87,18 @@ class Journal:
         self._write({"row": values, "points": points})
 
     def _write(self, entry: Mapping[str, Any]) -> None:
+<<<<<<< HEAD
         text = _encode(entry).encode()
         self._file.write(b"%08x %s\n" % (zlib.crc32(text), text))
+=======
+        text = json.dumps(entry, separators=(",", ":"), default=_builtin).encode()
+        rest = memoryview(b"%08x %s\n" % (zlib.crc32(text), text))
+        try:
+            while rest:  # a disk that gets full takes a part, and only then refuses
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            raise cannot_be_written(self._path, error) from error
+>>>>>>> harness
 
 
 def read_journal(path: Path) -> tuple[Rows, int]:

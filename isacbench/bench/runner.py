@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -293,16 +294,17 @@ def _work(
     """Work off blocks, every row into the journal at once; whether an interrupt ended it early."""
     n_cells = n_kept + sum(len(block.contestants) for block in blocks)
     try:
-        for n_done, made in enumerate(_made(job, blocks, execution), start=n_kept + 1):
-            journal.append(made)
-            if progress is not None:
-                progress(n_done, n_cells)
+        with closing(_made(job, blocks, execution)) as outcomes:
+            for n_done, made in enumerate(outcomes, start=n_kept + 1):
+                journal.append(made)
+                if progress is not None:
+                    progress(n_done, n_cells)
     except KeyboardInterrupt:
         return True
     return False
 
 
-def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Iterator[Made]:
+def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Made, None, None]:
     """Outcomes of blocks, wherever they are worked off."""
     if execution.dask is not None:
         from isacbench.bench.cluster import work_on_cluster  # an optional dependency
