@@ -8,6 +8,7 @@ import json
 import sys
 import warnings
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import pandas as pd
@@ -37,7 +38,6 @@ from isacbench.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from pathlib import Path
 
     from isacbench.bench.job import Job
     from isacbench.bench.provenance import Environment
@@ -87,7 +87,7 @@ class Session:
     def describe(self, wall_time_s: float, interrupted: bool) -> dict[str, Any]:
         """Describe it in terms of JSON."""
         return {
-            "argv": sys.argv,
+            "argv": [Path(sys.argv[0]).name, *sys.argv[1:]],
             "started": self.started.isoformat(timespec="seconds"),
             "wall_time_s": round(wall_time_s, 3),
             "interrupted": interrupted,
