@@ -16,7 +16,7 @@ from isacbench.bench.suite import Suite
 from isacbench.entries import isolated_plugins, load_plugin_file
 from isacbench.errors import InputError, InputWarning
 
-PLACES = 2
+SLOW = pytest.mark.slow
 
 FAILING = "wreck[kind=raise_]"
 
@@ -72,13 +72,33 @@ def table(folder):
     return records.to_csv(), read_results(folder).clouds.to_csv()
 
 
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    """Return a folder for runs that several tests go on with."""
+    return tmp_path_factory.mktemp("runs")
+
+
 @pytest.fixture
-def undisturbed(suite, tmp_path):
-    go(suite, tmp_path / "undisturbed")
-    return table(tmp_path / "undisturbed")
+def complete(suite, shelf):
+    """Return the folder of a complete run, to be copied."""
+    path = shelf / "complete"
+    if not path.exists():
+        go(suite, path)
+    return path
 
 
-@pytest.mark.parametrize("n_cells", [1, 2, 3, 7, 17, 18])
+@pytest.fixture
+def finished(complete, folder):
+    """Return a folder with a complete run."""
+    return shutil.copytree(complete, folder)
+
+
+@pytest.fixture
+def undisturbed(complete):
+    return table(complete)
+
+
+@pytest.mark.parametrize("n_cells", [1, 7, 18])
 def test_a_killed_run_goes_on_where_it_was_and_ends_in_the_same_table(suite, folder, undisturbed, n_cells):
     kill_after(suite, folder, n_cells)
     assert len(read_results(folder).records) == n_cells
@@ -89,14 +109,14 @@ def test_a_killed_run_goes_on_where_it_was_and_ends_in_the_same_table(suite, fol
 
 
 def test_a_run_that_is_killed_again_and_again_ends_in_the_same_table(suite, folder, undisturbed):
-    for _ in range(5):
-        kill_after(suite, folder, 3)
+    for _ in range(3):
+        kill_after(suite, folder, 5)
     _, n_made = go(suite, folder)
     assert n_made == 3
     assert table(folder) == undisturbed
 
 
-@pytest.mark.parametrize("step", range(8))
+@pytest.mark.parametrize("step", [pytest.param(n, marks=() if n in (1, 4) else SLOW) for n in range(8)])
 @pytest.mark.parametrize("before", [True, False], ids=["before", "after"])
 def test_a_run_that_is_killed_while_it_writes_its_tables_loses_no_row(
     suite, folder, undisturbed, monkeypatch, step, before
@@ -123,8 +143,7 @@ def test_a_run_that_is_killed_while_it_writes_its_tables_loses_no_row(
     assert table(folder) == undisturbed
 
 
-def test_a_complete_run_makes_nothing_again(suite, folder):
-    go(suite, folder)
+def test_a_complete_run_makes_nothing_again(suite, folder, finished):
     before = table(folder)
     _, n_made = go(suite, folder)
     assert n_made == 0
@@ -140,8 +159,7 @@ def test_a_complete_run_makes_nothing_again(suite, folder):
         {"snr_db": [10, 0]},
     ],
 )
-def test_a_run_may_grow_and_be_put_into_another_order(suite, folder, tmp_path, more):
-    go(suite, folder)
+def test_a_run_may_grow_and_be_put_into_another_order(suite, folder, tmp_path, more, finished):
     wider = suite.replace(**more)
     results, n_made = go(wider, folder)
     assert n_made == len(results.records) - 18
@@ -163,31 +181,29 @@ def test_a_run_may_grow_and_be_put_into_another_order(suite, folder, tmp_path, m
         ({"name": "other"}, "it holds cells of suite test, not other"),
     ],
 )
-@pytest.mark.parametrize("rerun", [(), ("stale",), ("all",)])
-def test_rows_that_would_be_lost_are_refused_and_left_alone(suite, folder, change, message, rerun):
-    go(suite, folder)
+@pytest.mark.parametrize(
+    "rerun", [(), pytest.param(("stale",), marks=SLOW), pytest.param(("all",), marks=SLOW)]
+)
+def test_rows_that_would_be_lost_are_refused_and_left_alone(suite, folder, change, message, rerun, finished):
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"}
     with pytest.raises(InputError, match=message):
         go(suite.model_copy(update=change), folder, *rerun)
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"} == before
 
 
-def test_failures_are_kept_unless_they_are_asked_for(suite, folder, wreck):
-    go(suite, folder)
+def test_failures_are_kept_unless_they_are_asked_for(suite, folder, wreck, finished):
     assert go(suite, folder)[1] == 0
     results, n_made = go(suite, folder, "failed")
     assert n_made == 6
     assert len(results.records) == 18
 
 
-def test_everything_is_made_again_if_asked_for(suite, folder, undisturbed):
-    go(suite, folder)
+def test_everything_is_made_again_if_asked_for(suite, folder, undisturbed, finished):
     assert go(suite, folder, "all")[1] == 18
     assert table(folder) == undisturbed
 
 
-def test_a_rerun_that_is_interrupted_has_dropped_its_rows_and_goes_on(suite, folder, undisturbed):
-    go(suite, folder)
+def test_a_rerun_that_is_interrupted_has_dropped_its_rows_and_goes_on(suite, folder, undisturbed, finished):
     kill_after(suite, folder, 2, "failed")
     assert len(read_results(folder).records) == 18 - 6 + 2
     assert go(suite, folder)[1] == 4
@@ -205,8 +221,7 @@ def moved(suite, tiny):
     return move
 
 
-def test_rows_of_another_content_of_the_scenario_are_refused(suite, folder, moved):
-    go(suite, folder)
+def test_rows_of_another_content_of_the_scenario_are_refused(suite, folder, moved, finished):
     moved()
     with pytest.raises(InputError, match="18 of its 18 cells are of another content of the scenario 'tiny'"):
         go(suite, folder)
@@ -214,16 +229,14 @@ def test_rows_of_another_content_of_the_scenario_are_refused(suite, folder, move
         go(suite, folder, mix_versions=True)
 
 
-def test_rows_of_another_content_are_made_again_if_asked_for(suite, folder, tmp_path, moved):
-    go(suite, folder)
+def test_rows_of_another_content_are_made_again_if_asked_for(suite, folder, tmp_path, moved, finished):
     moved()
     assert go(suite, folder, "stale")[1] == 18
     go(suite, tmp_path / "new")
     assert table(folder) == table(tmp_path / "new")
 
 
-def test_how_a_scenario_is_written_is_not_its_content(suite, folder, tiny):
-    go(suite, folder)
+def test_how_a_scenario_is_written_is_not_its_content(suite, folder, tiny, finished):
     tiny.write_text("# A comment.\n" + tiny.read_text().replace("[5.0, 40.0, 10.0]", "[5, 4e1, 10]"))
     assert go(suite, folder)[1] == 0
 
@@ -244,19 +257,16 @@ def updated(wreck):
     return update
 
 
-def test_rows_of_other_versions_are_refused_with_what_differs(suite, folder, updated):
-    go(suite, folder)
+def test_rows_of_other_versions_are_refused_with_what_differs(suite, folder, updated, finished):
     with pytest.raises(InputError, match=r"18 of its 18 cells were made by other versions.*wreck\.py digest"):
         updated(lambda: go(suite, folder))
 
 
-def test_rows_of_other_versions_are_made_again_if_asked_for(suite, folder, updated):
-    go(suite, folder)
+def test_rows_of_other_versions_are_made_again_if_asked_for(suite, folder, updated, finished):
     assert updated(lambda: go(suite, folder, "stale")[1]) == 18
 
 
-def test_rows_of_other_versions_may_stay_beside_new_ones(suite, folder, updated):
-    go(suite, folder)
+def test_rows_of_other_versions_may_stay_beside_new_ones(suite, folder, updated, finished):
     results, n_made = updated(lambda: go(suite.replace(trials=4), folder, mix_versions=True))
     assert n_made == 6
     assert len(set(results.records["environment"])) == 2
@@ -266,16 +276,18 @@ def test_rows_of_other_versions_may_stay_beside_new_ones(suite, folder, updated)
         updated(lambda: go(suite.replace(trials=4), folder))
 
 
-def test_the_failures_among_rows_of_other_versions_can_be_made_again_alone(suite, folder, updated):
-    go(suite, folder)
+def test_the_failures_among_rows_of_other_versions_can_be_made_again_alone(suite, folder, updated, finished):
     with pytest.raises(InputError, match="12 of its 18 cells were made by other versions"):
         updated(lambda: go(suite, folder, "failed"))
     assert updated(lambda: go(suite, folder, "failed", mix_versions=True)[1]) == 6
 
 
-def damaged_places(size, seed):
-    draw = random.Random(seed)
-    return [0, size - 1, *(draw.randrange(size) for _ in range(PLACES))]
+def some(places, n, seed):
+    """Some of many places."""
+    return random.Random(seed).sample(list(places), min(n, len(places)))
+
+
+FEW_OR_MANY = pytest.mark.parametrize("n_places", [2, pytest.param(40, marks=SLOW)])
 
 
 def damage(path, how, place):
@@ -295,13 +307,14 @@ def go_despite_damage(suite, folder):
     return n_made, [str(warning.message) for warning in caught]
 
 
+@FEW_OR_MANY
 @pytest.mark.parametrize("how", ["cut", "flip"])
 @pytest.mark.parametrize("name", ["results.parquet", "clouds.parquet"])
-def test_a_damaged_table_is_told_and_what_it_held_made_again(suite, tmp_path, undisturbed, name, how):
-    whole = tmp_path / "whole"
-    go(suite, whole)
-    for place in damaged_places((whole / name).stat().st_size, name + how):
-        folder = shutil.copytree(whole, tmp_path / f"{place}")
+def test_a_damaged_table_is_told_and_what_it_held_made_again(
+    suite, tmp_path, complete, undisturbed, name, how, n_places
+):
+    for place in some(range((complete / name).stat().st_size), n_places, name + how):
+        folder = shutil.copytree(complete, tmp_path / f"{place}")
         damage(folder / name, how, place)
         n_made, told = go_despite_damage(suite, folder)
         assert table(folder) == undisturbed
@@ -312,16 +325,16 @@ def test_a_damaged_table_is_told_and_what_it_held_made_again(suite, tmp_path, un
         assert n_made == (0 if not told else 18 if name == "results.parquet" else 12)
 
 
+@FEW_OR_MANY
 @pytest.mark.parametrize("how", ["cut", "flip"])
-def test_a_damaged_journal_loses_the_damaged_lines_alone(suite, tmp_path, undisturbed, how):
+def test_a_damaged_journal_loses_the_damaged_lines_alone(suite, tmp_path, undisturbed, how, n_places):
     whole = tmp_path / "whole"
     kill_after(suite, whole, 10)
     journal = (whole / "journal.jsonl").read_bytes()
     starts = [n + 1 for n, byte in enumerate(journal) if byte == 10]
     heading = starts[0]
-    for place in [*starts, *(start - 1 for start in starts), *damaged_places(len(journal), how)]:
-        if place >= len(journal) and how == "flip":
-            continue
+    edges = [*starts[:-1], *(start - 1 for start in starts)]
+    for place in some(edges, n_places, how) + some(range(len(journal)), n_places, how):
         folder = shutil.copytree(whole, tmp_path / f"{place}", dirs_exist_ok=True)
         damage(folder / "journal.jsonl", how, place)
         n_made, told = go_despite_damage(suite, folder)
@@ -336,13 +349,14 @@ def test_a_damaged_journal_loses_the_damaged_lines_alone(suite, tmp_path, undist
         shutil.rmtree(folder)
 
 
+@FEW_OR_MANY
 @pytest.mark.parametrize("how", ["cut", "flip"])
 @pytest.mark.parametrize("name", ["truth.parquet", "manifest.json", "results.csv"])
-def test_damage_to_what_can_be_written_anew_costs_no_cell(suite, tmp_path, undisturbed, name, how):
-    whole = tmp_path / "whole"
-    go(suite, whole)
-    for place in damaged_places((whole / name).stat().st_size, name + how):
-        folder = shutil.copytree(whole, tmp_path / f"{place}")
+def test_damage_to_what_can_be_written_anew_costs_no_cell(
+    suite, tmp_path, complete, undisturbed, name, how, n_places
+):
+    for place in some(range((complete / name).stat().st_size), n_places, name + how):
+        folder = shutil.copytree(complete, tmp_path / f"{place}")
         damage(folder / name, how, place)
         assert go_despite_damage(suite, folder)[0] == 0
         assert table(folder) == undisturbed
@@ -351,16 +365,14 @@ def test_damage_to_what_can_be_written_anew_costs_no_cell(suite, tmp_path, undis
 @pytest.mark.parametrize(
     "name", ["results.parquet", "clouds.parquet", "truth.parquet", "manifest.json", "results.csv"]
 )
-def test_a_missing_file_is_made_anew(suite, folder, undisturbed, name):
-    go(suite, folder)
+def test_a_missing_file_is_made_anew(suite, folder, undisturbed, name, finished):
     (folder / name).unlink()
     go(suite, folder)
     assert table(folder) == undisturbed
 
 
 @pytest.mark.parametrize("name", ["results.parquet", "clouds.parquet", "truth.parquet", "manifest.json"])
-def test_a_damaged_run_is_reported_in_one_message(suite, folder, name):
-    go(suite, folder)
+def test_a_damaged_run_is_reported_in_one_message(suite, folder, name, finished):
     size = (folder / name).stat().st_size
     damage(folder / name, "cut", size // 2)
     with pytest.raises(InputError, match=f"{folder}: damaged run: .*{name}") as caught:
