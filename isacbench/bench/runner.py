@@ -255,17 +255,15 @@ def run_suite(
 
 def _enter(folder: Path, job: Job, execution: Execution) -> Rows:
     """Stored rows that the run goes on with; the others are gone afterwards."""
-    stored = read_rows(folder)
-    if not len(stored):
-        return stored
-    suite = job.suite
+    stored, suite = read_rows(folder), job.suite
     try:
         kept = keep(stored, job.plan, suite.name, suite.seed, execution.rerun, execution.mix_versions)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
-    if (folder / JOURNAL).exists() or len(kept) < len(stored):
+    if len(stored) and ((folder / JOURNAL).exists() or len(kept) < len(stored)):
         write_rows(folder, typed(kept.records, STUDIES[suite.kind].columns), kept.clouds())
-        (folder / JOURNAL).unlink(missing_ok=True)
+    # What is left of it is torn: no row that is made again may be read from it later.
+    (folder / JOURNAL).unlink(missing_ok=True)
     return kept
 
 
