@@ -25,6 +25,7 @@ from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cell import describe_error
+from isacbench.bench.resume import versions_now
 from isacbench.bench.workbench import Made, Workbench
 from isacbench.errors import InputError
 
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from isacbench.bench.plan import Block
     from isacbench.bench.record import Status
 
-__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "start_process_server"]
+__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "lost", "start_process_server"]
 
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
@@ -107,6 +108,23 @@ class Lane:
         self._pool.stop()  # type: ignore[no-untyped-call]
         self._pool.join()
 
+    def versions(self) -> dict[tuple[str, str], Any]:
+        """Versions that rows of the process have, by name and parameters of the contestant.
+
+        Raises
+        ------
+        InputError
+            If the process cannot have all contestants.
+        """
+        try:
+            future = self._pool.schedule(_versions, timeout=self._guard.timeout_s)
+            found: dict[tuple[str, str], Any] = future.result()
+        except ProcessExpired as death:
+            raise InputError(f"loading the plugins, the process {_cause(death)}") from death
+        except DeadlineError as error:
+            raise InputError(f"loading the plugins took more than {self._guard.timeout_s:g} s") from error
+        return found
+
     def work(self, block: Block) -> Iterator[Made]:
         """Work off the cells of a block; each yields a row, whatever becomes of it.
 
@@ -146,10 +164,10 @@ class Lane:
         # The pool tells of every other death, but not at once.
         if not wait([future], timeout=GRACE_S).done:
             self._renew()
-            return _lost(trace, "killed", "the process exited with code 0", time.perf_counter() - start)
+            return lost(trace, "killed", "the process exited with code 0", time.perf_counter() - start)
         error = future.exception()
         if error is not None:
-            return _lost(trace, *self._verdict(error), time.perf_counter() - start)
+            return lost(trace, *self._verdict(error), time.perf_counter() - start)
         made: Made = future.result()
         if made.outcome.record.status == "killed":
             self._renew()  # what the plugin still holds must not be held against other cells
@@ -194,8 +212,8 @@ def _context() -> Any:
     return context
 
 
-def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
-    """Row of a cell whose outcome did not come back."""
+def lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
+    """Row of a cell whose outcome did not come back, made of what its observation left of it."""
     record = replace(trace.outcome.record, status=status, reason=reason, time_estimate_s=time_s)
     return trace._replace(outcome=replace(trace.outcome, record=record))
 
@@ -227,6 +245,11 @@ def _die_with_parent() -> None:
     if parent is not None:
         connection.wait([parent.sentinel])
         os._exit(1)
+
+
+def _versions() -> dict[tuple[str, str], Any]:
+    assert _job is not None
+    return versions_now(_job.plan)
 
 
 def _observe(block: Block) -> tuple[int, list[Made]]:

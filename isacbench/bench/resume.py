@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-__all__ = ["RERUNS", "Rerun", "differing_versions", "keep", "parse_reruns"]
+__all__ = ["RERUNS", "Rerun", "differing_versions", "keep", "parse_reruns", "versions_now"]
 
 Rerun = Literal["failed", "stale", "all"]
 
@@ -140,7 +140,7 @@ def _other_content(records: pd.DataFrame, plan: Plan) -> Mask:
 
 def _other_versions(stored: Rows, plan: Plan) -> Mask:
     """Rows that other versions have made."""
-    now = _versions_now(plan)
+    now = versions_now(plan)
     columns = ["environment", "estimator", "params"]
     groups = stored.records.groupby(columns, sort=False)
     other = [
@@ -150,7 +150,8 @@ def _other_versions(stored: Rows, plan: Plan) -> Mask:
     return np.array(other, dtype=np.bool_)[groups.ngroup().to_numpy()]
 
 
-def _versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
+def versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
+    """Versions that rows made by this process have, by name and parameters of the contestant."""
     return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in plan.contestants}
 
 
@@ -164,7 +165,7 @@ def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask, mix_v
     if versions.any() and not mix_versions:
         first = stored.records[versions].iloc[0]
         old = stored.environments.get(first["environment"], {}).get("versions", {})
-        new = _versions_now(plan)[first["estimator"], first["params"]]
+        new = versions_now(plan)[first["estimator"], first["params"]]
         raise InputError(
             f"{versions.sum()} of its {versions.size} cells were made by other versions, the first one by "
             f"{', '.join(differing_versions(old, new)) or 'unknown ones'}; allowed are --rerun stale, which "
