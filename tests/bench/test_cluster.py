@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from isacbench import plugin_versions
 from isacbench.bench.cluster import Backlog
 from isacbench.bench.cluster_worker import Lanes, Order
 from isacbench.bench.guard import Guard
@@ -227,25 +228,24 @@ def test_a_plugin_that_workers_lack_is_told_before_anything_is_made(cluster, sui
 
 
 @pytest.fixture
-def changed_plugins(plugin_folder, tiny):
+def changed_plugins(plugin_folder, tiny, monkeypatch):
     """Install the plugins with another code than workers have."""
+    monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
     source = PLUGINS.replace("np.zeros(self.n)", "np.full(self.n, 1.0)")
     names = {"blob": "Blob", "seer": "Seer"}
     plugin_folder.install("test-plugins", source, estimators=names, detectors={"level": "Level"})
-    return Suite(name="test", scenarios=[str(tiny)], estimators=["blob"], snr_db=[0], trials=1)
+    plugin_versions._digest.cache_clear()
+    yield Suite(name="test", scenarios=[str(tiny)], estimators=["blob"], snr_db=[0], trials=1)
+    plugin_versions._digest.cache_clear()
 
 
-def test_another_code_of_a_plugin_is_told_with_what_is_there_and_what_is_wanted(
-    cluster, changed_plugins, monkeypatch
-):
-    monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
+def test_another_code_of_a_plugin_is_told_with_what_is_there_and_what_is_wanted(cluster, changed_plugins):
     told = r"worker tcp://\S+: blob: plugins test-plugins digest [0-9a-f]{64} instead of [0-9a-f]{64}"
     with pytest.raises(InputError, match=told):
         run(changed_plugins, dask=cluster.address)
 
 
-def test_another_code_may_do_where_versions_may_be_mixed(cluster, changed_plugins, monkeypatch):
-    monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
+def test_another_code_may_do_where_versions_may_be_mixed(cluster, changed_plugins):
     records = run(changed_plugins, dask=cluster.address, mix_versions=True)
     assert set(records["status"]) == {"ok"}
 
@@ -264,10 +264,11 @@ def test_an_interrupt_keeps_the_rows_so_far_and_leaves_no_process_behind(cluster
     assert not again.interrupted
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, installed, capfd):
     slow = slow.replace(trials=8)
     with running_cluster(tmp_path, PYTHONPATH=str(installed)) as lost:
-        lost.start_workers(1)
+        (orphan,) = lost.start_workers(1, "--no-nanny")
 
         def kill(n_done, _):
             if n_done == 4:
@@ -275,7 +276,7 @@ def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, 
 
         with pytest.raises(InputError, match=r"scheduler is gone; the rows so far are kept"):
             run_suite(slow, tmp_path / "run", kill, Execution(dask=lost.address))
-        lost.scheduler.wait()
+        orphan.kill()  # it would look for its scheduler for a while
     assert capfd.readouterr().err == ""
     done = []
     rest = run_suite(slow, tmp_path / "run", lambda *counts: done.append(counts))
@@ -385,7 +386,7 @@ def test_a_backlog_gives_every_hand_a_piece_as_long_as_there_are_blocks(n_blocks
     pieces = [backlog.take(n_hands)]
     pieces += [backlog.take(1) for _ in range(len(backlog))]
     assert len(pieces) == min(n_blocks, n_hands)
-    assert max(map(len, pieces)) <= 2 * min(map(len, pieces))
+    assert max(map(len, pieces)) <= 2 * min(map(len, pieces)) + 1
 
 
 @pytest.fixture
@@ -416,12 +417,17 @@ def test_a_process_is_lent_again_and_ends_when_nobody_asks_for_it(order):
 
 def test_a_process_with_a_problem_is_not_lent_again(order):
     lanes, packed = Lanes(), order.pack()
-    first = []
-    with pytest.raises(ZeroDivisionError), lanes.lane(packed) as lane:
-        first.append(lane)
-        raise ZeroDivisionError
-    with lanes.lane(packed) as second:
-        assert second is not first[0]
+
+    def fail():
+        with lanes.lane(packed) as lane:
+            failed.append(lane)
+            raise ZeroDivisionError
+
+    failed = []
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    with lanes.lane(packed) as another:
+        assert another is not failed[0]
     lanes.stop(packed.token)
 
 
