@@ -28,6 +28,7 @@ from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cell import describe_error
+from isacbench.bench.resume import versions_now
 from isacbench.bench.workbench import Made, Workbench
 from isacbench.errors import InputError
 
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from isacbench.bench.plan import Block
     from isacbench.bench.record import Status
 
-__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "start_process_server"]
+__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "lost", "start_process_server"]
 
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
@@ -121,6 +122,22 @@ class Lane:
         with self._renewing:
             self._end_process()
 
+    def versions(self) -> dict[tuple[str, str], Any]:
+        """Versions that rows of the process have, by name and parameters of the contestant.
+
+        Raises
+        ------
+        InputError
+            If the process cannot have all contestants.
+        """
+        try:
+            found: dict[tuple[str, str], Any] = self._call(_versions, timeout_s=self._guard.timeout_s)
+        except (ProcessExpired, BrokenProcessPool) as death:
+            raise InputError(f"loading the plugins, the process {_cause(death)}") from death
+        except DeadlineError as error:
+            raise InputError(f"loading the plugins took more than {self._guard.timeout_s:g} s") from error
+        return found
+
     def work(self, block: Block) -> Iterator[Made]:
         """Work off the cells of a block; each yields a row, whatever becomes of it.
 
@@ -164,7 +181,7 @@ class Lane:
             raise
         except Exception as error:
             self._renew()
-            return _lost(trace, *self._verdict(error), time.perf_counter() - start)
+            return lost(trace, *self._verdict(error), time.perf_counter() - start)
         if made.outcome.record.status == "killed":
             self._renew()  # what the plugin still holds must not be held against other cells
         return made
@@ -238,8 +255,8 @@ def _context() -> Any:
     return context
 
 
-def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
-    """Row of a cell whose outcome did not come back."""
+def lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
+    """Row of a cell whose outcome did not come back, made of what its observation left of it."""
     record = replace(trace.outcome.record, status=status, reason=reason, time_estimate_s=time_s)
     return trace._replace(outcome=replace(trace.outcome, record=record))
 
@@ -294,6 +311,11 @@ def _wait_for_end(sentinel: int) -> None:
     """Wait for the end of the parent, on every system, or if it has come before the rest was set up."""
     connection.wait([sentinel])
     os.killpg(0, signal.SIGKILL)
+
+
+def _versions() -> dict[tuple[str, str], Any]:
+    assert _job is not None
+    return versions_now(_job.plan)
 
 
 def _observe(block: Block) -> tuple[int, list[Made]]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-__all__ = ["RERUNS", "Rerun", "differing_versions", "keep", "parse_reruns"]
+__all__ = ["RERUNS", "Rerun", "differing_versions", "keep", "parse_reruns", "versions_now"]
 
 Rerun = Literal["failed", "stale", "all"]
 
@@ -142,7 +142,7 @@ def _other_content(records: pd.DataFrame, plan: Plan) -> Mask:
 
 def _other_versions(stored: Rows, plan: Plan) -> Mask:
     """Rows that other versions have made."""
-    now = _versions_now(plan)
+    now = versions_now(plan)
     columns = ["environment", "estimator", "params"]
     groups = stored.records.groupby(columns, sort=False)
     other = [
@@ -161,7 +161,8 @@ def _with_environments(stored: Rows, plan: Plan) -> Rows:
     return dataclasses.replace(stored, environments={**stored.environments, **here})
 
 
-def _versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
+def versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
+    """Versions that rows made by this process have, by name and parameters of the contestant."""
     return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in plan.contestants}
 
 
@@ -175,7 +176,7 @@ def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask, mix_v
     if versions.any() and not mix_versions:
         first = stored.records[versions].iloc[0]
         old = stored.environments.get(first["environment"], {}).get("versions", {})
-        new = _versions_now(plan)[first["estimator"], first["params"]]
+        new = versions_now(plan)[first["estimator"], first["params"]]
         raise InputError(
             f"{versions.sum()} of its {versions.size} cells were made by other versions, the first one by "
             f"{', '.join(differing_versions(old, new)) or 'unknown ones'}; allowed are --rerun stale, which "
