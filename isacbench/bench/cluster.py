@@ -86,7 +86,8 @@ def work_on_cluster(
         the generator also if the cluster is lost meanwhile.
     """
     if not blocks:
-        return _nothing()
+        nothing: tuple[Made, ...] = ()
+        return (made for made in nothing)
     order = Order(job, guard, versions_now(job.plan), mix_versions).pack()
     with ExitStack() as stack:
         stack.enter_context(_quiet())
