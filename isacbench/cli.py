@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from isacbench.bench.suite import Kind
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
+    from isacbench.report.tables import Grid
 
 __all__ = ["app", "main"]
 
@@ -35,6 +36,8 @@ DEFAULT_TIMEOUT_S = 600.0
 
 EXIT_USAGE = 2
 EXIT_FAILED_CELLS = 3
+EXIT_REGRESSION = 4
+EXIT_NOT_COMPARABLE = 5
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 
 
@@ -109,7 +112,7 @@ EstimatorSpecs = Annotated[
         "-e",
         "--estimator",
         metavar="NAME[param=value,...]",
-        help="Estimator, instead of the suite's; repeats.",
+        help="Estimator, instead of the suite's; repeats. A value [a,b] stands for each.",
     ),
 ]
 PluginFiles = Annotated[
@@ -219,12 +222,72 @@ def run(
 
 
 @app.command()
-def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")]) -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    plugin: PluginFiles = None,
+) -> None:
     """Redraw tables and figures of a run, without running again."""
     from isacbench.bench.store import read_results
 
+    _register(plugin)
     results = read_results(folder)
     _report(folder, results.records, results.suite.kind)
+
+
+@app.command()
+def compare(
+    base: Annotated[Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with.")],
+    new: Annotated[Path, typer.Argument(metavar="NEW", help="Folder of the run to judge.")],
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tolerance",
+            metavar="NAME=5%",
+            help="Tolerated change of a score, in % of BASE or in its unit; repeats. Always: deviation=5%.",
+        ),
+    ] = None,
+    alpha: Annotated[
+        float, typer.Option("--alpha", metavar="0.01", help="Probability of any false regression, at most.")
+    ] = 0.01,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="picture.png", help="Default NEW/figures/compare-<score>.png."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two runs: exit code 4 if a curve got worse, 5 if they cannot be compared."""
+    from isacbench.bench.compare import compare as compare_runs
+    from isacbench.bench.pairing import NotComparableError, read_run
+    from isacbench.bench.tolerance import parse_tolerance
+    from isacbench.report import comparison_tables as tables
+    from isacbench.report.comparison import comparison_paths, draw_comparison_files
+
+    tolerances = [parse_tolerance(text) for text in tolerance or []]
+    try:
+        found = compare_runs(read_run(base), read_run(new), tolerances, alpha)
+    except NotComparableError as error:
+        if as_json:
+            _print_json({"comparable": False, "reasons": error.reasons})
+            raise typer.Exit(EXIT_NOT_COMPARABLE) from error
+        _fail("not comparable: " + "; ".join(error.reasons), EXIT_NOT_COMPARABLE)
+    comparison_paths(found, new, plot)  # a wrong name is told before anything else
+    if as_json:
+        _print_json(tables.comparison_content(found))
+    else:
+        typer.echo(f"base {found.base}: isacbench {found.base_version}")
+        typer.echo(f"new  {found.new}: isacbench {found.new_version}")
+        for grid in tables.comparison_grids(found):
+            _print_grid(grid)
+        for line in tables.comparison_lines(found):
+            typer.echo(line)
+    if plot is not None or not as_json:
+        figures = draw_comparison_files(found, new, plot)
+        if figures and not as_json:
+            typer.echo(f"figures: {', '.join(map(str, figures))}")
+    if not as_json:
+        typer.echo(tables.comparison_summary(found))
+    if found.is_regression:
+        raise typer.Exit(EXIT_REGRESSION)
 
 
 @app.command("list")
@@ -301,6 +364,29 @@ def image(
 
 
 @app.command()
+def check(
+    package_or_file: Annotated[
+        str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
+    ],
+    as_json: AsJson = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Put estimators and detectors through the contract, and say what to mend."""
+    from isacbench.conformance import find_plugins
+    from isacbench.conformance.guarded import check_guarded
+    from isacbench.report.conformance import describe_checks, print_checks
+
+    _register(plugin)
+    found = {(kind, name): check_guarded(kind, name) for kind, name in find_plugins(package_or_file)}
+    if as_json:
+        _print_json(describe_checks(found))
+    else:
+        print_checks(found)
+    if any(finding.status == "failed" for findings in found.values() for finding in findings):
+        raise typer.Exit(EXIT_FAILED_CELLS)
+
+
+@app.command()
 def score(
     truth: Annotated[
         str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
@@ -360,20 +446,25 @@ def _truth(name_or_path: str) -> tuple[PointCloud, Region | None, float | None]:
 
 def _report(folder: Path, records: pd.DataFrame, kind: Kind) -> None:
     """Write and print the tables of a run, and draw its figures."""
-    from rich.console import Console
-
     from isacbench.report.figures import draw_run
     from isacbench.report.kinds import TABLES, write_tables
-    from isacbench.report.tables import rich_table
 
     for grid in TABLES[kind].grids(records):
-        table = rich_table(grid)
-        # Rather lines longer than the terminal than cropped numbers.
-        width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)
-        Console(width=width).print(table)
+        _print_grid(grid)
     tables = write_tables(folder, records, kind)
     figures = draw_run(folder)
     typer.echo(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
+
+
+def _print_grid(grid: Grid) -> None:
+    """Print a table, in lines longer than the terminal rather than with cropped numbers."""
+    from rich.console import Console
+
+    from isacbench.report.tables import rich_table
+
+    table = rich_table(grid)
+    width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)
+    Console(width=width).print(table)
 
 
 @contextmanager

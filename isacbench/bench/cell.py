@@ -18,7 +18,19 @@ if TYPE_CHECKING:
     from isacbench.model.scenario import Scenario
     from isacbench.registry import AnyEstimator
 
-__all__ = ["Measure", "Shot", "describe_error", "estimate_cloud", "failed_by", "failure", "run_cell"]
+__all__ = [
+    "Measure",
+    "Shot",
+    "describe_error",
+    "estimate_cloud",
+    "failed_by",
+    "failure",
+    "raw_cloud",
+    "run_cell",
+]
+
+MAX_MESSAGE = 1000
+"""Characters of an exception's message that a row keeps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +93,9 @@ def run_cell(
         )
         shot = Shot(scenario, observation, estimator, cell.snr_db, cloud)
         extras = {} if measure is None else measure(shot)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         return failed_by(error, cell, len(truth), time.perf_counter() - start)
     record = Record(
         **vars(cell),
@@ -101,8 +115,14 @@ def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> O
 
 
 def describe_error(error: BaseException) -> str:
-    """Type and message of an exception, in one line."""
-    message = " ".join(str(error).split())
+    """Type and message of an exception, in one line that every file can hold."""
+    try:
+        message = str(error)
+    except Exception as another:
+        message = f"its message raised {type(another).__name__}"
+    message = " ".join(message[:MAX_MESSAGE].split()) + ("..." if len(message) > MAX_MESSAGE else "")
+    # A name of a file that is no UTF-8 becomes half a character, which no table takes.
+    message = message.replace("\0", "").encode(errors="backslashreplace").decode()
     return f"{type(error).__name__}: {message}" if message else type(error).__name__
 
 
@@ -115,7 +135,7 @@ def failure(cell: Cell, status: Status, reason: str, n_true: int, time_s: float)
 
 
 def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+    """Image an observation, and hold the cloud to its contract.
 
     Raises
     ------
@@ -124,11 +144,23 @@ def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: Poi
     ValueError
         If the cloud has wrong shapes, NaN or infinities.
     """
+    cloud = raw_cloud(estimator, observation, truth)
+    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
+    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
+
+
+def raw_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
+    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+
+    Raises
+    ------
+    TypeError
+        If the estimator returns anything but a `PointCloud`.
+    """
     if getattr(estimator, "needs_truth", False):
         cloud = cast("TruthEstimator", estimator).estimate(observation, truth)
     else:
         cloud = cast("Estimator", estimator).estimate(observation)
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
-    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
-    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
+    return cloud

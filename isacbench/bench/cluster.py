@@ -19,13 +19,12 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.cluster_worker import Batch, Order, UnfitWorkerError, check, stop, work
-from isacbench.bench.guard import lost
 from isacbench.bench.resume import versions_now
 from isacbench.bench.workbench import Workbench
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Generator, Iterator, Sequence
 
     from distributed import Client, Future
 
@@ -56,7 +55,7 @@ NOISY = ("distributed", "tornado", "asyncio")
 
 def work_on_cluster(
     job: Job, blocks: Sequence[Block], guard: Guard, address: str, mix_versions: bool = False
-) -> Iterator[Made]:
+) -> Generator[Made, None, None]:
     """Work off blocks on the workers of a Dask scheduler.
 
     Cluster and workers are looked at before this returns.
@@ -75,7 +74,7 @@ def work_on_cluster(
 
     Returns
     -------
-    iterator of Made
+    generator of Made
         In the order in which they are done. A cell with which one worker
         after the other dies is ``killed``.
 
@@ -84,10 +83,10 @@ def work_on_cluster(
     InputError
         If the package `distributed` is missing, there is no scheduler or no
         worker, or a worker lacks a plugin or has another version of it; from
-        the iterator also if the cluster is lost meanwhile.
+        the generator also if the cluster is lost meanwhile.
     """
     if not blocks:
-        return iter(())
+        return (made for made in ())
     order = Order(job, guard, versions_now(job.plan), mix_versions).pack()
     with ExitStack() as stack:
         stack.enter_context(_quiet())
@@ -97,7 +96,9 @@ def work_on_cluster(
         return _work(cluster, job, blocks, stack.pop_all())
 
 
-def _work(cluster: _Cluster, job: Job, blocks: Sequence[Block], stack: ExitStack) -> Iterator[Made]:
+def _work(
+    cluster: _Cluster, job: Job, blocks: Sequence[Block], stack: ExitStack
+) -> Generator[Made, None, None]:
     suspects: list[Block] = []
     with stack:
         for piece, outcome in cluster.work(Backlog(blocks)):
@@ -353,5 +354,7 @@ def _cells(piece: Sequence[Block]) -> list[Block]:
 
 def _killed(job: Job, block: Block) -> Iterator[Made]:
     """Rows of cells that nothing else is left of; what they would have observed is observed here."""
-    for trace in Workbench(job).observe(block):
-        yield lost(trace, "killed", "one Dask worker after the other died with it", 0.0)
+    workbench = Workbench(job)
+    workbench.observe(block)
+    for contestant in block.contestants:
+        yield workbench.forfeit(contestant, "killed", "one Dask worker after the other died with it", 0.0)

@@ -24,6 +24,7 @@ from isacbench.bench.cell import failed_by, failure
 from isacbench.bench.content import digest
 from isacbench.bench.imaging import require_scatterers
 from isacbench.bench.intervals import CONFIDENCE, wilson_interval
+from isacbench.bench.isolation import array_digest
 from isacbench.bench.maps import PowerMap, draw_map, near
 from isacbench.bench.radio import gain_db
 from isacbench.bench.record import DRAW_COLUMNS, Cell, Outcome, Record
@@ -117,6 +118,10 @@ class MapEncounter:
         n_targets = int(self.drawn.targets.sum())
         outcome = failure(contestant.cell(self.cell), status, reason, n_targets, time_s)
         return outcome.labelled({**self.labels, **contestant.labels})
+
+    def digest(self) -> str:
+        """Digest of the map."""
+        return array_digest(self.power)
 
 
 class MapScene:
@@ -294,7 +299,9 @@ def _run_detector(cell: Cell, detector: Detector, drawn: PowerMap, power: NDArra
     try:
         mask = _mask(detector.detect(power), power.shape)
         elapsed_s = time.perf_counter() - start
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         return failed_by(error, cell, n_targets, time.perf_counter() - start)
     n_detected = int(mask.sum())
     record = Record(

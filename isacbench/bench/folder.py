@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["default_folder", "open_folder", "replacing"]
+__all__ = ["cannot_be_written", "default_folder", "open_folder", "replacing"]
 
 LOCK = ".lock"
 RUN_FILES = {LOCK, "manifest.json", "results.parquet", "journal.jsonl"}
@@ -49,26 +49,42 @@ def open_folder(folder: Path | None) -> Iterator[Path]:
             yield Path(temporary)
         return
     is_new = _create(folder)
-    try:
-        with _locked(folder):
+    with _locked(folder):
+        try:
             yield folder
-    finally:
-        if is_new and {path.name for path in folder.iterdir()} <= {LOCK}:
-            (folder / LOCK).unlink(missing_ok=True)
-            folder.rmdir()
+        finally:
+            if is_new and {path.name for path in folder.iterdir()} <= {LOCK}:
+                (folder / LOCK).unlink()
+                folder.rmdir()
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path that takes the place of `path` once it is written whole and on the disk."""
+    """Yield a temporary path that takes the place of `path` once it is written whole and on the disk.
+
+    Raises
+    ------
+    InputError
+        If the system does not let it.
+    """
     temporary = path.with_name(f".{path.name}.part")
     try:
         yield temporary
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
+    except OSError as error:
+        raise cannot_be_written(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def cannot_be_written(path: Path, error: OSError) -> InputError:
+    """Build the exception for a disk that is full, or a folder that is not ours."""
+    return InputError(
+        f"{path}: cannot be written: {error.strerror or error}; the rows so far are kept, and the same run "
+        "into the same folder goes on with them"
+    )
 
 
 def _create(folder: Path) -> bool:
@@ -91,17 +107,33 @@ def _create(folder: Path) -> bool:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Hold the folder's lock, which the system lets go of whatever ends this process."""
-    with (folder / LOCK).open("a+", encoding="utf-8") as file:
+    with _lock_file(folder) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except BlockingIOError as error:
             file.seek(0)
             raise InputError(
                 f"{folder}: another run writes into it ({file.read() or 'unknown'}); allowed is to "
                 "wait for its end, or another folder"
             ) from error
+        except OSError as error:
+            raise _cannot_be_locked(folder, error) from error
         file.truncate(0)
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         file.write(f"process {os.getpid()} on {platform.node()}, since {now}")
         file.flush()
         yield
+
+
+def _lock_file(folder: Path) -> TextIO:
+    try:
+        return (folder / LOCK).open("a+", encoding="utf-8")
+    except OSError as error:
+        raise _cannot_be_locked(folder, error) from error
+
+
+def _cannot_be_locked(folder: Path, error: OSError) -> InputError:
+    return InputError(
+        f"{folder}: cannot be locked: {error.strerror or error}; allowed is a folder to be written "
+        "into, on a file system with locks"
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from isacbench.bench.plan import BlockQueue
 from isacbench.bench.workbench import Made, Workbench
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Generator, Sequence
 
     from isacbench.bench.job import Job
     from isacbench.bench.plan import Block
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["work_guarded", "work_here"]
 
 
-def work_here(job: Job, blocks: Sequence[Block]) -> Iterator[Made]:
+def work_here(job: Job, blocks: Sequence[Block]) -> Generator[Made, None, None]:
     """Work off blocks in this process: easy to debug, but a plugin that hangs or dies takes all with it."""
     workbench = Workbench(job)
     # Threads make small batched algebra slower and its timing unrepeatable.
@@ -30,7 +30,7 @@ def work_here(job: Job, blocks: Sequence[Block]) -> Iterator[Made]:
             yield from workbench.work(block)
 
 
-def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -> Iterator[Made]:
+def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -> Generator[Made, None, None]:
     """Work off blocks in guarded processes.
 
     Parameters
@@ -53,9 +53,12 @@ def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -
 
     def work(lane: Lane) -> None:
         try:
-            for block in queue.blocks():
-                for made in lane.work(block):
-                    done.put(made)
+            with lane:
+                for block in queue.blocks():
+                    for made in lane.work(block):
+                        done.put(made)
+        except CancelledError:
+            pass  # nobody waits for more
         except BaseException as error:
             done.put(error)
         done.put(None)
@@ -74,5 +77,6 @@ def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -
                 else:
                     yield made
         finally:
+            # All are told before any is waited for, so that a second interrupt finds them ending.
             for lane in lanes:
-                lane.stop()
+                lane.cancel()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.provenance import environment_of
+from isacbench.bench.provenance import environment_id, environment_of
 from isacbench.bench.statuses import failed
 from isacbench.errors import InputError, unknown_name
 
@@ -84,6 +85,7 @@ def keep(
         return stored
     positions = plan.positions(records)
     _refuse_others(records, positions, suite_name, seed)
+    stored = _with_environments(stored, plan)
     good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & _has_its_cloud(stored)
     if "all" in rerun:
         return stored.take(np.zeros_like(good))
@@ -148,6 +150,15 @@ def _other_versions(stored: Rows, plan: Plan) -> Mask:
         for name, estimator, params in groups.size().index
     ]
     return np.array(other, dtype=np.bool_)[groups.ngroup().to_numpy()]
+
+
+def _with_environments(stored: Rows, plan: Plan) -> Rows:
+    """Rows with the descriptions that this process knows itself, should the stored ones be damaged."""
+    known = [environment_of(one.plugin) for one in plan.contestants]
+    named = {environment_id(environment): environment for environment in known}
+    used = set(stored.records["environment"])
+    here = {name: environment for name, environment in named.items() if name in used}
+    return dataclasses.replace(stored, environments={**stored.environments, **here})
 
 
 def versions_now(plan: Plan) -> dict[tuple[str, str], Any]:

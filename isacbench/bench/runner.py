@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -229,10 +230,10 @@ def run_suite(
     with open_folder(out) as folder:
         sessions, kept = read_sessions(folder), _enter(folder, job, execution)
         blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
-        made = _made(job, blocks, execution)
-        _begin(folder, job, kept, [*sessions, session.describe(0.0, interrupted=True)])
-        with Journal(folder / JOURNAL, STUDIES[suite.kind].columns) as journal:
-            interrupted = _work(made, blocks, journal, n_kept, progress)
+        with closing(_made(job, blocks, execution)) as outcomes:
+            _begin(folder, job, kept, [*sessions, session.describe(0.0, interrupted=True)])
+            with Journal(folder / JOURNAL, STUDIES[suite.kind].columns) as journal:
+                interrupted = _work(outcomes, blocks, journal, n_kept, progress)
         new, _ = read_journal(folder / JOURNAL)
         rows = Rows.joined([kept, new])
         rows = rows.take(np.argsort(job.plan.positions(rows.records), kind="stable"))
@@ -284,7 +285,7 @@ def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]]) -
 
 
 def _work(
-    outcomes: Iterator[Made],
+    outcomes: Iterable[Made],
     blocks: Sequence[Block],
     journal: Journal,
     n_kept: int,
@@ -302,7 +303,7 @@ def _work(
     return False
 
 
-def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Iterator[Made]:
+def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Made, None, None]:
     """Outcomes of blocks, wherever they are worked off; a cluster that is not there is told at once."""
     if execution.dask is not None:
         from isacbench.bench.cluster import work_on_cluster  # an optional dependency

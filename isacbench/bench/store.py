@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import sys
 import warnings
@@ -13,7 +14,8 @@ import pandas as pd
 import pyarrow as pa
 
 import isacbench
-from isacbench.bench.content import describe_scenario, restore_scenario, scenario_digest, truth_table
+from isacbench.bench.content import describe_scenario, digest, restore_scenario, scenario_digest, truth_table
+from isacbench.bench.csv_table import write_csv_table
 from isacbench.bench.folder import replacing
 from isacbench.bench.journal import read_journal
 from isacbench.bench.provenance import blas_libraries, git_state, machine, package_versions, python_version
@@ -58,9 +60,12 @@ RECORDS, RECORDS_CSV = "results.parquet", "results.csv"
 CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"
 DRAWS, JOURNAL = "draws.parquet", "journal.jsonl"
 
+DIGEST = "digest"
+"""Key of the digest of a table's content in its file."""
+
 T = TypeVar("T")
 
-DAMAGE = (ValueError, KeyError, OSError, pa.ArrowException)
+DAMAGE = (ValueError, TypeError, KeyError, AttributeError, OSError, pa.ArrowException)
 """What a damaged file ends in."""
 
 
@@ -150,7 +155,7 @@ def write_results(results: Results, folder: Path) -> None:
         _write_parquet(results.draws, folder / DRAWS)
     write_rows(folder, results.records, results.clouds)
     with replacing(folder / RECORDS_CSV) as path:
-        results.records.to_csv(path, index=False)
+        write_csv_table(results.records, path)
 
 
 def write_rows(folder: Path, records: pd.DataFrame, clouds: pd.DataFrame) -> None:
@@ -239,7 +244,7 @@ def read_results(folder: Path) -> Results:
             parts.append(read_journal(journal)[0])
         rows = Rows.joined(parts)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
-        truth = pd.read_parquet(folder / TRUTH)
+        truth = _read_parquet(folder / TRUTH)
         return Results(
             suite=suite,
             records=typed(rows.records, STUDIES[suite.kind].columns),
@@ -259,8 +264,10 @@ def read_results(folder: Path) -> Results:
 
 
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:
+    signed = table.copy(deep=False)
+    signed.attrs = {DIGEST: _table_digest(table)}
     with replacing(path) as temporary:
-        table.to_parquet(temporary, index=False, write_page_checksum=True)
+        signed.to_parquet(temporary, index=False, write_page_checksum=True)
 
 
 def _read_records(folder: Path) -> pd.DataFrame:
@@ -281,7 +288,28 @@ def _no_clouds() -> pd.DataFrame:
 
 
 def _read_parquet(path: Path) -> pd.DataFrame:
-    return pd.read_parquet(path, page_checksum_verification=True)
+    """Read a table that is as it was written.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged.
+    """
+    try:
+        table = pd.read_parquet(path, page_checksum_verification=True)
+    except Exception as error:  # a damaged description of a table may end in anything
+        raise ValueError(f"{path.name}: {type(error).__name__}: {error}") from error
+    # Pages have checksums of their own, the description of the table has not.
+    if DIGEST in table.attrs and table.attrs[DIGEST] != _table_digest(table):
+        raise ValueError(f"{path.name}: the digest of its content is another one")
+    table.attrs = {}
+    return table
+
+
+def _table_digest(table: pd.DataFrame) -> str:
+    """Digest of the names and values of a table."""
+    rows = pd.util.hash_pandas_object(table, index=False).to_numpy()
+    return digest([list(table.columns), len(table), hashlib.sha256(rows.tobytes()).hexdigest()])
 
 
 def _read_draws(path: Path) -> pd.DataFrame:

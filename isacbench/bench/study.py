@@ -17,6 +17,7 @@ import pandas as pd
 
 from isacbench.bench.cell import failure, run_cell
 from isacbench.bench.content import digest, scenario_digest
+from isacbench.bench.isolation import array_digest
 from isacbench.bench.radio import gain_db
 from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Cell
 from isacbench.errors import InputError
@@ -111,6 +112,9 @@ class Encounter(Protocol):
     def forfeit(self, contestant: Contestant[Any], status: Status, reason: str, time_s: float) -> Outcome:
         """Row of a contestant that left no other trace."""
 
+    def digest(self) -> str:
+        """Digest of what contestants are shown: another one as soon as one of them has changed it."""
+
 
 class Study(Protocol[SuiteT]):
     """A kind of suite."""
@@ -164,6 +168,14 @@ class ImageEncounter:
         """Row of an estimator that left no other trace."""
         outcome = failure(contestant.cell(self.cell), status, reason, len(self.scenario.truth), time_s)
         return outcome.labelled({**self.labels, **contestant.labels})
+
+    def digest(self) -> str:
+        """Digest of the observation."""
+        shown = self.observation
+        arrays = shown.cells, shown.gate.range_bins, shown.gate.doppler_bins, shown.base_station_m
+        bounds = shown.gate.reachable_range, shown.gate.reachable_doppler
+        known = repr((bounds, shown.system, shown.array, shown.frame, shown.region))
+        return digest([known, *map(array_digest, arrays)])
 
 
 class ImagedScene:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import pickle
+import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from isacbench.bench.isolation import process_state_kept, seed_global_generators
 from isacbench.bench.provenance import environment_id, environment_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from isacbench.bench.job import Job
     from isacbench.bench.plan import Block
     from isacbench.bench.provenance import Environment
-    from isacbench.bench.record import Outcome
+    from isacbench.bench.record import Outcome, Status
     from isacbench.bench.study import Contestant, Encounter, Scene
 
 __all__ = ["Made", "Workbench"]
+
+CHANGED = "ValueError: it changed the observation, which is read-only and which others meet as well"
 
 
 class Made(NamedTuple):
@@ -26,7 +31,7 @@ class Made(NamedTuple):
 
 
 class Workbench:
-    """Scenes of a job in this process.
+    """Scenes of a job in this process, out of reach of the plugins that they meet.
 
     Parameters
     ----------
@@ -34,9 +39,14 @@ class Workbench:
     """
 
     def __init__(self, job: Job) -> None:
-        self._scenes = job.plan.scenes
+        # Plugins see a copy, and the next ones a fresh copy should they have changed it.
+        self._job = pickle.dumps(job)
+        self._seed = job.suite.seed
+        self._scenes = self._fresh_scenes()
         self._scene: Scene | None = None
+        self._block: Block | None = None
         self._encounter: Encounter | None = None
+        self._digest = ""
         self._environments: dict[tuple[str, str], tuple[str, Environment]] = {}
 
     def observe(self, block: Block) -> list[Made]:
@@ -51,16 +61,38 @@ class Workbench:
         scene = self._scenes[block.scene]
         if self._scene is not scene and self._scene is not None:
             self._scene.forget()
-        self._scene, self._encounter = scene, scene.observe(block.snr_db, block.trial)
-        contestants = [scene.contestants[index] for index in block.contestants]
-        return [self._made(self._encounter.forfeit(one, "killed", "", 0.0), one) for one in contestants]
+        self._scene, self._block, self._encounter = scene, block, scene.observe(block.snr_db, block.trial)
+        self._digest = self._encounter.digest()
+        return [self.forfeit(contestant, "killed", "", 0.0) for contestant in block.contestants]
 
     def image(self, contestant: int) -> Made:
-        """Let a contestant of the scene that was observed last meet the observation."""
+        """Let a contestant of the scene that was observed last meet the observation.
+
+        A contestant that changes the observation, which is read-only, fails,
+        and what it met is made anew for the others.
+        """
+        assert self._scene is not None
+        assert self._block is not None
+        assert self._encounter is not None
+        chosen = self._scene.contestants[contestant]
+        start = time.perf_counter()
+        with process_state_kept():
+            key = self._scene.name, self._block.trial, self._block.snr_db, chosen.name, chosen.params
+            seed_global_generators(self._seed, *key)
+            outcome = self._encounter.meet(chosen)
+        if self._is_unchanged():
+            return self._made(outcome, chosen)
+        made = self.forfeit(contestant, "error", CHANGED, time.perf_counter() - start)
+        self._scenes, self._scene = self._fresh_scenes(), None
+        self.observe(self._block)
+        return made
+
+    def forfeit(self, contestant: int, status: Status, reason: str, time_s: float) -> Made:
+        """Row of a contestant of the scene that was observed last, should it leave no other trace."""
         assert self._scene is not None
         assert self._encounter is not None
         chosen = self._scene.contestants[contestant]
-        return self._made(self._encounter.meet(chosen), chosen)
+        return self._made(self._encounter.forfeit(chosen, status, reason, time_s), chosen)
 
     def work(self, block: Block) -> Iterator[Made]:
         """Work off a block, without any guard."""
@@ -75,6 +107,18 @@ class Workbench:
             environment = environment_of(contestant.plugin)
             self._environments[key] = environment_id(environment), environment
         return self._environments[key]
+
+    def _is_unchanged(self) -> bool:
+        """Whether the next contestant is shown what the last one was."""
+        assert self._encounter is not None
+        try:
+            return self._encounter.digest() == self._digest
+        except Exception:  # an array may have become anything
+            return False
+
+    def _fresh_scenes(self) -> Sequence[Scene]:
+        job: Job = pickle.loads(self._job)
+        return job.plan.scenes
 
     def _made(self, outcome: Outcome, contestant: Contestant[Any]) -> Made:
         name, environment = self.environment(contestant)

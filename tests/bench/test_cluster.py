@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 
 import pandas as pd
@@ -90,9 +91,16 @@ class Cluster:
         self.folder, self.environment = folder, environment
         self.processes = []
         self.scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0")
-        while not (folder / "scheduler.json").exists():
+        while (address := self.read_address()) is None:
             time.sleep(0.05)
-        self.address = json.loads((folder / "scheduler.json").read_text())["address"]
+        self.address = address
+
+    def read_address(self):
+        """Address of the scheduler, once it has written it."""
+        try:
+            return json.loads((self.folder / "scheduler.json").read_text())["address"]
+        except (FileNotFoundError, json.JSONDecodeError):
+            return None
 
     def start(self, role, *args):
         command = [sys.executable, "-m", "dask", role, "--scheduler-file", "scheduler.json", "--no-dashboard"]
@@ -409,8 +417,9 @@ def test_a_process_is_lent_again_and_ends_when_nobody_asks_for_it(order):
         assert len(list(first.work(Block(0, 0, 0.0, (0, 1))))) == 2
     with lanes.lane(packed) as again:
         assert again is first
+        process_id = first._process_id
     deadline = time.monotonic() + 30
-    while first._is_alive():
+    while psutil.pid_exists(process_id):
         assert time.monotonic() < deadline
         time.sleep(0.05)
 
@@ -435,5 +444,8 @@ def test_a_process_that_works_ends_when_its_run_does(order):
     lanes, packed = Lanes(), order.pack()
     with lanes.lane(packed) as lane:
         list(lane.work(Block(0, 0, 0.0, (0,))))
+        process_id = lane._process_id
         lanes.stop(packed.token)
-        assert not lane._is_alive()
+        assert not psutil.pid_exists(process_id)
+        with pytest.raises(CancelledError):
+            list(lane.work(Block(0, 0, 0.0, (0,))))
