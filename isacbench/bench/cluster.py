@@ -85,8 +85,6 @@ def work_on_cluster(
         worker, or a worker lacks a plugin or has another version of it; from
         the generator also if the cluster is lost meanwhile.
     """
-    if not blocks:
-        return (made for made in ())
     order = Order(job, guard, versions_now(job.plan), mix_versions).pack()
     with ExitStack() as stack:
         stack.enter_context(_quiet())

@@ -305,7 +305,7 @@ def _work(
 
 def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Made, None, None]:
     """Outcomes of blocks, wherever they are worked off; a cluster that is not there is told at once."""
-    if execution.dask is not None:
+    if execution.dask is not None and blocks:
         from isacbench.bench.cluster import work_on_cluster  # an optional dependency
 
         return work_on_cluster(job, blocks, execution.guard, execution.dask, execution.mix_versions)
