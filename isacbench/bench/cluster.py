@@ -85,6 +85,9 @@ def work_on_cluster(
         worker, or a worker lacks a plugin or has another version of it; from
         the generator also if the cluster is lost meanwhile.
     """
+    if not blocks:
+        nothing: tuple[Made, ...] = ()
+        return (made for made in nothing)
     order = Order(job, guard, versions_now(job.plan), mix_versions).pack()
     with ExitStack() as stack:
         stack.enter_context(_quiet())
@@ -230,9 +233,7 @@ class _Cluster:
         if isinstance(error, KilledWorker):
             return None
         if isinstance(error, UnfitWorkerError | ImportError | AttributeError):
-            raise InputError(
-                _refusal(self._address, [f"a worker that came later: {_fault(error)}"])
-            ) from error
+            raise InputError(_refusal(self._address, [f"a later worker: {_fault(error)}"])) from error
         assert error is not None
         raise error
 

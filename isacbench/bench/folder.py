@@ -134,6 +134,6 @@ def _lock_file(folder: Path) -> TextIO:
 
 def _cannot_be_locked(folder: Path, error: OSError) -> InputError:
     return InputError(
-        f"{folder}: cannot be locked: {error.strerror or error}; allowed is a folder to be written "
+        f"{folder}: cannot be locked: {error.strerror or error}; allowed is a folder that can be written "
         "into, on a file system with locks"
     )

@@ -142,7 +142,7 @@ class _Reader:
     def read(self, line: bytes) -> None:
         if line == b"\n":
             return
-        text = line[N_CRC + 1 : -1]
+        text = line[N_CRC + 1 :].removesuffix(b"\n")  # which alone may be what a kill has torn off
         if line[:N_CRC] != b"%08x" % zlib.crc32(text):
             self.n_torn += 1
             return

@@ -26,6 +26,7 @@ from isacbench.bench.rows import Rows
 from isacbench.bench.store import (
     JOURNAL,
     Session,
+    describe_run,
     read_rows,
     read_sessions,
     write_manifest,
@@ -256,17 +257,15 @@ def run_suite(
 
 def _enter(folder: Path, job: Job, execution: Execution) -> Rows:
     """Stored rows that the run goes on with; the others are gone afterwards."""
-    stored = read_rows(folder)
-    if not len(stored):
-        return stored
-    suite = job.suite
+    stored, suite = read_rows(folder), job.suite
     try:
         kept = keep(stored, job.plan, suite.name, suite.seed, execution.rerun, execution.mix_versions)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
-    if (folder / JOURNAL).exists() or len(kept) < len(stored):
+    if len(stored) and ((folder / JOURNAL).exists() or len(kept) < len(stored)):
         write_rows(folder, typed(kept.records, STUDIES[suite.kind].columns), kept.clouds())
-        (folder / JOURNAL).unlink(missing_ok=True)
+    # What is left of it is torn: no row that is made again may be read from it later.
+    (folder / JOURNAL).unlink(missing_ok=True)
     return kept
 
 
@@ -281,7 +280,7 @@ def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Bloc
 def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]]) -> None:
     """Write what the rows to come cannot be understood without, should the run be killed."""
     write_truth(folder, job.scenarios)
-    write_manifest(folder, job, kept.environments, sessions)
+    write_manifest(folder, describe_run(job), kept.environments, sessions)
 
 
 def _work(
@@ -305,7 +304,7 @@ def _work(
 
 def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Made, None, None]:
     """Outcomes of blocks, wherever they are worked off; a cluster that is not there is told at once."""
-    if execution.dask is not None and blocks:
+    if execution.dask is not None:
         from isacbench.bench.cluster import work_on_cluster  # an optional dependency
 
         return work_on_cluster(job, blocks, execution.guard, execution.dask, execution.mix_versions)
@@ -317,5 +316,5 @@ def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[
 def _finish(folder: Path, job: Job, results: Results, sessions: list[dict[str, Any]]) -> None:
     """Write the tables, and only then let go of the journal that they are made from."""
     write_results(results, folder)
-    write_manifest(folder, job, results.environments, sessions)
+    write_manifest(folder, describe_run(job), results.environments, sessions)
     (folder / JOURNAL).unlink()

@@ -1,12 +1,14 @@
-"""A room with space for one scatterer or two, simulated in a millisecond, and images made up for it."""
+"""A room with space for one scatterer or two, images made up for it, and plugins that go wrong."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from isacbench.bench.cell import Shot
 from isacbench.bench.radio import space_places
+from isacbench.entries import load_plugin_file
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import PanelFrame
@@ -50,3 +52,11 @@ def put():
         return dataclasses.replace(scenario, scatterers=Scatterers(xyz, velocity, np.ones(len(velocity))))
 
     return make
+
+
+@pytest.fixture
+def wreck(write_plugin):
+    """Register a plugin file that does right, as `good` and `dice`, and wrong in many ways, as `wreck`."""
+    path = write_plugin("wreck.py", Path(__file__).with_name("wreck.py").read_text())
+    load_plugin_file(path)
+    return path

@@ -11,10 +11,7 @@ from isacbench.bench.guard import Guard
 from isacbench.bench.record import TIMES
 from isacbench.bench.runner import Execution, run_suite
 from isacbench.bench.suite import Suite
-from isacbench.entries import load_plugin_file
 from isacbench.errors import InputError
-
-WRECK = Path(__file__).with_name("wreck.py").read_text()
 
 MEMORY_MIB = 256
 
@@ -68,12 +65,6 @@ DEADLY = {name for name, (status, _) in FAILURES.items() if status == "killed"}
 HARMLESS_UNGUARDED = [*(set(FAILURES) - DEADLY - {"interrupt", "ask"}), "disturb"]
 
 UNHURT = ["good", "dice"]
-
-
-@pytest.fixture
-def wreck(write_plugin):
-    """Register the plugin file."""
-    load_plugin_file(write_plugin("wreck.py", WRECK))
 
 
 @pytest.fixture

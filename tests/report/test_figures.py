@@ -6,7 +6,6 @@ import matplotlib
 import pytest
 
 from isacbench.bench.runner import run, run_suite
-from isacbench.bench.store import write_results
 from isacbench.bench.suite import Suite
 from isacbench.contracts import Diagnoser
 from isacbench.errors import InputError
@@ -108,9 +107,7 @@ def test_a_run_without_cells_draws_nothing(plugins, tiny, tmp_path):
     suite = Suite(
         name="t", scenarios=[str(tiny)], estimators=["trouble[kind=interrupt]"], snr_db=[0], trials=1
     )
-    results = run_suite(suite)
-    assert results.interrupted
-    write_results(results, tmp_path)
+    assert run_suite(suite, tmp_path).interrupted
     assert draw_run(tmp_path) == []
 
 
