@@ -34,6 +34,9 @@ MAX_TABLE_WIDTH = 1000
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
 
+GAPS_SHOWN = 10
+"""Lines about missing cells; whoever misses more has not merged all parts yet."""
+
 EXIT_USAGE = 2
 EXIT_FAILED_CELLS = 3
 EXIT_REGRESSION = 4
@@ -232,6 +235,34 @@ def report(
     _register(plugin)
     results = read_results(folder)
     _report(folder, results.records, results.suite.kind)
+
+
+@app.command()
+def merge(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Folders of runs of one suite, such as its shards.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="New folder for all of them.")],
+    mix_versions: Annotated[
+        bool, typer.Option("--mix-versions", help="Join rows of an estimator that several versions made.")
+    ] = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Join parts of a run: its shards, or runs of one suite with other estimators, SNRs or trials."""
+    from isacbench.bench.merge import merge as merge_runs
+
+    _register(plugin)
+    merged = merge_runs(folders, out, mix_versions)
+    if not merged.records.empty:
+        _report(out, merged.records, merged.kind)
+    typer.echo(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
+    for gap in merged.gaps[:GAPS_SHOWN]:
+        trials = ", ".join(map(str, gap.trials))
+        typer.echo(
+            f"missing: {gap.n_cells} of {gap.estimator} {gap.params} on {gap.scenario}, trials {trials}"
+        )
+    if len(merged.gaps) > GAPS_SHOWN:
+        typer.echo(f"missing: and of {len(merged.gaps) - GAPS_SHOWN} more")
 
 
 @app.command()

@@ -233,9 +233,7 @@ class _Cluster:
         if isinstance(error, KilledWorker):
             return None
         if isinstance(error, UnfitWorkerError | ImportError | AttributeError):
-            raise InputError(
-                _refusal(self._address, [f"a worker that came later: {_fault(error)}"])
-            ) from error
+            raise InputError(_refusal(self._address, [f"a later worker: {_fault(error)}"])) from error
         assert error is not None
         raise error
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from isacbench.bench.plan import Block
     from isacbench.bench.record import Status
 
-__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "lost", "start_process_server"]
+__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "start_process_server"]
 
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
@@ -181,7 +181,7 @@ class Lane:
             raise
         except Exception as error:
             self._renew()
-            return lost(trace, *self._verdict(error), time.perf_counter() - start)
+            return _lost(trace, *self._verdict(error), time.perf_counter() - start)
         if made.outcome.record.status == "killed":
             self._renew()  # what the plugin still holds must not be held against other cells
         return made
@@ -255,8 +255,8 @@ def _context() -> Any:
     return context
 
 
-def lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
-    """Row of a cell whose outcome did not come back, made of what its observation left of it."""
+def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
+    """Row of a cell whose outcome did not come back."""
     record = replace(trace.outcome.record, status=status, reason=reason, time_estimate_s=time_s)
     return trace._replace(outcome=replace(trace.outcome, record=record))
 

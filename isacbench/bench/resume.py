@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-__all__ = ["RERUNS", "Rerun", "differing_versions", "keep", "parse_reruns", "versions_now"]
+__all__ = ["RERUNS", "Rerun", "differing_versions", "has_its_cloud", "keep", "parse_reruns", "versions_now"]
 
 Rerun = Literal["failed", "stale", "all"]
 
@@ -86,7 +86,7 @@ def keep(
     positions = plan.positions(records)
     _refuse_others(records, positions, suite_name, seed)
     stored = _with_environments(stored, plan)
-    good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & _has_its_cloud(stored)
+    good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & has_its_cloud(stored)
     if "all" in rerun:
         return stored.take(np.zeros_like(good))
     if "failed" in rerun:
@@ -126,7 +126,7 @@ def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], suite_na
         )
 
 
-def _has_its_cloud(stored: Rows) -> Mask:
+def has_its_cloud(stored: Rows) -> Mask:
     """Rows whose clouds are as large as they say; rows without scores have none."""
     scored = stored.records["deviation"].notna().to_numpy()
     whole: Mask = ~scored | (stored.n_points == stored.records["n_estimated"].to_numpy())

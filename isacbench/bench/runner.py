@@ -26,6 +26,7 @@ from isacbench.bench.rows import Rows
 from isacbench.bench.store import (
     JOURNAL,
     Session,
+    describe_run,
     read_rows,
     read_sessions,
     write_manifest,
@@ -279,7 +280,7 @@ def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Bloc
 def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]]) -> None:
     """Write what the rows to come cannot be understood without, should the run be killed."""
     write_truth(folder, job.scenarios)
-    write_manifest(folder, job, kept.environments, sessions)
+    write_manifest(folder, describe_run(job), kept.environments, sessions)
 
 
 def _work(
@@ -315,5 +316,5 @@ def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[
 def _finish(folder: Path, job: Job, results: Results, sessions: list[dict[str, Any]]) -> None:
     """Write the tables, and only then let go of the journal that they are made from."""
     write_results(results, folder)
-    write_manifest(folder, job, results.environments, sessions)
+    write_manifest(folder, describe_run(job), results.environments, sessions)
     (folder / JOURNAL).unlink()

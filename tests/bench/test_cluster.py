@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 
 import pandas as pd
@@ -90,9 +91,16 @@ class Cluster:
         self.folder, self.environment = folder, environment
         self.processes = []
         self.scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0")
-        while not (folder / "scheduler.json").exists():
+        while (address := self.read_address()) is None:
             time.sleep(0.05)
-        self.address = json.loads((folder / "scheduler.json").read_text())["address"]
+        self.address = address
+
+    def read_address(self):
+        """Address of the scheduler, once it has written it."""
+        try:
+            return json.loads((self.folder / "scheduler.json").read_text())["address"]
+        except (FileNotFoundError, json.JSONDecodeError):
+            return None
 
     def start(self, role, *args):
         command = [sys.executable, "-m", "dask", role, "--scheduler-file", "scheduler.json", "--no-dashboard"]
@@ -444,3 +452,5 @@ def test_a_process_that_works_ends_when_its_run_does(order):
         process_id = lane._process_id
         lanes.stop(packed.token)
         wait_for_end(process_id)
+        with pytest.raises(CancelledError):
+            list(lane.work(Block(0, 0, 0.0, (0,))))
