@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from isacbench.bench.suite import Kind
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
+    from isacbench.report.aside import Aside
     from isacbench.report.tables import Grid
 
 __all__ = ["app", "main"]
@@ -189,6 +190,7 @@ def run(
     from isacbench.bench.runner import Execution, run_suite
     from isacbench.bench.statuses import failed
     from isacbench.bench.suite import load_suite, parse_snr
+    from isacbench.report.aside import Aside
 
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
@@ -208,10 +210,16 @@ def run(
         seed=seed,
     )
     folder = default_folder(wanted.name) if out is None else out
-    with _progress_bar(wanted.name) as progress:
-        results = run_suite(wanted, folder, progress, execution)
-    if not results.records.empty:
-        _report(folder, results.records, results.suite.kind)
+    with Aside() as aside:
+        with _progress_bar(wanted.name) as show:
+
+            def progress(n_done: int, n_cells: int) -> None:
+                aside.get_ready()  # as soon as workers are busy, and this process is not
+                show(n_done, n_cells)
+
+            results = run_suite(wanted, folder, progress, execution)
+        if not results.records.empty:
+            _report(folder, results.records, results.suite.kind, aside)
     if results.interrupted:
         _fail(f"interrupted: the {len(results.records)} cells so far are in {folder}", EXIT_INTERRUPTED)
     lost = results.records[failed(results.records)]
@@ -232,10 +240,12 @@ def report(
 ) -> None:
     """Redraw tables and figures of a run, without running again."""
     from isacbench.bench.store import read_results
+    from isacbench.report.aside import Aside
 
     _register(plugin)
     results = read_results(folder)
-    _report(folder, results.records, results.suite.kind)
+    with Aside() as aside:
+        _report(folder, results.records, results.suite.kind, aside)
 
 
 @app.command()
@@ -251,11 +261,13 @@ def merge(
 ) -> None:
     """Join parts of a run: its shards, or runs of one suite with other estimators, SNRs or trials."""
     from isacbench.bench.merge import merge as merge_runs
+    from isacbench.report.aside import Aside
 
     _register(plugin)
     merged = merge_runs(folders, out, mix_versions)
     if not merged.records.empty:
-        _report(out, merged.records, merged.kind)
+        with Aside() as aside:
+            _report(out, merged.records, merged.kind, aside)
     typer.echo(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
     for gap in merged.gaps[:GAPS_SHOWN]:
         trials = ", ".join(map(str, gap.trials))
@@ -476,15 +488,14 @@ def _truth(name_or_path: str) -> tuple[PointCloud, Region | None, float | None]:
     return points, region, velocity_bin_mps
 
 
-def _report(folder: Path, records: pd.DataFrame, kind: Kind) -> None:
+def _report(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside) -> None:
     """Write and print the tables of a run, and draw its figures."""
-    from isacbench.report.figures import draw_run
     from isacbench.report.kinds import TABLES, write_tables
 
     for grid in TABLES[kind].grids(records):
         _print_grid(grid)
     tables = write_tables(folder, records, kind)
-    figures = draw_run(folder)
+    figures = aside.draw_run(folder)
     typer.echo(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
 
 
