@@ -178,12 +178,13 @@ def run(
     ] = False,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
-    from isacbench.bench.guard import Guard, start_process_server
-    from isacbench.bench.plan import Shard
-
     if dask is None:
+        from isacbench.processes import start_process_server
+
         start_process_server()  # which imports what workers need while this process imports the rest
     from isacbench.bench.folder import default_folder
+    from isacbench.bench.guard import Guard
+    from isacbench.bench.plan import Shard
     from isacbench.bench.resume import parse_reruns
     from isacbench.bench.runner import Execution, run_suite
     from isacbench.bench.statuses import failed

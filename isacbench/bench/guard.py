@@ -7,7 +7,6 @@ a row that says so, a fresh process takes over, and no other cell notices.
 from __future__ import annotations
 
 import fcntl
-import multiprocessing
 import os
 import resource
 import signal
@@ -31,6 +30,7 @@ from isacbench.bench.cell import describe_error
 from isacbench.bench.resume import versions_now
 from isacbench.bench.workbench import Made, Workbench
 from isacbench.errors import InputError
+from isacbench.processes import process_context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from isacbench.bench.plan import Block
     from isacbench.bench.record import Status
 
-__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "start_process_server"]
+__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane"]
 
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
@@ -49,9 +49,6 @@ OBSERVE_ATTEMPTS = 3
 POLL_S = 0.2
 GRACE_S = 2.0
 MIB = 2**20
-PRELOADED = ["isacbench.bench.guard", "isacbench.bench.studies", "isacbench_algorithms.cellwise"]
-"""What the server of processes imports once, so that a fresh worker is there at once."""
-
 F_SETSIG = 10
 """Of Linux: which signal tells of a file descriptor; Python has no name for it."""
 
@@ -237,22 +234,7 @@ class Lane:
         self._pool.join()
 
     def _fresh_pool(self) -> ProcessPool:
-        return ProcessPool(1, initializer=_start_worker, initargs=[self._job], context=_context())
-
-
-def start_process_server() -> None:
-    """Start the server that worker processes come from, which imports what they need meanwhile."""
-    _context()
-    from multiprocessing.forkserver import ensure_running
-
-    ensure_running()
-
-
-def _context() -> Any:
-    """Fresh processes that inherit neither threads nor locks, and that start in milliseconds."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOADED)
-    return context
+        return ProcessPool(1, initializer=_start_worker, initargs=[self._job], context=process_context())
 
 
 def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from concurrent.futures import TimeoutError as DeadlineError
-from multiprocessing import get_context
 
 from pebble import ProcessExpired, ProcessPool
 
@@ -13,6 +12,7 @@ from isacbench.conformance import check_names, iterate_checks
 from isacbench.conformance.findings import Finding
 from isacbench.entries import Kind, local_plugins, register_plugin
 from isacbench.plugin_files import PluginFile
+from isacbench.processes import process_context
 
 __all__ = ["CHECK_TIMEOUT_S", "check_guarded"]
 
@@ -40,7 +40,7 @@ def check_guarded(kind: Kind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> 
     names = check_names(kind)
     found: list[Finding] = []
     pool = ProcessPool(
-        1, initializer=_start, initargs=[kind, name, local_plugins()], context=get_context("forkserver")
+        1, initializer=_start, initargs=[kind, name, local_plugins()], context=process_context()
     )
     try:
         while len(found) < len(names):

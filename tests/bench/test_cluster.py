@@ -411,17 +411,22 @@ def test_an_order_survives_its_journey(order):
     assert packed.token != order.pack().token
 
 
-def test_a_process_is_lent_again_and_ends_when_nobody_asks_for_it(order):
-    lanes, packed = Lanes(idle_s=0.2), order.pack()
-    with lanes.lane(packed) as first:
-        assert len(list(first.work(Block(0, 0, 0.0, (0, 1))))) == 2
-    with lanes.lane(packed) as again:
-        assert again is first
-        process_id = first._process_id
+def wait_for_end(process_id):
+    """Wait for the end of a process, which nobody here is the parent of."""
     deadline = time.monotonic() + 30
     while psutil.pid_exists(process_id):
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def test_a_process_is_lent_again_and_ends_when_nobody_asks_for_it(order):
+    lanes, packed = Lanes(idle_s=0.2), order.pack()
+    with lanes.lane(packed) as first:
+        assert len(list(first.work(Block(0, 0, 0.0, (0, 1))))) == 2
+        process_id = first._process_id
+    with lanes.lane(packed) as again:
+        assert again is first
+    wait_for_end(process_id)
 
 
 def test_a_process_with_a_problem_is_not_lent_again(order):
@@ -446,6 +451,6 @@ def test_a_process_that_works_ends_when_its_run_does(order):
         list(lane.work(Block(0, 0, 0.0, (0,))))
         process_id = lane._process_id
         lanes.stop(packed.token)
-        assert not psutil.pid_exists(process_id)
+        wait_for_end(process_id)
         with pytest.raises(CancelledError):
             list(lane.work(Block(0, 0, 0.0, (0,))))
