@@ -279,6 +279,19 @@ def merge(
 
 
 @app.command()
+def rescore(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+    """Score the clouds of a run again, without estimating: after a change of the metric, say."""
+    from isacbench.bench.rescore import rescore as rescore_run
+
+    rescored = rescore_run(folder)
+    if not rescored.records.empty:
+        _report(folder, rescored.records, rescored.kind)
+    typer.echo(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")
+    for change in rescored.changes:
+        typer.echo(f"{change.column}: {change.n_rows} rows, by at most {change.largest:.6g}")
+
+
+@app.command()
 def compare(
     base: Annotated[Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with.")],
     new: Annotated[Path, typer.Argument(metavar="NEW", help="Folder of the run to judge.")],

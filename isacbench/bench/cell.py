@@ -27,6 +27,7 @@ __all__ = [
     "failure",
     "raw_cloud",
     "run_cell",
+    "score_image",
 ]
 
 MAX_MESSAGE = 1000
@@ -41,16 +42,18 @@ class Shot:
     ----------
     scenario : Scenario
         With the scatterers that were observed.
-    observation : Observation
-    estimator : Estimator or TruthEstimator
+    observation : Observation or None
+        None where a stored cloud is measured again.
+    estimator : Estimator, TruthEstimator or None
+        Likewise.
     snr_db : float
     cloud : PointCloud
         What the estimator made of the observation.
     """
 
     scenario: Scenario
-    observation: Observation
-    estimator: AnyEstimator
+    observation: Observation | None
+    estimator: AnyEstimator | None
     snr_db: float
     cloud: PointCloud
 
@@ -88,9 +91,7 @@ def run_cell(
     try:
         cloud = estimate_cloud(estimator, observation, truth)
         estimated = time.perf_counter()
-        scores: dict[str, Any] = dict(
-            score(truth, cloud, region=scenario.region, velocity_bin_mps=scenario.system.velocity_bin_mps)
-        )
+        scores = score_image(scenario, cloud)
         shot = Shot(scenario, observation, estimator, cell.snr_db, cloud)
         extras = {} if measure is None else measure(shot)
     except KeyboardInterrupt:
@@ -106,6 +107,12 @@ def run_cell(
         time_score_s=time.perf_counter() - estimated,
     )
     return Outcome(record, cloud, extras)
+
+
+def score_image(scenario: Scenario, cloud: PointCloud) -> dict[str, Any]:
+    """Scores of a cloud by the metric ``paper``, given the scenario that was observed."""
+    velocity_bin_mps = scenario.system.velocity_bin_mps
+    return dict(score(scenario.truth, cloud, region=scenario.region, velocity_bin_mps=velocity_bin_mps))
 
 
 def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:
