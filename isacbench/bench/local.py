@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
-from isacbench.bench.guard import Guard, Lane
+from isacbench.bench.guard import Guard, Lane, start_process_server
 from isacbench.bench.plan import BlockQueue
 from isacbench.bench.workbench import Made, Workbench
 
@@ -47,6 +47,7 @@ def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -
     Made
         In the order in which they are done.
     """
+    start_process_server()
     queue = BlockQueue(blocks)
     done: SimpleQueue[Made | BaseException | None] = SimpleQueue()
     lanes = [Lane(job, guard) for _ in range(min(n_jobs, len(blocks)))]
