@@ -22,6 +22,8 @@ from isacbench.bench.suite import Suite
 from isacbench.entries import load_plugin_file
 from isacbench.errors import InputError
 
+SLOW = pytest.mark.slow
+
 MEMORY_MIB = 256
 
 FAILURES = {
@@ -124,7 +126,7 @@ def assert_failures(records, kinds):
     "kinds",
     [
         [kind for kind in FAILURES if kind not in MORE_OF_THE_SAME],
-        pytest.param(sorted(MORE_OF_THE_SAME), marks=pytest.mark.slow),
+        pytest.param(sorted(MORE_OF_THE_SAME), marks=SLOW),
     ],
     ids=["most", "rest"],
 )
@@ -160,7 +162,7 @@ def test_a_cell_that_never_ends_is_stopped_and_the_rest_goes_on(suite):
     assert_others_are_those_of_a_run_without(wrecked, records)
 
 
-@pytest.mark.slow
+@SLOW
 @pytest.mark.parametrize("kind", ["loop_in_c", "freeze"])
 def test_neither_ignored_signals_nor_a_halt_keep_a_cell_alive(suite, kind):
     wrecked = suite([kind])
@@ -195,7 +197,7 @@ def test_a_row_says_the_same_environment_wherever_it_was_made(suite):
     assert here.environments == there.environments
 
 
-@pytest.mark.slow
+@SLOW
 def test_the_number_of_processes_changes_nothing(suite):
     wrecked = suite(["raise_", "exit7", "unlock", "disturb"], trials=3, snr_db=[-10, 0, 10])
     one, two, many = (guarded(wrecked, n_jobs=n) for n in (1, 2, 5))
@@ -242,10 +244,10 @@ class Homebody:
         ("raise OSError('not here')", r"plugin homebody\.py: cannot be imported: line 8: OSError: not here"),
         (
             "os._exit(3)",
-            r"scenario tiny, trial \d, 0 dB: 3 worker processes in a row did not live to observe it, the last "
-            "one exited with code 3",
+            r"scenario tiny, trial \d, 0 dB: 3 worker processes in a row did not live to observe it, "
+            "the last one exited with code 3",
         ),
-        pytest.param("os._exit(0)", "did not live to observe it", marks=pytest.mark.slow),
+        pytest.param("os._exit(0)", "did not live to observe it", marks=SLOW),
     ],
 )
 def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
@@ -282,9 +284,7 @@ def work_in_thread(lane):
     return ended
 
 
-@pytest.mark.parametrize(
-    "delay_s", [0, 0.2, *(pytest.param(t, marks=pytest.mark.slow) for t in (0.05, 0.1, 1))]
-)
+@pytest.mark.parametrize("delay_s", [0, 0.2, *(pytest.param(t, marks=SLOW) for t in (0.05, 0.1, 1))])
 @pytest.mark.parametrize("how", ["cancel", "stop"])
 def test_a_busy_lane_can_be_stopped_from_another_thread_at_any_moment(lane, how, delay_s):
     ended = work_in_thread(lane)
