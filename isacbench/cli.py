@@ -7,7 +7,7 @@ import math
 import time
 import traceback
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
 
@@ -240,12 +240,10 @@ def report(
 ) -> None:
     """Redraw tables and figures of a run, without running again."""
     from isacbench.bench.store import read_results
-    from isacbench.report.aside import Aside
 
     _register(plugin)
     results = read_results(folder)
-    with Aside() as aside:
-        _report(folder, results.records, results.suite.kind, aside)
+    _report(folder, results.records, results.suite.kind)
 
 
 @app.command()
@@ -261,13 +259,11 @@ def merge(
 ) -> None:
     """Join parts of a run: its shards, or runs of one suite with other estimators, SNRs or trials."""
     from isacbench.bench.merge import merge as merge_runs
-    from isacbench.report.aside import Aside
 
     _register(plugin)
     merged = merge_runs(folders, out, mix_versions)
     if not merged.records.empty:
-        with Aside() as aside:
-            _report(out, merged.records, merged.kind, aside)
+        _report(out, merged.records, merged.kind)
     typer.echo(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
     for gap in merged.gaps[:GAPS_SHOWN]:
         trials = ", ".join(map(str, gap.trials))
@@ -501,14 +497,16 @@ def _truth(name_or_path: str) -> tuple[PointCloud, Region | None, float | None]:
     return points, region, velocity_bin_mps
 
 
-def _report(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside) -> None:
+def _report(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside | None = None) -> None:
     """Write and print the tables of a run, and draw its figures."""
+    from isacbench.report.aside import Aside
     from isacbench.report.kinds import TABLES, write_tables
 
     for grid in TABLES[kind].grids(records):
         _print_grid(grid)
     tables = write_tables(folder, records, kind)
-    figures = aside.draw_run(folder)
+    with Aside() if aside is None else nullcontext(aside) as hand:
+        figures = hand.draw_run(folder)
     typer.echo(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
 
 

@@ -1,7 +1,8 @@
-"""Where worker processes come from: a server that has imported what they need, and nothing of this process."""
+"""Where worker processes come from: a server that has imported what they need, and nothing else."""
 
 from __future__ import annotations
 
+import signal
 from multiprocessing import get_context
 from typing import TYPE_CHECKING
 
@@ -26,4 +27,9 @@ def start_process_server() -> None:
     process_context()
     from multiprocessing.forkserver import ensure_running
 
-    ensure_running()
+    # Interrupts are for this process: the server inherits that they are blocked, and its workers from it.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -12,6 +12,7 @@ import threading
 import time
 import warnings
 from dataclasses import dataclass
+from multiprocessing import connection
 from pathlib import Path
 from typing import ClassVar
 
@@ -107,6 +108,12 @@ def stay(path):
     if path:
         with Path(path).open("a") as file:
             file.write(f"{child}\n")
+
+
+def send_half(self, content):
+    """Die in the middle of an answer."""
+    os.write(self.fileno(), bytes(content)[: len(content) // 2])
+    os._exit(5)
 
 
 def disturb():
@@ -206,6 +213,10 @@ class Wreck:
 
     def close_all(self, observation):
         os.closerange(0, 1000)
+        return points(observation)
+
+    def half(self, observation):
+        connection.Connection._send = send_half
         return points(observation)
 
     def loop(self, observation):
