@@ -167,7 +167,8 @@ class Lane:
         raise InputError(
             f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
             f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last one {cause}; "
-            "allowed are a scenario that fits into memory, and plugins that can be imported"
+            "allowed are a scenario that fits into memory, plugins that can be imported, and, in a script, "
+            "a run below `if __name__ == '__main__':`"
         )
 
     def _image(self, contestant: int, trace: Made) -> Made:
@@ -324,6 +325,7 @@ def _image(contestant: int, memory_mib: float | None) -> Made:
     except BaseException as error:  # such as KeyboardInterrupt, or no memory left to tell of no memory
         status: Status = "killed" if isinstance(error, MemoryError) else "error"
         made = _workbench.forfeit(contestant, status, describe_error(error), time.perf_counter() - start)
+        _workbench.start_over()
     finally:
         if os.getpid() != _process_id:
             os._exit(1)  # a plugin has forked, and here comes its child

@@ -35,6 +35,7 @@ FAILURES = {
     "long": ("error", f"ValueError: {'x' * 1000}..."),
     "recursion": ("error", "RecursionError: maximum recursion depth exceeded"),
     "interrupt": ("error", "KeyboardInterrupt"),
+    "interrupt_and_change": ("error", "KeyboardInterrupt"),
     "leave": ("error", "SystemExit: 7"),
     "exit0": ("killed", "the process exited with code 0"),
     "exit7": ("killed", "the process exited with code 7"),
@@ -74,7 +75,7 @@ MORE_OF_THE_SAME = {
 """Left to the slow tests, for each costs a fresh process or a fresh observation."""
 
 DEADLY = {name for name, (status, _) in FAILURES.items() if status == "killed"}
-HARMLESS_UNGUARDED = [*(set(FAILURES) - DEADLY - {"interrupt", "ask"}), "disturb"]
+HARMLESS_UNGUARDED = [*(set(FAILURES) - DEADLY - {"interrupt", "interrupt_and_change", "ask"}), "disturb"]
 
 UNHURT = ["good", "dice"]
 

@@ -169,6 +169,10 @@ class Wreck:
     def interrupt(self, observation):
         raise KeyboardInterrupt
 
+    def interrupt_and_change(self, observation):
+        unlock(observation.cells)
+        raise KeyboardInterrupt
+
     def leave(self, observation):
         sys.exit(7)
 
