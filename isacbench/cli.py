@@ -180,7 +180,7 @@ def run(
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
     if dask is None:
-        from isacbench.processes import start_process_server
+        from isacbench.process_server import start_process_server
 
         start_process_server()  # which imports what workers need while this process imports the rest
     from isacbench.bench.folder import default_folder

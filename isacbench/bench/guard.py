@@ -6,34 +6,26 @@ a row that says so, a fresh process takes over, and no other cell notices.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import resource
-import signal
-import sys
 import time
 from collections import deque
-from concurrent.futures import CancelledError, wait
-from concurrent.futures import TimeoutError as DeadlineError
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import connection, parent_process
 from pathlib import Path
-from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any, Self
 
-from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cell import describe_error
 from isacbench.bench.resume import versions_now
 from isacbench.bench.workbench import Made, Workbench
 from isacbench.errors import InputError
-from isacbench.processes import process_context
+from isacbench.guarded_process import GuardedProcess, ProcessLostError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from types import TracebackType
 
     from isacbench.bench.job import Job
@@ -46,13 +38,7 @@ DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
 
 OBSERVE_ATTEMPTS = 3
-POLL_S = 0.2
-GRACE_S = 2.0
-END_S = 10.0
 MIB = 2**20
-F_SETSIG = 10
-"""Of Linux: which signal tells of a file descriptor; Python has no name for it."""
-
 PROCESS_STATUS = Path("/proc/self/status")
 
 
@@ -96,11 +82,7 @@ class Lane:
 
     def __init__(self, job: Job, guard: Guard) -> None:
         self._job, self._guard = job, guard
-        self._stopped = Event()
-        self._renewing = Lock()
-        self._pool = self._fresh_pool()
-        self._process_id = 0
-        """Of the process that is at work; 0 where there is none yet."""
+        self._process = GuardedProcess(_start_worker, job)
 
     def __enter__(self) -> Self:
         return self
@@ -110,15 +92,18 @@ class Lane:
     ) -> None:
         self.stop()
 
+    @property
+    def process_id(self) -> int:
+        """Number of the process, 0 where there is none yet."""
+        return self._process.id
+
     def cancel(self) -> None:
         """Tell the lane to end its work, without waiting for it; from any thread."""
-        self._stopped.set()
+        self._process.cancel()
 
     def stop(self) -> None:
         """End the process for good, whatever it does; from any thread."""
-        self._stopped.set()
-        with self._renewing:
-            self._end_process()
+        self._process.stop()
 
     def versions(self) -> dict[tuple[str, str], Any]:
         """Versions that rows of the process have, by name and parameters of the contestant.
@@ -129,12 +114,9 @@ class Lane:
             If the process cannot have all contestants.
         """
         try:
-            found: dict[tuple[str, str], Any] = self._call(_versions, timeout_s=self._guard.timeout_s)
-        except (ProcessExpired, BrokenProcessPool) as death:
-            raise InputError(f"loading the plugins, the process {_cause(death)}") from death
-        except DeadlineError as error:
-            raise InputError(f"loading the plugins took more than {self._guard.timeout_s:g} s") from error
-        return found
+            return self._process.call(_versions, timeout_s=self._guard.timeout_s)
+        except ProcessLostError as loss:
+            raise InputError(f"loading the plugins: {loss.reason}") from loss
 
     def work(self, block: Block) -> Iterator[Made]:
         """Work off the cells of a block; each yields a row, whatever becomes of it.
@@ -149,121 +131,46 @@ class Lane:
         waiting = deque(block.contestants)
         while waiting:
             traces = deque(self._observe(block._replace(contestants=tuple(waiting))))
-            while waiting and self._process_id:
-                yield self._image(waiting.popleft(), traces.popleft())
+            has_observed = True
+            while waiting and has_observed:
+                made, has_observed = self._image(waiting.popleft(), traces.popleft())
+                yield made
 
     def _observe(self, block: Block) -> list[Made]:
         """Observe in the process; where the system kills it for want of memory, again in a fresh one."""
         for _ in range(OBSERVE_ATTEMPTS):
             try:
-                if not self._process_id:
-                    self._process_id = self._call(os.getpid)
-                traces: list[Made] = self._call(_observe, block)
-            except (ProcessExpired, BrokenProcessPool) as death:
-                cause = _cause(death)
-                self._renew()
-            else:
-                return traces
+                return self._process.call(_observe, block)
+            except ProcessLostError as loss:
+                reason = loss.reason
         raise InputError(
             f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
-            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last one {cause}; "
-            "allowed are a scenario that fits into memory, plugins that can be imported, and, in a script, "
-            "a run below `if __name__ == '__main__':`"
+            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last one: {reason}; "
+            "allowed are a scenario that fits into memory, and plugins that can be imported"
         )
 
-    def _image(self, contestant: int, trace: Made) -> Made:
-        start = time.perf_counter()
+    def _image(self, contestant: int, trace: Made) -> tuple[Made, bool]:
+        """Image in the process; whether it still has what it has observed."""
+        start, limits = time.perf_counter(), self._guard
         try:
-            made: Made = self._call(
-                _image, contestant, self._guard.memory_mib, timeout_s=self._guard.timeout_s
-            )
+            made = self._process.call(_image, contestant, limits.memory_mib, timeout_s=limits.timeout_s)
         except CancelledError:
             raise
-        except Exception as error:
-            self._renew()
-            return _lost(trace, *self._verdict(error), time.perf_counter() - start)
+        except ProcessLostError as loss:
+            return _lost(trace, loss.status, loss.reason, time.perf_counter() - start), False
+        except Exception as error:  # such as an answer that cannot be sent
+            self._process.renew()
+            return _lost(trace, "error", describe_error(error), time.perf_counter() - start), False
         if made.outcome.record.status == "killed":
-            self._renew()  # what the plugin still holds must not be held against other cells
-        return made
-
-    def _call(self, function: Callable[..., Any], *args: Any, timeout_s: float | None = None) -> Any:
-        """Call a function in the process; whatever ends the process is raised."""
-        try:
-            future = self._pool.schedule(function, args=args, timeout=timeout_s)
-        except RuntimeError as error:
-            self._refuse_if_stopped()
-            raise BrokenProcessPool("The process ended while it had nothing to do") from error
-        while not wait([future], timeout=POLL_S).done:
-            self._refuse_if_stopped()
-            # The pool tells of every death but one with code 0, though not at once.
-            if not self._is_alive() and not wait([future], timeout=GRACE_S).done:
-                self._refuse_if_stopped()
-                raise ProcessExpired("Left", code=0)  # type: ignore[no-untyped-call]
-        return future.result()
-
-    def _verdict(self, error: BaseException) -> tuple[Status, str]:
-        """Status and reason of a cell whose outcome did not come back."""
-        if isinstance(error, DeadlineError):
-            return "timeout", f"more than {self._guard.timeout_s:g} s"
-        if isinstance(error, (ProcessExpired, BrokenProcessPool)):
-            return "killed", f"the process {_cause(error)}"
-        return "error", describe_error(error)
-
-    def _is_alive(self) -> bool:
-        """Whether the process is there."""
-        try:
-            os.kill(self._process_id, 0)
-        except ProcessLookupError:
-            return False
-        return True
-
-    def _renew(self) -> None:
-        with self._renewing:
-            self._end_process()
-            self._refuse_if_stopped()
-            self._pool = self._fresh_pool()
-
-    def _refuse_if_stopped(self) -> None:
-        if self._stopped.is_set():
-            raise CancelledError
-
-    def _end_process(self) -> None:
-        """End the process and all that plugins have started from it."""
-        self._pool.stop()  # type: ignore[no-untyped-call]
-        if self._process_id:
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(self._process_id, signal.SIGKILL)
-        self._process_id = 0
-        # Where a process died half-way through an answer, the pool waits for the rest for ever: let it.
-        end = Thread(target=self._pool.join, daemon=True)
-        end.start()
-        end.join(END_S)
-
-    def _fresh_pool(self) -> ProcessPool:
-        return ProcessPool(1, initializer=_start_worker, initargs=[self._job], context=process_context())
+            self._process.renew()  # what the plugin still holds must not be held against other cells
+            return made, False
+        return made, True
 
 
 def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
     """Row of a cell whose outcome did not come back."""
     record = replace(trace.outcome.record, status=status, reason=reason, time_estimate_s=time_s)
     return trace._replace(outcome=replace(trace.outcome, record=record))
-
-
-def _cause(death: ProcessExpired | BrokenProcessPool) -> str:
-    """Say how a process ended."""
-    if isinstance(death, BrokenProcessPool):
-        return f"ended without an answer: {death.__cause__ or death}"
-    if death.exitcode < 0:
-        return f"died by {_signal_name(-death.exitcode)}"
-    return f"exited with code {death.exitcode}"
-
-
-def _signal_name(number: int) -> str:
-    """Name of a signal; those of real time have none."""
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
 
 
 # What follows runs in the worker process.
@@ -276,29 +183,6 @@ _process_id = 0
 def _start_worker(job: Job) -> None:
     global _job, _workbench, _process_id
     _job, _workbench, _process_id = job, None, os.getpid()
-    os.setsid()  # a group of its own, so that what plugins start ends with it
-    # A plugin that never returns to the interpreter must not outlive its deadline.
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    _die_with_parent()
-
-
-def _die_with_parent() -> None:
-    """Leave no process behind when the run is killed."""
-    parent = parent_process()
-    assert parent is not None
-    if sys.platform == "linux":
-        # The system itself kills the group, even if a plugin never returns to the interpreter.
-        fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, -os.getpid())
-        fcntl.fcntl(parent.sentinel, F_SETSIG, signal.SIGKILL)
-        flags = fcntl.fcntl(parent.sentinel, fcntl.F_GETFL)
-        fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, flags | os.O_ASYNC)
-    Thread(target=_wait_for_end, args=[parent.sentinel], daemon=True).start()
-
-
-def _wait_for_end(sentinel: int) -> None:
-    """Wait for the end of the parent, on every system, or if it has come before the rest was set up."""
-    connection.wait([sentinel])
-    os.killpg(0, signal.SIGKILL)
 
 
 def _versions() -> dict[tuple[str, str], Any]:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
-from concurrent.futures import TimeoutError as DeadlineError
-
-from pebble import ProcessExpired, ProcessPool
 
 from isacbench.conformance import check_names, iterate_checks
 from isacbench.conformance.findings import Finding
 from isacbench.entries import Kind, local_plugins, register_plugin
+from isacbench.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.plugin_files import PluginFile
-from isacbench.processes import process_context
 
 __all__ = ["CHECK_TIMEOUT_S", "check_guarded"]
 
 CHECK_TIMEOUT_S = 120.0
 """A check images small scenes a few times; what takes longer hangs."""
+
+LOSSES = {"timeout": "takes {}: does it hang?", "killed": "does not live through it: {}"}
 
 
 def check_guarded(kind: Kind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> list[Finding]:
@@ -39,24 +37,13 @@ def check_guarded(kind: Kind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> 
     """
     names = check_names(kind)
     found: list[Finding] = []
-    pool = ProcessPool(
-        1, initializer=_start, initargs=[kind, name, local_plugins()], context=process_context()
-    )
-    try:
-        while len(found) < len(names):
-            found.append(pool.schedule(_next, timeout=timeout_s).result())
-    except DeadlineError:
-        found.append(Finding(names[len(found)], "failed", f"takes more than {timeout_s:g} s: does it hang?"))
-    except ProcessExpired as death:
-        found.append(Finding(names[len(found)], "failed", f"ends its process: {_cause(death.exitcode)}"))
-    finally:
-        pool.stop()  # type: ignore[no-untyped-call]
-        pool.join()
+    with GuardedProcess(_start, kind, name, local_plugins()) as process:
+        try:
+            while len(found) < len(names):
+                found.append(process.call(_next, timeout_s=timeout_s))
+        except ProcessLostError as loss:
+            found.append(Finding(names[len(found)], "failed", LOSSES[loss.status].format(loss.reason)))
     return found + [Finding(name, "skipped", f"needs {found[-1].check!r}") for name in names[len(found) :]]
-
-
-def _cause(exit_code: int) -> str:
-    return f"exit code {exit_code}" if exit_code >= 0 else signal.Signals(-exit_code).name
 
 
 # What follows runs in the process of the checks.
@@ -66,7 +53,6 @@ _checks: Iterator[Finding] = iter(())
 
 def _start(kind: Kind, name: str, plugins: tuple[PluginFile, ...]) -> None:
     global _checks
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for plugin in plugins:
         register_plugin(plugin)
     _checks = iterate_checks(kind, name)

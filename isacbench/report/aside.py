@@ -7,15 +7,12 @@ time that it is asked.
 from __future__ import annotations
 
 import warnings
-from concurrent.futures import TimeoutError as DeadlineError
 from threading import Thread
 from typing import TYPE_CHECKING, Self
 
-from pebble import ProcessExpired, ProcessPool
-
 from isacbench.entries import local_plugins, register_plugin
 from isacbench.errors import InputWarning
-from isacbench.processes import process_context
+from isacbench.guarded_process import GuardedProcess, ProcessLostError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,7 +30,7 @@ class Aside:
     """A process that draws diagnoses; a context manager."""
 
     def __init__(self) -> None:
-        self._pool = ProcessPool(1, initializer=_start, initargs=[local_plugins()], context=process_context())
+        self._process = GuardedProcess(_start, local_plugins())
         self._is_ready = False
 
     def __enter__(self) -> Self:
@@ -42,14 +39,13 @@ class Aside:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._pool.stop()  # type: ignore[no-untyped-call]
-        self._pool.join()
+        self._process.stop()
 
     def get_ready(self) -> None:
         """Start the process and have it import, and this one likewise, without waiting for either."""
         if not self._is_ready:
             self._is_ready = True
-            self._pool.schedule(_get_ready)
+            self._process.schedule(_get_ready)
             Thread(target=_get_ready, daemon=True).start()
 
     def draw_run(self, folder: Path) -> list[Path]:
@@ -70,14 +66,12 @@ class Aside:
         """
         from isacbench.report.figures import draw_run
 
-        diagnoses = self._pool.schedule(_draw_diagnoses, args=[folder], timeout=TIMEOUT_S)
+        diagnoses = self._process.schedule(_draw_diagnoses, folder, timeout_s=TIMEOUT_S)
         figures = draw_run(folder, with_diagnoses=False)
         try:
-            more, messages = diagnoses.result()
-        except DeadlineError:
-            more, messages = [], [f"no maps and no spectra: a diagnosis takes more than {TIMEOUT_S:g} s"]
-        except ProcessExpired as death:
-            more, messages = [], [f"no maps and no spectra: a diagnosis ended its process ({death.exitcode})"]
+            more, messages = self._process.answer(diagnoses, TIMEOUT_S)
+        except ProcessLostError as loss:
+            more, messages = [], [f"no maps and no spectra: {loss.reason}"]
         for message in messages:
             warnings.warn(message, InputWarning, stacklevel=2)
         return figures + more

@@ -205,7 +205,7 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
 
 
 class FakeFigures:
-    draw_run = staticmethod(lambda folder: [])
+    draw_run = staticmethod(lambda folder, **_: [])
 
 
 def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cluster, slow):
@@ -423,7 +423,7 @@ def test_a_process_is_lent_again_and_ends_when_nobody_asks_for_it(order):
     lanes, packed = Lanes(idle_s=0.2), order.pack()
     with lanes.lane(packed) as first:
         assert len(list(first.work(Block(0, 0, 0.0, (0, 1))))) == 2
-        process_id = first._process_id
+        process_id = first.process_id
     with lanes.lane(packed) as again:
         assert again is first
     wait_for_end(process_id)
@@ -449,7 +449,7 @@ def test_a_process_that_works_ends_when_its_run_does(order):
     lanes, packed = Lanes(), order.pack()
     with lanes.lane(packed) as lane:
         list(lane.work(Block(0, 0, 0.0, (0,))))
-        process_id = lane._process_id
+        process_id = lane.process_id
         lanes.stop(packed.token)
         wait_for_end(process_id)
         with pytest.raises(CancelledError):

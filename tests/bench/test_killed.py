@@ -274,7 +274,7 @@ def test_an_interrupt_while_tables_are_written_keeps_the_journal(finish, tmp_pat
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(pd.DataFrame, "to_csv", interrupt)
+        patch.setattr("isacbench.bench.store.write_csv_table", interrupt)
         with pytest.raises(KeyboardInterrupt):
             finish(folder)
     assert rows_in(folder) == 30
