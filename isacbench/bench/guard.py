@@ -145,7 +145,7 @@ class Lane:
                 reason = loss.reason
         raise InputError(
             f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
-            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last one: {reason}; "
+            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last: {reason}; "
             "allowed are a scenario that fits into memory, and plugins that can be imported"
         )
 

@@ -246,7 +246,7 @@ class Homebody:
         (
             "os._exit(3)",
             r"scenario tiny, trial \d, 0 dB: 3 worker processes in a row did not live to observe it, "
-            "the last one: the process exited with code 3",
+            "the last: the process exited with code 3",
         ),
         pytest.param("os._exit(0)", "did not live to observe it", marks=SLOW),
     ],
