@@ -7,7 +7,7 @@ import math
 import time
 import traceback
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from isacbench.bench.suite import Kind
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
+    from isacbench.report.aside import Aside
+    from isacbench.report.tables import Grid
 
 __all__ = ["app", "main"]
 
@@ -33,8 +35,13 @@ MAX_TABLE_WIDTH = 1000
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
 
+GAPS_SHOWN = 10
+"""Lines about missing cells; whoever misses more has not merged all parts yet."""
+
 EXIT_USAGE = 2
 EXIT_FAILED_CELLS = 3
+EXIT_REGRESSION = 4
+EXIT_NOT_COMPARABLE = 5
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 
 
@@ -109,7 +116,7 @@ EstimatorSpecs = Annotated[
         "-e",
         "--estimator",
         metavar="NAME[param=value,...]",
-        help="Estimator, instead of the suite's; repeats.",
+        help="Estimator, instead of the suite's; repeats. A value [a,b] stands for each.",
     ),
 ]
 PluginFiles = Annotated[
@@ -172,16 +179,18 @@ def run(
     ] = False,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
-    from isacbench.bench.guard import Guard, start_process_server
-    from isacbench.bench.plan import Shard
-
     if dask is None:
+        from isacbench.processes import start_process_server
+
         start_process_server()  # which imports what workers need while this process imports the rest
     from isacbench.bench.folder import default_folder
+    from isacbench.bench.guard import Guard
+    from isacbench.bench.plan import Shard
     from isacbench.bench.resume import parse_reruns
     from isacbench.bench.runner import Execution, run_suite
     from isacbench.bench.statuses import failed
     from isacbench.bench.suite import load_suite, parse_snr
+    from isacbench.report.aside import Aside
 
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
@@ -201,10 +210,16 @@ def run(
         seed=seed,
     )
     folder = default_folder(wanted.name) if out is None else out
-    with _progress_bar(wanted.name) as progress:
-        results = run_suite(wanted, folder, progress, execution)
-    if not results.records.empty:
-        _report(folder, results.records, results.suite.kind)
+    with Aside() as aside:
+        with _progress_bar(wanted.name) as show:
+
+            def progress(n_done: int, n_cells: int) -> None:
+                aside.get_ready()  # as soon as workers are busy, and this process is not
+                show(n_done, n_cells)
+
+            results = run_suite(wanted, folder, progress, execution)
+        if not results.records.empty:
+            _report(folder, results.records, results.suite.kind, aside)
     if results.interrupted:
         _fail(f"interrupted: the {len(results.records)} cells so far are in {folder}", EXIT_INTERRUPTED)
     lost = results.records[failed(results.records)]
@@ -219,12 +234,113 @@ def run(
 
 
 @app.command()
-def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")]) -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    plugin: PluginFiles = None,
+) -> None:
     """Redraw tables and figures of a run, without running again."""
     from isacbench.bench.store import read_results
 
+    _register(plugin)
     results = read_results(folder)
     _report(folder, results.records, results.suite.kind)
+
+
+@app.command()
+def merge(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Folders of runs of one suite, such as its shards.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="New folder for all of them.")],
+    mix_versions: Annotated[
+        bool, typer.Option("--mix-versions", help="Join rows of an estimator that several versions made.")
+    ] = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Join parts of a run: its shards, or runs of one suite with other estimators, SNRs or trials."""
+    from isacbench.bench.merge import merge as merge_runs
+
+    _register(plugin)
+    merged = merge_runs(folders, out, mix_versions)
+    if not merged.records.empty:
+        _report(out, merged.records, merged.kind)
+    typer.echo(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
+    for gap in merged.gaps[:GAPS_SHOWN]:
+        trials = ", ".join(map(str, gap.trials))
+        typer.echo(
+            f"missing: {gap.n_cells} of {gap.estimator} {gap.params} on {gap.scenario}, trials {trials}"
+        )
+    if len(merged.gaps) > GAPS_SHOWN:
+        typer.echo(f"missing: and of {len(merged.gaps) - GAPS_SHOWN} more")
+
+
+@app.command()
+def rescore(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+    """Score the clouds of a run again, without estimating: after a change of the metric, say."""
+    from isacbench.bench.rescore import rescore as rescore_run
+
+    rescored = rescore_run(folder)
+    if not rescored.records.empty:
+        _report(folder, rescored.records, rescored.kind)
+    typer.echo(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")
+    for change in rescored.changes:
+        typer.echo(f"{change.column}: {change.n_rows} rows, by at most {change.largest:.6g}")
+
+
+@app.command()
+def compare(
+    base: Annotated[Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with.")],
+    new: Annotated[Path, typer.Argument(metavar="NEW", help="Folder of the run to judge.")],
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tolerance",
+            metavar="NAME=5%",
+            help="Tolerated change of a score, in % of BASE or in its unit; repeats. Always: deviation=5%.",
+        ),
+    ] = None,
+    alpha: Annotated[
+        float, typer.Option("--alpha", metavar="0.01", help="Probability of any false regression, at most.")
+    ] = 0.01,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="picture.png", help="Default NEW/figures/compare-<score>.png."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two runs: exit code 4 if a curve got worse, 5 if they cannot be compared."""
+    from isacbench.bench.compare import compare as compare_runs
+    from isacbench.bench.pairing import NotComparableError, read_run
+    from isacbench.bench.tolerance import parse_tolerance
+    from isacbench.report import comparison_tables as tables
+    from isacbench.report.comparison import comparison_paths, draw_comparison_files
+
+    tolerances = [parse_tolerance(text) for text in tolerance or []]
+    try:
+        found = compare_runs(read_run(base), read_run(new), tolerances, alpha)
+    except NotComparableError as error:
+        if as_json:
+            _print_json({"comparable": False, "reasons": error.reasons})
+            raise typer.Exit(EXIT_NOT_COMPARABLE) from error
+        _fail("not comparable: " + "; ".join(error.reasons), EXIT_NOT_COMPARABLE)
+    comparison_paths(found, new, plot)  # a wrong name is told before anything else
+    if as_json:
+        _print_json(tables.comparison_content(found))
+    else:
+        typer.echo(f"base {found.base}: isacbench {found.base_version}")
+        typer.echo(f"new  {found.new}: isacbench {found.new_version}")
+        for grid in tables.comparison_grids(found):
+            _print_grid(grid)
+        for line in tables.comparison_lines(found):
+            typer.echo(line)
+    if plot is not None or not as_json:
+        figures = draw_comparison_files(found, new, plot)
+        if figures and not as_json:
+            typer.echo(f"figures: {', '.join(map(str, figures))}")
+    if not as_json:
+        typer.echo(tables.comparison_summary(found))
+    if found.is_regression:
+        raise typer.Exit(EXIT_REGRESSION)
 
 
 @app.command("list")
@@ -301,6 +417,29 @@ def image(
 
 
 @app.command()
+def check(
+    package_or_file: Annotated[
+        str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
+    ],
+    as_json: AsJson = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Put estimators and detectors through the contract, and say what to mend."""
+    from isacbench.conformance import find_plugins
+    from isacbench.conformance.guarded import check_guarded
+    from isacbench.report.conformance import describe_checks, print_checks
+
+    _register(plugin)
+    found = {(kind, name): check_guarded(kind, name) for kind, name in find_plugins(package_or_file)}
+    if as_json:
+        _print_json(describe_checks(found))
+    else:
+        print_checks(found)
+    if any(finding.status == "failed" for findings in found.values() for finding in findings):
+        raise typer.Exit(EXIT_FAILED_CELLS)
+
+
+@app.command()
 def score(
     truth: Annotated[
         str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
@@ -358,22 +497,28 @@ def _truth(name_or_path: str) -> tuple[PointCloud, Region | None, float | None]:
     return points, region, velocity_bin_mps
 
 
-def _report(folder: Path, records: pd.DataFrame, kind: Kind) -> None:
+def _report(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside | None = None) -> None:
     """Write and print the tables of a run, and draw its figures."""
-    from rich.console import Console
-
-    from isacbench.report.figures import draw_run
+    from isacbench.report.aside import Aside
     from isacbench.report.kinds import TABLES, write_tables
-    from isacbench.report.tables import rich_table
 
     for grid in TABLES[kind].grids(records):
-        table = rich_table(grid)
-        # Rather lines longer than the terminal than cropped numbers.
-        width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)
-        Console(width=width).print(table)
+        _print_grid(grid)
     tables = write_tables(folder, records, kind)
-    figures = draw_run(folder)
+    with Aside() if aside is None else nullcontext(aside) as hand:
+        figures = hand.draw_run(folder)
     typer.echo(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
+
+
+def _print_grid(grid: Grid) -> None:
+    """Print a table, in lines longer than the terminal rather than with cropped numbers."""
+    from rich.console import Console
+
+    from isacbench.report.tables import rich_table
+
+    table = rich_table(grid)
+    width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)
+    Console(width=width).print(table)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ __all__ = [
     "Entry",
     "Kind",
     "entries",
+    "entries_of",
     "isolated_plugins",
     "load_plugin_file",
     "local_plugins",
@@ -119,8 +120,7 @@ def register_plugin(file: PluginFile) -> list[str]:
     InputError
         If the file fails, defines no plugin, or one whose name is taken.
     """
-    known = next((other for other in _local if other.digest == file.digest), None)
-    if known is None:
+    if not entries_of(file):
         added = tuple(_local_entry(file, cast("Kind", kind), cls) for kind, cls in import_plugins(file))
         try:
             for kind in GROUPS:
@@ -128,8 +128,13 @@ def register_plugin(file: PluginFile) -> list[str]:
         except InputError:
             forget_module(file)
             raise
-        _local[known := file] = added
-    return list(dict.fromkeys(entry.name for entry in _local[known]))
+        _local[file] = added
+    return list(dict.fromkeys(entry.name for entry in entries_of(file)))
+
+
+def entries_of(file: PluginFile) -> tuple[Entry, ...]:
+    """What a plugin file has registered, whatever it was called then; nothing if it is not registered."""
+    return next((found for other, found in _local.items() if other.digest == file.digest), ())
 
 
 def local_plugins() -> tuple[PluginFile, ...]:

@@ -8,6 +8,7 @@ import linecache
 import re
 import sys
 import traceback
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -135,7 +136,9 @@ def _run(file: PluginFile) -> ModuleType:
     )
     sys.modules[file.module_name] = module
     try:
-        exec(compile(file.source, file.code_name, "exec", dont_inherit=True), vars(module))
+        # What it prints is no part of a command's output, which may be JSON.
+        with redirect_stdout(sys.stderr):
+            exec(compile(file.source, file.code_name, "exec", dont_inherit=True), vars(module))
     except (Exception, SystemExit) as error:
         forget_module(file)
         reason = f"{_place(file, error)}{type(error).__name__}: {error}"

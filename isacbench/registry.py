@@ -23,6 +23,7 @@ __all__ = [
     "build_estimator",
     "build_estimators_of",
     "canonical_params",
+    "check_parameter",
     "describe",
     "detector_names",
     "distribution",
@@ -30,10 +31,13 @@ __all__ = [
     "expand_spec",
     "get_detector",
     "get_estimator",
+    "is_frozen_dataclass",
     "load_plugin_file",
     "local_plugins",
+    "parameter_types",
     "parse_spec",
     "register_plugin",
+    "required_fields",
     "spec_variants",
 ]
 
@@ -167,7 +171,7 @@ def describe(kind: Kind) -> list[dict[str, Any]]:
     described = []
     for name, entry in sorted(entries(kind).items()):
         plugin = _load(entry)
-        hints = _parameter_types(kind, plugin)
+        hints = parameter_types(kind, plugin)
         described.append(
             {
                 "name": name,
@@ -189,18 +193,21 @@ def _load(entry: Entry) -> type[Any]:
         plugin = entry.load()
     except (ImportError, AttributeError) as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
-    if not (inspect.isclass(plugin) and dataclasses.is_dataclass(plugin) and _is_frozen(plugin)):
+    if not is_frozen_dataclass(plugin):
         raise InputError(f"{where} must be a frozen dataclass")
     if not callable(getattr(plugin, METHODS[entry.kind], None)):
         raise InputError(f"{where} must have a method {METHODS[entry.kind]!r}")
     name = getattr(plugin, "name", None)
     if name != entry.name:
         raise InputError(f"{where} must have the class attribute name = {entry.name!r}, not {name!r}")
-    return plugin
+    return cast("type[Any]", plugin)
 
 
-def _is_frozen(plugin: type[Any]) -> bool:
-    return bool(plugin.__dataclass_params__.frozen)
+def is_frozen_dataclass(plugin: object) -> bool:
+    """Whether something is a class, a dataclass and frozen."""
+    if not (inspect.isclass(plugin) and dataclasses.is_dataclass(plugin)):
+        return False
+    return bool(plugin.__dataclass_params__.frozen)  # type: ignore[attr-defined]
 
 
 def _build(kind: Kind, name: str, params: dict[str, Any]) -> Any:
@@ -211,12 +218,14 @@ def _build(kind: Kind, name: str, params: dict[str, Any]) -> Any:
     if name not in registered:
         raise unknown_name(kind, name, sorted(registered))
     plugin = _load(registered[name])
-    hints = _parameter_types(kind, plugin)
+    hints = parameter_types(kind, plugin)
     for key in params:
         if key not in hints:
             raise unknown_name(f"parameter of {kind} {name}", key, hints)
-    checked = {key: _check(f"{kind} {name}", key, value, hints[key]) for key, value in params.items()}
-    missing = [field.name for field in _required(plugin) if field.name not in checked]
+    checked = {
+        key: check_parameter(f"{kind} {name}", key, value, hints[key]) for key, value in params.items()
+    }
+    missing = [field.name for field in required_fields(plugin) if field.name not in checked]
     if missing:
         raise InputError(f"{kind} {name}: missing parameter {', '.join(missing)}")
     try:
@@ -225,7 +234,8 @@ def _build(kind: Kind, name: str, params: dict[str, Any]) -> Any:
         raise InputError(f"{kind} {name}: {error}") from error
 
 
-def _required(plugin: type[Any]) -> list[dataclasses.Field[Any]]:
+def required_fields(plugin: type[Any]) -> list[dataclasses.Field[Any]]:
+    """Fields of a plugin's class that have no default."""
     return [
         field
         for field in dataclasses.fields(plugin)
@@ -233,7 +243,7 @@ def _required(plugin: type[Any]) -> list[dataclasses.Field[Any]]:
     ]
 
 
-def _parameter_types(kind: Kind, plugin: type[Any]) -> dict[str, Any]:
+def parameter_types(kind: Kind, plugin: type[Any]) -> dict[str, Any]:
     """Types of a plugin's fields; `Detector` resolves even where it is imported for type checking only."""
     try:
         hints = get_type_hints(plugin, localns={"Detector": Detector}, include_extras=True)
@@ -245,7 +255,7 @@ def _parameter_types(kind: Kind, plugin: type[Any]) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(plugin)}
 
 
-def _check(where: str, key: str, value: Any, hint: Any) -> Any:
+def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
     """Value of a parameter, a nested detector built, held to the type of its field."""
     if Detector in (hint, *get_args(hint)):
         if isinstance(value, str):

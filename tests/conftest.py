@@ -197,3 +197,68 @@ def room_file(tmp_path):
     path = tmp_path / "room.toml"
     path.write_text(ROOM)
     return path
+
+
+def _records(scenarios, estimators, snr_db, trials):
+    """Rows of a made-up run: deviations fall with the SNR, and trials share noise over the SNRs."""
+    import numpy as np
+    import pandas as pd
+
+    cells = pd.MultiIndex.from_product(
+        [scenarios, [*snr_db], range(trials), estimators], names=["scenario", "snr_db", "trial", "estimator"]
+    )
+    table = cells.to_frame(index=False).astype({"snr_db": float})
+    rng = np.random.default_rng(5)
+    shared = rng.normal(0, 0.3, trials)[table["trial"]]
+    rank = table["estimator"].map({name: index for index, name in enumerate(estimators)})
+    noise = shared + rng.normal(0, 0.3, len(table))
+    return table.assign(
+        suite="street",
+        params="{}",
+        seed=0,
+        status="ok",
+        reason="",
+        n_true=466,
+        n_estimated=100,
+        deviation=6 + 2 * rank + 10 ** (-table["snr_db"] / 40) + noise,
+        recall=0.6 + 0.1 * noise,
+        time_estimate_s=0.05 + 0.001 * np.abs(noise),
+        environment="e1",
+        scenario_content="c-" + table["scenario"],
+        timing=False,
+    )
+
+
+@pytest.fixture
+def made_run():
+    """Return a function that makes up a run: its records and its manifest."""
+
+    def make(scenarios=("street",), estimators=("fft4d", "music2d"), snr_db=(-20, -5, 10), trials=10):
+        records = _records(scenarios, estimators, snr_db, trials)
+        manifest = {
+            "isacbench": "0.1.0",
+            "git": {"commit": "0123456789abcdef", "dirty": False},
+            "seed": 0,
+            "suite": {"name": "street", "kind": "imaging"},
+            "metric": {"name": "paper", "version": 1},
+            "scenarios": {name: {"content": f"c-{name}"} for name in scenarios},
+            "environments": {"e1": {"machine": {"processor": "P", "cores": 2}, "versions": {}}},
+        }
+        return records, manifest
+
+    return make
+
+
+@pytest.fixture
+def written_run(tmp_path):
+    """Return a function that writes records and manifest into a folder, as far as a comparison reads it."""
+    import json
+
+    def write(name, records, manifest):
+        folder = tmp_path / name
+        folder.mkdir()
+        records.to_parquet(folder / "results.parquet", index=False)
+        (folder / "manifest.json").write_text(json.dumps(manifest))
+        return folder
+
+    return write

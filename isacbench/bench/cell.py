@@ -18,7 +18,17 @@ if TYPE_CHECKING:
     from isacbench.model.scenario import Scenario
     from isacbench.registry import AnyEstimator
 
-__all__ = ["Measure", "Shot", "describe_error", "estimate_cloud", "failed_by", "failure", "run_cell"]
+__all__ = [
+    "Measure",
+    "Shot",
+    "describe_error",
+    "estimate_cloud",
+    "failed_by",
+    "failure",
+    "raw_cloud",
+    "run_cell",
+    "score_image",
+]
 
 MAX_MESSAGE = 1000
 """Characters of an exception's message that a row keeps."""
@@ -32,16 +42,18 @@ class Shot:
     ----------
     scenario : Scenario
         With the scatterers that were observed.
-    observation : Observation
-    estimator : Estimator or TruthEstimator
+    observation : Observation or None
+        None where a stored cloud is measured again.
+    estimator : Estimator, TruthEstimator or None
+        Likewise.
     snr_db : float
     cloud : PointCloud
         What the estimator made of the observation.
     """
 
     scenario: Scenario
-    observation: Observation
-    estimator: AnyEstimator
+    observation: Observation | None
+    estimator: AnyEstimator | None
     snr_db: float
     cloud: PointCloud
 
@@ -79,9 +91,7 @@ def run_cell(
     try:
         cloud = estimate_cloud(estimator, observation, truth)
         estimated = time.perf_counter()
-        scores: dict[str, Any] = dict(
-            score(truth, cloud, region=scenario.region, velocity_bin_mps=scenario.system.velocity_bin_mps)
-        )
+        scores = score_image(scenario, cloud)
         shot = Shot(scenario, observation, estimator, cell.snr_db, cloud)
         extras = {} if measure is None else measure(shot)
     except KeyboardInterrupt:
@@ -97,6 +107,12 @@ def run_cell(
         time_score_s=time.perf_counter() - estimated,
     )
     return Outcome(record, cloud, extras)
+
+
+def score_image(scenario: Scenario, cloud: PointCloud) -> dict[str, Any]:
+    """Scores of a cloud by the metric ``paper``, given the scenario that was observed."""
+    velocity_bin_mps = scenario.system.velocity_bin_mps
+    return dict(score(scenario.truth, cloud, region=scenario.region, velocity_bin_mps=velocity_bin_mps))
 
 
 def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:
@@ -126,7 +142,7 @@ def failure(cell: Cell, status: Status, reason: str, n_true: int, time_s: float)
 
 
 def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+    """Image an observation, and hold the cloud to its contract.
 
     Raises
     ------
@@ -135,11 +151,23 @@ def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: Poi
     ValueError
         If the cloud has wrong shapes, NaN or infinities.
     """
+    cloud = raw_cloud(estimator, observation, truth)
+    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
+    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
+
+
+def raw_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
+    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+
+    Raises
+    ------
+    TypeError
+        If the estimator returns anything but a `PointCloud`.
+    """
     if getattr(estimator, "needs_truth", False):
         cloud = cast("TruthEstimator", estimator).estimate(observation, truth)
     else:
         cloud = cast("Estimator", estimator).estimate(observation)
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
-    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
-    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
+    return cloud

@@ -189,9 +189,9 @@ def count_cells(shot: Shot) -> dict[str, int]:
         ``n_targets``, cells nearest to a scatterer, and ``n_hits`` of them
         detected; ``n_clear``, cells more than three away from all of those,
         and ``n_false`` of them detected. Nothing where the estimator is no
-        `Diagnoser`.
+        `Diagnoser`, or there is no observation.
     """
-    if not isinstance(shot.estimator, Diagnoser):
+    if shot.observation is None or not isinstance(shot.estimator, Diagnoser):
         return {}
     diagnosis, system = shot.estimator.diagnose(shot.observation), shot.scenario.system
     truth = shot.scenario.truth

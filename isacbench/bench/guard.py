@@ -7,7 +7,6 @@ a row that says so, a fresh process takes over, and no other cell notices.
 from __future__ import annotations
 
 import fcntl
-import multiprocessing
 import os
 import resource
 import signal
@@ -28,8 +27,10 @@ from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cell import describe_error
+from isacbench.bench.resume import versions_now
 from isacbench.bench.workbench import Made, Workbench
 from isacbench.errors import InputError
+from isacbench.processes import process_context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from isacbench.bench.plan import Block
     from isacbench.bench.record import Status
 
-__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane", "start_process_server"]
+__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane"]
 
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
@@ -49,9 +50,6 @@ POLL_S = 0.2
 GRACE_S = 2.0
 END_S = 10.0
 MIB = 2**20
-PRELOADED = ["isacbench.bench.guard", "isacbench.bench.studies", "isacbench_algorithms.cellwise"]
-"""What the server of processes imports once, so that a fresh worker is there at once."""
-
 F_SETSIG = 10
 """Of Linux: which signal tells of a file descriptor; Python has no name for it."""
 
@@ -122,6 +120,22 @@ class Lane:
         with self._renewing:
             self._end_process()
 
+    def versions(self) -> dict[tuple[str, str], Any]:
+        """Versions that rows of the process have, by name and parameters of the contestant.
+
+        Raises
+        ------
+        InputError
+            If the process cannot have all contestants.
+        """
+        try:
+            found: dict[tuple[str, str], Any] = self._call(_versions, timeout_s=self._guard.timeout_s)
+        except (ProcessExpired, BrokenProcessPool) as death:
+            raise InputError(f"loading the plugins, the process {_cause(death)}") from death
+        except DeadlineError as error:
+            raise InputError(f"loading the plugins took more than {self._guard.timeout_s:g} s") from error
+        return found
+
     def work(self, block: Block) -> Iterator[Made]:
         """Work off the cells of a block; each yields a row, whatever becomes of it.
 
@@ -142,8 +156,6 @@ class Lane:
         """Observe in the process; where the system kills it for want of memory, again in a fresh one."""
         for _ in range(OBSERVE_ATTEMPTS):
             try:
-                if not self._process_id:
-                    self._process_id = self._call(os.getpid)
                 traces: list[Made] = self._call(_observe, block)
             except (ProcessExpired, BrokenProcessPool) as death:
                 cause = _cause(death)
@@ -174,6 +186,12 @@ class Lane:
 
     def _call(self, function: Callable[..., Any], *args: Any, timeout_s: float | None = None) -> Any:
         """Call a function in the process; whatever ends the process is raised."""
+        if not self._process_id:
+            # Known before any plugin is loaded, so that its end is noticed.
+            self._process_id = self._answer(os.getpid)
+        return self._answer(function, *args, timeout_s=timeout_s)
+
+    def _answer(self, function: Callable[..., Any], *args: Any, timeout_s: float | None = None) -> Any:
         try:
             future = self._pool.schedule(function, args=args, timeout=timeout_s)
         except RuntimeError as error:
@@ -226,27 +244,7 @@ class Lane:
         end.join(END_S)
 
     def _fresh_pool(self) -> ProcessPool:
-        return ProcessPool(1, initializer=_start_worker, initargs=[self._job], context=_context())
-
-
-def start_process_server() -> None:
-    """Start the server that worker processes come from, which imports what they need meanwhile."""
-    _context()
-    from multiprocessing.forkserver import ensure_running
-
-    # Interrupts are for this process: it inherits that they are blocked, and tells its workers what to do.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _context() -> Any:
-    """Fresh processes that inherit neither threads nor locks, and that start in milliseconds."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOADED)
-    return context
+        return ProcessPool(1, initializer=_start_worker, initargs=[self._job], context=process_context())
 
 
 def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
@@ -305,6 +303,11 @@ def _wait_for_end(sentinel: int) -> None:
     """Wait for the end of the parent, on every system, or if it has come before the rest was set up."""
     connection.wait([sentinel])
     os.killpg(0, signal.SIGKILL)
+
+
+def _versions() -> dict[tuple[str, str], Any]:
+    assert _job is not None
+    return versions_now(_job.plan)
 
 
 def _observe(block: Block) -> list[Made]:

@@ -1,8 +1,9 @@
 """The journal: rows and clouds on disk the moment they are made, whatever happens next.
 
 A line is the checksum of what follows it, and JSON: the names of the columns,
-the description of an environment, or a row with its cloud. A line that a kill
-or a failing disk has torn does not match its checksum, and is left out.
+the description of an environment, what many rows share, or a row with its
+cloud. A line that a kill or a failing disk has torn does not match its
+checksum, and is left out.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ import base64
 import dataclasses
 import json
 import zlib
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.folder import cannot_be_written
-from isacbench.bench.record import COLUMNS
+from isacbench.bench.record import COLUMNS, PROVENANCE
 from isacbench.bench.rows import Rows
 
 if TYPE_CHECKING:
@@ -36,6 +38,11 @@ CHUNK_ROWS = 50_000
 """Rows that are held as Python objects at a time."""
 
 N_CRC = 8
+
+SHARED = ["suite", "scenario", "estimator", "params", "seed", *PROVENANCE]
+"""Columns in which many rows agree; long as they are, they are written once."""
+
+OWN = [name for name in COLUMNS if name not in SHARED]
 
 
 class Journal:
@@ -57,6 +64,7 @@ class Journal:
     def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
         self._columns = columns
         self._known: set[str] = set()
+        self._shared: dict[tuple[Any, ...], int] = {}
         self._path = path
         try:
             # Unbuffered: one system call a line, so that a kill leaves whole lines and at most one torn.
@@ -65,7 +73,7 @@ class Journal:
             raise cannot_be_written(path, error) from error
         if self._file.tell():
             self._file.write(b"\n")  # the end of a line that a kill may have torn
-        self._write({"columns": [*COLUMNS, *columns]})
+        self._write({"columns": [*OWN, *columns]})
 
     def __enter__(self) -> Self:
         return self
@@ -81,13 +89,16 @@ class Journal:
         if record.environment not in self._known:
             self._known.add(record.environment)
             self._write({"environment": record.environment, "is": made.environment})
-        values = [getattr(record, name) for name in COLUMNS]
-        values += [extras.get(name, default) for name, default in self._columns.items()]
+        shared = _shared(record)
+        if shared not in self._shared:
+            self._shared[shared] = len(self._shared)
+            self._write({"shared": self._shared[shared], "is": dict(zip(SHARED, shared, strict=True))})
+        values = [*_own(record), *(extras.get(name, value) for name, value in self._columns.items())]
         points = base64.b64encode(cloud.to_array().astype("<f8").tobytes()).decode()
-        self._write({"row": values, "points": points})
+        self._write({"row": values, "of": self._shared[shared], "points": points})
 
     def _write(self, entry: Mapping[str, Any]) -> None:
-        text = json.dumps(entry, separators=(",", ":"), default=_builtin).encode()
+        text = _encode(entry).encode()
         rest = memoryview(b"%08x %s\n" % (zlib.crc32(text), text))
         try:
             while rest:  # a disk that gets full takes a part, and only then refuses
@@ -120,7 +131,9 @@ class _Reader:
 
     def __init__(self) -> None:
         self.columns: list[str] = []
+        self.shared: dict[int, dict[str, Any]] = {}
         self.values: list[list[Any]] = []
+        self.of: list[int] = []
         self.points: list[NDArray[np.float64]] = []
         self.parts: list[Rows] = []
         self.environments: dict[str, Environment] = {}
@@ -136,25 +149,36 @@ class _Reader:
         entry = json.loads(text)
         if "columns" in entry:
             self.gather()
-            self.columns = entry["columns"]
+            self.columns, self.shared = entry["columns"], {}
         elif "environment" in entry:
             self.environments[entry["environment"]] = entry["is"]
-        elif len(entry["row"]) == len(self.columns):
+        elif "shared" in entry:
+            self.shared[entry["shared"]] = entry["is"]
+        elif len(entry["row"]) == len(self.columns) and entry["of"] in self.shared:
             self.values.append(entry["row"])
+            self.of.append(entry["of"])
             self.points.append(np.frombuffer(base64.b64decode(entry["points"]), dtype="<f8").reshape(-1, 5))
             if len(self.values) == CHUNK_ROWS:
                 self.gather()
-        else:  # the names of its columns were on a damaged line
+        else:  # what it needs was on a damaged line
             self.n_torn += 1
 
     def gather(self) -> None:
-        if self.values:
-            records = pd.DataFrame(self.values, columns=self.columns)
-            n_points = np.array([len(points) for points in self.points])
-            self.parts.append(Rows(records, n_points, np.concatenate(self.points), {}))
-            self.values, self.points = [], []
+        if not self.values:
+            return
+        of = pd.Index(list(self.shared)).get_indexer(pd.Index(self.of))
+        shared = pd.DataFrame(list(self.shared.values())).iloc[of].reset_index(drop=True)
+        own = pd.DataFrame(self.values, columns=self.columns)
+        n_points = np.array([len(points) for points in self.points])
+        self.parts.append(Rows(pd.concat([shared, own], axis=1), n_points, np.concatenate(self.points), {}))
+        self.values, self.of, self.points = [], [], []
 
 
 def _builtin(value: Any) -> Any:
     """Plain value of a NumPy scalar."""
     return value.item()
+
+
+_encode = json.JSONEncoder(separators=(",", ":"), default=_builtin).encode
+_shared = attrgetter(*SHARED)
+_own = attrgetter(*OWN)

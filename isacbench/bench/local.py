@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
-from isacbench.bench.guard import Guard, Lane, start_process_server
+from isacbench.bench.guard import Guard, Lane
 from isacbench.bench.plan import BlockQueue
 from isacbench.bench.workbench import Made, Workbench
+from isacbench.processes import start_process_server
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-__all__ = ["RERUNS", "Rerun", "differing_versions", "keep", "parse_reruns"]
+__all__ = ["RERUNS", "Rerun", "differing_versions", "has_its_cloud", "keep", "parse_reruns", "versions_now"]
 
 Rerun = Literal["failed", "stale", "all"]
 
@@ -90,7 +90,7 @@ def keep(
     positions = plan.positions(records)
     _refuse_others(records, positions, suite_name, seed)
     stored = _with_environments(stored, plan)
-    good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & _has_its_cloud(stored)
+    good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & has_its_cloud(stored)
     ours = np.ones_like(good) if part is None else part[positions]
     other_content, other_versions = _other_content(records, plan), _other_versions(stored, plan)
     if "all" in rerun:
@@ -131,7 +131,7 @@ def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], suite_na
         )
 
 
-def _has_its_cloud(stored: Rows) -> Mask:
+def has_its_cloud(stored: Rows) -> Mask:
     """Rows whose clouds are as large as they say; rows without scores have none."""
     scored = stored.records["deviation"].notna().to_numpy()
     whole: Mask = ~scored | (stored.n_points == stored.records["n_estimated"].to_numpy())
@@ -147,7 +147,7 @@ def _other_content(records: pd.DataFrame, plan: Plan) -> Mask:
 
 def _other_versions(stored: Rows, plan: Plan) -> Mask:
     """Rows that other versions have made."""
-    now = _versions_now(plan)
+    now = versions_now(plan)
     columns = ["environment", "estimator", "params"]
     groups = stored.records.groupby(columns, sort=False)
     other = [
@@ -166,7 +166,8 @@ def _with_environments(stored: Rows, plan: Plan) -> Rows:
     return dataclasses.replace(stored, environments={**stored.environments, **here})
 
 
-def _versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
+def versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
+    """Versions that rows made by this process have, by name and parameters of the contestant."""
     return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in plan.contestants}
 
 
@@ -180,7 +181,7 @@ def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask, mix_v
     if versions.any() and not mix_versions:
         first = stored.records[versions].iloc[0]
         old = stored.environments.get(first["environment"], {}).get("versions", {})
-        new = _versions_now(plan)[first["estimator"], first["params"]]
+        new = versions_now(plan)[first["estimator"], first["params"]]
         raise InputError(
             f"{versions.sum()} of its {versions.size} cells were made by other versions, the first one by "
             f"{', '.join(differing_versions(old, new)) or 'unknown ones'}; allowed are --rerun stale, which "

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Rows"]
 
+TEXTS = ["scenario", "estimator", "params"]
+"""Keys that are written once for all points that share them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -62,6 +65,8 @@ class Rows:
     def joined(cls, parts: Sequence[Rows]) -> Self:
         """Rows of several, one after the other."""
         tables = [part.records for part in parts if len(part.records)]
+        if len(parts) == 1:
+            return cls(**vars(parts[0]))
         return cls(
             pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS),
             np.concatenate([np.empty(0, dtype=np.int64), *(part.n_points for part in parts)]),
@@ -75,6 +80,8 @@ class Rows:
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Rows:
         """Rows that a mask or an index array picks, in its order."""
         picked = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        if np.array_equal(picked, np.arange(len(self))):
+            return self
         starts = np.cumsum(self.n_points) - self.n_points
         n_points = self.n_points[picked]
         shift = np.repeat(starts[picked] - (np.cumsum(n_points) - n_points), n_points)
@@ -83,9 +90,9 @@ class Rows:
 
     def clouds(self) -> pd.DataFrame:
         """One row a point: the keys of its cell, then x, y, z in m, v in m/s, power."""
-        table = self.records[CLOUD_KEYS].iloc[np.repeat(np.arange(len(self)), self.n_points)]
-        points = pd.DataFrame(self.points, columns=POINT_COLUMNS)
-        return pd.concat([table.reset_index(drop=True), points], axis=1)
+        keys = self.records[CLOUD_KEYS].astype(dict.fromkeys(TEXTS, "category"))
+        table = keys.iloc[np.repeat(np.arange(len(self)), self.n_points)].reset_index(drop=True)
+        return pd.concat([table, pd.DataFrame(self.points, columns=POINT_COLUMNS)], axis=1)
 
 
 def _index(table: pd.DataFrame) -> pd.Index[Any]:

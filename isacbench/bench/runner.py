@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -26,6 +26,7 @@ from isacbench.bench.rows import Rows
 from isacbench.bench.store import (
     JOURNAL,
     Session,
+    describe_run,
     read_rows,
     read_sessions,
     write_manifest,
@@ -230,9 +231,10 @@ def run_suite(
     with open_folder(out) as folder:
         sessions, kept = read_sessions(folder), _enter(folder, job, execution)
         blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
-        _begin(folder, job, kept, [*sessions, session.describe(0.0, interrupted=True)])
-        with Journal(folder / JOURNAL, STUDIES[suite.kind].columns) as journal:
-            interrupted = _work(job, blocks, execution, journal, n_kept, progress)
+        with closing(_made(job, blocks, execution)) as outcomes:
+            _begin(folder, job, kept, [*sessions, session.describe(0.0, interrupted=True)])
+            with Journal(folder / JOURNAL, STUDIES[suite.kind].columns) as journal:
+                interrupted = _work(outcomes, blocks, journal, n_kept, progress)
         new, _ = read_journal(folder / JOURNAL)
         rows = Rows.joined([kept, new])
         rows = rows.take(np.argsort(job.plan.positions(rows.records), kind="stable"))
@@ -279,36 +281,34 @@ def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Bloc
 def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]]) -> None:
     """Write what the rows to come cannot be understood without, should the run be killed."""
     write_truth(folder, job.scenarios)
-    write_manifest(folder, job, kept.environments, sessions)
+    write_manifest(folder, describe_run(job), kept.environments, sessions)
 
 
 def _work(
-    job: Job,
+    outcomes: Iterable[Made],
     blocks: Sequence[Block],
-    execution: Execution,
     journal: Journal,
     n_kept: int,
     progress: Progress | None,
 ) -> bool:
-    """Work off blocks, every row into the journal at once; whether an interrupt ended it early."""
+    """Put every outcome of blocks into the journal at once; whether an interrupt ended it early."""
     n_cells = n_kept + sum(len(block.contestants) for block in blocks)
     try:
-        with closing(_made(job, blocks, execution)) as outcomes:
-            for n_done, made in enumerate(outcomes, start=n_kept + 1):
-                journal.append(made)
-                if progress is not None:
-                    progress(n_done, n_cells)
+        for n_done, made in enumerate(outcomes, start=n_kept + 1):
+            journal.append(made)
+            if progress is not None:
+                progress(n_done, n_cells)
     except KeyboardInterrupt:
         return True
     return False
 
 
 def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Made, None, None]:
-    """Outcomes of blocks, wherever they are worked off."""
+    """Outcomes of blocks, wherever they are worked off; a cluster that is not there is told at once."""
     if execution.dask is not None:
         from isacbench.bench.cluster import work_on_cluster  # an optional dependency
 
-        return work_on_cluster(job, blocks, execution.guard, execution.dask)
+        return work_on_cluster(job, blocks, execution.guard, execution.dask, execution.mix_versions)
     if execution.n_jobs is not None:
         return work_guarded(job, blocks, execution.guard, execution.n_jobs)
     return work_here(job, blocks)
@@ -317,5 +317,5 @@ def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[
 def _finish(folder: Path, job: Job, results: Results, sessions: list[dict[str, Any]]) -> None:
     """Write the tables, and only then let go of the journal that they are made from."""
     write_results(results, folder)
-    write_manifest(folder, job, results.environments, sessions)
+    write_manifest(folder, describe_run(job), results.environments, sessions)
     (folder / JOURNAL).unlink()

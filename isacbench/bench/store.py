@@ -8,6 +8,7 @@ import json
 import sys
 import warnings
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import pandas as pd
@@ -15,8 +16,10 @@ import pyarrow as pa
 
 import isacbench
 from isacbench.bench.content import describe_scenario, digest, restore_scenario, scenario_digest, truth_table
+from isacbench.bench.csv_table import write_csv_table
 from isacbench.bench.folder import replacing
 from isacbench.bench.journal import read_journal
+from isacbench.bench.outline import outline
 from isacbench.bench.provenance import blas_libraries, git_state, machine, package_versions, python_version
 from isacbench.bench.record import (
     CLOUD_KEYS,
@@ -36,7 +39,6 @@ from isacbench.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from pathlib import Path
 
     from isacbench.bench.job import Job
     from isacbench.bench.provenance import Environment
@@ -44,11 +46,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "JOURNAL",
+    "RUN_KEYS",
     "Session",
+    "describe_run",
     "read_manifest",
     "read_results",
     "read_rows",
     "read_sessions",
+    "save_manifest",
     "write_manifest",
     "write_results",
     "write_rows",
@@ -61,6 +66,9 @@ DRAWS, JOURNAL = "draws.parquet", "journal.jsonl"
 
 DIGEST = "digest"
 """Key of the digest of a table's content in its file."""
+
+RUN_KEYS = ("seed", "suite", "metric", "estimators", "scenarios", "scenes")
+"""Keys of a manifest that say what the run consists of, whoever has worked on it."""
 
 T = TypeVar("T")
 
@@ -94,7 +102,7 @@ class Session:
     def describe(self, wall_time_s: float, interrupted: bool) -> dict[str, Any]:
         """Describe it in terms of JSON."""
         return {
-            "argv": sys.argv,
+            "argv": [Path(sys.argv[0]).name, *sys.argv[1:]],
             "started": self.started.isoformat(timespec="seconds"),
             "wall_time_s": round(wall_time_s, 3),
             "interrupted": interrupted,
@@ -102,29 +110,10 @@ class Session:
         }
 
 
-def write_manifest(
-    folder: Path,
-    job: Job,
-    environments: Mapping[str, Environment],
-    sessions: list[dict[str, Any]],
-) -> None:
-    """Write what a run depends on, in place of an older manifest.
-
-    Parameters
-    ----------
-    folder : Path
-    job : Job
-    environments : mapping of str to Environment
-        By the names that rows have.
-    sessions : list of dict
-        All calls that worked on the run, the last one last.
-    """
+def describe_run(job: Job) -> dict[str, Any]:
+    """Describe what a run consists of, in terms of JSON: what its manifest has under `RUN_KEYS`."""
     suite = job.suite
-    last = sessions[-1]
-    manifest = {
-        "isacbench": isacbench.__version__,
-        "git": git_state(),
-        **{key: last[key] for key in ("argv", "started", "wall_time_s", "interrupted")},
+    return {
         "seed": suite.seed,
         "suite": suite.model_dump(),
         "metric": {"name": "paper", "version": METRIC_VERSION},
@@ -136,6 +125,34 @@ def write_manifest(
             name: {**describe_scenario(scenario), "content": scenario_digest(scenario)}
             for name, scenario in job.scenarios.items()
         },
+        "scenes": outline(job.plan),
+    }
+
+
+def write_manifest(
+    folder: Path,
+    run: Mapping[str, Any],
+    environments: Mapping[str, Environment],
+    sessions: list[dict[str, Any]],
+) -> None:
+    """Write what a run depends on, in place of an older manifest.
+
+    Parameters
+    ----------
+    folder : Path
+    run : mapping of str to Any
+        What it consists of, as `describe_run` has it.
+    environments : mapping of str to Environment
+        By the names that rows have.
+    sessions : list of dict
+        All calls that worked on the run, the last one last.
+    """
+    last = sessions[-1]
+    manifest = {
+        "isacbench": isacbench.__version__,
+        "git": git_state(),
+        **{key: last[key] for key in ("argv", "started", "wall_time_s", "interrupted")},
+        **run,
         "environments": dict(environments),
         "sessions": sessions,
         "python": python_version(),
@@ -144,6 +161,11 @@ def write_manifest(
         "blas_threads": 1,
         "blas": blas_libraries(),
     }
+    save_manifest(folder, manifest)
+
+
+def save_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Put a manifest in place of an older one."""
     with replacing(folder / MANIFEST) as path:
         path.write_text(json.dumps(manifest, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
@@ -162,7 +184,7 @@ def write_results(results: Results, folder: Path) -> None:
         _write_parquet(results.draws, folder / DRAWS)
     write_rows(folder, results.records, results.clouds)
     with replacing(folder / RECORDS_CSV) as path:
-        results.records.to_csv(path, index=False)
+        write_csv_table(results.records, path)
 
 
 def write_rows(folder: Path, records: pd.DataFrame, clouds: pd.DataFrame) -> None:

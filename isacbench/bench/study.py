@@ -195,6 +195,13 @@ class ImagedScene:
         What to measure beside the scores.
     labels : mapping of str to Any
         Further columns of every row.
+
+    Attributes
+    ----------
+    template : Scenario
+        The `scenario`.
+    measure, labels
+        As given.
     """
 
     def __init__(
@@ -212,16 +219,16 @@ class ImagedScene:
         self.snr_db = snr_db
         self.contestants = contestants
         self._suite = suite
-        self._scenario = scenario
+        self.template = scenario
         self._draw = draw
-        self._measure = measure
-        self._labels = labels or {}
+        self.measure = measure
+        self.labels = labels or {}
         self._observed: tuple[int, Simulator] | None = None
 
     @cached_property
     def content(self) -> str:
         """Digest of the first scenario drawn, and of what the rows are labelled with."""
-        return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self._labels)])
+        return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self.labels)])
 
     def observe(self, snr_db: float, trial: int) -> ImageEncounter:
         """Observe once, for all estimators."""
@@ -231,8 +238,8 @@ class ImagedScene:
             cell=Cell(suite.name, self.name, "", "", snr_db, trial, suite.seed, self.content),
             scenario=simulator.scenario,
             observation=simulator.observe(snr_db, trial, suite.seed),
-            measure=self._measure,
-            labels={**self._labels, "snr_gain_db": gained},
+            measure=self.measure,
+            labels={**self.labels, "snr_gain_db": gained},
         )
 
     def forget(self) -> None:
@@ -250,9 +257,14 @@ class ImagedScene:
             tables.append(table.assign(phase_rad=drawn.scatterers.phase_rad))
         return pd.concat(tables[1:] or tables, ignore_index=True)
 
+    @property
+    def is_drawn(self) -> bool:
+        """Whether every trial has scatterers of its own."""
+        return self._draw is not None
+
     def drawn(self, trial: int) -> Scenario:
         """Scenario of a trial."""
-        return self._scenario if self._draw is None else self._draw(trial)
+        return self.template if self._draw is None else self._draw(trial)
 
     def _simulator(self, trial: int) -> Simulator:
         """Simulator of a trial; the last one is kept, and what does not change with the trial."""

@@ -10,6 +10,7 @@ from matplotlib.ticker import MultipleLocator
 
 from isacbench.metrics.clouds import MATCH_RADIUS_M
 from isacbench.metrics.geometry import CloudPair
+from isacbench.report.perspective import Box, perspective_axes, scatter, tick_step
 from isacbench.report.style import CONTEXT, counted, edges, entitle, new_figure, velocity_colours
 
 if TYPE_CHECKING:
@@ -23,15 +24,12 @@ if TYPE_CHECKING:
 
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
+    from isacbench.report.perspective import View
 
 __all__ = ["Image", "draw_clouds", "draw_comparison"]
 
 PANEL_IN = 3.5, 2.6
-ELEVATION_DEG, AZIMUTH_DEG = 27.0, -50.0
-FOCAL_LENGTH = 0.6
-LARGEST_WIDTH, LARGEST_HEIGHT = 1.15, 0.85
-"""What a box may fill of its panel, whose height counts as 1: in width it reaches into the margins."""
-TICKS_IN_PERSPECTIVE, TICKS_IN_PROJECTION = 4, 6
+TICKS_IN_PROJECTION = 6
 SMALLEST_BOX_M = 2.0
 TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
 AXES = "xyz"
@@ -43,17 +41,6 @@ class Image(NamedTuple):
 
     cloud: PointCloud
     note: str
-
-
-class _Box(NamedTuple):
-    """Corners (3,) in metres of what is drawn."""
-
-    lower_m: NDArray[np.float64]
-    upper_m: NDArray[np.float64]
-
-    @property
-    def size_m(self) -> NDArray[np.float64]:
-        return self.upper_m - self.lower_m
 
 
 def draw_clouds(
@@ -87,14 +74,14 @@ def draw_clouds(
     margins = edges(figure, left=0.35, right=1.05, bottom=0.45, top=0.6)
     grid = figure.add_gridspec(len(rows), 1 + len(columns), wspace=0, hspace=0.03, **margins)
     for row, (snr_db, images) in enumerate(rows.items()):
-        axes = _perspective(figure, grid[row, 0], box)
+        axes, view = perspective_axes(figure, grid[row, 0], box)
         place = grid[row, 0].get_position(figure)
         left, middle = 0.12 / figure.get_figwidth(), (place.y0 + place.y1) / 2
         figure.text(left, middle, f"SNR {snr_db:g} dB", rotation=90, va="center", weight="bold")
-        _scatter_truth(axes, truth, colours)
+        _scatter_truth(axes, view, truth, colours)
         for column, image in enumerate(images, start=1):
-            axes = _perspective(figure, grid[row, column], box)
-            _scatter_estimate(axes, truth, image, colours)
+            axes, view = perspective_axes(figure, grid[row, column], box)
+            _scatter_estimate(axes, view, truth, image, colours)
     for column, label in enumerate(["truth", *columns]):
         _heading(figure, grid[0, column], label)
     entitle(figure, title)
@@ -122,11 +109,11 @@ def draw_comparison(title: str, truth: PointCloud, image: Image, region: Region)
     box, colours = _box([truth, image.cloud], region), velocity_colours(region)
     figure = new_figure(11.0, 7.9)
     upper = figure.add_gridspec(1, 2, wspace=0, **edges(figure, left=0.2, right=1.0, bottom=3.45, top=0.6))
-    axes = _perspective(figure, upper[0, 0], box)
-    _scatter_truth(axes, truth, colours)
+    axes, view = perspective_axes(figure, upper[0, 0], box)
+    _scatter_truth(axes, view, truth, colours)
     _heading(figure, upper[0, 0], "truth")
-    axes = _perspective(figure, upper[0, 1], box)
-    _scatter_estimate(axes, truth, image, colours)
+    axes, view = perspective_axes(figure, upper[0, 1], box)
+    _scatter_estimate(axes, view, truth, image, colours)
     _heading(figure, upper[0, 1], "estimate")
     margins = edges(figure, left=0.55, right=0.85, bottom=0.85, top=4.65)
     lower = figure.add_gridspec(
@@ -140,85 +127,45 @@ def draw_comparison(title: str, truth: PointCloud, image: Image, region: Region)
     return figure
 
 
-def _box(clouds: Iterable[PointCloud], region: Region) -> _Box:
+def _box(clouds: Iterable[PointCloud], region: Region) -> Box:
     """Smallest box of whole metres that holds all points, or the region where there are none."""
     points = np.concatenate([cloud.xyz for cloud in clouds])
     if not len(points):
         points = np.array([region.lower_m, region.upper_m])
     lower_m = np.floor(points.min(axis=0))
-    return _Box(lower_m, np.maximum(np.ceil(points.max(axis=0)), lower_m + SMALLEST_BOX_M))
-
-
-def _tick_m(box: _Box, n_ticks: int) -> float:
-    """Distance of about so many ticks along the longest edge: 1, 2, 5 or a power of ten of these."""
-    wanted = box.size_m.max() / n_ticks
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * min((step for step in (1, 2, 5) if step * power >= wanted), default=10))
-
-
-def _perspective(figure: Figure, place: SubplotSpec, box: _Box) -> Any:
-    """Axes in perspective with one scale in all directions."""
-    axes: Any = figure.add_subplot(place, projection="3d", computed_zorder=False)
-    axes.set_proj_type("persp", focal_length=FOCAL_LENGTH)
-    axes.view_init(ELEVATION_DEG, AZIMUTH_DEG)
-    axes.set_box_aspect(box.size_m, zoom=_zoom(box))
-    axes.patch.set_visible(False)
-    tick_m = _tick_m(box, TICKS_IN_PERSPECTIVE)
-    for index, name in enumerate(AXES):
-        getattr(axes, f"set_{name}lim")(box.lower_m[index], box.upper_m[index])
-        axis = getattr(axes, f"{name}axis")
-        axis.set_major_locator(MultipleLocator(tick_m))
-        axis.set_tick_params(labelsize=7, pad=-3)
-        axis.labelpad = -7
-        axis.set_pane_color((1, 1, 1, 0) if name != "z" else (0.95, 0.95, 0.95, 1))
-        # mplot3d puts the label of the upright axis far away from it.
-        axis.set_label_text(f"{name} [m]" if name != "z" else "", fontsize=8)
-    axes.text(*box.upper_m, "  z [m]", fontsize=8, va="bottom")
-    return axes
+    return Box(lower_m, np.maximum(np.ceil(points.max(axis=0)), lower_m + SMALLEST_BOX_M))
 
 
 def _heading(figure: Figure, place: SubplotSpec, text: str) -> None:
-    """Write over a place for axes; a title of axes in perspective would not stay there."""
+    """Write over a place for axes."""
     box = place.get_position(figure)
     figure.text((box.x0 + box.x1) / 2, box.y1, text, ha="center", va="bottom", weight="bold")
 
 
-def _zoom(box: _Box) -> float:
-    """Zoom at which a box fills its panel: at 1 its diagonal does, however flat it is."""
-    elevation, azimuth = np.deg2rad([ELEVATION_DEG, AZIMUTH_DEG])
-    x, y, z = box.size_m / np.linalg.norm(box.size_m)
-    width = x * abs(np.sin(azimuth)) + y * abs(np.cos(azimuth))
-    depth = x * abs(np.cos(azimuth)) + y * abs(np.sin(azimuth))
-    height = z * np.cos(elevation) + depth * np.sin(elevation)
-    return float(min(LARGEST_WIDTH / width, LARGEST_HEIGHT / height))
-
-
-def _scatter_truth(axes: Any, truth: PointCloud, colours: ScalarMappable) -> None:
+def _scatter_truth(axes: Axes, view: View, truth: PointCloud, colours: ScalarMappable) -> None:
     """Draw the true scatterers in perspective."""
-    _scatter(axes, truth, colours, marker="o", size=6)
+    _scatter(axes, view, truth, colours, marker="o", size=6)
     _note(axes, counted(len(truth), "scatterer"))
 
 
-def _scatter_estimate(axes: Any, truth: PointCloud, image: Image, colours: ScalarMappable) -> None:
+def _scatter_estimate(
+    axes: Axes, view: View, truth: PointCloud, image: Image, colours: ScalarMappable
+) -> None:
     """Draw an estimate in perspective, the truth faintly behind it, false points marked."""
-    axes.scatter(*truth.xyz.T, color=CONTEXT, s=2, linewidths=0, depthshade=False, clip_on=False)
+    scatter(axes, view, truth.xyz, CONTEXT, s=2, linewidths=0)
     false = _is_false(truth, image.cloud)
-    _scatter(axes, image.cloud.select(~false), colours, marker="o", size=10)
-    _scatter(axes, image.cloud.select(false), colours, marker="x", size=20)
+    _scatter(axes, view, image.cloud.select(~false), colours, marker="o", size=10)
+    _scatter(axes, view, image.cloud.select(false), colours, marker="x", size=20)
     _note(axes, image.note)
 
 
-def _scatter(axes: Any, cloud: PointCloud, colours: ScalarMappable, marker: str, size: float) -> None:
+def _scatter(
+    axes: Axes, view: View, cloud: PointCloud, colours: ScalarMappable, marker: str, size: float
+) -> None:
     """Draw points in perspective, coloured by velocity."""
-    axes.scatter(
-        *cloud.xyz.T,
-        c=colours.to_rgba(cloud.velocity),
-        marker=marker,
-        s=size,
-        linewidths=1.2 if marker == "x" else 0,
-        depthshade=False,
-        clip_on=False,
-    )
+    width = 1.2 if marker == "x" else 0
+    colour = colours.to_rgba(cloud.velocity)
+    scatter(axes, view, cloud.xyz, colour, marker=marker, s=size, linewidths=width)
 
 
 def _is_false(truth: PointCloud, cloud: PointCloud) -> NDArray[np.bool_]:
@@ -229,15 +176,15 @@ def _is_false(truth: PointCloud, cloud: PointCloud) -> NDArray[np.bool_]:
     return false
 
 
-def _note(axes: Any, note: str) -> None:
-    axes.text2D(0.5, 0.96, note, transform=axes.transAxes, ha="center", va="top", size=8, color="0.25")
+def _note(axes: Axes, note: str) -> None:
+    axes.text(0.5, 0.96, note, transform=axes.transAxes, ha="center", va="top", size=8, color="0.25")
 
 
 def _draw_projection(
     axes: Axes,
     truth: PointCloud,
     cloud: PointCloud,
-    box: _Box,
+    box: Box,
     plane: tuple[int, int],
     colours: ScalarMappable,
 ) -> None:
@@ -262,7 +209,7 @@ def _draw_projection(
     axes.set_ylim(box.lower_m[up] - margin_m, box.upper_m[up] + margin_m)
     axes.set_aspect("equal", anchor="S")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MultipleLocator(_tick_m(box, TICKS_IN_PROJECTION)))
+        axis.set_major_locator(MultipleLocator(tick_step(box, TICKS_IN_PROJECTION)))
     axes.set_xlabel(f"{AXES[across]} [m]")
     axes.set_ylabel(f"{AXES[up]} [m]", labelpad=1)
     axes.grid(True)

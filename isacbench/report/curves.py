@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from isacbench.metrics.score import METRICS
 from isacbench.report.panels import MAX_SNR_TICKS, panel_grid
@@ -30,6 +31,8 @@ __all__ = ["draw_deviations", "draw_scores"]
 TITLE_WIDTH = 40
 PRACTICALLY_ZERO = 1e-6
 """Smaller means do not stretch a logarithmic axis: velocities are exact then for any purpose."""
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 LARGEST_BAND = 1.5
 """How far above the largest mean a linear axis reaches for a band."""
@@ -87,9 +90,11 @@ def draw_scores(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, Lo
     Figure
     """
     part = summary[summary["scenario"] == scenario]
-    figure, panels = panel_grid(len(PANELS), _legend(part, looks), f"{drawable(scenario)}: {_average(part)}")
+    rows = _by_variant(part)
+    title = f"{drawable(scenario)}: {_average(part)}"
+    figure, panels = panel_grid(len(PANELS), _legend(looks, rows), title)
     for axes, panel in zip(panels, PANELS, strict=True):
-        _draw_panel(axes, part, panel, looks)
+        _draw_panel(axes, panel, looks, rows)
         axes.set_title(textwrap.fill(panel.title, TITLE_WIDTH))
     return figure
 
@@ -109,9 +114,9 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> Fig
     """
     scenarios = list(summary["scenario"].unique())
     title = f"{DEVIATION.title}\n{_average(summary)}"
-    figure, panels = panel_grid(len(scenarios), _legend(summary, looks), title)
+    figure, panels = panel_grid(len(scenarios), _legend(looks, _by_variant(summary)), title)
     for axes, scenario in zip(panels, scenarios, strict=True):
-        _draw_panel(axes, summary[summary["scenario"] == scenario], DEVIATION, looks)
+        _draw_panel(axes, DEVIATION, looks, _by_variant(summary[summary["scenario"] == scenario]))
         axes.set_title(drawable(scenario))
     lower, upper = np.transpose([axes.get_ylim() for axes in panels])
     for axes in panels:
@@ -125,23 +130,32 @@ def _average(summary: pd.DataFrame) -> str:
     return "one trial" if n_trials == 1 else f"mean of {n_trials} trials with its 95 % confidence band"
 
 
-def _legend(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> list[Line2D]:
+def _by_variant(summary: pd.DataFrame) -> dict[Variant, pd.DataFrame]:
+    """Rows of every estimator, in the order of their SNRs."""
+    groups = summary.sort_values("snr_db").groupby(["estimator", "params"], sort=False)
+    return {(str(name), str(params)): rows for (name, params), rows in groups}
+
+
+def _legend(looks: Mapping[Variant, Look], rows: Mapping[Variant, pd.DataFrame]) -> list[Line2D]:
     """Legend entries of the estimators, which say what has no curve."""
     entries = []
     for variant, look in looks.items():
         entry = Line2D([], [], color=look.colour, linestyle=look.line, marker=look.marker)
-        scored = np.isfinite(_curve(summary, variant, DEVIATION.column).mean).any()
+        scored = np.isfinite(_curve(rows.get(variant), DEVIATION.column).mean).any()
         entry.set_label(look.label if scored else f"{look.label}: no score")
         entries.append(entry)
     return entries
 
 
-def _draw_panel(axes: Axes, part: pd.DataFrame, panel: _Panel, looks: Mapping[Variant, Look]) -> None:
+def _draw_panel(
+    axes: Axes, panel: _Panel, looks: Mapping[Variant, Look], rows: Mapping[Variant, pd.DataFrame]
+) -> None:
     """Draw one score of one scenario, every estimator that has it."""
-    curves = [(look, _curve(part, variant, panel.column)) for variant, look in looks.items()]
+    curves = [(look, _curve(rows.get(variant), panel.column)) for variant, look in looks.items()]
     axes.set_xlabel("SNR [dB]")
-    if part["snr_db"].nunique() <= MAX_SNR_TICKS:
-        axes.set_xticks(part["snr_db"].unique())
+    snrs_db = np.unique(np.concatenate([curve.snr_db for _, curve in curves]))
+    if snrs_db.size <= MAX_SNR_TICKS:
+        axes.set_xticks(snrs_db)
     axes.set_ylabel(f"mean [{panel.unit}]" if panel.unit else "mean")
     axes.grid(True)
     lowest = _scale(axes, panel, [curve for _, curve in curves])
@@ -166,17 +180,31 @@ def _scale(axes: Axes, panel: _Panel, curves: Sequence[_Curve]) -> float:
         return -np.inf
     lowest, highest = _decades(curves)
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(0.7 * lowest, 1.5 * highest)
     if any((curve.mean < lowest).any() for curve in curves):
         axes.set_ylabel("mean (less: at the lower edge)")
     return lowest
 
 
-def _curve(part: pd.DataFrame, variant: Variant, column: str) -> _Curve:
+def _power_of_ten(value: float, _: int | None = None) -> str:
+    """Write a power of ten in the font's own superscripts; mathematics takes a parser, and its time.
+
+    Examples
+    --------
+    >>> _power_of_ten(1e-5), _power_of_ten(1.0)
+    ('10⁻⁵', '10⁰')
+    """
+    return "10" + f"{round(np.log10(value))}".translate(SUPERSCRIPTS)
+
+
+def _curve(rows: pd.DataFrame | None, column: str) -> _Curve:
     """Curve of one estimator on one scenario."""
-    chosen = (part["estimator"] == variant[0]) & (part["params"] == variant[1])
-    rows = part[chosen].sort_values("snr_db")[["snr_db", f"{column}_mean", f"{column}_band"]]
-    return _Curve(*rows.to_numpy(dtype=np.float64).T)
+    if rows is None:  # an interrupted run has none of some
+        return _Curve(*np.empty((3, 0)))
+    names = "snr_db", f"{column}_mean", f"{column}_band"
+    return _Curve(*(rows[name].to_numpy(dtype=np.float64) for name in names))
 
 
 def _decades(curves: Iterable[_Curve]) -> tuple[float, float]:

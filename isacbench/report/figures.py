@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from isacbench.bench import detection, efficiency, resolution
 from isacbench.bench.maps import MAPS
-from isacbench.bench.record import Results
+from isacbench.bench.record import POINT_COLUMNS, Results
 from isacbench.bench.store import read_results
 from isacbench.contracts import Diagnoser
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.registry import build_estimators_of
@@ -27,11 +27,19 @@ from isacbench.report.study_figures import (
     draw_resolution,
     draw_roc,
 )
-from isacbench.report.style import assign_looks, counted, drawable, file_stems, save, styled
-from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, estimator_labels, summarise
+from isacbench.report.style import (
+    assign_looks,
+    counted,
+    drawable,
+    file_stems,
+    older_objects_uncollected,
+    save,
+    styled,
+)
+from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, batched, estimator_labels, summarise
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Hashable, Mapping, Sequence
     from pathlib import Path
 
     import pandas as pd
@@ -39,35 +47,39 @@ if TYPE_CHECKING:
 
     from isacbench.bench.suite import Kind
     from isacbench.model.observation import Observation
+    from isacbench.model.scenario import Scenario
     from isacbench.registry import AnyEstimator
     from isacbench.report.style import Look
 
-__all__ = ["draw_image", "draw_run"]
+__all__ = ["draw_diagnoses", "draw_image", "draw_run"]
 
 FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
 DIAGNOSIS_SNR_DB = 10.0
 CLOUDS_A_FIGURE = 4
+MOST_CLOUDS = 16
+"""Estimators of which clouds are drawn: of more, those of least mean deviation, for nobody looks at all."""
 
 Named = tuple[str, "Figure"]
 
 
-def draw_run(folder: Path) -> list[Path]:
+def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
     """Draw a stored run: of images scores over SNR, clouds, maps and spectra; of a study its own figures.
 
     Parameters
     ----------
     folder : Path
         Folder of a run; figures of the same names in its ``figures`` are replaced.
+    with_diagnoses : bool
+        Whether to draw what `draw_diagnoses` does as well.
 
     Returns
     -------
     list of Path
         What was written. Of images: ``deviation.png``; for each scenario
         ``curves-*.png`` and ``clouds-*.png``, more than one of these where
-        the estimators are many; for each estimator that is a `Diagnoser`
-        ``rdm-*.png`` and, where it detects anything, ``spectrum-*.png``, of
-        the first scenario. Of a study, for each scenario that it has:
+        the estimators are many, and of the 16 best alone where they are
+        more. Of a study, for each scenario that it has:
         ``efficiency-*.png``; ``resolution-*.png``; or ``maps.png`` and
         ``roc.png``, and ``detection-*.png``. Nothing where the run holds no
         cells.
@@ -79,16 +91,52 @@ def draw_run(folder: Path) -> list[Path]:
 
     Warns
     -----
-    UserWarning
+    InputWarning
         If an estimator of the run is not installed, or its diagnosis fails.
     """
     results = read_results(folder)
+    figures = FIGURES[results.suite.kind](results)
+    if with_diagnoses:
+        figures = chain(figures, _diagnoses(results))
+    return _drawn(folder, results, figures)
+
+
+def draw_diagnoses(folder: Path) -> list[Path]:
+    """Draw what the estimators of a stored run of images see on their way.
+
+    Parameters
+    ----------
+    folder : Path
+        As for `draw_run`.
+
+    Returns
+    -------
+    list of Path
+        Of the first scenario and trial, for each estimator that is a
+        `Diagnoser`: ``rdm-*.png`` and, where it detects anything,
+        ``spectrum-*.png``.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold a run.
+
+    Warns
+    -----
+    InputWarning
+        If an estimator of the run is not installed, or its diagnosis fails.
+    """
+    results = read_results(folder)
+    return _drawn(folder, results, _diagnoses(results))
+
+
+def _drawn(folder: Path, results: Results, figures: Iterator[Named]) -> list[Path]:
     if results.records.empty:
         return []
     target = folder / FOLDER
     target.mkdir(exist_ok=True)
-    with styled():
-        return [save(figure, target / f"{stem}.png") for stem, figure in FIGURES[results.suite.kind](results)]
+    with styled(), older_objects_uncollected():
+        return [save(figure, target / f"{stem}.png") for stem, figure in figures]
 
 
 def draw_image(
@@ -122,11 +170,14 @@ def _built(specs: Sequence[str]) -> Iterator[tuple[str, AnyEstimator]]:
         try:
             yield from build_estimators_of(spec)
         except InputError as error:
-            warnings.warn(f"no map and no spectra of {spec}: {error}", stacklevel=3)
+            warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=3)
 
 
-def _looks(results: Results, estimators: dict[str, AnyEstimator]) -> dict[Variant, Look]:
-    """Looks of the estimators of a run."""
+def _looks(results: Results) -> dict[Variant, Look]:
+    """Looks of the estimators of a run; one that is not installed is no limit to anybody's knowledge."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        estimators = dict(_built(results.suite.estimators))
     bounds = {estimator.name for estimator in estimators.values() if getattr(estimator, "needs_truth", False)}
     labels = estimator_labels(zip(results.records["estimator"], results.records["params"], strict=True))
     return assign_looks(labels, bounds)
@@ -134,14 +185,13 @@ def _looks(results: Results, estimators: dict[str, AnyEstimator]) -> dict[Varian
 
 def _imaging(results: Results) -> Iterator[Named]:
     """Figures of images."""
-    estimators = dict(_built(results.suite.estimators))
-    looks = _looks(results, estimators)
-    return chain(_curves(results, looks), _clouds(results, looks), _diagnoses(results, estimators))
+    looks = _looks(results)
+    return chain(_curves(results, looks), _clouds(results, looks))
 
 
 def _efficiency(results: Results) -> Iterator[Named]:
     """Errors and bounds of every scenario."""
-    looks = _looks(results, dict(_built(results.suite.estimators)))
+    looks = _looks(results)
     summary = efficiency.summarise(results.records)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
         yield f"efficiency-{stem}", draw_efficiency(summary, scenario, looks)
@@ -149,7 +199,7 @@ def _efficiency(results: Results) -> Iterator[Named]:
 
 def _resolution(results: Results) -> Iterator[Named]:
     """Probabilities of resolution of every template and SNR."""
-    looks = _looks(results, dict(_built(results.suite.estimators)))
+    looks = _looks(results)
     summary = resolution.summarise(results.records)
     several = summary["snr_gain_db"].nunique() > 1
     for template, stem in file_stems(summary["template"].unique()).items():
@@ -189,39 +239,78 @@ def _curves(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
 def _clouds(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
     """Clouds of every scenario's first trial, a few estimators a figure."""
     # A run of limits alone still has clouds to show.
-    shown = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
-    pages = [shown[start : start + CLOUDS_A_FIGURE] for start in range(0, len(shown), CLOUDS_A_FIGURE)]
+    candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
     for scenario, stem in file_stems(results.records["scenario"].unique()).items():
+        records = results.records[results.records["scenario"] == scenario]
+        shown = _best(records, candidates)
+        title = drawable(scenario)
+        if len(shown) < len(candidates):
+            title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
+        trial = int(records["trial"].min())
+        clouds, records = _clouds_of(results, scenario, trial), records[records["trial"] == trial]
+        pages = batched(shown, CLOUDS_A_FIGURE)
         for number, page in enumerate(pages, start=1):
             suffix = f"-{number}" if len(pages) > 1 else ""
+            page_looks = {variant: looks[variant] for variant in page}
             yield (
                 f"clouds-{stem}{suffix}",
-                _cloud_figure(results, scenario, {key: looks[key] for key in page}),
+                _cloud_figure(
+                    f"{title}, trial {trial}", results.scenarios[scenario], records, clouds, page_looks
+                ),
             )
 
 
-def _cloud_figure(results: Results, scenario: str, looks: dict[Variant, Look]) -> Figure:
-    """Clouds of one scenario's first trial at a few SNRs."""
-    records = results.records[results.records["scenario"] == scenario]
-    trial = int(records["trial"].min())
-    records = records[records["trial"] == trial]
+def _best(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
+    """Estimators whose clouds are drawn, in the order given."""
+    if len(candidates) <= MOST_CLOUDS:
+        return list(candidates)
+    means = records.groupby(["estimator", "params"], sort=False)["deviation"].mean()
+    # What failed throughout has no mean, and comes last.
+    best = set(means.reindex(list(candidates)).sort_values(kind="stable").index[:MOST_CLOUDS])
+    return [variant for variant in candidates if variant in best]
+
+
+def _cloud_figure(
+    title: str,
+    scene: Scenario,
+    records: pd.DataFrame,
+    clouds: Mapping[Hashable, PointCloud],
+    looks: Mapping[Variant, Look],
+) -> Figure:
+    """Clouds of one trial of a scenario at a few SNRs."""
     rows = {
-        snr_db: [_image(results, records, variant, snr_db) for variant in looks]
+        snr_db: [_image(clouds, records, variant, snr_db) for variant in looks]
         for snr_db in _nearest(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
     }
-    scene = results.scenarios[scenario]
     labels = [look.label for look in looks.values()]
-    return draw_clouds(f"{drawable(scenario)}, trial {trial}", scene.truth, scene.region, labels, rows)
+    return draw_clouds(title, scene.truth, scene.region, labels, rows)
 
 
-def _image(results: Results, records: pd.DataFrame, variant: Variant, snr_db: float) -> Image:
+def _clouds_of(results: Results, scenario: str, trial: int) -> dict[Hashable, PointCloud]:
+    """Clouds of a trial that have points, by name, parameters and SNR."""
+    points = results.clouds
+    # Numbers first: they are compared much faster than text, and leave little of it.
+    points = points[points["trial"] == trial]
+    points = points[points["scenario"] == scenario]
+    return {
+        key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
+        for key, part in points.groupby(["estimator", "params", "snr_db"], sort=False)
+    }
+
+
+def _image(
+    clouds: Mapping[Hashable, PointCloud],
+    records: pd.DataFrame,
+    variant: Variant,
+    snr_db: float,
+) -> Image:
     """Cloud of one cell, and what came of it; an interrupted run has no record of some."""
     name, params = variant
     chosen = (records["estimator"] == name) & (records["params"] == params) & (records["snr_db"] == snr_db)
     if not chosen.any():
         return Image(PointCloud.empty(), "not run")
     record = records[chosen].iloc[0]
-    cloud = results.cloud(record["scenario"], name, params, snr_db, record["trial"])
+    cloud = clouds.get((name, params, snr_db), PointCloud.empty())
     if record["status"] == "ok":
         hausdorff_m = record[HAUSDORFF_COLUMNS].sum()
         return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
@@ -233,8 +322,11 @@ def _nearest(available: Sequence[float], wanted: Sequence[float]) -> list[float]
     return list(dict.fromkeys(min(available, key=lambda value: abs(value - target)) for target in wanted))
 
 
-def _diagnoses(results: Results, estimators: dict[str, AnyEstimator]) -> Iterator[Named]:
+def _diagnoses(results: Results) -> Iterator[Named]:
     """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial."""
+    if results.suite.kind != "imaging" or results.records.empty:
+        return
+    estimators = dict(_built(results.suite.estimators))
     diagnosers = {spec: plugin for spec, plugin in estimators.items() if isinstance(plugin, Diagnoser)}
     if not diagnosers:
         return
@@ -246,7 +338,8 @@ def _diagnoses(results: Results, estimators: dict[str, AnyEstimator]) -> Iterato
         try:
             diagnosis = estimator.diagnose(observation)
         except Exception as error:  # a plugin's fault must not cost the other figures
-            warnings.warn(f"no map and no spectra of {spec}: {type(error).__name__}: {error}", stacklevel=3)
+            reason = f"{type(error).__name__}: {error}"
+            warnings.warn(f"no map and no spectra of {spec}: {reason}", InputWarning, stacklevel=3)
             continue
         title = drawable(f"{scenario.name}, {spec}, {snr_db:g} dB")
         yield f"rdm-{stem}", draw_map(title, diagnosis, scenario.system, simulator.noise_power(snr_db))

@@ -21,6 +21,9 @@ __all__ = ["MAX_SNR_TICKS", "draw_line", "legend_lines", "panel_grid"]
 
 PANEL_IN = 2.75, 2.3
 MAX_COLUMNS = 4
+NAME_BELOW_IN = 0.27
+"""From the lower edge of a panel down to the name of its axis."""
+
 MAX_SNR_TICKS = 5
 
 
@@ -55,6 +58,9 @@ def panel_grid(
         n_rows, n_columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.25, "hspace": 0.42}
     )
     panels = list(axes.flat)
+    for panel in panels:
+        # Numbers are of one height; to measure them takes the layout of every tick once more.
+        panel.xaxis.set_label_coords(0.5, -NAME_BELOW_IN / PANEL_IN[1])
     for unused in panels[n_panels:]:
         unused.remove()
     entitle(figure, title)

@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 
@@ -132,6 +133,20 @@ def test_clouds_leave_out_what_sees_the_truth_and_go_on_in_another_figure(plugin
     assert drawn["saved"][-2:] == ["clouds-tiny-1", "clouds-tiny-2"]
     draw_run(run_into(tmp_path / "limit", tiny, ["seer"], trials=1))
     assert drawn["clouds"][-1][3] == ["seer (resolution limit)"]
+
+
+def test_of_very_many_estimators_the_best_have_their_clouds_drawn_and_the_title_says_so(
+    plugins, tiny, tmp_path, drawn, monkeypatch
+):
+    monkeypatch.setattr(figures, "MOST_CLOUDS", 2)
+    specs = ["blob[n=1]", "trouble", "blob[n=3]", "blob[n=2]"]
+    suite = Suite(name="test", scenarios=[str(tiny)], estimators=specs, snr_db=[0], trials=2)
+    means = run(suite, out=tmp_path / "run").groupby("params")["deviation"].mean()
+    draw_run(tmp_path / "run")
+    ((title, *_, columns, _rows),) = drawn["clouds"]
+    assert title == "tiny, the 2 of 4 estimators with the least mean deviation, trial 0"
+    worst = json.loads(means.idxmax())["n"]
+    assert columns == [f"blob[n={n}]" for n in (1, 3, 2) if n != worst]
 
 
 def test_a_note_says_what_came_of_each_image(plugins, tiny, tmp_path, drawn):

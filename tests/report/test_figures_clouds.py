@@ -4,6 +4,7 @@ import pytest
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 from isacbench.report.clouds import Image, draw_clouds, draw_comparison
+from isacbench.report.perspective import LABEL, Box, View
 
 REGION = Region((0.0, 30.0), (0.0, 20.0), (0.0, 20.0), (-15.0, 15.0))
 TRUTH = PointCloud([[0, 0, 0], [10, 5, 2], [20, 18, 9]], [0, 10, -2], [1, 1, 1])
@@ -11,11 +12,11 @@ NEAR_AND_FALSE = PointCloud([[0.5, 0, 0], [20, 18, 9.9], [25, 3, 4]], [0, -2, 7]
 
 
 def perspectives_of(figure):
-    return [axes for axes in figure.axes if axes.name == "3d"]
+    return [axes for axes in figure.axes if axes.get_label() == LABEL]
 
 
 def projections_of(figure):
-    return [axes for axes in figure.axes if axes.get_ylabel() in ("y [m]", "z [m]") and axes.name != "3d"]
+    return [axes for axes in figure.axes if axes.get_ylabel() in ("y [m]", "z [m]")]
 
 
 def texts_of(figure):
@@ -32,13 +33,16 @@ def test_clouds_stand_in_a_grid_of_estimators_and_snrs_beside_the_truth():
     assert wanted <= texts_of(figure)
 
 
-def test_every_direction_of_every_panel_has_the_same_scale():
+def test_all_perspectives_show_one_box_of_whole_metres_around_all_points():
     figure = draw_clouds("", TRUTH, REGION, ["a"], {0.0: [Image(NEAR_AND_FALSE, "")]})
+    box = Box(np.zeros(3), np.array([25.0, 18.0, 10.0]))
     for axes in perspectives_of(figure):
-        limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
-        np.testing.assert_array_equal(limits, [[0, 25], [0, 18], [0, 10]])
-        metres = np.ptp(limits, axis=1)
-        np.testing.assert_allclose(axes.get_box_aspect() / metres, axes.get_box_aspect()[0] / metres[0])
+        expected = View(box, axes.get_xlim()[1], axes.get_ylim()[1]).project(TRUTH.xyz)
+        drawn = [np.sort(part.get_offsets(), axis=0) for part in axes.collections]
+        assert any(
+            points.shape == expected.shape and np.allclose(points, np.sort(expected, axis=0))
+            for points in drawn
+        )
 
 
 def test_projections_show_misses_as_open_circles_and_false_points_as_crosses():
@@ -70,4 +74,6 @@ def test_a_point_and_a_line_of_points_have_axes_with_few_ticks(xyz):
     figure = draw_comparison("", cloud, Image(cloud, ""), REGION)
     figure.canvas.draw()
     assert all(len(axes.get_xticks()) <= 12 for axes in figure.axes)
-    assert all(np.ptp(axes.get_xlim()) >= 2 for axes in perspectives_of(figure))
+    for axes in perspectives_of(figure):
+        numbers = [text for text in axes.texts if text.get_text().lstrip("-").isdecimal()]
+        assert 0 < len(numbers) <= 15

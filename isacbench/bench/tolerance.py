@@ -1,0 +1,147 @@
+"""What a comparison of runs asks: which scores, in which direction, and how much worse is too much."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from isacbench.errors import InputError, unknown_name
+from isacbench.metrics.score import METRICS
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
+__all__ = ["DEFAULT_TOLERANCE", "Tolerance", "direction", "is_time", "merge_tolerances", "parse_tolerance"]
+
+Direction = Literal["lower", "higher", "neither"]
+
+FORM = re.compile(r"(?P<metric>\w+)\s*=\s*(?P<number>[^%\s]+)\s*(?P<percent>%?)")
+
+STUDY_DIRECTIONS: dict[str, Direction] = {
+    "hit": "higher",
+    "resolved": "higher",
+    "n_hits": "higher",
+    "n_targets": "neither",
+    "n_clear": "neither",
+    "pfa": "neither",
+    "snr_gain_db": "neither",
+    "separation_cells": "neither",
+    "phase_deg": "neither",
+    "bound_range_m": "neither",
+    "bound_velocity_mps": "neither",
+    "bound_u": "neither",
+    "bound_w": "neither",
+    "seed": "neither",
+    "timing": "neither",
+}
+"""Columns beside the scores for which lower is not better."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """By how much the mean of a score may get worse.
+
+    Attributes
+    ----------
+    metric : str
+        Column of the records.
+    limit : float
+        At least 0: a fraction of the base's mean, or in units of the score.
+    is_relative : bool
+        Which of the two.
+    """
+
+    metric: str
+    limit: float
+    is_relative: bool
+
+    def __str__(self) -> str:
+        """Spell it as the command line takes it."""
+        return f"{self.metric}={100 * self.limit:g}%" if self.is_relative else f"{self.metric}={self.limit:g}"
+
+
+DEFAULT_TOLERANCE = Tolerance("deviation", 0.05, is_relative=True)
+
+
+def parse_tolerance(text: str) -> Tolerance:
+    """Parse ``NAME=5%``, relative to the base's mean, or ``NAME=0.5``, in units of the score.
+
+    Raises
+    ------
+    InputError
+        Quoting the text and saying what is allowed.
+
+    Examples
+    --------
+    >>> parse_tolerance("deviation=5%")
+    Tolerance(metric='deviation', limit=0.05, is_relative=True)
+    """
+    match = FORM.fullmatch(text.strip())
+    try:
+        number = float(match["number"]) if match else math.nan
+    except ValueError:
+        number = math.nan
+    if match is None or not 0 <= number < math.inf:
+        raise InputError(
+            f"tolerance {text!r}: allowed is NAME=NUMBER% of the base's mean or NAME=NUMBER in units of the "
+            "score, a number of at least 0, such as deviation=5% or hausdorff_xy_m=0.5"
+        )
+    is_relative = bool(match["percent"])
+    return Tolerance(match["metric"], number / 100 if is_relative else number, is_relative)
+
+
+def merge_tolerances(given: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
+    """Add tolerances to the default one; the last word on a score counts.
+
+    Examples
+    --------
+    >>> [str(one) for one in merge_tolerances([parse_tolerance("recall=0.1")])]
+    ['deviation=5%', 'recall=0.1']
+    """
+    return tuple({one.metric: one for one in (DEFAULT_TOLERANCE, *given)}.values())
+
+
+def is_time(column: str) -> bool:
+    """Whether a column holds run times.
+
+    Examples
+    --------
+    >>> is_time("time_estimate_s"), is_time("deviation")
+    (True, False)
+    """
+    return column.startswith("time_") and column.endswith("_s")
+
+
+def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lower", "higher"]:
+    """Which direction of a column is better; lower, where nothing else is known.
+
+    Parameters
+    ----------
+    column : str
+    metric : str
+        Metric that the run was scored by, see `isacbench.metrics.score.METRICS`.
+    columns : collection of str
+        Numeric columns that the runs have.
+
+    Raises
+    ------
+    InputError
+        If there is no such column, or neither direction is better.
+
+    Examples
+    --------
+    >>> direction("recall", "paper", ["deviation", "recall"])
+    'higher'
+    """
+    known = {name: score.better for name, score in METRICS.get(metric, {}).items()} | STUDY_DIRECTIONS
+    scores = [name for name in columns if known.get(name, "lower") != "neither"]
+    if column not in columns:
+        raise unknown_name("score", column, scores)
+    better = known.get(column, "lower")
+    if better == "neither":
+        raise InputError(
+            f"tolerance of {column}: neither more nor less of it is better; allowed are {', '.join(scores)}"
+        )
+    return better

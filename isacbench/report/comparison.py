@@ -1,0 +1,236 @@
+"""Figure of a comparison: the curves of both runs, and where they part."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+from isacbench.bench.compare import VERDICTS
+from isacbench.errors import InputError
+from isacbench.report.comparison_tables import comparison_labels
+from isacbench.report.panels import MAX_SNR_TICKS, draw_line, panel_grid
+from isacbench.report.style import Look, drawable, file_stems, save, styled
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping
+    from pathlib import Path
+
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from isacbench.bench.compare import Comparison
+
+__all__ = ["comparison_paths", "draw_changes", "draw_comparison_files"]
+
+FOLDER = "figures"
+MAX_PANELS = 12
+MAX_COLUMNS = 3
+TITLE_WIDTH = 42
+TITLE_SIZE = 8.0
+
+BASE = Look("base", "0.35", "s", "--", False)
+NEW = Look("new", "#0072B2", "o", "-", False)
+MARKS = {"regression": ("#D55E00", "o"), "improvement": ("#009E73", "D")}
+
+
+def comparison_paths(comparison: Comparison, folder: Path, plot: Path | None = None) -> dict[str, Path]:
+    """Where the figures of a comparison go, by score.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    folder : Path
+        Of the new run: by default ``figures/compare-<score>.png`` in it.
+    plot : Path, optional
+        File to write instead; of several scores all but the first add their
+        name to its stem.
+
+    Raises
+    ------
+    InputError
+        If the file has no extension of a picture.
+    """
+    metrics = list(dict.fromkeys(_drawn(comparison.curves)["metric"]))
+    if plot is None:
+        stems = file_stems(metrics)
+        return {metric: folder / FOLDER / f"compare-{stems[metric]}.png" for metric in metrics}
+    if plot.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
+    return {
+        metric: plot if not number else plot.with_stem(f"{plot.stem}-{metric}")
+        for number, metric in enumerate(metrics)
+    }
+
+
+def draw_comparison_files(comparison: Comparison, folder: Path, plot: Path | None = None) -> list[Path]:
+    """Draw every score of a comparison into the files that `comparison_paths` names.
+
+    Returns
+    -------
+    list of Path
+        What was written; nothing where nothing was compared.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    found = []
+    for metric, path in comparison_paths(comparison, folder, plot).items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        with styled():
+            found.append(save(draw_changes(comparison, metric), path))
+    return found
+
+
+def draw_changes(comparison: Comparison, metric: str) -> Figure:
+    """Draw one score of both runs over the SNR, a panel a curve, points that changed marked.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    metric : str
+        One that it compares, with a pair at least.
+
+    Returns
+    -------
+    Figure
+        The twelve curves with the worst verdicts, where there are more.
+    """
+    points = _drawn(comparison.points[comparison.points["metric"] == metric])
+    curves = _drawn(comparison.curves[comparison.curves["metric"] == metric])
+    shown = _worst_first(curves, points) if len(curves) > MAX_PANELS else curves
+    labels = comparison_labels(comparison)
+    verdicts = points["verdict"].unique()
+    figure, panels = panel_grid(
+        len(shown), _legend(comparison, verdicts), _title(metric, shown, curves), MAX_COLUMNS
+    )
+    for axes, curve in zip(panels, shown.to_dict("records"), strict=True):
+        chosen = (
+            points[["scenario", "estimator", "params"]]
+            == [curve["scenario"], curve["estimator"], curve["params"]]
+        ).all(axis=1)
+        _draw_panel(axes, points[chosen].sort_values("snr_db"))
+        name = _name(curve["scenario"], labels[curve["estimator"], curve["params"]])
+        colour, _ = MARKS.get(str(curve["verdict"]), ("black", ""))
+        axes.set_title(f"{name}\nwhole curve: {_outcome(curve)}", color=colour, fontsize=TITLE_SIZE, pad=4.0)
+    return figure
+
+
+def _drawn(table: pd.DataFrame) -> pd.DataFrame:
+    """Curves or points that have anything to draw: a pair at least."""
+    return table[table["n_pairs"] > 0]
+
+
+def _worst_first(curves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
+    """The curves that a reader wants to see, worst verdict of the curve or any of its points first."""
+    rank = {verdict: index for index, verdict in enumerate(VERDICTS)}
+    keys = ["scenario", "estimator", "params"]
+    worst_point = points.assign(rank=points["verdict"].map(rank)).groupby(keys, sort=False)["rank"].min()
+    of_curve = curves["verdict"].map(rank).to_numpy()
+    of_points = worst_point.loc[list(map(tuple, curves[keys].to_numpy()))].to_numpy()
+    order = np.argsort(np.minimum(of_curve, of_points), kind="stable")
+    return curves.iloc[order[:MAX_PANELS]]
+
+
+def _title(metric: str, shown: pd.DataFrame, curves: pd.DataFrame) -> str:
+    n_trials = int(curves["n_pairs"].max())
+    average = (
+        "one trial" if n_trials == 1 else f"mean of {n_trials} paired trials with its 95 % confidence band"
+    )
+    part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
+    return f"{drawable(metric)}: {average}{part}"
+
+
+def _legend(comparison: Comparison, verdicts: Any) -> list[Line2D]:
+    """Entries of both runs, with the code that made them, and of the marks that occur."""
+    versions = comparison.base_version, comparison.new_version
+    entries = [
+        Line2D(
+            [],
+            [],
+            color=look.colour,
+            linestyle=look.line,
+            marker=look.marker,
+            label=drawable(f"{look.label}: {version}"),
+        )
+        for look, version in zip((BASE, NEW), versions, strict=True)
+    ]
+    return entries + [_mark(verdict, [], [], label=verdict) for verdict in MARKS if verdict in verdicts]
+
+
+def _mark(verdict: str, x: Any, y: Any, label: str = "") -> Line2D:
+    """Ring around points of a verdict."""
+    colour, marker = MARKS[verdict]
+    return Line2D(
+        x,
+        y,
+        linestyle="",
+        marker=marker,
+        markersize=10,
+        markerfacecolor="none",
+        markeredgewidth=1.6,
+        markeredgecolor=colour,
+        label=label,
+    )
+
+
+def _draw_panel(axes: Axes, points: pd.DataFrame) -> None:
+    """Draw both curves with their bands, and rings around points that changed."""
+    axes.set_xlabel("SNR [dB]")
+    if len(points) <= MAX_SNR_TICKS:
+        axes.set_xticks(points["snr_db"])
+    axes.set_ylabel("mean")
+    axes.grid(True)
+    for look, run in ((BASE, "base"), (NEW, "new")):
+        mean, band = points[f"{run}_mean"], points[f"{run}_band"]
+        draw_line(axes, look, points["snr_db"], mean, mean - band, mean + band)
+    for verdict in MARKS:
+        marked = points[points["verdict"] == verdict]
+        if len(marked):
+            axes.add_line(_mark(verdict, marked["snr_db"], marked["new_mean"]))
+    axes.set_ylim(*_limits(points))
+
+
+def _limits(points: pd.DataFrame) -> tuple[float, float]:
+    """Ends of the axis: all means, and bands as long as they do not dwarf them."""
+    means = points[["base_mean", "new_mean"]].to_numpy()
+    bands = points[["base_band", "new_band"]].fillna(0.0).to_numpy()
+    low, high = float(np.nanmin(means)), float(np.nanmax(means))
+    # Curves that hardly vary are not blown up to fill the panel.
+    reach = max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0
+    low, high = max(np.nanmin(means - bands), low - reach), min(np.nanmax(means + bands), high + reach)
+    missing = max(reach - (high - low), 0.0) / 2
+    return low - missing - 0.08 * reach, high + missing + 0.08 * reach
+
+
+def _name(scenario: str, label: str) -> str:
+    """Name a curve above its panel, on two lines at most."""
+    one_line = f"{scenario}, {label}"
+    lines = [one_line] if len(one_line) <= TITLE_WIDTH else [scenario, label]
+    return "\n".join(drawable(_shortened(line)) for line in lines)
+
+
+def _shortened(text: str) -> str:
+    """Text without its middle, where it is too long.
+
+    Examples
+    --------
+    >>> _shortened("music2d[" + "a=1," * 20 + "z=1]")
+    'music2d[a=1,a=1,a=1,…a=1,a=1,a=1,a=1,z=1]'
+    """
+    half = (TITLE_WIDTH - 1) // 2
+    return text if len(text) <= TITLE_WIDTH else f"{text[:half]}…{text[-half:]}"
+
+
+def _outcome(curve: Mapping[Hashable, Any]) -> str:
+    """Say what became of a whole curve."""
+    relative = curve["relative"]
+    change = f" ({100 * relative:+.3g} %)" if relative and np.isfinite(relative) else ""
+    return f"{curve['verdict']}{change}"

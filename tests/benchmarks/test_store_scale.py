@@ -1,0 +1,92 @@
+"""What a run of a million rows costs beside its estimates: seconds, and memory."""
+
+import resource
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from isacbench.bench import runner
+from isacbench.bench.record import Cell, Outcome, Record
+from isacbench.bench.suite import Suite
+from isacbench.bench.workbench import Made, Workbench
+from isacbench.model.cloud import PointCloud
+from isacbench.report.figures import draw_run
+from isacbench.report.kinds import write_tables
+
+MAX_MEMORY_GIB = 4.0
+CLOUD = PointCloud([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], [0.0, 1.0], [1.0, 1.0])
+SCORES = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m", "density", "velocity_nmse", "deviation"]
+SCORES += ["chamfer_m", "gospa_m", "precision", "recall", "time_estimate_s", "time_score_s"]
+
+
+def largest_memory_gib():
+    """Most memory that this process ever held."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30
+
+
+class Estimates:
+    """Made-up outcomes in place of real ones, and the time that making them up takes."""
+
+    def __init__(self):
+        self.time_s = 0.0
+
+    def work(self, job, blocks):
+        bench, random = Workbench(job), np.random.default_rng(0)
+        tick = time.perf_counter()
+        for block in blocks:
+            scene = job.plan.scenes[block.scene]
+            for index in block.contestants:
+                one = scene.contestants[index]
+                name, environment = bench.environment(one)
+                key = Cell(
+                    job.suite.name,
+                    scene.name,
+                    one.name,
+                    one.params,
+                    block.snr_db,
+                    block.trial,
+                    0,
+                    scene.content,
+                )
+                scores = dict(zip(SCORES, random.random(len(SCORES)).tolist(), strict=True))
+                record = Record(
+                    **vars(key), status="ok", reason="", n_true=466, n_estimated=2, **scores, environment=name
+                )
+                made = Made(Outcome(record, CLOUD), environment)
+                self.time_s += time.perf_counter() - tick
+                yield made
+                tick = time.perf_counter()
+
+
+@pytest.mark.slow
+def test_a_million_rows_are_written_resumed_and_reported(tmp_path, monkeypatch):
+    suite = Suite(
+        name="million",
+        scenarios=["street", "street-paper"],
+        estimators=["music2d", "fft4d", "oracle", "esprit2d", "nomp4d"],
+        snr_db=list(range(-25, 25)),
+        trials=2000,
+    )
+    estimates = Estimates()
+    monkeypatch.setattr(runner, "work_here", estimates.work)
+    spent_s = {}
+    start = time.perf_counter()
+    written = runner.run_suite(suite, tmp_path / "run")
+    spent_s["written"] = time.perf_counter() - start - estimates.time_s
+    assert len(written.records) == 1_000_000
+    estimates.time_s = 0.0
+    start = time.perf_counter()
+    resumed = runner.run_suite(suite, tmp_path / "run")
+    spent_s["resumed"] = time.perf_counter() - start
+    assert estimates.time_s == 0, "cells were made again"
+    assert resumed.records.equals(written.records)
+    start = time.perf_counter()
+    write_tables(tmp_path / "run", resumed.records)
+    draw_run(tmp_path / "run")
+    spent_s["reported"] = time.perf_counter() - start
+    print({name: round(value, 1) for name, value in spent_s.items()}, f"{largest_memory_gib():.2f} GiB")
+    assert largest_memory_gib() < MAX_MEMORY_GIB
+    assert sum(spent_s.values()) < 60

@@ -1,0 +1,1 @@
+"""An estimator and a detector for isacbench, to start a package of one's own from."""
