@@ -333,6 +333,7 @@ def test_a_damaged_journal_loses_the_damaged_lines_alone(suite, tmp_path, undist
     kill_after(suite, whole, 10)
     journal = (whole / "journal.jsonl").read_bytes()
     starts = [n + 1 for n, byte in enumerate(journal) if byte == 10]
+    heading = starts[0]
     edges = [*starts[:-1], *(start - 1 for start in starts)]
     for place in some(edges, n_places, how) + some(range(len(journal)), n_places, how):
         folder = shutil.copytree(whole, tmp_path / f"{place}", dirs_exist_ok=True)
