@@ -50,6 +50,7 @@ def keep(
     seed: int,
     rerun: Collection[Rerun] = (),
     mix_versions: bool = False,
+    part: Mask | None = None,
 ) -> Rows:
     """Choose the stored rows that a run goes on with.
 
@@ -66,6 +67,9 @@ def keep(
         versions have changed since, or all.
     mix_versions : bool
         Whether rows of other versions may stand beside new ones.
+    part : ndarray of bool, optional
+        Cells of the plan that this run makes, of which alone rows are made
+        again; all by default.
 
     Returns
     -------
@@ -87,13 +91,14 @@ def keep(
     _refuse_others(records, positions, suite_name, seed)
     stored = _with_environments(stored, plan)
     good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & has_its_cloud(stored)
-    if "all" in rerun:
-        return stored.take(np.zeros_like(good))
-    if "failed" in rerun:
-        good &= ~failed(records).to_numpy()
+    ours = np.ones_like(good) if part is None else part[positions]
     other_content, other_versions = _other_content(records, plan), _other_versions(stored, plan)
+    if "all" in rerun:
+        good &= ~ours
+    if "failed" in rerun:
+        good &= ~(ours & failed(records).to_numpy())
     if "stale" in rerun:
-        return stored.take(good & ~other_content & ~(other_versions & (not mix_versions)))
+        good &= ~(ours & (other_content | (other_versions & (not mix_versions))))
     _refuse_stale(stored, plan, good & other_content, good & other_versions, mix_versions)
     return stored.take(good)
 

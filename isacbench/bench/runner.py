@@ -258,8 +258,9 @@ def run_suite(
 def _enter(folder: Path, job: Job, execution: Execution) -> Rows:
     """Stored rows that the run goes on with; the others are gone afterwards."""
     stored, suite = read_rows(folder), job.suite
+    part = None if execution.shard is None else job.plan.shard(execution.shard)
     try:
-        kept = keep(stored, job.plan, suite.name, suite.seed, execution.rerun, execution.mix_versions)
+        kept = keep(stored, job.plan, suite.name, suite.seed, execution.rerun, execution.mix_versions, part)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
     if len(stored) and ((folder / JOURNAL).exists() or len(kept) < len(stored)):

@@ -260,6 +260,17 @@ def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
         run_suite(suite, tmp_path / "run", execution=Execution(n_jobs=2))
 
 
+@SLOW
+def test_versions_of_a_process_that_leaves_while_it_loads_plugins_are_not_waited_for(write_plugin, tiny):
+    load_plugin_file(write_plugin("homebody.py", BROKEN_IN_WORKERS.format(what="os._exit(0)")))
+    suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=1)
+    with (
+        Lane(load_job(suite), Guard(timeout_s=None)) as lane,
+        pytest.raises(InputError, match="loading the plugins, the process exited with code 0"),
+    ):
+        lane.versions()
+
+
 @pytest.fixture
 def lane(suite):
     """Return a lane whose first cell never ends."""

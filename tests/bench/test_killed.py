@@ -12,6 +12,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from isacbench.bench import store
 from isacbench.bench.record import TIMES
 from isacbench.bench.runner import run_suite
 from isacbench.bench.store import read_results
@@ -274,7 +275,7 @@ def test_an_interrupt_while_tables_are_written_keeps_the_journal(finish, tmp_pat
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("isacbench.bench.store.write_csv_table", interrupt)
+        patch.setattr(store, "write_csv_table", interrupt)
         with pytest.raises(KeyboardInterrupt):
             finish(folder)
     assert rows_in(folder) == 30

@@ -431,6 +431,12 @@ def test_parts_of_a_run_make_its_cells_once(suite, folder, undisturbed):
     assert table(folder) == undisturbed
 
 
+@pytest.mark.parametrize(("rerun", "n_expected"), [("failed", 2), ("all", 6)])
+def test_a_part_of_a_run_drops_no_rows_of_the_others(suite, folder, finished, undisturbed, rerun, n_expected):
+    assert go(suite, folder, rerun, shard=Shard(2, 3))[1] == n_expected
+    assert table(folder) == undisturbed
+
+
 def test_a_full_disk_ends_the_run_with_one_message_and_keeps_the_rows(
     suite, folder, undisturbed, monkeypatch
 ):
