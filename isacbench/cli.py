@@ -7,7 +7,7 @@ import math
 import time
 import traceback
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from isacbench.bench.suite import Kind
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
+    from isacbench.report.aside import Aside
     from isacbench.report.tables import Grid
 
 __all__ = ["app", "main"]
@@ -189,6 +190,7 @@ def run(
     from isacbench.bench.runner import Execution, run_suite
     from isacbench.bench.statuses import failed
     from isacbench.bench.suite import load_suite, parse_snr
+    from isacbench.report.aside import Aside
 
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
@@ -208,10 +210,16 @@ def run(
         seed=seed,
     )
     folder = default_folder(wanted.name) if out is None else out
-    with _progress_bar(wanted.name) as progress:
-        results = run_suite(wanted, folder, progress, execution)
-    if not results.records.empty:
-        _report(folder, results.records, results.suite.kind)
+    with Aside() as aside:
+        with _progress_bar(wanted.name) as show:
+
+            def progress(n_done: int, n_cells: int) -> None:
+                aside.get_ready()  # as soon as workers are busy, and this process is not
+                show(n_done, n_cells)
+
+            results = run_suite(wanted, folder, progress, execution)
+        if not results.records.empty:
+            _report(folder, results.records, results.suite.kind, aside)
     if results.interrupted:
         _fail(f"interrupted: the {len(results.records)} cells so far are in {folder}", EXIT_INTERRUPTED)
     lost = results.records[failed(results.records)]
@@ -489,15 +497,16 @@ def _truth(name_or_path: str) -> tuple[PointCloud, Region | None, float | None]:
     return points, region, velocity_bin_mps
 
 
-def _report(folder: Path, records: pd.DataFrame, kind: Kind) -> None:
+def _report(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside | None = None) -> None:
     """Write and print the tables of a run, and draw its figures."""
-    from isacbench.report.figures import draw_run
+    from isacbench.report.aside import Aside
     from isacbench.report.kinds import TABLES, write_tables
 
     for grid in TABLES[kind].grids(records):
         _print_grid(grid)
     tables = write_tables(folder, records, kind)
-    figures = draw_run(folder)
+    with Aside() if aside is None else nullcontext(aside) as hand:
+        figures = hand.draw_run(folder)
     typer.echo(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
 
 

@@ -17,6 +17,7 @@ from isacbench.bench.local import work_guarded
 from isacbench.cli import app
 from isacbench.model.cloud_io import read_cloud
 from isacbench.model.scenario import load_scenario
+from isacbench.report.aside import Aside
 
 HEAVY = {"matplotlib", "numpy", "pandas", "pyarrow", "pydantic", "scipy", "skimage"}
 CLOUD = "x,y,z,v,power\n1,2,3,0,1\n5,6,1,10,4\n"
@@ -27,9 +28,12 @@ def drawn(monkeypatch):
     """Record what is drawn instead of drawing it."""
     calls = []
     figures = ModuleType("isacbench.report.figures")
-    figures.draw_run = lambda folder: calls.append(folder) or [folder / "deviation.png"]
     figures.draw_image = lambda path, *_: calls.append(path)
     monkeypatch.setitem(sys.modules, figures.__name__, figures)
+    monkeypatch.setattr(Aside, "get_ready", lambda self: None)
+    monkeypatch.setattr(
+        Aside, "draw_run", lambda self, folder: calls.append(folder) or [folder / "deviation.png"]
+    )
     return calls
 
 

@@ -1,11 +1,9 @@
-import sys
-from types import ModuleType
-
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
 from isacbench.cli import app
+from isacbench.report.aside import Aside
 
 RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "0,5", "-n", "4")
 
@@ -13,9 +11,8 @@ RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "
 @pytest.fixture
 def cli(plugins, tiny, tmp_path, monkeypatch):
     """Run the command line in a folder that holds a small scenario, without drawing figures."""
-    figures = ModuleType("isacbench.report.figures")
-    figures.draw_run = lambda folder, *_: [folder / "deviation.png"]
-    monkeypatch.setitem(sys.modules, figures.__name__, figures)
+    monkeypatch.setattr(Aside, "get_ready", lambda self: None)
+    monkeypatch.setattr(Aside, "draw_run", lambda self, folder: [folder / "deviation.png"])
     monkeypatch.chdir(tmp_path)
 
     def call(*args):

@@ -48,6 +48,7 @@ DEFAULT_TIMEOUT_S = 600.0
 OBSERVE_ATTEMPTS = 3
 POLL_S = 0.2
 GRACE_S = 2.0
+END_S = 10.0
 MIB = 2**20
 F_SETSIG = 10
 """Of Linux: which signal tells of a file descriptor; Python has no name for it."""
@@ -99,7 +100,7 @@ class Lane:
         self._renewing = Lock()
         self._pool = self._fresh_pool()
         self._process_id = 0
-        """Of the process that has observed; 0 where there is none."""
+        """Of the process that is at work; 0 where there is none yet."""
 
     def __enter__(self) -> Self:
         return self
@@ -155,17 +156,19 @@ class Lane:
         """Observe in the process; where the system kills it for want of memory, again in a fresh one."""
         for _ in range(OBSERVE_ATTEMPTS):
             try:
-                answer: tuple[int, list[Made]] = self._call(_observe, block)
+                if not self._process_id:
+                    self._process_id = self._call(os.getpid)
+                traces: list[Made] = self._call(_observe, block)
             except (ProcessExpired, BrokenProcessPool) as death:
                 cause = _cause(death)
                 self._renew()
             else:
-                self._process_id, traces = answer
                 return traces
         raise InputError(
             f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
             f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last one {cause}; "
-            "allowed is a scenario that fits into memory"
+            "allowed are a scenario that fits into memory, plugins that can be imported, and, in a script, "
+            "a run below `if __name__ == '__main__':`"
         )
 
     def _image(self, contestant: int, trace: Made) -> Made:
@@ -231,7 +234,10 @@ class Lane:
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._process_id, signal.SIGKILL)
         self._process_id = 0
-        self._pool.join()
+        # Where a process died half-way through an answer, the pool waits for the rest for ever: let it.
+        end = Thread(target=self._pool.join, daemon=True)
+        end.start()
+        end.join(END_S)
 
     def _fresh_pool(self) -> ProcessPool:
         return ProcessPool(1, initializer=_start_worker, initargs=[self._job], context=process_context())
@@ -300,14 +306,14 @@ def _versions() -> dict[tuple[str, str], Any]:
     return versions_now(_job.plan)
 
 
-def _observe(block: Block) -> tuple[int, list[Made]]:
+def _observe(block: Block) -> list[Made]:
     global _workbench
     if _workbench is None:
         assert _job is not None
         _workbench = Workbench(_job)
         # Threads make small batched algebra slower and its timing unrepeatable; here for good.
         threadpool_limits(limits=1)
-    return _process_id, _workbench.observe(block)
+    return _workbench.observe(block)
 
 
 def _image(contestant: int, memory_mib: float | None) -> Made:
@@ -319,6 +325,7 @@ def _image(contestant: int, memory_mib: float | None) -> Made:
     except BaseException as error:  # such as KeyboardInterrupt, or no memory left to tell of no memory
         status: Status = "killed" if isinstance(error, MemoryError) else "error"
         made = _workbench.forfeit(contestant, status, describe_error(error), time.perf_counter() - start)
+        _workbench.start_over()
     finally:
         if os.getpid() != _process_id:
             os._exit(1)  # a plugin has forked, and here comes its child

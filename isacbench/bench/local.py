@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from isacbench.bench.guard import Guard, Lane
 from isacbench.bench.plan import BlockQueue
 from isacbench.bench.workbench import Made, Workbench
+from isacbench.processes import start_process_server
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -47,6 +48,7 @@ def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -
     Made
         In the order in which they are done.
     """
+    start_process_server()
     queue = BlockQueue(blocks)
     done: SimpleQueue[Made | BaseException | None] = SimpleQueue()
     lanes = [Lane(job, guard) for _ in range(min(n_jobs, len(blocks)))]

@@ -41,6 +41,8 @@ PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "pebble", "threadpoolctl")
 RESULT_PACKAGES = ("numpy", "scipy")
 """Packages whose versions rows can hang on."""
 
+GIT_TIMEOUT_S = 30.0
+
 SOURCE = Path(isacbench.__file__).parent
 PRESENTATION = ("report", "cli.py", "__main__.py")
 """Parts of the source that no row follows from."""
@@ -100,8 +102,11 @@ def git_state(checkout: Path = SOURCE.parent) -> dict[str, Any] | None:
             capture_output=True,
             text=True,
             check=True,
+            timeout=GIT_TIMEOUT_S,
+            # A look at it must not get in the way of who works in it.
+            env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},
         )
-    except (OSError, subprocess.CalledProcessError):
+    except (OSError, subprocess.SubprocessError):
         return None
     lines = status.stdout.splitlines()
     commit = next((line.split()[2] for line in lines if line.startswith("# branch.oid")), None)

@@ -72,7 +72,15 @@ RUN_KEYS = ("seed", "suite", "metric", "estimators", "scenarios", "scenes")
 
 T = TypeVar("T")
 
-DAMAGE = (ValueError, TypeError, KeyError, AttributeError, OSError, pa.ArrowException)
+DAMAGE = (
+    ValueError,
+    TypeError,
+    KeyError,
+    AttributeError,
+    OSError,
+    pa.ArrowException,
+    pd.errors.InvalidIndexError,
+)
 """What a damaged file ends in."""
 
 
@@ -230,16 +238,16 @@ def read_rows(folder: Path) -> Rows:
         If something is damaged, and its rows or clouds are lost.
     """
     environments = _lenient(lambda: read_manifest(folder)["environments"], folder / MANIFEST) or {}
-    records = _lenient(lambda: _read_records(folder), folder / RECORDS)
-    parts = []
-    if records is not None:
-        clouds = _lenient(lambda: _read_clouds(folder), folder / CLOUDS)
-        parts.append(Rows.of_tables(records, _no_clouds() if clouds is None else clouds, environments))
+    clouds = _lenient(lambda: _read_clouds(folder), folder / CLOUDS)
+    found = _lenient(
+        lambda: Rows.of_tables(
+            _read_records(folder), _no_clouds() if clouds is None else clouds, environments
+        ),
+        folder / RECORDS,
+    )
+    parts = [] if found is None else [found]
     if (folder / JOURNAL).exists():
-        rows, n_torn = read_journal(folder / JOURNAL)
-        if n_torn:
-            _warn_of_damage(folder / JOURNAL, f"{n_torn} lines")
-        parts.append(rows)
+        parts.append(_read_journal(folder / JOURNAL))
     return Rows.joined(parts)
 
 
@@ -250,6 +258,11 @@ def read_results(folder: Path) -> Results:
     ------
     InputError
         If the folder does not hold a run, or a damaged one.
+
+    Warns
+    -----
+    InputWarning
+        If lines of the journal of a run that was killed are damaged.
     """
     manifest, journal = read_manifest(folder), folder / JOURNAL
     if not journal.exists() and not (folder / RECORDS).is_file():
@@ -262,7 +275,7 @@ def read_results(folder: Path) -> Results:
                 Rows.of_tables(_read_records(folder), _read_clouds(folder), manifest["environments"])
             )
         if journal.exists():
-            parts.append(read_journal(journal)[0])
+            parts.append(_read_journal(journal))
         rows = Rows.joined(parts)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
         truth = _read_parquet(folder / TRUTH)
@@ -275,13 +288,21 @@ def read_results(folder: Path) -> Results:
                 for name, described in manifest["scenarios"].items()
             },
             draws=_read_draws(folder / DRAWS),
-            environments=manifest["environments"],
+            environments=rows.environments,
             started=datetime.fromisoformat(manifest["started"]),
             wall_time_s=manifest["wall_time_s"],
             interrupted=manifest["interrupted"],
         )
     except DAMAGE as error:
         raise InputError(f"{folder}: damaged run: {type(error).__name__}: {error}") from error
+
+
+def _read_journal(path: Path) -> Rows:
+    """Rows of a journal whose lines are whole."""
+    rows, n_torn = read_journal(path)
+    if n_torn:
+        _warn_of_damage(path, f"{n_torn} lines")
+    return rows
 
 
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:
@@ -350,7 +371,9 @@ def _lenient(read: Callable[[], T], path: Path) -> T | None:
 
 
 def _warn_of_damage(path: Path, what: str) -> None:
-    warnings.warn(f"{path}: damaged, its cells run again ({what})", InputWarning, stacklevel=2)
+    warnings.warn(
+        f"{path}: damaged, its cells are left out and run again ({what})", InputWarning, stacklevel=2
+    )
 
 
 def _no_run(folder: Path, missing: str) -> InputError:

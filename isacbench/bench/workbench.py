@@ -83,9 +83,14 @@ class Workbench:
         if self._is_unchanged():
             return self._made(outcome, chosen)
         made = self.forfeit(contestant, "error", CHANGED, time.perf_counter() - start)
+        self.start_over()
+        return made
+
+    def start_over(self) -> None:
+        """Make anew what was observed last, and all that it was made from."""
+        assert self._block is not None
         self._scenes, self._scene = self._fresh_scenes(), None
         self.observe(self._block)
-        return made
 
     def forfeit(self, contestant: int, status: Status, reason: str, time_s: float) -> Made:
         """Row of a contestant of the scene that was observed last, should it leave no other trace."""

@@ -12,7 +12,7 @@ from isacbench.bench.maps import MAPS
 from isacbench.bench.record import POINT_COLUMNS, Results
 from isacbench.bench.store import read_results
 from isacbench.contracts import Diagnoser
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.registry import build_estimators_of
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from isacbench.registry import AnyEstimator
     from isacbench.report.style import Look
 
-__all__ = ["draw_image", "draw_run"]
+__all__ = ["draw_diagnoses", "draw_image", "draw_run"]
 
 FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
@@ -63,13 +63,15 @@ MOST_CLOUDS = 16
 Named = tuple[str, "Figure"]
 
 
-def draw_run(folder: Path) -> list[Path]:
+def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
     """Draw a stored run: of images scores over SNR, clouds, maps and spectra; of a study its own figures.
 
     Parameters
     ----------
     folder : Path
         Folder of a run; figures of the same names in its ``figures`` are replaced.
+    with_diagnoses : bool
+        Whether to draw what `draw_diagnoses` does as well.
 
     Returns
     -------
@@ -77,9 +79,7 @@ def draw_run(folder: Path) -> list[Path]:
         What was written. Of images: ``deviation.png``; for each scenario
         ``curves-*.png`` and ``clouds-*.png``, more than one of these where
         the estimators are many, and of the 16 best alone where they are
-        more; for each estimator that is a `Diagnoser` ``rdm-*.png`` and,
-        where it detects anything, ``spectrum-*.png``, of the first
-        scenario. Of a study, for each scenario that it has:
+        more. Of a study, for each scenario that it has:
         ``efficiency-*.png``; ``resolution-*.png``; or ``maps.png`` and
         ``roc.png``, and ``detection-*.png``. Nothing where the run holds no
         cells.
@@ -91,16 +91,52 @@ def draw_run(folder: Path) -> list[Path]:
 
     Warns
     -----
-    UserWarning
+    InputWarning
         If an estimator of the run is not installed, or its diagnosis fails.
     """
     results = read_results(folder)
+    figures = FIGURES[results.suite.kind](results)
+    if with_diagnoses:
+        figures = chain(figures, _diagnoses(results))
+    return _drawn(folder, results, figures)
+
+
+def draw_diagnoses(folder: Path) -> list[Path]:
+    """Draw what the estimators of a stored run of images see on their way.
+
+    Parameters
+    ----------
+    folder : Path
+        As for `draw_run`.
+
+    Returns
+    -------
+    list of Path
+        Of the first scenario and trial, for each estimator that is a
+        `Diagnoser`: ``rdm-*.png`` and, where it detects anything,
+        ``spectrum-*.png``.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold a run.
+
+    Warns
+    -----
+    InputWarning
+        If an estimator of the run is not installed, or its diagnosis fails.
+    """
+    results = read_results(folder)
+    return _drawn(folder, results, _diagnoses(results))
+
+
+def _drawn(folder: Path, results: Results, figures: Iterator[Named]) -> list[Path]:
     if results.records.empty:
         return []
     target = folder / FOLDER
     target.mkdir(exist_ok=True)
     with styled(), older_objects_uncollected():
-        return [save(figure, target / f"{stem}.png") for stem, figure in FIGURES[results.suite.kind](results)]
+        return [save(figure, target / f"{stem}.png") for stem, figure in figures]
 
 
 def draw_image(
@@ -134,11 +170,14 @@ def _built(specs: Sequence[str]) -> Iterator[tuple[str, AnyEstimator]]:
         try:
             yield from build_estimators_of(spec)
         except InputError as error:
-            warnings.warn(f"no map and no spectra of {spec}: {error}", stacklevel=3)
+            warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=3)
 
 
-def _looks(results: Results, estimators: dict[str, AnyEstimator]) -> dict[Variant, Look]:
-    """Looks of the estimators of a run."""
+def _looks(results: Results) -> dict[Variant, Look]:
+    """Looks of the estimators of a run; one that is not installed is no limit to anybody's knowledge."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        estimators = dict(_built(results.suite.estimators))
     bounds = {estimator.name for estimator in estimators.values() if getattr(estimator, "needs_truth", False)}
     labels = estimator_labels(zip(results.records["estimator"], results.records["params"], strict=True))
     return assign_looks(labels, bounds)
@@ -146,14 +185,13 @@ def _looks(results: Results, estimators: dict[str, AnyEstimator]) -> dict[Varian
 
 def _imaging(results: Results) -> Iterator[Named]:
     """Figures of images."""
-    estimators = dict(_built(results.suite.estimators))
-    looks = _looks(results, estimators)
-    return chain(_curves(results, looks), _clouds(results, looks), _diagnoses(results, estimators))
+    looks = _looks(results)
+    return chain(_curves(results, looks), _clouds(results, looks))
 
 
 def _efficiency(results: Results) -> Iterator[Named]:
     """Errors and bounds of every scenario."""
-    looks = _looks(results, dict(_built(results.suite.estimators)))
+    looks = _looks(results)
     summary = efficiency.summarise(results.records)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
         yield f"efficiency-{stem}", draw_efficiency(summary, scenario, looks)
@@ -161,7 +199,7 @@ def _efficiency(results: Results) -> Iterator[Named]:
 
 def _resolution(results: Results) -> Iterator[Named]:
     """Probabilities of resolution of every template and SNR."""
-    looks = _looks(results, dict(_built(results.suite.estimators)))
+    looks = _looks(results)
     summary = resolution.summarise(results.records)
     several = summary["snr_gain_db"].nunique() > 1
     for template, stem in file_stems(summary["template"].unique()).items():
@@ -284,8 +322,11 @@ def _nearest(available: Sequence[float], wanted: Sequence[float]) -> list[float]
     return list(dict.fromkeys(min(available, key=lambda value: abs(value - target)) for target in wanted))
 
 
-def _diagnoses(results: Results, estimators: dict[str, AnyEstimator]) -> Iterator[Named]:
+def _diagnoses(results: Results) -> Iterator[Named]:
     """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial."""
+    if results.suite.kind != "imaging" or results.records.empty:
+        return
+    estimators = dict(_built(results.suite.estimators))
     diagnosers = {spec: plugin for spec, plugin in estimators.items() if isinstance(plugin, Diagnoser)}
     if not diagnosers:
         return
@@ -297,7 +338,8 @@ def _diagnoses(results: Results, estimators: dict[str, AnyEstimator]) -> Iterato
         try:
             diagnosis = estimator.diagnose(observation)
         except Exception as error:  # a plugin's fault must not cost the other figures
-            warnings.warn(f"no map and no spectra of {spec}: {type(error).__name__}: {error}", stacklevel=3)
+            reason = f"{type(error).__name__}: {error}"
+            warnings.warn(f"no map and no spectra of {spec}: {reason}", InputWarning, stacklevel=3)
             continue
         title = drawable(f"{scenario.name}, {spec}, {snr_db:g} dB")
         yield f"rdm-{stem}", draw_map(title, diagnosis, scenario.system, simulator.noise_power(snr_db))

@@ -2,16 +2,27 @@
 
 import os
 import time
+from concurrent.futures import CancelledError
+from multiprocessing import active_children
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.guard import Guard
+from isacbench.bench.guard import Guard, Lane
+from isacbench.bench.job import load_job
+from isacbench.bench.local import work_guarded
+from isacbench.bench.plan import Block
 from isacbench.bench.record import TIMES
 from isacbench.bench.runner import Execution, run_suite
 from isacbench.bench.suite import Suite
+from isacbench.entries import load_plugin_file
 from isacbench.errors import InputError
+
+SLOW = pytest.mark.slow
 
 MEMORY_MIB = 256
 
@@ -24,6 +35,7 @@ FAILURES = {
     "long": ("error", f"ValueError: {'x' * 1000}..."),
     "recursion": ("error", "RecursionError: maximum recursion depth exceeded"),
     "interrupt": ("error", "KeyboardInterrupt"),
+    "interrupt_and_change": ("error", "KeyboardInterrupt"),
     "leave": ("error", "SystemExit: 7"),
     "exit0": ("killed", "the process exited with code 0"),
     "exit7": ("killed", "the process exited with code 7"),
@@ -38,6 +50,7 @@ FAILURES = {
     "hog_small": ("killed", f"more than {MEMORY_MIB} MiB: "),
     "hog_large": ("killed", f"more than {MEMORY_MIB} MiB: "),
     "close_all": ("killed", "the process exited with code "),
+    "half": ("killed", "the process exited with code 5"),
     "unlock": ("error", "ValueError: it changed the observation"),
     "by_address": ("error", "ValueError: it changed the observation"),
     "move_station": ("error", "ValueError: it changed the observation"),
@@ -62,7 +75,7 @@ MORE_OF_THE_SAME = {
 """Left to the slow tests, for each costs a fresh process or a fresh observation."""
 
 DEADLY = {name for name, (status, _) in FAILURES.items() if status == "killed"}
-HARMLESS_UNGUARDED = [*(set(FAILURES) - DEADLY - {"interrupt", "ask"}), "disturb"]
+HARMLESS_UNGUARDED = [*(set(FAILURES) - DEADLY - {"interrupt", "interrupt_and_change", "ask"}), "disturb"]
 
 UNHURT = ["good", "dice"]
 
@@ -114,7 +127,7 @@ def assert_failures(records, kinds):
     "kinds",
     [
         [kind for kind in FAILURES if kind not in MORE_OF_THE_SAME],
-        pytest.param(sorted(MORE_OF_THE_SAME), marks=pytest.mark.slow),
+        pytest.param(sorted(MORE_OF_THE_SAME), marks=SLOW),
     ],
     ids=["most", "rest"],
 )
@@ -150,7 +163,7 @@ def test_a_cell_that_never_ends_is_stopped_and_the_rest_goes_on(suite):
     assert_others_are_those_of_a_run_without(wrecked, records)
 
 
-@pytest.mark.slow
+@SLOW
 @pytest.mark.parametrize("kind", ["loop_in_c", "freeze"])
 def test_neither_ignored_signals_nor_a_halt_keep_a_cell_alive(suite, kind):
     wrecked = suite([kind])
@@ -185,7 +198,7 @@ def test_a_row_says_the_same_environment_wherever_it_was_made(suite):
     assert here.environments == there.environments
 
 
-@pytest.mark.slow
+@SLOW
 def test_the_number_of_processes_changes_nothing(suite):
     wrecked = suite(["raise_", "exit7", "unlock", "disturb"], trials=3, snr_db=[-10, 0, 10])
     one, two, many = (guarded(wrecked, n_jobs=n) for n in (1, 2, 5))
@@ -205,3 +218,99 @@ def test_the_number_of_processes_changes_nothing(suite):
 def test_a_limit_that_is_none_is_refused(limits, message):
     with pytest.raises(InputError, match=f"{message}: allowed is more than 0"):
         Guard(**limits)
+
+
+BROKEN_IN_WORKERS = """
+import multiprocessing, os
+from dataclasses import dataclass
+
+from isacbench.model.cloud import PointCloud
+
+if multiprocessing.parent_process() is not None:
+    {what}
+
+
+@dataclass(frozen=True)
+class Homebody:
+    name = "homebody"
+
+    def estimate(self, observation):
+        return PointCloud.empty()
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("raise OSError('not here')", r"plugin homebody\.py: cannot be imported: line 8: OSError: not here"),
+        (
+            "os._exit(3)",
+            r"scenario tiny, trial \d, 0 dB: 3 worker processes in a row did not live to observe it, "
+            "the last one exited with code 3",
+        ),
+        pytest.param("os._exit(0)", "did not live to observe it", marks=SLOW),
+    ],
+)
+def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
+    write_plugin, tiny, tmp_path, what, message
+):
+    load_plugin_file(write_plugin("homebody.py", BROKEN_IN_WORKERS.format(what=what)))
+    suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=3)
+    with pytest.raises(InputError, match=message):
+        run_suite(suite, tmp_path / "run", execution=Execution(n_jobs=2))
+
+
+@pytest.fixture
+def lane(suite):
+    """Return a lane whose first cell never ends."""
+    job = load_job(suite([]).replace(estimators=["wreck[kind=loop]", "good"]))
+    with Lane(job, Guard()) as lane:
+        yield lane
+
+
+BLOCK = Block(0, 0, 0.0, (0, 1))
+
+
+def work_in_thread(lane):
+    """Work in a thread; what ended it comes back from the queue."""
+    ended = SimpleQueue()
+
+    def work():
+        try:
+            ended.put(list(lane.work(BLOCK)))
+        except BaseException as error:
+            ended.put(error)
+
+    Thread(target=work, daemon=True).start()
+    return ended
+
+
+@pytest.mark.parametrize("delay_s", [0, 0.2, *(pytest.param(t, marks=SLOW) for t in (0.05, 0.1, 1))])
+@pytest.mark.parametrize("how", ["cancel", "stop"])
+def test_a_busy_lane_can_be_stopped_from_another_thread_at_any_moment(lane, how, delay_s):
+    ended = work_in_thread(lane)
+    time.sleep(delay_s)
+    getattr(lane, how)()
+    assert isinstance(ended.get(timeout=60), CancelledError)
+
+
+def test_a_lane_that_was_stopped_does_not_work_again(lane):
+    lane.stop()
+    lane.stop()
+    with pytest.raises(CancelledError):
+        next(lane.work(BLOCK))
+
+
+def test_a_run_that_is_left_early_ends_its_processes(suite):
+    job = load_job(suite([]).replace(trials=3))
+    blocks = job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_))
+    outcomes = work_guarded(job, blocks, Guard(), 2)
+    next(outcomes)
+    before = {child.pid for child in active_children()}
+    assert before
+    outcomes.close()
+    assert not {child.pid for child in active_children()} & before
+
+
+def test_a_run_without_a_cell_left_starts_nothing(suite):
+    assert list(work_guarded(load_job(suite([])), [], Guard(), 2)) == []

@@ -250,3 +250,32 @@ def test_an_interrupt_at_any_moment_is_no_traceback_and_goes_on(start, finish, t
     process.wait(PATIENCE_S)
     assert "Traceback" not in (tmp_path / "output.txt").read_text()
     assert finish(folder) == undisturbed
+
+
+@linux
+@pytest.mark.slow
+@pytest.mark.parametrize("delay_s", [0.05, 0.3, 1])
+def test_an_impatient_interrupt_ends_the_run_as_well(start, finish, tmp_path, undisturbed, delay_s):
+    folder, marker = tmp_path / "run", f"run of {tmp_path}"
+    process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker)
+    wait_until(lambda: rows_in(folder) >= 4)
+    for _ in range(3):
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(delay_s)
+    assert process.wait(PATIENCE_S) != 0
+    wait_until(lambda: not running(marker))
+    assert finish(folder) == undisturbed
+
+
+def test_an_interrupt_while_tables_are_written_keeps_the_journal(finish, tmp_path, undisturbed, monkeypatch):
+    folder = tmp_path / "run"
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pd.DataFrame, "to_csv", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            finish(folder)
+    assert rows_in(folder) == 30
+    assert finish(folder) == undisturbed

@@ -9,6 +9,7 @@ import pytest
 
 from isacbench import entries
 from isacbench.bench.journal import Journal
+from isacbench.bench.plan import Shard
 from isacbench.bench.record import TIMES
 from isacbench.bench.runner import Execution, run_suite
 from isacbench.bench.store import read_results
@@ -380,6 +381,54 @@ def test_a_damaged_run_is_reported_in_one_message(suite, folder, name, finished)
     with pytest.raises(InputError, match=f"{folder}: damaged run: .*{name}") as caught:
         read_results(folder)
     assert "\n" not in str(caught.value)
+
+
+def test_a_report_on_a_torn_journal_says_what_it_leaves_out(suite, folder):
+    kill_after(suite, folder, 5)
+    journal = folder / "journal.jsonl"
+    damage(journal, "cut", journal.stat().st_size - 20)
+    with pytest.warns(
+        InputWarning, match=r"journal\.jsonl: damaged, its cells are left out and run again \(1 li"
+    ):
+        results = read_results(folder)
+    assert len(results.records) == 4
+    assert set(results.records["environment"]) == set(results.environments)
+
+
+def test_rows_that_came_twice_are_damage(suite, folder, finished, undisturbed):
+    records = pd.read_parquet(folder / "results.parquet")
+    records.attrs = {}
+    pd.concat([records, records]).to_parquet(folder / "results.parquet")
+    with pytest.raises(InputError, match="damaged run"):
+        read_results(folder)
+    n_made, told = go_despite_damage(suite, folder)
+    assert n_made == 18
+    assert len(told) == 1
+    assert table(folder) == undisturbed
+
+
+def test_a_folder_that_cannot_be_locked_is_told(suite, folder):
+    (folder / ".lock").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"run: cannot be locked: Is a directory; allowed is a folder"):
+        go(suite, folder)
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_guarded_processes_give_the_table_of_this_process(suite, folder, undisturbed, n_jobs):
+    go(suite, folder, n_jobs=n_jobs)
+    assert table(folder) == undisturbed
+
+
+def test_processes_go_on_with_what_this_process_began(suite, folder, undisturbed):
+    kill_after(suite, folder, 7)
+    assert go(suite, folder, n_jobs=2)[1] == 11
+    assert table(folder) == undisturbed
+
+
+def test_parts_of_a_run_make_its_cells_once(suite, folder, undisturbed):
+    made = [go(suite, folder, shard=Shard(k, 3))[1] for k in (1, 2, 3, 3)]
+    assert made == [6, 6, 6, 0]
+    assert table(folder) == undisturbed
 
 
 def test_a_full_disk_ends_the_run_with_one_message_and_keeps_the_rows(

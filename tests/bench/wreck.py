@@ -12,6 +12,7 @@ import threading
 import time
 import warnings
 from dataclasses import dataclass
+from multiprocessing import connection
 from pathlib import Path
 from typing import ClassVar
 
@@ -109,6 +110,12 @@ def stay(path):
             file.write(f"{child}\n")
 
 
+def send_half(self, content):
+    """Die in the middle of an answer."""
+    os.write(self.fileno(), bytes(content)[: len(content) // 2])
+    os._exit(5)
+
+
 def disturb():
     """Change everything about the process that can be changed by accident."""
     os.chdir("/")
@@ -162,6 +169,10 @@ class Wreck:
     def interrupt(self, observation):
         raise KeyboardInterrupt
 
+    def interrupt_and_change(self, observation):
+        unlock(observation.cells)
+        raise KeyboardInterrupt
+
     def leave(self, observation):
         sys.exit(7)
 
@@ -206,6 +217,10 @@ class Wreck:
 
     def close_all(self, observation):
         os.closerange(0, 1000)
+        return points(observation)
+
+    def half(self, observation):
+        connection.Connection._send = send_half
         return points(observation)
 
     def loop(self, observation):

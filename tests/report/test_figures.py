@@ -107,8 +107,8 @@ def test_a_run_without_cells_draws_nothing(plugins, tiny, tmp_path):
     suite = Suite(
         name="t", scenarios=[str(tiny)], estimators=["trouble[kind=interrupt]"], snr_db=[0], trials=1
     )
-    assert run_suite(suite, tmp_path).interrupted
-    assert draw_run(tmp_path) == []
+    assert run_suite(suite, tmp_path / "run").interrupted
+    assert draw_run(tmp_path / "run") == []
 
 
 def test_names_that_no_file_could_have_are_drawn_in_files_that_can(plugins, tiny, tmp_path, drawn):
