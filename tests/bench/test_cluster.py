@@ -205,7 +205,7 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
 
 
 class FakeFigures:
-    draw_run = staticmethod(lambda folder: [])
+    draw_run = staticmethod(lambda folder, **_: [])
 
 
 def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cluster, slow):
