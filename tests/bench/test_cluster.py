@@ -226,6 +226,29 @@ def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cl
     pd.testing.assert_frame_equal(apart_from_times(records), apart_from_times(run(slow, jobs=2)))
 
 
+ENVIRONMENT = """
+import os
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Environment:
+    name: ClassVar[str] = "environment"
+
+    def estimate(self, observation):
+        raise RuntimeError(os.environ.get("MALLOC_TRIM_THRESHOLD_", "nothing"))
+"""
+
+
+def test_cells_do_not_get_the_allocator_that_nannies_give_to_workers(cluster, suite, write_plugin):
+    load_plugin_file(write_plugin("environment.py", ENVIRONMENT))
+    records = run(suite, estimators=["environment"], dask=cluster.address)
+    assert set(records["reason"]) == {"RuntimeError: nothing"}
+
+
 def test_a_plugin_that_workers_lack_is_told_before_anything_is_made(cluster, suite, plugin_folder, tmp_path):
     source = PLUGINS.replace('"seer"', '"ghost"')
     plugin_folder.install("test-ghosts", source, estimators={"ghost": "Seer"})
