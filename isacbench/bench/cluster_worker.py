@@ -236,7 +236,7 @@ def work(order: PackedOrder, blocks: Sequence[Block]) -> Batch:
     start, made = time.monotonic(), []
     with _lanes.lane(order) as lane:
         for index, block in enumerate(blocks):
-            for n_done, one in enumerate(lane.work(block), start=1):
+            for n_done, one in enumerate(lane.work([block]), start=1):
                 made.append(one)
                 if time.monotonic() - start > BATCH_S:
                     return Batch(made, _without(n_done, blocks[index:]))

@@ -13,8 +13,9 @@ from collections import deque
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from threadpoolctl import threadpool_limits
 
@@ -25,8 +26,10 @@ from isacbench.errors import InputError
 from isacbench.guarded_process import GuardedProcess, ProcessLostError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from types import TracebackType
+
+    from pebble import ProcessFuture
 
     from isacbench.bench.job import Job
     from isacbench.bench.plan import Block
@@ -118,43 +121,67 @@ class Lane:
         except ProcessLostError as loss:
             raise InputError(f"loading the plugins: {loss.reason}") from loss
 
-    def work(self, block: Block) -> Iterator[Made]:
-        """Work off the cells of a block; each yields a row, whatever becomes of it.
+    def work(self, blocks: Iterable[Block], n_ahead: int = 0) -> Iterator[Made]:
+        """Work off the cells of blocks; each yields a row, whatever becomes of it.
+
+        Parameters
+        ----------
+        blocks : iterable of Block
+            Taken from as the work goes on.
+        n_ahead : int
+            Calls that wait in the process while one is answered, so that it
+            never does. Of those nothing comes if the iterator is left early.
 
         Raises
         ------
         CancelledError
             If the lane was stopped meanwhile.
         InputError
-            If no process lives through observing the block.
+            If no process lives through observing a block.
         """
-        waiting = deque(block.contestants)
-        while waiting:
-            traces = deque(self._observe(block._replace(contestants=tuple(waiting))))
-            has_observed = True
-            while waiting and has_observed:
-                made, has_observed = self._image(waiting.popleft(), traces.popleft())
-                yield made
-
-    def _observe(self, block: Block) -> list[Made]:
-        """Observe in the process; where the system kills it for want of memory, again in a fresh one."""
-        for _ in range(OBSERVE_ATTEMPTS):
+        steps = chain.from_iterable(map(_steps, blocks))
+        waiting: deque[_Step] = deque()
+        answers: deque[ProcessFuture[Any]] = deque()
+        traces: dict[int, Made] = {}
+        n_deaths = 0
+        while True:
+            waiting.extend(islice(steps, n_ahead + 1 - len(waiting)))
+            if not waiting:
+                return
             try:
-                return self._process.call(_observe, block)
+                answers.extend(self._schedule(step) for step in islice(waiting, len(answers), None))
+                if waiting[0].contestant is None:
+                    observed: list[Made] = self._process.answer(answers[0])
             except ProcessLostError as loss:
-                reason = loss.reason
-        raise InputError(
-            f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
-            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last: {reason}; "
-            "allowed are a scenario that fits into memory, plugins that can be imported, and, in a script, "
-            "a run below `if __name__ == '__main__':`"
-        )
+                n_deaths += 1
+                if n_deaths == OBSERVE_ATTEMPTS:
+                    raise self._unobservable(waiting[0].block, loss) from loss
+                answers.clear()
+                if waiting[0].contestant is not None:
+                    waiting.appendleft(_observation(waiting[0].block, traces))
+                continue
+            step, answer = waiting.popleft(), answers.popleft()
+            if step.contestant is None:
+                traces, n_deaths = dict(zip(step.block.contestants, observed, strict=True)), 0
+                continue
+            made, has_observed = self._image(answer, traces.pop(step.contestant))
+            yield made
+            if not has_observed:
+                answers.clear()
+                if traces:
+                    waiting.appendleft(_observation(step.block, traces))
 
-    def _image(self, contestant: int, trace: Made) -> tuple[Made, bool]:
-        """Image in the process; whether it still has what it has observed."""
-        start, limits = time.perf_counter(), self._guard
+    def _schedule(self, step: _Step) -> ProcessFuture[Any]:
+        if step.contestant is None:
+            return self._process.schedule(_observe, step.block)
+        limits = self._guard
+        return self._process.schedule(_image, step.contestant, limits.memory_mib, timeout_s=limits.timeout_s)
+
+    def _image(self, answer: ProcessFuture[Any], trace: Made) -> tuple[Made, bool]:
+        """Outcome of an image, and whether the process still has what it has observed."""
+        start = time.perf_counter()
         try:
-            made = self._process.call(_image, contestant, limits.memory_mib, timeout_s=limits.timeout_s)
+            made: Made = self._process.answer(answer, self._guard.timeout_s)
         except CancelledError:
             raise
         except ProcessLostError as loss:
@@ -166,6 +193,30 @@ class Lane:
             self._process.renew()  # what the plugin still holds must not be held against other cells
             return made, False
         return made, True
+
+    def _unobservable(self, block: Block, loss: ProcessLostError) -> InputError:
+        return InputError(
+            f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
+            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last: "
+            f"{loss.reason}; allowed are a scenario that fits into memory, plugins that can be imported, and, in "
+            "a script, a run below `if __name__ == '__main__':`"
+        )
+
+
+class _Step(NamedTuple):
+    """A call of the worker process: to observe a block, or to let a contestant image what was observed."""
+
+    block: Block
+    contestant: int | None
+
+
+def _observation(block: Block, of: Iterable[int]) -> _Step:
+    """Step that observes a block once more, for some of its contestants."""
+    return _Step(block._replace(contestants=tuple(of)), None)
+
+
+def _steps(block: Block) -> Iterator[_Step]:
+    return (_Step(block, contestant) for contestant in (None, *block.contestants))
 
 
 def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:

@@ -79,8 +79,9 @@ def seed_global_generators(*key: object) -> None:
 def array_digest(array: NDArray[Any]) -> str:
     """Digest that tells whether an array has been changed, at the speed of memory.
 
-    Sums of bits along rows and columns: a tenth of the time of a checksum.
-    Enough against mishaps, not against forgery.
+    Sums of columns, of the first and of the second half: every changed bit
+    shows, and every swap but within a column's half, in a tenth of the time of
+    a checksum. Enough against mishaps, not against forgery.
 
     Parameters
     ----------
@@ -90,8 +91,8 @@ def array_digest(array: NDArray[Any]) -> str:
     words = np.ascontiguousarray(array).view(np.uint64)
     table = words.reshape(len(words), -1)
     total = hashlib.sha256(repr((array.shape, array.dtype.str)).encode())
-    total.update(table.sum(axis=0, dtype=np.uint64).tobytes())
-    total.update(table.sum(axis=1, dtype=np.uint64).tobytes())
+    for half in np.array_split(table, 2):
+        total.update(half.sum(axis=0, dtype=np.uint64).tobytes())
     return total.hexdigest()
 
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["work_guarded", "work_here"]
 
+N_AHEAD = 2
+"""Calls that wait in a worker process: it goes on at once, while this one takes its answers."""
+
 
 def work_here(job: Job, blocks: Sequence[Block]) -> Generator[Made, None, None]:
     """Work off blocks in this process: easy to debug, but a plugin that hangs or dies takes all with it."""
@@ -56,9 +59,8 @@ def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -
     def work(lane: Lane) -> None:
         try:
             with lane:
-                for block in queue.blocks():
-                    for made in lane.work(block):
-                        done.put(made)
+                for made in lane.work(queue.blocks(), n_ahead=N_AHEAD):
+                    done.put(made)
         except CancelledError:
             pass  # nobody waits for more
         except BaseException as error:

@@ -445,7 +445,7 @@ def wait_for_end(process_id):
 def test_a_process_is_lent_again_and_ends_when_nobody_asks_for_it(order):
     lanes, packed = Lanes(idle_s=0.2), order.pack()
     with lanes.lane(packed) as first:
-        assert len(list(first.work(Block(0, 0, 0.0, (0, 1))))) == 2
+        assert len(list(first.work([Block(0, 0, 0.0, (0, 1))]))) == 2
         process_id = first.process_id
     with lanes.lane(packed) as again:
         assert again is first
@@ -471,9 +471,9 @@ def test_a_process_with_a_problem_is_not_lent_again(order):
 def test_a_process_that_works_ends_when_its_run_does(order):
     lanes, packed = Lanes(), order.pack()
     with lanes.lane(packed) as lane:
-        list(lane.work(Block(0, 0, 0.0, (0,))))
+        list(lane.work([Block(0, 0, 0.0, (0,))]))
         process_id = lane.process_id
         lanes.stop(packed.token)
         wait_for_end(process_id)
         with pytest.raises(CancelledError):
-            list(lane.work(Block(0, 0, 0.0, (0,))))
+            list(lane.work([Block(0, 0, 0.0, (0,))]))

@@ -288,7 +288,7 @@ def work_in_thread(lane):
 
     def work():
         try:
-            ended.put(list(lane.work(BLOCK)))
+            ended.put(list(lane.work([BLOCK])))
         except BaseException as error:
             ended.put(error)
 
@@ -309,7 +309,7 @@ def test_a_lane_that_was_stopped_does_not_work_again(lane):
     lane.stop()
     lane.stop()
     with pytest.raises(CancelledError):
-        next(lane.work(BLOCK))
+        next(lane.work([BLOCK]))
 
 
 def test_a_run_that_is_left_early_ends_its_processes(suite):
