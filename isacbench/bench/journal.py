@@ -11,6 +11,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
+import struct
 import zlib
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
@@ -19,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.folder import cannot_be_written
-from isacbench.bench.record import COLUMNS, PROVENANCE
+from isacbench.bench.record import COLUMNS, POINT_COLUMNS, PROVENANCE, TYPES
 from isacbench.bench.rows import Rows
 
 if TYPE_CHECKING:
@@ -42,7 +43,12 @@ N_CRC = 8
 SHARED = ["suite", "scenario", "estimator", "params", "seed", *PROVENANCE]
 """Columns in which many rows agree; long as they are, they are written once."""
 
-OWN = [name for name in COLUMNS if name not in SHARED]
+NUMBERS = [name for name in COLUMNS if name not in SHARED and TYPES[name] == "float"]
+"""Columns that are written bit by bit, before the cloud: in a third of the time that digits take."""
+
+PACKED = struct.Struct(f"<{len(NUMBERS)}d")
+
+OWN = [name for name in COLUMNS if name not in SHARED and name not in NUMBERS]
 
 
 class Journal:
@@ -94,8 +100,9 @@ class Journal:
             self._shared[shared] = len(self._shared)
             self._write({"shared": self._shared[shared], "is": dict(zip(SHARED, shared, strict=True))})
         values = [*_own(record), *(extras.get(name, value) for name, value in self._columns.items())]
-        points = base64.b64encode(cloud.to_array().astype("<f8").tobytes()).decode()
-        self._write({"row": values, "of": self._shared[shared], "points": points})
+        bits = PACKED.pack(*_numbers(record)) + cloud.to_array().astype("<f8").tobytes()
+        numbers = base64.b64encode(bits).decode("ascii")
+        self._write({"row": values, "of": self._shared[shared], "numbers": numbers})
 
     def _write(self, entry: Mapping[str, Any]) -> None:
         text = _encode(entry).encode()
@@ -134,7 +141,7 @@ class _Reader:
         self.shared: dict[int, dict[str, Any]] = {}
         self.values: list[list[Any]] = []
         self.of: list[int] = []
-        self.points: list[NDArray[np.float64]] = []
+        self.numbers: list[NDArray[np.float64]] = []
         self.parts: list[Rows] = []
         self.environments: dict[str, Environment] = {}
         self.n_torn = 0
@@ -157,7 +164,7 @@ class _Reader:
         elif len(entry["row"]) == len(self.columns) and entry["of"] in self.shared:
             self.values.append(entry["row"])
             self.of.append(entry["of"])
-            self.points.append(np.frombuffer(base64.b64decode(entry["points"]), dtype="<f8").reshape(-1, 5))
+            self.numbers.append(np.frombuffer(base64.b64decode(entry["numbers"]), dtype="<f8"))
             if len(self.values) == CHUNK_ROWS:
                 self.gather()
         else:  # what it needs was on a damaged line
@@ -169,9 +176,14 @@ class _Reader:
         of = pd.Index(list(self.shared)).get_indexer(pd.Index(self.of))
         shared = pd.DataFrame(list(self.shared.values())).iloc[of].reset_index(drop=True)
         own = pd.DataFrame(self.values, columns=self.columns)
-        n_points = np.array([len(points) for points in self.points])
-        self.parts.append(Rows(pd.concat([shared, own], axis=1), n_points, np.concatenate(self.points), {}))
-        self.values, self.of, self.points = [], [], []
+        every, n = np.concatenate(self.numbers), len(NUMBERS)
+        sizes = np.array([numbers.size for numbers in self.numbers])
+        of_row = (np.cumsum(sizes) - sizes)[:, None] + np.arange(n)
+        numbers = pd.DataFrame(every[of_row], columns=NUMBERS)
+        points = np.delete(every, of_row).reshape(-1, len(POINT_COLUMNS))
+        records = pd.concat([shared, own, numbers], axis=1)
+        self.parts.append(Rows(records, (sizes - n) // len(POINT_COLUMNS), points, {}))
+        self.values, self.of, self.numbers = [], [], []
 
 
 def _builtin(value: Any) -> Any:
@@ -182,3 +194,4 @@ def _builtin(value: Any) -> Any:
 _encode = json.JSONEncoder(separators=(",", ":"), default=_builtin).encode
 _shared = attrgetter(*SHARED)
 _own = attrgetter(*OWN)
+_numbers = attrgetter(*NUMBERS)
