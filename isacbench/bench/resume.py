@@ -26,6 +26,9 @@ __all__ = ["RERUNS", "Rerun", "differing_versions", "has_its_cloud", "keep", "pa
 
 Rerun = Literal["failed", "stale", "all"]
 
+DIGITS, LONGEST = 12, 32
+"""Digits that are shown of a digest, and what is longer than any version."""
+
 RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")
 
 
@@ -108,10 +111,15 @@ def differing_versions(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[s
     before, after = _flat(old), _flat(new)
     names = dict.fromkeys([*before, *after])
     return [
-        f"{name} {before.get(name, 'none')} instead of {after.get(name, 'none')}"
+        f"{name} {_short(before.get(name))} instead of {_short(after.get(name))}"
         for name in names
         if before.get(name) != after.get(name)
     ]
+
+
+def _short(version: str | None) -> str:
+    """Version as people read it: of a digest the first digits."""
+    return "none" if version is None else version[:DIGITS] if len(version) > LONGEST else version
 
 
 def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], suite_name: str, seed: int) -> None:

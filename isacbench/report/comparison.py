@@ -186,7 +186,7 @@ def _draw_panel(axes: Axes, points: pd.DataFrame) -> None:
     axes.set_xlabel("SNR [dB]")
     if len(points) <= MAX_SNR_TICKS:
         axes.set_xticks(points["snr_db"])
-    axes.set_ylabel("mean")
+    axes.set_ylabel(drawable(f"mean {points['metric'].iloc[0]}"))
     axes.grid(True)
     for look, run in ((BASE, "base"), (NEW, "new")):
         mean, band = points[f"{run}_mean"], points[f"{run}_band"]

@@ -271,7 +271,7 @@ def changed_plugins(plugin_folder, tiny, monkeypatch):
 
 
 def test_another_code_of_a_plugin_is_told_with_what_is_there_and_what_is_wanted(cluster, changed_plugins):
-    told = r"worker tcp://\S+: blob: plugins test-plugins digest [0-9a-f]{64} instead of [0-9a-f]{64}"
+    told = r"worker tcp://\S+: blob: plugins test-plugins digest [0-9a-f]{12} instead of [0-9a-f]{12}"
     with pytest.raises(InputError, match=told):
         run(changed_plugins, dask=cluster.address)
 
