@@ -192,9 +192,13 @@ def run(
     from isacbench.bench.suite import load_suite, parse_snr
     from isacbench.report.aside import Aside
 
+    if out is None and (rerun or mix_versions):
+        raise InputError(
+            "--rerun and --mix-versions: allowed with -o DIR, the folder of the run to go on with"
+        )
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
-        guard=Guard(None if math.isinf(timeout) else timeout, memory),
+        guard=Guard(*(None if limit == math.inf else limit for limit in (timeout, memory))),
         dask=dask,
         shard=None if shard is None else Shard.parse(shard),
         rerun=parse_reruns(rerun or ()),

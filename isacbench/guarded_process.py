@@ -134,13 +134,11 @@ class GuardedProcess:
     ) -> ProcessFuture[T]:
         """Have a function called in the process, and go on meanwhile; `answer` waits for it."""
         try:
-            if self._asked_id is None:
-                self._asked_id = self._pool.schedule(os.getpid)
-            return self._pool.schedule(function, args=args, timeout=timeout_s)
-        except RuntimeError as error:
+            return self._submit(function, *args, timeout_s=timeout_s)
+        except RuntimeError:  # the process ended while it had nothing to do
             self._refuse_if_stopped()
             self.renew()
-            raise ProcessLostError("killed", "the process ended while it had nothing to do") from error
+            return self._submit(function, *args, timeout_s=timeout_s)
 
     def answer(self, future: ProcessFuture[T], timeout_s: float | None = None) -> T:
         """Wait for what was scheduled, as `call` does."""
@@ -162,6 +160,11 @@ class GuardedProcess:
         except (ProcessExpired, BrokenProcessPool) as error:
             self.renew()
             raise ProcessLostError("killed", f"the process {_cause(error)}") from error
+
+    def _submit(self, function: Callable[..., T], *args: object, timeout_s: float | None) -> ProcessFuture[T]:
+        if self._asked_id is None:
+            self._asked_id = self._pool.schedule(os.getpid)
+        return self._pool.schedule(function, args=args, timeout=timeout_s)
 
     def _is_alive(self) -> bool:
         """Whether the process is there, as far as its number is known."""

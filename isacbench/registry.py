@@ -191,7 +191,7 @@ def _load(entry: Entry) -> type[Any]:
     where = f"{entry.kind} {entry.name!r} ({entry.target} of {entry.origin})"
     try:
         plugin = entry.load()
-    except (ImportError, AttributeError) as error:
+    except Exception as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
     if not is_frozen_dataclass(plugin):
         raise InputError(f"{where} must be a frozen dataclass")
@@ -232,6 +232,8 @@ def _build(kind: Kind, name: str, params: dict[str, Any]) -> Any:
         return plugin(**checked)
     except ValueError as error:
         raise InputError(f"{kind} {name}: {error}") from error
+    except Exception as error:
+        raise InputError(f"{kind} {name} cannot be built: {type(error).__name__}: {error}") from error
 
 
 def required_fields(plugin: type[Any]) -> list[dataclasses.Field[Any]]:

@@ -168,5 +168,5 @@ def test_a_plugin_that_breaks_the_contract_is_refused_by_name(plugin_folder, nam
 def test_nothing_is_imported_until_a_plugin_is_asked_for(plugin_folder):
     plugin_folder.install("lazy-plugins", "raise RuntimeError('imported')", estimators={"lazy": "Lazy"})
     assert "lazy" in estimator_names()
-    with pytest.raises(RuntimeError, match="imported"):
+    with pytest.raises(InputError, match="cannot be loaded: RuntimeError: imported"):
         get_estimator("lazy")

@@ -73,6 +73,9 @@ class Comparison:
         The same for each SNR ``snr_db``. A curve of a single SNR
         (``n_snr = 1``) is tested once: its point has the curve's p-values.
     cells : CellChanges
+    n_lost_scores : int
+        Scores that the base has and the new run has not, of cells that both
+        delivered.
     notes : tuple of str
         What was not compared, and why.
     """
@@ -86,13 +89,14 @@ class Comparison:
     curves: pd.DataFrame
     points: pd.DataFrame
     cells: CellChanges
+    n_lost_scores: int
     notes: tuple[str, ...]
 
     @property
     def is_regression(self) -> bool:
-        """Whether a curve or point got worse, or a cell failed or went missing."""
+        """Whether a curve or point got worse, or a cell or a score failed or went missing."""
         worse = any((table["verdict"] == "regression").any() for table in (self.curves, self.points))
-        return bool(worse or len(self.cells.new_failures) or len(self.cells.missing))
+        return bool(worse or self.n_lost_scores or len(self.cells.new_failures) or len(self.cells.missing))
 
 
 def compare(
@@ -141,12 +145,14 @@ def compare(
     better = _directions(base, new, asked)
     pairs, cells = pair_cells(base, new)
     notes = _other_parameters(cells)
-    points, curves = [], []
+    points, curves, n_lost = [], [], 0
     for tolerance in asked:
         chosen = pairs
         if is_time(tolerance.metric):
             chosen, told = timed_alike(pairs, tolerance.metric, base, new)
             notes += told
+        has = {run: np.isfinite(chosen[f"{tolerance.metric}_{run}"]) for run in ("base", "new")}
+        n_lost += int((has["base"] & ~has["new"]).sum())
         scores, told = point_scores(chosen, tolerance.metric)
         notes += told if len(chosen) or not len(pairs) else []
         sign = 1 if better[tolerance.metric] == "lower" else -1
@@ -163,6 +169,7 @@ def compare(
         curves=curve_table,
         points=point_table,
         cells=cells,
+        n_lost_scores=n_lost,
         notes=tuple(notes),
     )
 

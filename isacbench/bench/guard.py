@@ -6,6 +6,7 @@ a row that says so, a fresh process takes over, and no other cell notices.
 
 from __future__ import annotations
 
+import math
 import os
 import resource
 import time
@@ -68,8 +69,8 @@ class Guard:
 
     def __post_init__(self) -> None:
         for option, limit, unit in (("timeout", self.timeout_s, "s"), ("memory", self.memory_mib, "MiB")):
-            if limit is not None and not limit > 0:
-                raise InputError(f"{option} {limit:g} {unit}: allowed is more than 0")
+            if limit is not None and not 0 < limit < math.inf:
+                raise InputError(f"{option} {limit:g} {unit}: allowed is more than 0, and finite")
         if self.memory_mib is not None and not PROCESS_STATUS.exists():
             raise InputError("memory: a limit can be enforced on Linux only; allowed here is a run without")
 
@@ -143,9 +144,9 @@ class Lane:
         waiting: deque[_Step] = deque()
         answers: deque[ProcessFuture[Any]] = deque()
         traces: dict[int, Made] = {}
-        n_deaths = 0
+        n_deaths = n_met = 0
         while True:
-            waiting.extend(islice(steps, n_ahead + 1 - len(waiting)))
+            waiting.extend(islice(steps, max(n_ahead + 1 - len(waiting), 0)))
             if not waiting:
                 return
             try:
@@ -164,7 +165,12 @@ class Lane:
             if step.contestant is None:
                 traces, n_deaths = dict(zip(step.block.contestants, observed, strict=True)), 0
                 continue
-            made, has_observed = self._image(answer, traces.pop(step.contestant))
+            made, has_observed = self._image(answer, traces.pop(step.contestant), is_first=n_met == 0)
+            n_met = n_met + 1 if has_observed else 0
+            if made is None:
+                answers.clear()
+                waiting.extendleft([step, _observation(step.block, (step.contestant, *traces))])
+                continue
             yield made
             if not has_observed:
                 answers.clear()
@@ -177,15 +183,26 @@ class Lane:
         limits = self._guard
         return self._process.schedule(_image, step.contestant, limits.memory_mib, timeout_s=limits.timeout_s)
 
-    def _image(self, answer: ProcessFuture[Any], trace: Made) -> tuple[Made, bool]:
-        """Outcome of an image, and whether the process still has what it has observed."""
+    def _image(self, answer: ProcessFuture[Any], trace: Made, is_first: bool) -> tuple[Made | None, bool]:
+        """Outcome of an image, and whether the process still has what it has observed.
+
+        A process may die of what an earlier cell has left in it. Then there is
+        no outcome yet: only a cell that is the first of its process is to blame.
+        """
         start = time.perf_counter()
         try:
             made: Made = self._process.answer(answer, self._guard.timeout_s)
         except CancelledError:
             raise
         except ProcessLostError as loss:
+            if loss.status == "killed" and not is_first:
+                return None, False
             return _lost(trace, loss.status, loss.reason, time.perf_counter() - start), False
+        except NothingObservedError:
+            self._process.renew()
+            if is_first:
+                return _lost(trace, "killed", "the process ended before it began", 0.0), False
+            return None, False
         except Exception as error:  # such as an answer that cannot be sent
             self._process.renew()
             return _lost(trace, "error", describe_error(error), time.perf_counter() - start), False
@@ -201,6 +218,10 @@ class Lane:
             f"{loss.reason}; allowed are a scenario that fits into memory, plugins that can be imported, and "
             "in a script a run below `if __name__ == '__main__':`"
         )
+
+
+class NothingObservedError(Exception):
+    """The process is a fresh one: another has died since it observed."""
 
 
 class _Step(NamedTuple):
@@ -253,7 +274,8 @@ def _observe(block: Block) -> list[Made]:
 
 
 def _image(contestant: int, memory_mib: float | None) -> Made:
-    assert _workbench is not None
+    if _workbench is None or not _workbench.has_observed:
+        raise NothingObservedError
     start = time.perf_counter()
     try:
         with _memory_limit(memory_mib):
@@ -279,7 +301,10 @@ def _memory_limit(memory_mib: float | None) -> Iterator[None]:
         yield
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    resource.setrlimit(resource.RLIMIT_DATA, (_data_bytes() + int(memory_mib * MIB), hard))
+    limit = _data_bytes() + int(memory_mib * MIB)
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
     try:
         yield
     finally:

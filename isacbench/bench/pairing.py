@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from isacbench.bench.record import CLOUD_KEYS
+from isacbench.bench.statuses import SCORED
+from isacbench.bench.store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,12 +30,10 @@ __all__ = [
     "read_run",
 ]
 
-RECORDS, MANIFEST = "results.parquet", "manifest.json"
 CURVE = ["scenario", "estimator", "params"]
-CELL = [*CURVE, "snr_db", "trial"]
+CELL = CLOUD_KEYS
 COLUMNS = [*CELL, "status", "reason", "environment", "scenario_content", "timing"]
 SECTIONS = ["suite", "seed", "metric", "scenarios", "environments"]
-SCORED = ["ok", "no_detection"]
 
 
 class NotComparableError(ValueError):
@@ -105,18 +105,21 @@ def read_run(folder: Path) -> RunTable:
     InputError
         If the folder does not hold them, or they lack what tells runs apart.
     """
-    missing = [name for name in (MANIFEST, RECORDS) if not (folder / name).is_file()]
-    if missing:
+    manifest = read_manifest(folder)
+    if (folder / JOURNAL).exists():
         raise InputError(
-            f"{folder}: not the folder of a run, {', '.join(missing)} missing; "
-            "allowed is a folder that isacbench run wrote"
+            f"{folder}: the run has not come to its end; allowed is one that has, and the same "
+            "isacbench run into the folder goes on"
+        )
+    if not (folder / RECORDS).is_file():
+        raise InputError(
+            f"{folder}: not the folder of a run, {RECORDS} missing; allowed is one that isacbench run wrote"
         )
     try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        records = pd.read_parquet(folder / RECORDS)
-    except (ValueError, OSError) as error:
-        raise InputError(f"{folder}: damaged run: {type(error).__name__}: {error}") from error
-    _require(folder / MANIFEST, SECTIONS, manifest if isinstance(manifest, dict) else {})
+        records = read_table(folder / RECORDS)
+    except ValueError as error:
+        raise InputError(f"{folder}: damaged run: {error}") from error
+    _require(folder / MANIFEST, SECTIONS, manifest)
     _require(folder / RECORDS, COLUMNS, records.columns)
     _require(folder / MANIFEST, records["environment"].unique(), manifest["environments"])
     repeated = records.duplicated(CELL)

@@ -102,6 +102,11 @@ def keep(
         good &= ~(ours & failed(records).to_numpy())
     if "stale" in rerun:
         good &= ~(ours & (other_content | (other_versions & (not mix_versions))))
+    if part is not None and "stale" in rerun and (good & ~ours & (other_content | other_versions)).any():
+        raise InputError(
+            "it holds cells of other parts of the run, of other contents or versions; "
+            "allowed are --rerun stale without --shard, --mix-versions, or a new folder"
+        )
     _refuse_stale(stored, plan, good & other_content, good & other_versions, mix_versions)
     return stored.take(good)
 

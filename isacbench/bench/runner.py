@@ -29,6 +29,7 @@ from isacbench.bench.store import (
     describe_run,
     read_rows,
     read_sessions,
+    require_metric,
     write_manifest,
     write_results,
     write_rows,
@@ -92,13 +93,22 @@ class Execution:
             raise InputError(
                 "jobs and dask: allowed is one of them; how many jobs a Dask worker runs is its own matter"
             )
+        if not self.is_guarded and self.guard not in (Guard(), Guard(None)):
+            raise InputError(
+                "timeout_s and memory_mib: allowed are they with jobs or dask, for workers alone have limits"
+            )
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether cells have processes of their own, and limits."""
+        return self.n_jobs is not None or self.dask is not None
 
     def describe(self) -> dict[str, Any]:
         """Describe it in terms of JSON."""
         return {
             "jobs": self.n_jobs,
-            "timeout_s": self.guard.timeout_s,
-            "memory_mib": self.guard.memory_mib,
+            "timeout_s": self.guard.timeout_s if self.is_guarded else None,
+            "memory_mib": self.guard.memory_mib if self.is_guarded else None,
             "dask": self.dask,
             "shard": None if self.shard is None else f"{self.shard.k}/{self.shard.n}",
         }
@@ -227,17 +237,19 @@ def run_suite(
         If the suite names something unknown, or `out` cannot be gone on with.
     """
     job = load_job(suite)
+    plan = job.plan
     session, tick = Session(datetime.now().astimezone(), execution.describe()), time.perf_counter()
     with open_folder(out) as folder:
-        sessions, kept = read_sessions(folder), _enter(folder, job, execution)
-        blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
+        sessions, (stored, kept) = read_sessions(folder), _kept(folder, job, execution)
+        blocks, n_kept = _blocks_left(plan, kept, execution.shard)
         with closing(_made(job, blocks, execution)) as outcomes:
-            _begin(folder, job, kept, [*sessions, session.describe(0.0, interrupted=True)])
+            unfinished = [*sessions, session.describe(0.0, interrupted=True)]
+            _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
             with Journal(folder / JOURNAL, STUDIES[suite.kind].columns) as journal:
                 interrupted = _work(outcomes, blocks, journal, n_kept, progress)
         new, _ = read_journal(folder / JOURNAL)
         rows = Rows.joined([kept, new])
-        rows = rows.take(np.argsort(job.plan.positions(rows.records), kind="stable"))
+        rows = rows.take(np.argsort(plan.positions(rows.records), kind="stable"))
         wall_time_s = time.perf_counter() - tick
         results = Results(
             suite=suite,
@@ -255,19 +267,17 @@ def run_suite(
     return results
 
 
-def _enter(folder: Path, job: Job, execution: Execution) -> Rows:
-    """Stored rows that the run goes on with; the others are gone afterwards."""
+def _kept(folder: Path, job: Job, execution: Execution) -> tuple[Rows, Rows]:
+    """Rows that are stored, and those of them that the run goes on with."""
     stored, suite = read_rows(folder), job.suite
     part = None if execution.shard is None else job.plan.shard(execution.shard)
     try:
+        if len(stored):
+            require_metric(folder)
         kept = keep(stored, job.plan, suite.name, suite.seed, execution.rerun, execution.mix_versions, part)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
-    if len(stored) and ((folder / JOURNAL).exists() or len(kept) < len(stored)):
-        write_rows(folder, typed(kept.records, STUDIES[suite.kind].columns), kept.clouds())
-    # What is left of it is torn: no row that is made again may be read from it later.
-    (folder / JOURNAL).unlink(missing_ok=True)
-    return kept
+    return stored, kept
 
 
 def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Block], int]:
@@ -278,10 +288,18 @@ def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Bloc
     return plan.blocks(todo), int(np.sum(wanted & ~todo))
 
 
-def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]]) -> None:
-    """Write what the rows to come cannot be understood without, should the run be killed."""
+def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]], is_less: bool) -> None:
+    """Leave in the folder what the run goes on with, and what it cannot be understood without.
+
+    The journal of an earlier call goes last: what it holds is in the tables
+    and in the manifest by then, whatever ends this.
+    """
+    journal = folder / JOURNAL
+    if is_less or (journal.exists() and len(kept)):
+        write_rows(folder, typed(kept.records, STUDIES[job.suite.kind].columns), kept.clouds())
     write_truth(folder, job.scenarios)
     write_manifest(folder, describe_run(job), kept.environments, sessions)
+    journal.unlink(missing_ok=True)
 
 
 def _work(

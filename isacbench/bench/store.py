@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "JOURNAL",
+    "MANIFEST",
+    "RECORDS",
     "RUN_KEYS",
     "Session",
     "describe_run",
@@ -53,6 +55,8 @@ __all__ = [
     "read_results",
     "read_rows",
     "read_sessions",
+    "read_table",
+    "require_metric",
     "save_manifest",
     "write_manifest",
     "write_results",
@@ -116,7 +120,7 @@ def describe_run(job: Job) -> dict[str, Any]:
     return {
         "seed": suite.seed,
         "suite": suite.model_dump(),
-        "metric": {"name": "paper", "version": METRIC_VERSION},
+        "metric": _metric(),
         "estimators": [
             {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
             for one in job.plan.contestants
@@ -218,6 +222,26 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
+def require_metric(folder: Path) -> None:
+    """Refuse a run that was scored by another version of the metric; a manifest that is damaged says nothing.
+
+    Raises
+    ------
+    InputError
+        If it was.
+    """
+    metric = _lenient(lambda: read_manifest(folder)["metric"], folder / MANIFEST)
+    if metric is not None and metric != _metric():
+        raise InputError(
+            f"its cells were scored by version {metric.get('version')} of the metric, not {METRIC_VERSION}; "
+            "allowed is to rescore it first (isacbench rescore), or a new folder"
+        )
+
+
+def _metric() -> dict[str, Any]:
+    return {"name": "paper", "version": METRIC_VERSION}
+
+
 def read_sessions(folder: Path) -> list[dict[str, Any]]:
     """Calls that have worked on a run so far; none where its manifest is missing or damaged."""
     sessions = _lenient(lambda: read_manifest(folder)["sessions"], folder / MANIFEST)
@@ -278,7 +302,7 @@ def read_results(folder: Path) -> Results:
             parts.append(_read_journal(journal))
         rows = Rows.joined(parts)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
-        truth = _read_parquet(folder / TRUTH)
+        truth = read_table(folder / TRUTH)
         return Results(
             suite=suite,
             records=typed(rows.records, STUDIES[suite.kind].columns),
@@ -313,7 +337,7 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 
 def _read_records(folder: Path) -> pd.DataFrame:
-    records = _read_parquet(folder / RECORDS)
+    records = read_table(folder / RECORDS)
     # Runs from before rows told where they come from have columns less.
     if missing := [name for name in COLUMNS if name not in records and name not in PROVENANCE]:
         raise KeyError(f"{RECORDS} has no column {missing[0]}")
@@ -322,14 +346,14 @@ def _read_records(folder: Path) -> pd.DataFrame:
 
 
 def _read_clouds(folder: Path) -> pd.DataFrame:
-    return _read_parquet(folder / CLOUDS) if (folder / CLOUDS).exists() else _no_clouds()
+    return read_table(folder / CLOUDS) if (folder / CLOUDS).exists() else _no_clouds()
 
 
 def _no_clouds() -> pd.DataFrame:
     return pd.DataFrame(columns=[*CLOUD_KEYS, *POINT_COLUMNS])
 
 
-def _read_parquet(path: Path) -> pd.DataFrame:
+def read_table(path: Path) -> pd.DataFrame:
     """Read a table that is as it was written.
 
     Raises
@@ -356,7 +380,7 @@ def _table_digest(table: pd.DataFrame) -> str:
 
 def _read_draws(path: Path) -> pd.DataFrame:
     """Scatterers that a study drew; most draw none, and write no file."""
-    return _read_parquet(path) if path.exists() else pd.DataFrame(columns=DRAW_COLUMNS)
+    return read_table(path) if path.exists() else pd.DataFrame(columns=DRAW_COLUMNS)
 
 
 def _lenient(read: Callable[[], T], path: Path) -> T | None:

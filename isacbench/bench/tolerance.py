@@ -29,6 +29,10 @@ STUDY_DIRECTIONS: dict[str, Direction] = {
     "snr_gain_db": "neither",
     "separation_cells": "neither",
     "phase_deg": "neither",
+    "error_range_m": "neither",
+    "error_velocity_mps": "neither",
+    "error_u": "neither",
+    "error_w": "neither",
     "bound_range_m": "neither",
     "bound_velocity_mps": "neither",
     "bound_u": "neither",
@@ -36,7 +40,7 @@ STUDY_DIRECTIONS: dict[str, Direction] = {
     "seed": "neither",
     "timing": "neither",
 }
-"""Columns beside the scores for which lower is not better."""
+"""Columns beside the scores for which lower is not better; errors have a sign."""
 
 
 @dataclass(frozen=True)

@@ -91,6 +91,8 @@ def comparison_summary(comparison: Comparison) -> str:
     ):
         if len(cells):
             parts.append(f"{counted(len(cells), 'cell')} {what}")
+    if comparison.n_lost_scores:
+        parts.append(f"{counted(comparison.n_lost_scores, 'score')} lost")
     verdict = "regression" if comparison.is_regression else "no regression"
     return f"{verdict}: {'; '.join(part for part in parts if part) or 'nothing compared'}"
 
@@ -114,6 +116,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
             "missing": _rows(cells.missing),
             "repaired": _rows(cells.repaired),
             "added": _rows(cells.added),
+            "n_lost_scores": comparison.n_lost_scores,
         },
         "notes": list(comparison.notes),
     }

@@ -73,7 +73,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         the counts ``n_cells``, ``n_no_detection`` and ``n_failed``; for every
         score ``<score>_mean`` and ``<score>_band``, the half width of the
         95 % confidence interval of the mean (Student's t), over the cells
-        that did not fail; and ``time_estimate_s_median``.
+        that did not fail; and ``time_estimate_s_median`` of the same.
     """
     broken = failed(records)
     table = records.assign(
@@ -81,6 +81,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         n_estimated=records["n_estimated"].where(~broken),
         no_detection=records["status"] == "no_detection",
         failed=broken,
+        time_estimate_s=records["time_estimate_s"].where(~broken),
     )
     groups = table.groupby(GROUP, sort=False)
     mean, deviation, count = (getattr(groups[AVERAGED], name)() for name in ("mean", "std", "count"))
@@ -202,7 +203,8 @@ def _grid(
         rows.append(row)
     times = ["time [ms]"]
     for table in by_variant.values():
-        times += [f"{1e3 * table['time_estimate_s_median'].median():.1f}", ""]
+        time_ms = 1e3 * table["time_estimate_s_median"].median()
+        times += ["" if np.isnan(time_ms) else f"{time_ms:.1f}", ""]
     title = f"{scenario}: mean deviation ± 95 % band, mean Hausdorff sum, median time an image"
     return Grid(title, header, [*rows, times])
 
