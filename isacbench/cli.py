@@ -263,17 +263,19 @@ def merge(
 ) -> None:
     """Join parts of a run: its shards, or runs of one suite with other estimators, SNRs or trials."""
     from isacbench.bench.merge import merge as merge_runs
+    from isacbench.report.tables import estimator_labels
 
     _register(plugin)
     merged = merge_runs(folders, out, mix_versions)
     if not merged.records.empty:
         _report(out, merged.records, merged.kind)
     typer.echo(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
+    made = zip(merged.records["estimator"], merged.records["params"], strict=True)
+    labels = estimator_labels([*made, *((gap.estimator, gap.params) for gap in merged.gaps)])
     for gap in merged.gaps[:GAPS_SHOWN]:
-        trials = ", ".join(map(str, gap.trials))
-        typer.echo(
-            f"missing: {gap.n_cells} of {gap.estimator} {gap.params} on {gap.scenario}, trials {trials}"
-        )
+        trials = f"trial{'s' if len(gap.trials) > 1 else ''} {', '.join(map(str, gap.trials))}"
+        label = labels[gap.estimator, gap.params]
+        typer.echo(f"missing: {gap.n_cells} cells of {label} on {gap.scenario}, {trials}")
     if len(merged.gaps) > GAPS_SHOWN:
         typer.echo(f"missing: and of {len(merged.gaps) - GAPS_SHOWN} more")
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 __all__ = ["process_context", "start_process_server"]
 
-PRELOADED = ["isacbench.bench.guard", "isacbench.bench.studies", "isacbench_algorithms.cellwise"]
+PRELOADED = ["isacbench.bench.guard", "isacbench.bench.studies", "isacbench.preload"]
 """What the server imports once, so that a fresh worker is there at once."""
 
 

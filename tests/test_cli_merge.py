@@ -30,8 +30,8 @@ def test_merge_reports_what_it_has_and_says_what_is_missing(cli):
     lines = result.stdout.splitlines()
     start = lines.index("all: 8 of 16 cells")
     assert [line.partition(" {")[0] for line in lines[start + 1 :]] == [
-        "missing: 4 of blob",
-        "missing: 4 of seer",
+        "missing: 4 cells of blob on tiny, trials 2, 3",
+        "missing: 4 cells of seer on tiny, trials 2, 3",
     ]
     assert lines[start + 1].endswith("on tiny, trials 2, 3")
     assert lines[start - 1] == "all: summary.csv, summary.md, deviation.png"

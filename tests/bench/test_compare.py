@@ -7,9 +7,10 @@ import pytest
 from scipy.stats import binom, wilcoxon
 
 from isacbench.bench.compare import compare, share_level
-from isacbench.bench.pairing import NotComparableError, RunTable
+from isacbench.bench.pairing import NotComparableError, RunTable, read_run
 from isacbench.bench.tolerance import Tolerance, parse_tolerance
 from isacbench.errors import InputError
+from isacbench.report.comparison_tables import comparison_summary
 
 KEYS = ["metric", "scenario", "estimator", "params"]
 
@@ -433,3 +434,32 @@ def test_of_unchanged_code_no_more_regressions_are_reported_than_alpha_says(made
     n_false = false_regressions(made_run, 400, trials, alpha=0.1, tolerance=0.0)
     assert n_false <= binom.ppf(0.999, 400, 0.1)
     assert n_false >= 4  # a test that never rejects would prove nothing
+
+
+def test_scores_that_disappear_are_a_regression(two_runs):
+    def lose(records):
+        records.loc[records["snr_db"] == 10, "deviation"] = np.nan
+
+    comparison = compare(*two_runs(lose))
+    assert comparison.n_lost_scores == 20
+    assert comparison.is_regression
+    assert "20 scores lost" in comparison_summary(comparison)
+
+
+def test_a_run_that_has_not_come_to_its_end_is_refused(made_run, written_run):
+    folder = written_run("run", *made_run())
+    (folder / "journal.jsonl").write_text("")
+    with pytest.raises(InputError, match="the run has not come to its end; allowed is one that has"):
+        read_run(folder)
+
+
+@pytest.mark.parametrize("column", ["error_u", "bound_u", "pfa"])
+def test_a_column_without_a_better_side_is_refused(two_runs, column):
+    def add(records):
+        records[column] = 0.0
+
+    base, new = two_runs()
+    add(base.records)
+    add(new.records)
+    with pytest.raises(InputError, match=column):
+        compare(base, new, [parse_tolerance(f"{column}=5%")])

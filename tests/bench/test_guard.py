@@ -325,3 +325,28 @@ def test_a_run_that_is_left_early_ends_its_processes(suite):
 
 def test_a_run_without_a_cell_left_starts_nothing(suite):
     assert list(work_guarded(load_job(suite([])), [], Guard(), 2)) == []
+
+
+def test_a_process_that_dies_of_an_earlier_cell_costs_the_present_one_nothing(suite):
+    records = guarded(suite(["later", "nap"])).records
+    assert set(records["status"]) == {"ok"}
+    assert len(records) == 8
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"timeout_s": 0}, "timeout 0 s: allowed is more than 0, and finite"),
+        ({"timeout_s": -1.0}, "timeout -1 s"),
+        ({"timeout_s": float("nan")}, "timeout nan s"),
+        ({"memory_mib": float("inf")}, "memory inf MiB: allowed is more than 0, and finite"),
+    ],
+)
+def test_limits_that_are_none_are_refused(limits, message):
+    with pytest.raises(InputError, match=message):
+        Guard(**limits)
+
+
+def test_limits_without_a_worker_to_hold_them_are_refused():
+    with pytest.raises(InputError, match="timeout_s and memory_mib: allowed are they with jobs or dask"):
+        Execution(guard=Guard(timeout_s=1))

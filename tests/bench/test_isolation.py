@@ -145,3 +145,9 @@ def test_the_digest_is_one_of_values_and_shape_alone(shape):
     array = cells(shape)
     assert array_digest(array.copy()) == array_digest(np.asfortranarray(array)) == array_digest(array)
     assert array_digest(array.reshape(1, *shape)) != array_digest(array)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 40])
+def test_other_signs_change_the_digest(n):
+    array = cells((n, 8, 3))
+    assert len({array_digest(one) for one in (array, -array, array.conj(), -array.conj())}) == 4

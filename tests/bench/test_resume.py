@@ -1,5 +1,6 @@
 """Going on with a run: nothing twice, nothing lost, nothing mixed, whatever has happened to the folder."""
 
+import json
 import random
 import shutil
 import warnings
@@ -482,3 +483,20 @@ def test_a_table_that_cannot_be_written_leaves_the_journal(suite, folder, undist
             go(suite, folder)
     assert go(suite, folder)[1] == 0
     assert table(folder) == undisturbed
+
+
+def test_rows_to_be_made_again_stay_until_there_is_somebody_to_make_them(suite, folder, undisturbed):
+    run_suite(suite, folder)
+    nowhere = Execution(dask="tcp://127.0.0.1:1", rerun=("all",))
+    with pytest.raises(InputError, match="dask"):
+        run_suite(suite, folder, execution=nowhere)
+    assert table(folder) == undisturbed
+
+
+def test_a_run_that_another_version_of_the_metric_scored_is_not_gone_on_with(suite, folder):
+    run_suite(suite, folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["metric"]["version"] = 0
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match="version 0 of the metric, not 1; allowed is to rescore it"):
+        run_suite(suite, folder, execution=Execution(mix_versions=True))

@@ -286,5 +286,13 @@ class Wreck:
         print("x" * 3_000_000)
         return points(observation)
 
+    def later(self, observation):
+        threading.Timer(0.2, os._exit, [7]).start()
+        return points(observation)
+
+    def nap(self, observation):
+        time.sleep(0.6)
+        return points(observation)
+
     def ask(self, observation):
         input()
