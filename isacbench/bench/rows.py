@@ -88,6 +88,11 @@ class Rows:
         points = self.points[np.arange(n_points.sum()) + shift]
         return Rows(self.records.iloc[picked].reset_index(drop=True), n_points, points, self.environments)
 
+    def used_environments(self) -> dict[str, Environment]:
+        """Environments that made any of the rows."""
+        used = self.records["environment"].unique()
+        return {name: self.environments[name] for name in used if name in self.environments}
+
     def clouds(self) -> pd.DataFrame:
         """One row a point: the keys of its cell, then x, y, z in m, v in m/s, power."""
         keys = self.records[CLOUD_KEYS].astype(dict.fromkeys(TEXTS, "category"))

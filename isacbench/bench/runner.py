@@ -257,7 +257,7 @@ def run_suite(
             clouds=rows.clouds(),
             scenarios=dict(job.scenarios),
             draws=job.draws(),
-            environments=rows.environments,
+            environments=rows.used_environments(),
             started=session.started,
             wall_time_s=wall_time_s,
             interrupted=interrupted,
