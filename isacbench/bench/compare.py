@@ -25,6 +25,7 @@ from isacbench.bench.pairing import (
     code_version,
     incomparable,
     pair_cells,
+    version_differences,
 )
 from isacbench.bench.scoretable import PairedScores, curve_scores, point_scores, timed_alike
 from isacbench.bench.tolerance import Tolerance, direction, is_time, merge_tolerances
@@ -144,7 +145,7 @@ def compare(
     asked = merge_tolerances(tolerances)
     better = _directions(base, new, asked)
     pairs, cells = pair_cells(base, new)
-    notes = _other_parameters(cells)
+    notes = version_differences(base, new) + _other_parameters(cells)
     points, curves, n_lost = [], [], 0
     for tolerance in asked:
         chosen = pairs

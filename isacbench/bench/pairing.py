@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from isacbench.bench.record import CLOUD_KEYS
+from isacbench.bench.resume import differing_versions
 from isacbench.bench.statuses import SCORED
 from isacbench.bench.store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
 from isacbench.errors import InputError
@@ -28,6 +29,7 @@ __all__ = [
     "machines",
     "pair_cells",
     "read_run",
+    "version_differences",
 ]
 
 CURVE = ["scenario", "estimator", "params"]
@@ -199,6 +201,25 @@ def pair_cells(base: RunTable, new: RunTable) -> tuple[pd.DataFrame, CellChanges
         added=_told(cells[cells["_merge"] == "right_only"], "new"),
     )
     return pairs.drop(columns="_merge"), changes
+
+
+def version_differences(base: RunTable, new: RunTable) -> list[str]:
+    """Say in one line by which versions the same estimators' cells of the runs were made, if by others."""
+    before, after = _versions(base), _versions(new)
+    shared = [variant for variant in before if variant in after]
+    told = {line for variant in shared for line in differing_versions(after[variant], before[variant])}
+    return [f"made by other versions: {'; '.join(sorted(told))}"] if told else []
+
+
+def _versions(run: RunTable) -> dict[tuple[str, str], dict[str, Any]]:
+    """Versions that made the first cell of each estimator, by name and parameters."""
+    first = run.records.drop_duplicates(["estimator", "params"])
+    return {
+        (estimator, params): run.manifest["environments"][name].get("versions", {})
+        for estimator, params, name in zip(
+            first["estimator"], first["params"], first["environment"], strict=True
+        )
+    }
 
 
 def machines(run: RunTable) -> dict[str, str]:

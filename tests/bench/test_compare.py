@@ -463,3 +463,11 @@ def test_a_column_without_a_better_side_is_refused(two_runs, column):
     add(new.records)
     with pytest.raises(InputError, match=column):
         compare(base, new, [parse_tolerance(f"{column}=5%")])
+
+
+def test_versions_that_differ_are_told(two_runs):
+    base, new = two_runs()
+    assert not compare(base, new).notes
+    for run, version in ((base, "1.0"), (new, "2.0")):
+        run.manifest["environments"]["e1"]["versions"] = {"numpy": version, "python": "3.11"}
+    assert compare(base, new).notes == ("made by other versions: numpy 2.0 instead of 1.0",)
