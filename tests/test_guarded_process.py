@@ -9,13 +9,9 @@ import pytest
 from isacbench.guarded_process import GuardedProcess, ProcessLostError
 
 
-def nothing():
-    pass
-
-
 @pytest.fixture(scope="module")
 def process():
-    with GuardedProcess(nothing) as guarded:
+    with GuardedProcess(os.getpid) as guarded:
         yield guarded
 
 
@@ -66,7 +62,7 @@ def test_a_fresh_process_begins_as_the_first_one_did():
 
 
 def test_a_process_that_is_stopped_ends_at_once_and_answers_nobody():
-    guarded = GuardedProcess(nothing)
+    guarded = GuardedProcess(os.getpid)
     process_id = guarded.call(os.getpid)
     Timer(0.3, guarded.stop).start()
     with pytest.raises(CancelledError):
