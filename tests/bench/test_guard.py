@@ -266,7 +266,7 @@ def test_versions_of_a_process_that_leaves_while_it_loads_plugins_are_not_waited
     suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=1)
     with (
         Lane(load_job(suite), Guard(timeout_s=None)) as lane,
-        pytest.raises(InputError, match="loading the plugins, the process exited with code 0"),
+        pytest.raises(InputError, match="loading the plugins: the process exited with code 0"),
     ):
         lane.versions()
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pandas as pd
@@ -158,7 +159,10 @@ def running(marker):
 def busy(marker):
     """Number of such processes that have computed for some seconds, as those that are stuck do."""
     ticks = os.sysconf("SC_CLK_TCK")
-    times = [(Path("/proc") / str(number) / "stat").read_text() for number in running(marker)]
+    times = []
+    for number in running(marker):
+        with suppress(OSError):  # it has ended meanwhile
+            times.append((Path("/proc") / str(number) / "stat").read_text())
     return sum(int(text.rpartition(")")[2].split()[11]) > 4 * ticks for text in times)
 
 
