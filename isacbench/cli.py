@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 __all__ = ["app", "main"]
 
 MAX_TABLE_WIDTH = 1000
-DEFAULT_TIMEOUT_S = 600.0
-"""Nothing that images a scene takes ten minutes, unless it hangs."""
-
 GAPS_SHOWN = 10
 """Lines about missing cells; whoever misses more has not merged all parts yet."""
 
@@ -154,8 +151,11 @@ def run(
         typer.Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes; default 1."),
     ] = None,
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="SECONDS", help="Longest time of a cell; inf for no limit.")
-    ] = DEFAULT_TIMEOUT_S,
+        float | None,
+        typer.Option(
+            "--timeout", metavar="SECONDS", help="Longest time of a cell; default 600, inf for none."
+        ),
+    ] = None,
     memory: Annotated[
         float | None,
         typer.Option("--memory", metavar="MIB", help="Most memory that a cell may add to its process."),
@@ -184,7 +184,7 @@ def run(
 
         start_process_server()  # which imports what workers need while this process imports the rest
     from isacbench.bench.folder import default_folder
-    from isacbench.bench.guard import Guard
+    from isacbench.bench.guard import DEFAULT_TIMEOUT_S, Guard
     from isacbench.bench.plan import Shard
     from isacbench.bench.resume import parse_reruns
     from isacbench.bench.runner import Execution, run_suite
@@ -198,7 +198,10 @@ def run(
         )
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
-        guard=Guard(*(None if limit == math.inf else limit for limit in (timeout, memory))),
+        guard=Guard(
+            timeout_s=DEFAULT_TIMEOUT_S if timeout is None else None if timeout == math.inf else timeout,
+            memory_mib=None if memory == math.inf else memory,
+        ),
         dask=dask,
         shard=None if shard is None else Shard.parse(shard),
         rerun=parse_reruns(rerun or ()),

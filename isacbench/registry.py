@@ -13,7 +13,7 @@ from isacbench.contracts import Detector, Estimator, TruthEstimator
 from isacbench.entries import Entry, Kind, entries, load_plugin_file, local_plugins, register_plugin
 from isacbench.errors import InputError, nearest, unknown_name
 from isacbench.plugin_files import METHODS, PluginFile
-from isacbench.spec import Spec, expand_spec, parse_spec, spec_variants
+from isacbench.spec import Spec, parse_spec, spec_variants
 
 __all__ = [
     "AnyEstimator",
@@ -28,7 +28,6 @@ __all__ = [
     "detector_names",
     "distribution",
     "estimator_names",
-    "expand_spec",
     "get_detector",
     "get_estimator",
     "is_frozen_dataclass",

@@ -12,7 +12,7 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["MAX_VARIANTS", "Spec", "Variant", "expand_spec", "parse_spec", "spec_variants"]
+__all__ = ["MAX_VARIANTS", "Spec", "Variant", "parse_spec", "spec_variants"]
 
 MAX_VARIANTS = 1000
 """More variants than anyone compares in a run: a larger grid is a slip of the pen."""
@@ -73,17 +73,6 @@ def parse_spec(text: str) -> Spec:
             "allowed here is one: give one value for each parameter"
         )
     return variants[0].spec
-
-
-def expand_spec(text: str) -> list[Spec]:
-    """Parse a grid into the specifications that it stands for; see `spec_variants`.
-
-    Examples
-    --------
-    >>> [spec.params["pfa"] for spec in expand_spec("music2d[pfa=[1e-3,1e-4]]")]
-    [0.001, 0.0001]
-    """
-    return [variant.spec for variant in spec_variants(text)]
 
 
 def spec_variants(text: str) -> list[Variant]:
