@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.contracts import Detector, Diagnosis, Spectrum
+from isacbench.contracts import Detector, Diagnosis, Needs, Spectrum
 from isacbench.dsp.detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.joint import refine_jointly, select_jointly
 from isacbench.dsp.planewaves import PlaneWaves
@@ -127,6 +127,11 @@ class CellwiseEstimator(ABC):
         for name in ("dynamic_range_db", "local_dynamic_range_db"):
             require(getattr(self, name) > 0, name, getattr(self, name), "above 0")
         self.cell_detector()
+
+    @property
+    def needs(self) -> Needs:
+        """All elements, and the directions of detected cells alone."""
+        return Needs(integration=self.integration, cells="detected")
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.

@@ -40,6 +40,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.contracts import Needs
 from isacbench.dsp.atomfit import AtomFit, refine_atoms, refit_atoms
 from isacbench.dsp.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.detection import white_noise
@@ -151,6 +152,7 @@ class Nomp4d:
     """
 
     name: ClassVar[str] = "nomp4d"
+    needs: ClassVar[Needs] = Needs(integration=None)
 
     pfa: float = 1e-2
     local_dynamic_range_db: float = 16.5

@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from isacbench.contracts import Needs
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
@@ -24,6 +25,7 @@ class Oracle:
 
     name: ClassVar[str] = "oracle"
     needs_truth: ClassVar[bool] = True
+    needs: ClassVar[Needs] = Needs(elements="none", integration=None, cells="none")
 
     def estimate(self, observation: Observation, truth: PointCloud) -> PointCloud:
         """Blur the truth to Rayleigh cells.

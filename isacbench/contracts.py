@@ -18,9 +18,32 @@ __all__ = [
     "Diagnoser",
     "Diagnosis",
     "Estimator",
+    "Needs",
     "Spectrum",
     "TruthEstimator",
+    "needs_of",
 ]
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What an estimator reads of an observation: nothing else is computed for it.
+
+    Attributes
+    ----------
+    elements : {"plane", "cross", "none"}
+        All P Q virtual elements (`Observation.cells`), the P + Q - 1 of one
+        column and one row (`Observation.cross`), or no echo at all.
+    integration : {"noncoherent", "element"} or None
+        Elements whose power its detection map averages: all that it reads, or
+        one. None where it detects on no map.
+    cells : {"gate", "detected", "none"}
+        Range-Doppler cells whose directions it looks into.
+    """
+
+    elements: Literal["plane", "cross", "none"] = "plane"
+    integration: Literal["noncoherent", "element"] | None = "noncoherent"
+    cells: Literal["gate", "detected", "none"] = "gate"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +97,9 @@ class Estimator(Protocol):
 
     It knows the observation and nothing else: no truth, no SNR, no noise
     power. It must not write to the observation's arrays.
+
+    It may have an attribute or property ``needs``, a `Needs`; one without is
+    taken to read everything (`needs_of`).
     """
 
     name: ClassVar[str]
@@ -152,3 +178,25 @@ class Diagnoser(Protocol):
 
     def diagnose(self, observation: Observation) -> Diagnosis:
         """Look at one observation as `Estimator.estimate` does, and say what was seen."""
+
+
+def needs_of(estimator: Estimator | TruthEstimator) -> Needs:
+    """What an estimator declares to need; all of the gate on all elements where it declares nothing.
+
+    Parameters
+    ----------
+    estimator : Estimator or TruthEstimator
+
+    Returns
+    -------
+    Needs
+
+    Raises
+    ------
+    TypeError
+        If its ``needs`` is no `Needs`.
+    """
+    needs = getattr(estimator, "needs", Needs())
+    if not isinstance(needs, Needs):
+        raise TypeError(f"estimator {estimator.name}: its needs must be a Needs, not {type(needs).__name__}")
+    return needs

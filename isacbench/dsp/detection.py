@@ -79,7 +79,9 @@ class DetectedCells:
         return int(self.bins[0][strongest]), int(self.bins[1][strongest])
 
 
-def power_map(cells: NDArray[np.complex128], integration: Integration) -> tuple[NDArray[np.float64], int]:
+def power_map(
+    cells: NDArray[np.complexfloating[Any, Any]], integration: Integration
+) -> tuple[NDArray[np.float64], int]:
     """Power of range-Doppler cells and the number of looks it averages.
 
     Parameters

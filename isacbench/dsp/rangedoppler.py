@@ -52,11 +52,11 @@ class GatedMap:
 
     Attributes
     ----------
-    cells : ndarray of complex128, shape (n_range, n_doppler, P, Q)
+    cells : ndarray of complex128 or complex64, shape (n_range, n_doppler, P, Q)
     gate : Gate
     """
 
-    cells: NDArray[np.complex128]
+    cells: NDArray[np.complexfloating[Any, Any]]
     gate: Gate
 
     @property

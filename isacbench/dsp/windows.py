@@ -16,7 +16,7 @@ Fourier transform", Proc. IEEE 66 (1978), section V.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from isacbench.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    Complex = NDArray[np.complexfloating[Any, Any]]
 
 __all__ = ["Window", "bin_profile", "coherent_gain", "fractional_bin", "reach", "taper", "taps"]
 
@@ -63,7 +65,7 @@ def coherent_gain(window: Window) -> float:
     return taps(window)[reach(window)]
 
 
-def taper(cells: NDArray[np.complex128], window: Window, axis: int) -> NDArray[np.complex128]:
+def taper(cells: Complex, window: Window, axis: int) -> Complex:
     """Apply a window along one axis of a gated range-Doppler map.
 
     Parameters
@@ -96,7 +98,7 @@ def taper(cells: NDArray[np.complex128], window: Window, axis: int) -> NDArray[n
     before = (slice(None),) * (axis % cells.ndim)
     shifted = [cells[(*before, slice(start, start + n_kept))] for start in range(2 * n_side + 1)]
     kernel = taps(window)
-    tapered = kernel[n_side] * shifted[n_side]
+    tapered: Complex = kernel[n_side] * shifted[n_side]
     for k in range(n_side):
         tapered += kernel[k] * (shifted[k] + shifted[-1 - k])
     return tapered

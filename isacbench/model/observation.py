@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
     from isacbench.model.region import Interval, Region
 
-__all__ = ["Observation"]
+__all__ = ["Observation", "cross_of"]
 
 REGION_TOLERANCE_M = 0.5
 """How far outside the region a point may lie and still be reported."""
@@ -34,7 +34,7 @@ class Observation:
 
     Attributes
     ----------
-    cells : ndarray of complex128, shape (n_range, n_doppler, P, Q)
+    cells : ndarray of complex128 or complex64, shape (n_range, n_doppler, P, Q)
         Range-Doppler map of every virtual element, unitary transforms, read-only.
     gate : Gate
         The bins that the first two axes stand for.
@@ -45,13 +45,20 @@ class Observation:
     region : Region
     """
 
-    cells: NDArray[np.complex128]
+    cells: NDArray[np.complexfloating[Any, Any]]
     gate: Gate
     system: System
     array: VirtualArray
     frame: Frame
     base_station_m: NDArray[np.float64]
     region: Region
+
+    @cached_property
+    def cross(self) -> NDArray[np.complexfloating[Any, Any]]:
+        """Cells (n_range, n_doppler, P + Q - 1) of the elements (p, 0), then of (0, q) from q = 1."""
+        cross = cross_of(self.cells)
+        cross.setflags(write=False)
+        return cross
 
     @cached_property
     def cosine_limits(self) -> tuple[Interval, Interval]:
@@ -87,3 +94,18 @@ class Observation:
         xyz = self.base_station_m + self.frame.offsets(range_m, u, w)
         keep = self.region.contains(xyz, REGION_TOLERANCE_M)
         return PointCloud(xyz[keep], velocity[keep], np.asarray(power, dtype=np.float64)[keep])
+
+
+def cross_of(cells: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complexfloating[Any, Any]]:
+    """One column and one row of the array.
+
+    Parameters
+    ----------
+    cells : ndarray of complex, shape (..., P, Q)
+
+    Returns
+    -------
+    ndarray of complex, shape (..., P + Q - 1)
+        Elements (p, 0) by ascending p, then (0, q) from q = 1: a new array.
+    """
+    return np.concatenate([cells[..., :, 0], cells[..., 0, 1:]], axis=-1)
