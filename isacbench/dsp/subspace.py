@@ -18,6 +18,7 @@ Trans. AP 34 (1986).
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +28,7 @@ __all__ = ["music_null_spectrum", "real_steering", "smoothed_covariance", "unita
 Floats = NDArray[np.float64]
 
 
-def smoothed_covariance(snapshots: NDArray[np.complex128], n_subarray: int) -> Floats:
+def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Floats:
     """Forward-backward spatially smoothed covariance after the unitary transform.
 
     Parameters

@@ -19,7 +19,7 @@ Halko, Martinsson and Tropp, "Finding structure with randomness", SIAM Review
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -31,7 +31,7 @@ from isacbench.dsp.subspace import real_steering, unitary_transform
 __all__ = ["Nulls", "leading_eigenpairs", "null_minima", "planar_covariance", "planar_null_spectrum"]
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 SPARE_DIMENSIONS = 4
 """Beyond those asked for: the more, the faster a subspace iteration converges."""
