@@ -6,6 +6,7 @@ a row that says so, a fresh process takes over, and no other cell notices.
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import resource
@@ -291,6 +292,8 @@ def _observe(block: Block) -> list[Made]:
         _workbench = Workbench(_job, _repeats)
         # Threads make small batched algebra slower and its timing unrepeatable; here for good.
         threadpool_limits(limits=1)
+        # What is there for good need not be looked through each time that garbage is collected.
+        gc.freeze()
     return _workbench.observe(block)
 
 
