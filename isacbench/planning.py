@@ -135,9 +135,7 @@ def plan_image(scenario: Scenario, estimator: AnyEstimator, dtype: DTypeLike = n
 class _Sizes:
     """Sizes of the full chain and of the part that is needed, and the work that follows for every step."""
 
-    def __init__(
-        self, scenario: Scenario, gate: Gate, needs: Needs, n_elements: int, itemsize: int
-    ) -> None:
+    def __init__(self, scenario: Scenario, gate: Gate, needs: Needs, n_elements: int, itemsize: int) -> None:
         system = scenario.system
         self.n, self.m, self.shape = system.n_subcarriers, system.n_symbols, scenario.array.shape
         self.r, self.d = gate.shape

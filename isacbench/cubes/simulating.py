@@ -115,9 +115,7 @@ class FrameSimulator:
 
     def _white_block(self, subcarriers: slice) -> Complex:
         """Unit noise (n, n_symbols, e) of a block; the same whenever it is asked for."""
-        stream = random_stream(
-            self._scenario.name, self._trial, self._seed, "frame", str(subcarriers.start)
-        )
+        stream = random_stream(self._scenario.name, self._trial, self._seed, "frame", str(subcarriers.start))
         n_elements = len(self._scenario.array.positions)
         shape = subcarriers.stop - subcarriers.start, self._scenario.system.n_symbols, n_elements
         return white_gaussian(stream, shape)

@@ -27,7 +27,14 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["RangeMethod", "doppler_rows", "range_bins_by_fft", "range_method", "range_rows", "transform_block"]
+__all__ = [
+    "RangeMethod",
+    "doppler_rows",
+    "range_bins_by_fft",
+    "range_method",
+    "range_rows",
+    "transform_block",
+]
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 RangeMethod = Literal["partial", "fft"]
@@ -102,9 +109,7 @@ def range_method(n_bins: int, n_subcarriers: int) -> RangeMethod:
     return "partial" if 8 * n_bins <= FFT_OPERATION_COST * 5 * np.log2(max(n_subcarriers, 2)) else "fft"
 
 
-def transform_block(
-    block: Complex, along_doppler: Complex, along_range: Complex | None = None
-) -> Complex:
+def transform_block(block: Complex, along_doppler: Complex, along_range: Complex | None = None) -> Complex:
     """Share of a block of the resource grid in the cells of a gate.
 
     Parameters

@@ -38,10 +38,7 @@ def plan_lines(plan: ImagePlan, system: System) -> list[str]:
 def plan_grid(plan: ImagePlan) -> Grid:
     """Tabulate the steps: what is computed, and its share of the full 4-D chain."""
     computed, full = plan.total
-    rows = [
-        [step.name, step.method, *_amounts(step.computed, step.full)]
-        for step in plan.steps
-    ]
+    rows = [[step.name, step.method, *_amounts(step.computed, step.full)] for step in plan.steps]
     rows.append(["total", "", *_amounts(computed, full)])
     header = ["step", "computed", "cells", "of full", "bytes", "of full", "operations", "of full"]
     return Grid("computed, and its share of the full 4-D chain", header, rows)
