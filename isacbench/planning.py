@@ -12,6 +12,7 @@ of the time of those of a strided FFT (`isacbench.dsp.partialdft`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -153,7 +154,7 @@ class _Sizes:
         return Step("read", f"{self.e} of {self.all} elements", work(self.e), work(self.all))
 
     def doppler(self) -> Step:
-        """Transform over symbols; of a block that is still in the cache, so that only its result is written."""
+        """Transform over symbols of blocks in the cache: what has been read is not written again."""
         n_cells = self.n * self.d * self.e
         lines = self.n * self.d * self.e if self.range_method == "fft" else 0
         n_all = self.n * self.m * self.all
@@ -191,7 +192,7 @@ class _Sizes:
         )
 
     def angles(self) -> Step:
-        """Directions, in units of an angle FFT of the cell; a subspace method's own operations are not known."""
+        """Directions, in units of an angle FFT of a cell: an estimator's own operations are not known."""
         reachable = int(np.count_nonzero(self.gate.reachable))
         n_cells = {"gate": self.r * self.d, "detected": reachable, "none": 0}[self.needs.cells]
         lines = [ANGLE_OVERSAMPLING * n for n in self.shape]
@@ -215,4 +216,4 @@ class _Sizes:
 
 def _fft_operations(n: int) -> int:
     """Operations a point of an FFT of a length."""
-    return round(5 * np.log2(max(n, 2)))
+    return round(5 * math.log2(max(n, 2)))

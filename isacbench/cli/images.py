@@ -69,7 +69,7 @@ def image(
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
     if cube is None and transmitted is not None:
         raise InputError("--transmitted: allowed with --cube FILE, which it belongs to")
-    if cube is not None and not snr is trial is seed is None:
+    if cube is not None and (snr, trial, seed) != (None, None, None):
         raise InputError("--snr, --trial and --seed: allowed without --cube, whose noise is recorded")
     register(plugin)
     scene, imager = load_scenario(scenario), build_estimator(estimator)
@@ -183,7 +183,10 @@ def _dtype(precision: str) -> np.dtype[Any]:
     """Precision of a cube."""
     import numpy as np
 
-    dtypes = {"single": np.dtype(np.complex64), "double": np.dtype(np.complex128)}
+    dtypes: dict[str, np.dtype[Any]] = {
+        "single": np.dtype(np.complex64),
+        "double": np.dtype(np.complex128),
+    }
     if precision not in dtypes:
         raise InputError(f"--precision {precision!r}: allowed are {' and '.join(dtypes)}")
     return dtypes[precision]

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.cubes.source import Cube, open_cube, read_grid, require_shape
+from isacbench.cubes.cube import Cube, require_shape
+from isacbench.cubes.opening import open_cube, read_grid
 from isacbench.cubes.transform import GateTransform
 from isacbench.errors import InputError
 from isacbench.model.gate import build_gate
@@ -33,6 +34,10 @@ class CubeObservation(Observation):
     array. Built by `observe_cube`.
     """
 
+    _source: CubeLike
+    _transmitted: NDArray[np.complexfloating[Any, Any]] | None
+    _workers: int | None
+
     def __init__(
         self,
         source: CubeLike,
@@ -55,13 +60,13 @@ class CubeObservation(Observation):
             object.__setattr__(self, name, value)
 
     @cached_property
-    def cells(self) -> NDArray[np.complex128]:  # type: ignore[override]
+    def cells(self) -> NDArray[np.complex128]:
         """Cells (n_range, n_doppler, P, Q) of all virtual elements, read-only."""
         cells = self._transformed(self.array.positions)
         return cells.reshape(*self.gate.shape, *self.array.shape)
 
     @cached_property
-    def cross(self) -> NDArray[np.complex128]:
+    def cross(self) -> NDArray[np.complexfloating[Any, Any]]:
         """Cells (n_range, n_doppler, P + Q - 1) of the elements (p, 0), then of (0, q) from q = 1."""
         if "cells" in vars(self):
             return super().cross
@@ -150,7 +155,7 @@ def _checked(grid: NDArray[Any], cube: Cube) -> NDArray[np.complex128]:
     if faulty.any():
         n, m = np.unravel_index(int(faulty.argmax()), faulty.shape)
         raise InputError(
-            f"{cube.name}: the transmitted grid is {values[n, m]:g} at subcarrier {n}, symbol {m}; allowed are "
-            "finite numbers other than 0, for the cube is divided by them"
+            f"{cube.name}: the transmitted grid is {values[n, m]:g} at subcarrier {n}, symbol {m}; "
+            "allowed are finite numbers other than 0, for the cube is divided by them"
         )
     return values

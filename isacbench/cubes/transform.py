@@ -25,7 +25,7 @@ from isacbench.dsp.partialdft import (
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from isacbench.cubes.source import Cube, Tile
+    from isacbench.cubes.cube import Cube, Tile
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
 
@@ -82,8 +82,8 @@ class GateTransform:
         Returns
         -------
         ndarray of complex128, shape (n_range, n_doppler, e)
-            Blocks are transformed in the cube's precision and summed in
-            double.
+            Sums over the symbols of a block are made in the cube's precision,
+            those over subcarriers in double.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class GateTransform:
     ) -> NDArray[np.complex128]:
         """Sum what the tiles give."""
         along_doppler = self._doppler_rows.astype(cube.dtype)
-        along_range = self._range_rows.astype(cube.dtype) if self.range_method == "partial" else None
+        along_range = self._range_rows if self.range_method == "partial" else None
         n_rows = self.system.n_subcarriers if along_range is None else self.gate.range_bins.size
         total = np.zeros(
             (n_rows, self.gate.doppler_bins.size, len(elements)),

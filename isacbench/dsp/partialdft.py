@@ -126,18 +126,19 @@ def transform_block(block: Complex, along_doppler: Complex, along_range: Complex
     Returns
     -------
     ndarray of complex, shape (r, d, e), or (n, d, e) without `along_range`
-        In the precision of the arguments; the cells are the sum over all blocks.
+        In the precision of the last matrix; the cells are the sum over all blocks.
     """
     if block.strides[0] >= block.strides[2]:
         at_doppler = along_doppler @ block
         if along_range is None:
             return at_doppler
         n, d, e = at_doppler.shape
-        cells: Complex = (along_range @ at_doppler.reshape(n, d * e)).reshape(-1, d, e)
+        lines = at_doppler.reshape(n, d * e).astype(along_range.dtype, copy=False)
+        cells: Complex = (along_range @ lines).reshape(-1, d, e)
         return cells
     by_element = along_doppler @ block.transpose(2, 1, 0)
     if along_range is not None:
-        by_element = by_element @ along_range.T
+        by_element = by_element.astype(along_range.dtype, copy=False) @ along_range.T
     return by_element.transpose(2, 1, 0)
 
 

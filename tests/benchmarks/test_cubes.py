@@ -146,11 +146,10 @@ def test_gated_simulation_and_image_against_the_whole_frame(benchmark, capsys, s
 
 @pytest.mark.parametrize("elements", ["cells", "cross"])
 def test_transform_of_a_cube(benchmark, street, cube, elements):
-    cells = benchmark.pedantic(
-        lambda: getattr(observe_cube(cube, street, workers=N_THREADS), elements),
-        rounds=ROUNDS,
-        warmup_rounds=1,
-    )
+    def transform():
+        return getattr(observe_cube(cube, street, workers=N_THREADS), elements)
+
+    cells = benchmark.pedantic(transform, rounds=ROUNDS, warmup_rounds=1)
     assert np.isfinite(power_map(cells.reshape(*cells.shape[:2], -1, 1), "noncoherent")[0]).all()
 
 
