@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ImagePlan", "Step", "Work", "plan_image"]
 
-ANGLE_OVERSAMPLING = 2
-"""Points of an angle FFT an element, the least with which no scatterer is missed between two."""
+ANGLE_OVERSAMPLING = 3
+"""Points of an angle FFT an element, as many as `fft4d` takes on the paper's array."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,9 @@ class ImagePlan:
         Of the cube, in which blocks are transformed.
     steps : tuple of Step
         In their order.
+    simulation : tuple of Step
+        What takes the place of reading and transforming where no frame is
+        recorded and the gate is simulated in closed form.
     """
 
     gate: Gate
@@ -92,6 +95,7 @@ class ImagePlan:
     n_all_elements: int
     dtype: np.dtype[Any]
     steps: tuple[Step, ...]
+    simulation: tuple[Step, ...]
 
     @property
     def total(self) -> tuple[Work, Work]:
@@ -130,7 +134,16 @@ def plan_image(scenario: Scenario, estimator: AnyEstimator, dtype: DTypeLike = n
     n_elements = {"plane": n_p * n_q, "cross": n_p + n_q - 1, "none": 0}[needs.elements]
     sizes = _Sizes(scenario, gate, needs, n_elements, np.dtype(dtype).itemsize)
     steps = (sizes.read(), sizes.doppler(), sizes.range(), sizes.detection(), sizes.angles())
-    return ImagePlan(gate, needs, sizes.range_method, n_elements, n_p * n_q, np.dtype(dtype), steps)
+    return ImagePlan(
+        gate=gate,
+        needs=needs,
+        range_method=sizes.range_method,
+        n_elements=n_elements,
+        n_all_elements=n_p * n_q,
+        dtype=np.dtype(dtype),
+        steps=steps,
+        simulation=(sizes.echo(scenario), sizes.noise()),
+    )
 
 
 class _Sizes:
@@ -212,6 +225,24 @@ class _Sizes:
             Work(n_cells * n_points, 16 * n_cells * self.e, n_cells * operations),
             Work(n_all * plane, self.itemsize * n_all * (self.all + plane), n_all * full),
         )
+
+    def echo(self, scenario: Scenario) -> Step:
+        """Echoes of all scatterers in closed form, once a scene: those of one speed are summed first."""
+        n_echoes, n_speeds = len(scenario.scatterers), np.unique(scenario.scatterers.velocity).size
+
+        def work(n_range: int, n_doppler: int, itemsize: int) -> Work:
+            n_cells = n_range * n_doppler * self.all
+            sums = n_range * self.all * n_echoes + n_cells * n_speeds
+            return Work(n_cells, n_cells * itemsize, 8 * sums)
+
+        computed = work(self.r, self.d, np.dtype(np.complex128).itemsize)
+        return Step("echo", "cells of the gate", computed, work(self.n, self.m, self.itemsize))
+
+    def noise(self) -> Step:
+        """Noise of a trial, two normal numbers a cell; every SNR scales the same ones."""
+        n_cells, n_all = self.r * self.d * self.all, self.n * self.m * self.all
+        computed = Work(n_cells, n_cells * np.dtype(np.complex128).itemsize, 2 * n_cells)
+        return Step("noise", "cells of the gate", computed, Work(n_all, n_all * self.itemsize, 2 * n_all))
 
 
 def _fft_operations(n: int) -> int:

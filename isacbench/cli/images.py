@@ -142,7 +142,7 @@ def plan(
     from isacbench.model.scenario import load_scenario
     from isacbench.planning import plan_image
     from isacbench.registry import build_estimator
-    from isacbench.report.plan import describe_plan, plan_grid, plan_lines
+    from isacbench.report.plan import describe_plan, plan_grids, plan_lines
 
     register(plugin)
     scene = load_scenario(scenario)
@@ -153,7 +153,11 @@ def plan(
     typer.echo(f"{scene.name}, {estimator}")
     for line in plan_lines(planned, scene.system):
         typer.echo(line)
-    print_grid(plan_grid(planned))
+    for grid in plan_grids(planned):
+        print_grid(grid)
+    typer.echo(
+        "Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT."
+    )
 
 
 @app.command()

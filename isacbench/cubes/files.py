@@ -9,12 +9,14 @@ from isacbench.cubes.cube import describe
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     import numpy as np
 
-__all__ = ["CUBE", "GRID", "Listed", "Role", "choose", "parsing", "require_size"]
+    from isacbench.cubes.cube import ComplexArray
+
+__all__ = ["CUBE", "GRID", "Listed", "Role", "choose", "grid_beside", "parsing", "require_size"]
 
 
 class Listed(NamedTuple):
@@ -67,6 +69,39 @@ def choose(path: Path, arrays: Mapping[str, Listed], role: Role) -> str:
         f"{path}: wanted is an array named {role.name!r}, or just one of {role.axes} axes; "
         f"it holds {found or 'no arrays'}"
     )
+
+
+def grid_beside(
+    path: Path,
+    arrays: Mapping[str, Listed],
+    shape: tuple[int, ...],
+    read: Callable[[str], ComplexArray],
+) -> ComplexArray | None:
+    """Read the transmitted grid beside a cube: the array of that name, None where there is none.
+
+    Parameters
+    ----------
+    path : Path
+    arrays : mapping of str to Listed
+    shape : tuple of int
+        Of the cube.
+    read : callable
+        Reads a grid by its name.
+
+    Raises
+    ------
+    InputError
+        If the grid has other subcarriers or symbols than the cube.
+    """
+    if GRID.name not in arrays:
+        return None
+    grid = read(GRID.name)
+    if grid.shape != shape[:2]:
+        raise InputError(
+            f"{path}: {GRID.name} has shape {grid.shape}; the cube beside it takes {shape[:2]}: "
+            "(subcarriers, symbols)"
+        )
+    return grid
 
 
 @contextmanager

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from isacbench.cubes.arrays import ArrayCube
 from isacbench.cubes.cube import TILE_BYTES
+from isacbench.cubes.hdf5 import dataset_cube, open_hdf5, read_hdf5_grid
+from isacbench.cubes.mat import open_mat, read_mat_grid
 from isacbench.cubes.npy import open_npy, read_npy_grid
+from isacbench.cubes.npz import open_npz, read_npz_grid
+from isacbench.cubes.zarrs import open_zarr, read_zarr_grid, zarr_cube
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from isacbench.cubes.cube import ComplexArray, Cube
 
 __all__ = ["open_cube", "read_grid"]
-
-T = TypeVar("T")
 
 
 def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
@@ -27,8 +29,11 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
 
     Parameters
     ----------
-    source : ndarray, str or Path
-        An array (N, M, P, Q) of complex64 or complex128, or a file that holds one.
+    source : ndarray, h5py.Dataset, zarr.Array, str or Path
+        An array (N, M, P, Q) of complex64 or complex128, or a file that holds
+        one: npy, npz, mat, h5, hdf5, zarr, or zip with zarr in it. In a file
+        of several arrays it is the one named ``cube``, else the only one of
+        four axes; one named ``transmitted`` is the transmitted grid.
     tile_bytes : int
         Memory that a tile may touch.
 
@@ -49,10 +54,17 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     ((8, 4, 2, 2), 'complex64')
     """
     if isinstance(source, str | Path):
-        return _open_path(Path(source), tile_bytes)
+        path = Path(source)
+        return _format_of(path).open_cube(path, tile_bytes)
     if isinstance(source, np.ndarray):
         return ArrayCube(source, tile_bytes=tile_bytes)
-    raise InputError(f"a cube is an array or a path, not {type(source).__name__}")
+    if _is_a(source, "h5py", "Dataset"):
+        return dataset_cube(source, f"{source.file.filename}: {source.name}", tile_bytes)
+    if _is_a(source, "zarr", "Array"):
+        return zarr_cube(source, str(source.store_path), tile_bytes)
+    raise InputError(
+        f"a cube is a NumPy array, an h5py dataset, a zarr array or a path, not {type(source).__name__}"
+    )
 
 
 def read_grid(path: str | Path) -> ComplexArray:
@@ -61,6 +73,8 @@ def read_grid(path: str | Path) -> ComplexArray:
     Parameters
     ----------
     path : str or Path
+        A file as for `open_cube`. Of several arrays it is the one named
+        ``transmitted``, else the only one of two axes.
 
     Returns
     -------
@@ -72,23 +86,43 @@ def read_grid(path: str | Path) -> ComplexArray:
         If the file is missing, of an unknown format or damaged, or holds no grid.
     """
     path = Path(path)
-    return _by_suffix(path, _GRID_READERS)(path)
+    return _format_of(path).read_grid(path)
 
 
-def _open_path(path: Path, tile_bytes: int) -> Cube:
-    return _by_suffix(path, _OPENERS)(path, tile_bytes)
-
-
-def _by_suffix(path: Path, handlers: Mapping[str, T]) -> T:
-    """Pick what handles an existing path by its suffix, upper or lower case."""
+def _format_of(path: Path) -> _Format:
+    """Format of an existing path by its suffix, upper or lower case."""
     suffix = path.suffix.lower()
-    if suffix not in handlers:
+    if suffix not in _FORMATS:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise InputError(f"{path}: has {found}; allowed are {', '.join(handlers)}")
+        raise InputError(f"{path}: has {found}; allowed are {', '.join(_FORMATS)}")
     if not path.exists():
         raise InputError(f"{path}: does not exist")
-    return handlers[suffix]
+    if path.is_dir() and suffix not in FOLDERS:
+        raise InputError(f"{path}: is a folder, not a file")
+    return _FORMATS[suffix]
 
 
-_OPENERS: dict[str, Callable[[Path, int], Cube]] = {".npy": open_npy}
-_GRID_READERS: dict[str, Callable[[Path], ComplexArray]] = {".npy": read_npy_grid}
+def _is_a(source: object, module: str, name: str) -> bool:
+    """Whether something is an instance of a library's class; that library is not imported to tell."""
+    library = sys.modules.get(module)
+    return library is not None and isinstance(source, getattr(library, name))
+
+
+class _Format(NamedTuple):
+    """How a cube is opened and a transmitted grid is read."""
+
+    open_cube: Callable[[Path, int], Cube]
+    read_grid: Callable[[Path], ComplexArray]
+
+
+_FORMATS: dict[str, _Format] = {
+    ".npy": _Format(open_npy, read_npy_grid),
+    ".npz": _Format(open_npz, read_npz_grid),
+    ".mat": _Format(open_mat, read_mat_grid),
+    ".h5": _Format(open_hdf5, read_hdf5_grid),
+    ".hdf5": _Format(open_hdf5, read_hdf5_grid),
+    ".zarr": _Format(open_zarr, read_zarr_grid),
+    ".zip": _Format(open_zarr, read_zarr_grid),
+}
+FOLDERS = (".zarr",)
+"""Suffixes of formats that are, or can be, folders."""

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any
 from isacbench.report.tables import Grid
 
 if TYPE_CHECKING:
-    from isacbench.model.numerology import System
-    from isacbench.planning import ImagePlan, Work
+    from collections.abc import Sequence
 
-__all__ = ["describe_plan", "plan_grid", "plan_lines"]
+    from isacbench.model.numerology import System
+    from isacbench.planning import ImagePlan, Step, Work
+
+__all__ = ["describe_plan", "plan_grids", "plan_lines"]
 
 ELEMENTS = {"plane": "the whole array", "cross": "one column and one row", "none": "none"}
+HEADER = ["step", "computed", "cells", "of full", "bytes", "of full", "operations", "of full"]
 TRANSFORMS = {"partial": "products with rows of the DFT matrix", "fft": "FFT"}
 
 
@@ -31,17 +34,21 @@ def plan_lines(plan: ImagePlan, system: System) -> list[str]:
         f"  Doppler bins:  {n_doppler} of {system.n_symbols}, {slow * system.velocity_bin_mps:.1f} to "
         f"{fast * system.velocity_bin_mps:.1f} m/s, by {TRANSFORMS['partial']}",
         f"  detection on:  {integration[needs.integration]}",
-        f"  precision:     {plan.dtype} cube, sums of blocks in complex128",
+        f"  precision:     sums over symbols in {plan.dtype}, over subcarriers in complex128",
     ]
 
 
-def plan_grid(plan: ImagePlan) -> Grid:
-    """Tabulate the steps: what is computed, and its share of the full 4-D chain."""
-    computed, full = plan.total
-    rows = [[step.name, step.method, *_amounts(step.computed, step.full)] for step in plan.steps]
-    rows.append(["total", "", *_amounts(computed, full)])
-    header = ["step", "computed", "cells", "of full", "bytes", "of full", "operations", "of full"]
-    return Grid("computed, and its share of the full 4-D chain", header, rows)
+def plan_grids(plan: ImagePlan) -> list[Grid]:
+    """Tabulate the steps of a recorded frame and of a simulated one: what is computed, and its share."""
+    recorded = [*_rows(plan.steps), ["total", "", *_amounts(*plan.total)]]
+    return [
+        Grid("of a recorded frame, beside the full 4-D chain", HEADER, recorded),
+        Grid("instead of reading and transforming, where it is simulated", HEADER, _rows(plan.simulation)),
+    ]
+
+
+def _rows(steps: Sequence[Step]) -> list[list[str]]:
+    return [[step.name, step.method, *_amounts(step.computed, step.full)] for step in steps]
 
 
 def describe_plan(plan: ImagePlan) -> dict[str, Any]:
@@ -55,6 +62,7 @@ def describe_plan(plan: ImagePlan) -> dict[str, Any]:
         "range_method": plan.range_method,
         "dtype": str(plan.dtype),
         "steps": [asdict(step) for step in plan.steps],
+        "simulation": [asdict(step) for step in plan.simulation],
         "total": {"computed": asdict(computed), "full": asdict(full)},
     }
 
@@ -64,8 +72,16 @@ def _amounts(computed: Work, full: Work) -> list[str]:
     amounts = []
     for name, unit in (("cells", ""), ("bytes", "B"), ("operations", "")):
         part, whole = getattr(computed, name), getattr(full, name)
-        amounts += [_scaled(part, unit), f"{100 * part / whole:.2g} %" if whole else ""]
+        amounts += [_scaled(part, unit), _share(part, whole)]
     return amounts
+
+
+def _share(part: int, whole: int) -> str:
+    """Part in percent of the whole, two digits below 10 %."""
+    if not whole:
+        return ""
+    percent = 100 * part / whole
+    return f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
 
 
 def _scaled(number: int, unit: str) -> str:
