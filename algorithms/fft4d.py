@@ -43,6 +43,7 @@ from isacbench.dsp.planewaves import PlaneWaves, pair_directions
 from isacbench.errors import require
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
+from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 from .detectors import CaCfar
@@ -172,8 +173,9 @@ class Fft4d(CellwiseEstimator):
             for n, limits in zip(snapshots.shape[1:], observation.cosine_limits, strict=True)
         )
         shape = u.cosine.size, w.cosine.size
-        spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
-        power = spectra.real**2 + spectra.imag**2
+        with stage("spectrum"):
+            spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
+            power = spectra.real**2 + spectra.imag**2
         # Only local maxima can be peaks, so that nothing else needs a test.
         peaks = _local_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
         passed = _passed(power, peaks, detect_listed(self.angle_detector, power, 1, peaks).mask)
@@ -190,9 +192,10 @@ class Fft4d(CellwiseEstimator):
     def _line_spectrum(self, lines: Snapshots, limits: Interval) -> _LineSpectra:
         """Spectra along the sensors of lines (n, sensors)."""
         axis = self._axis(lines.shape[1], limits)
-        spectra = scipy.fft.fftshift(scipy.fft.ifft(lines, axis.cosine.size, norm="forward"), axes=1)
-        # A plane of one column, for which peaks are the same thing.
-        power = (spectra.real**2 + spectra.imag**2)[:, :, None]
+        with stage("spectrum"):
+            spectra = scipy.fft.fftshift(scipy.fft.ifft(lines, axis.cosine.size, norm="forward"), axes=1)
+            # A plane of one column, for which peaks are the same thing.
+            power = (spectra.real**2 + spectra.imag**2)[:, :, None]
         peaks = _local_maxima(power, self._strong(power, axis.inside[:, None]))
         passed = _passed(power, peaks, detect_listed(self.line_detector, power[:, :, 0], 1, peaks[:2]).mask)
         place, _, found = plane_peaks(power, passed, self.max_sources)

@@ -10,6 +10,7 @@ import pandas as pd
 from isacbench.bench import detection, efficiency, resolution
 from isacbench.bench.folder import replacing
 from isacbench.report import study_tables, tables
+from isacbench.report.stage_tables import is_timed, stage_grids, summarise_stages
 from isacbench.report.tables import Grid, markdown
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.suite import Kind
 
-__all__ = ["TABLES", "Tables", "write_tables"]
+__all__ = ["TABLES", "Tables", "grids_of", "write_tables"]
 
 
 class Tables(NamedTuple):
@@ -35,8 +36,13 @@ TABLES: dict[Kind, Tables] = {
 }
 
 
+def grids_of(records: pd.DataFrame, kind: Kind = "imaging") -> list[Grid]:
+    """All tables of a run for people: those of its kind, and those of its stages where it was timed."""
+    return TABLES[kind].grids(records) + (stage_grids(records) if is_timed(records) else [])
+
+
 def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") -> list[Path]:
-    """Write ``summary.csv`` and ``summary.md`` into the folder of a run.
+    """Write ``summary.csv`` and ``summary.md`` into the folder of a run, and of stages likewise.
 
     Parameters
     ----------
@@ -50,11 +56,18 @@ def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") ->
     Returns
     -------
     list of Path
-        What was written.
+        What was written: ``stages.csv`` and ``stages.md``, too, where any row is timed.
     """
-    paths = [folder / "summary.csv", folder / "summary.md"]
+    paths = _write(folder, "summary", TABLES[kind], records)
+    if is_timed(records):
+        paths += _write(folder, "stages", Tables(summarise_stages, stage_grids), records)
+    return paths
+
+
+def _write(folder: Path, name: str, tables: Tables, records: pd.DataFrame) -> list[Path]:
+    paths = [folder / f"{name}.csv", folder / f"{name}.md"]
     with replacing(paths[0]) as path:
-        TABLES[kind].summarise(records).to_csv(path, index=False)
+        tables.summarise(records).to_csv(path, index=False)
     with replacing(paths[1]) as path:
-        path.write_text("\n".join(map(markdown, TABLES[kind].grids(records))), encoding="utf-8")
+        path.write_text("\n".join(map(markdown, tables.grids(records))), encoding="utf-8")
     return paths
