@@ -6,9 +6,9 @@ For every detected range-Doppler cell:
    with ``integration="element"``, as one row and one column.
    Forward-backward smoothing restores the rank that coherent echoes of one
    cell lack; eigenvalues above the noise edge span the signal subspace.
-2. The MUSIC spectrum over u and the one over w are each evaluated in 1-D and
-   their peaks tested by CA-CFAR. The product spectrum of the paper peaks at
-   every intersection of the two.
+2. The MUSIC spectrum over u and the one over w are each evaluated in 1-D,
+   their peaks tested by CA-CFAR and placed off the grid by Newton's method.
+   The product spectrum of the paper peaks at every intersection of the two.
 3. The joint response of all elements that are read tells sources from ghosts
    among the intersections.
 
@@ -52,7 +52,12 @@ from isacbench.dsp.model_order import (
 )
 from isacbench.dsp.peaks import Peaks, line_peaks
 from isacbench.dsp.planewaves import PlaneWaves, pair_directions
-from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_covariance
+from isacbench.dsp.subspace import (
+    music_null_minima,
+    music_null_spectrum,
+    real_steering,
+    smoothed_covariance,
+)
 from isacbench.errors import require
 from isacbench.model.observation import Observation
 from isacbench.stages import stage
@@ -191,7 +196,9 @@ class Music2d(CellwiseEstimator):
             spectra = n_subarray / np.maximum(null, SMALLEST_NULL * n_subarray)
         detection = self.spectrum_detector.detect(spectra)
         # A parabola fits a null, and not the pole that its reciprocal is.
-        return _LineSpectra(cosine, spectra, detection, line_peaks(-null, cosine, order, detection.mask))
+        peaks = line_peaks(-null, cosine, order, detection.mask)
+        place = music_null_minima(eigenvectors, order, peaks.place, peaks.found, step)
+        return _LineSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
 
     def _subspaces(self, lines: Snapshots, noise: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Eigenvectors (n, L, L) of lines (n, sensors, snapshots), strongest first; how many are signal."""
