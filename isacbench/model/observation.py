@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
     from isacbench.model.region import Interval, Region
 
-__all__ = ["Observation", "cross_elements"]
+__all__ = ["Observation", "cross_elements", "cross_of"]
 
 REGION_TOLERANCE_M = 0.5
 """How far outside the region a point may lie and still be reported."""
@@ -56,8 +56,7 @@ class Observation:
     @cached_property
     def cross(self) -> NDArray[np.complexfloating[Any, Any]]:
         """Cells (n_range, n_doppler, P + Q - 1) of the elements (p, 0), then of (0, q) from q = 1."""
-        p, q = cross_elements(self.array.shape).T
-        cross = self.cells[:, :, p, q]
+        cross = cross_of(self.cells)
         cross.setflags(write=False)
         return cross
 
@@ -118,3 +117,19 @@ def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:
     n_p, n_q = shape
     p, q = np.arange(n_p), np.arange(1, n_q)
     return np.stack([np.r_[p, np.zeros_like(q)], np.r_[np.zeros_like(p), q]], axis=1)
+
+
+def cross_of(cells: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complexfloating[Any, Any]]:
+    """One column and one row of the array.
+
+    Parameters
+    ----------
+    cells : ndarray of complex, shape (..., P, Q)
+
+    Returns
+    -------
+    ndarray of complex, shape (..., P + Q - 1)
+        In the order of `cross_elements`, a new array.
+    """
+    p, q = cross_elements((cells.shape[-2], cells.shape[-1])).T
+    return cells[..., p, q]
