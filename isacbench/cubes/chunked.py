@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from isacbench.cubes.cube import Cube, Tile, require_cube, require_elements
 from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, Extent, box_lengths, extents, native, pick
+from isacbench.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -126,7 +127,10 @@ class ChunkedCube(Cube):
         first, last = elements.min(axis=0), elements.max(axis=0)
         around = (slice(p, q + 1) for p, q in zip(first.tolist(), last.tolist(), strict=True))
         box = self._in_order((extent.subcarriers, extent.symbols, *around), self._stored)
-        values = as_complex(self._stored.read(box))
+        try:
+            values = as_complex(self._stored.read(box))
+        except Exception as error:  # Damaged chunks surface as anything that a library of codecs can raise.
+            raise InputError(f"{self.name}: is damaged: {error}") from error
         if self._stored.is_reversed:
             values = values.T
         return native(pick(values, elements - first))

@@ -11,7 +11,7 @@ import numpy as np
 
 from isacbench.cubes.chunked import ChunkedCube, Stored, as_complex, complex_dtype
 from isacbench.cubes.cube import complex_grid, require_grid
-from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside, parsing
+from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,12 +52,11 @@ def open_hdf5(path: Path, tile_bytes: int) -> ChunkedCube:
     Raises
     ------
     InputError
-        If the file is no HDF5 file, truncated, not filled, or does not tell
-        which of its datasets is a cube.
+        If it does not tell which of its datasets is a cube, or that was not filled.
     """
     import h5py
 
-    with parsing(path, "HDF5"), ExitStack() as on_failure:
+    with ExitStack() as on_failure:
         file = on_failure.enter_context(h5py.File(path, "r"))
         datasets = _datasets(file)
         name = choose(path, _listed(datasets), CUBE)
@@ -103,11 +102,11 @@ def read_hdf5_grid(path: Path) -> ComplexArray:
     Raises
     ------
     InputError
-        If the file is no HDF5 file, truncated, or does not tell which of its datasets is a grid.
+        If it does not tell which of its datasets is a grid.
     """
     import h5py
 
-    with parsing(path, "HDF5"), h5py.File(path, "r") as file:
+    with h5py.File(path, "r") as file:
         datasets = _datasets(file)
         name = choose(path, _listed(datasets), GRID)
         return _grid(f"{path}: {name}", datasets[name])

@@ -10,7 +10,7 @@ import numpy as np
 
 from isacbench.cubes import mat5
 from isacbench.cubes.cube import Cube, Tile, complex_grid, require_cube, require_elements, require_grid
-from isacbench.cubes.files import CUBE, GRID, choose, grid_beside, parsing
+from isacbench.cubes.files import CUBE, GRID, choose, grid_beside
 from isacbench.cubes.hdf5 import is_hdf5, open_hdf5, read_hdf5_grid
 from isacbench.cubes.raw import raw_extents
 
@@ -107,11 +107,11 @@ def open_mat(path: Path, tile_bytes: int) -> Cube:
     Raises
     ------
     InputError
-        If the file is no mat file, truncated, or does not tell which of its arrays is a cube.
+        If it is truncated, or does not tell which of its arrays is a cube.
     """
     if is_hdf5(path):
         return open_hdf5(path, tile_bytes)
-    with parsing(path, "mat"), ExitStack() as on_failure:
+    with ExitStack() as on_failure:
         arrays = mat5.list_arrays(path)
         listed = {name: array.listed for name, array in arrays.items()}
         name = choose(path, listed, CUBE)
@@ -131,14 +131,13 @@ def read_mat_grid(path: Path) -> ComplexArray:
     Raises
     ------
     InputError
-        If the file is no mat file, truncated, or does not tell which of its arrays is a grid.
+        If it is truncated, or does not tell which of its arrays is a grid.
     """
     if is_hdf5(path):
         return read_hdf5_grid(path)
-    with parsing(path, "mat"):
-        arrays = mat5.list_arrays(path)
-        name = choose(path, {name: array.listed for name, array in arrays.items()}, GRID)
-        return _grid(path, name, arrays[name])
+    arrays = mat5.list_arrays(path)
+    name = choose(path, {name: array.listed for name, array in arrays.items()}, GRID)
+    return _grid(path, name, arrays[name])
 
 
 def _cube_shape(path: Path, name: str, array: MatArray) -> tuple[int, int, int, int]:

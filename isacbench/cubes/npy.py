@@ -7,7 +7,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from isacbench.cubes.cube import complex_grid, describe, require_cube, require_grid
-from isacbench.cubes.files import parsing, require_size
+from isacbench.cubes.files import require_size
 from isacbench.cubes.mapped import MappedBytes
 from isacbench.cubes.raw import Order, RawArray, RawCube
 
@@ -54,9 +54,10 @@ def open_npy(path: Path, tile_bytes: int) -> RawCube:
     Raises
     ------
     InputError
-        If the file is no npy file, shorter than its header says or holds no cube.
+        If it holds no cube, or is shorter than its header says.
     """
-    header = _header_of(path)
+    with path.open("rb") as file:
+        header = read_header(file)
     shape = require_cube(str(path), header.shape, header.dtype)
     require_size(path, header.end, describe(shape, header.dtype))
     array = RawArray(MappedBytes(path), header.offset, shape, header.dtype, header.order)
@@ -69,12 +70,13 @@ def read_npy_grid(path: Path) -> ComplexArray:
     Raises
     ------
     InputError
-        If the file is no npy file, shorter than its header says or holds no grid.
+        If it holds no grid, or is shorter than its header says.
     """
-    header = _header_of(path)
-    require_grid(str(path), header.shape, header.dtype)
-    require_size(path, header.end, describe(header.shape, header.dtype))
     with path.open("rb") as file:
+        header = read_header(file)
+        require_grid(str(path), header.shape, header.dtype)
+        require_size(path, header.end, describe(header.shape, header.dtype))
+        file.seek(0)
         return complex_grid(np.lib.format.read_array(file, allow_pickle=False))
 
 
@@ -96,9 +98,3 @@ def read_header(file: IO[bytes]) -> Header:
         # Version 3 differs in the names of fields, which complex numbers do not have.
         raise ValueError(f"version {version} of the format, where arrays of numbers have 1.0 or 2.0")
     return Header(shape, "F" if fortran_order else "C", dtype, file.tell() - start)
-
-
-def _header_of(path: Path) -> Header:
-    """Header of an npy file."""
-    with parsing(path, "npy"), path.open("rb") as file:
-        return read_header(file)

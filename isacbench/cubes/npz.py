@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.cubes.cube import complex_grid, describe, require_cube, require_grid
-from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside, parsing
+from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside
 from isacbench.cubes.inflated import RAW_DEFLATE, InflatedBytes
 from isacbench.cubes.mapped import Bytes, MappedBytes
 from isacbench.cubes.npy import Header, read_header
@@ -39,10 +39,10 @@ def open_npz(path: Path, tile_bytes: int) -> RawCube:
     Raises
     ------
     InputError
-        If the file is no npz file, its compression another than deflate, or
-        if it does not tell which of its arrays is a cube.
+        If it does not tell which of its arrays is a cube, if that is shorter
+        than its header says, or compressed otherwise than by deflate.
     """
-    with parsing(path, "npz"), zipfile.ZipFile(path) as archive:
+    with zipfile.ZipFile(path) as archive:
         headers = _headers(archive)
         name = choose(path, _listed(headers), CUBE)
         header, member = headers[name], archive.getinfo(name + SUFFIX)
@@ -60,9 +60,9 @@ def read_npz_grid(path: Path) -> ComplexArray:
     Raises
     ------
     InputError
-        If the file is no npz file or does not tell which of its arrays is a grid.
+        If it does not tell which of its arrays is a grid.
     """
-    with parsing(path, "npz"), zipfile.ZipFile(path) as archive:
+    with zipfile.ZipFile(path) as archive:
         headers = _headers(archive)
         return _grid(path, archive, choose(path, _listed(headers), GRID))
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from isacbench.cubes.arrays import ArrayCube
 from isacbench.cubes.cube import TILE_BYTES
+from isacbench.cubes.files import parsing
 from isacbench.cubes.hdf5 import dataset_cube, open_hdf5, read_hdf5_grid
 from isacbench.cubes.mat import open_mat, read_mat_grid
 from isacbench.cubes.npy import open_npy, read_npy_grid
@@ -25,7 +26,7 @@ __all__ = ["open_cube", "read_grid"]
 
 
 def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
-    """Open a recorded cube; nothing of it is read but its header.
+    """Open a recorded cube; of a file, headers and the transmitted grid are read, and nothing else.
 
     Parameters
     ----------
@@ -55,7 +56,9 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     """
     if isinstance(source, str | Path):
         path = Path(source)
-        return _format_of(path).open_cube(path, tile_bytes)
+        file_format = _format_of(path)
+        with parsing(path, file_format.name):
+            return file_format.open_cube(path, tile_bytes)
     if isinstance(source, np.ndarray):
         return ArrayCube(source, tile_bytes=tile_bytes)
     if _is_a(source, "h5py", "Dataset"):
@@ -86,7 +89,9 @@ def read_grid(path: str | Path) -> ComplexArray:
         If the file is missing, of an unknown format or damaged, or holds no grid.
     """
     path = Path(path)
-    return _format_of(path).read_grid(path)
+    file_format = _format_of(path)
+    with parsing(path, file_format.name):
+        return file_format.read_grid(path)
 
 
 def _format_of(path: Path) -> _Format:
@@ -109,20 +114,21 @@ def _is_a(source: object, module: str, name: str) -> bool:
 
 
 class _Format(NamedTuple):
-    """How a cube is opened and a transmitted grid is read."""
+    """How a cube is opened and a transmitted grid is read; either raises whatever a damaged file leads to."""
 
+    name: str
     open_cube: Callable[[Path, int], Cube]
     read_grid: Callable[[Path], ComplexArray]
 
 
 _FORMATS: dict[str, _Format] = {
-    ".npy": _Format(open_npy, read_npy_grid),
-    ".npz": _Format(open_npz, read_npz_grid),
-    ".mat": _Format(open_mat, read_mat_grid),
-    ".h5": _Format(open_hdf5, read_hdf5_grid),
-    ".hdf5": _Format(open_hdf5, read_hdf5_grid),
-    ".zarr": _Format(open_zarr, read_zarr_grid),
-    ".zip": _Format(open_zarr, read_zarr_grid),
+    ".npy": _Format("npy", open_npy, read_npy_grid),
+    ".npz": _Format("npz", open_npz, read_npz_grid),
+    ".mat": _Format("mat", open_mat, read_mat_grid),
+    ".h5": _Format("HDF5", open_hdf5, read_hdf5_grid),
+    ".hdf5": _Format("HDF5", open_hdf5, read_hdf5_grid),
+    ".zarr": _Format("zarr", open_zarr, read_zarr_grid),
+    ".zip": _Format("zarr", open_zarr, read_zarr_grid),
 }
 FOLDERS = (".zarr",)
 """Suffixes of formats that are, or can be, folders."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from isacbench.cubes.chunked import ChunkedCube, Stored, as_complex, complex_dtype
 from isacbench.cubes.cube import complex_grid, require_grid
-from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside, parsing
+from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,9 +38,9 @@ def open_zarr(path: Path, tile_bytes: int) -> ChunkedCube:
     Raises
     ------
     InputError
-        If it is no zarr store, lacks chunks, or does not tell which of its arrays is a cube.
+        If it does not tell which of its arrays is a cube, or that lacks chunks.
     """
-    with parsing(path, "zarr"), ExitStack() as on_failure:
+    with ExitStack() as on_failure:
         store = on_failure.enter_context(closing(_store(path)))
         arrays = _arrays(store)
         name = choose(path, _listed(arrays), CUBE)
@@ -92,9 +92,9 @@ def read_zarr_grid(path: Path) -> ComplexArray:
     Raises
     ------
     InputError
-        If it is no zarr store, or does not tell which of its arrays is a grid.
+        If it does not tell which of its arrays is a grid.
     """
-    with parsing(path, "zarr"), closing(_store(path)) as store:
+    with closing(_store(path)) as store:
         arrays = _arrays(store)
         name = choose(path, _listed(arrays), GRID)
         return _grid(_called(path, name), arrays[name])

@@ -21,9 +21,11 @@ from .samples import (
     FORMATS,
     OF_SEVERAL,
     SHAPE,
+    all_elements,
     random_cube,
     sum_of_tiles,
     write_chunked_h5,
+    write_h5,
     write_mat,
     write_mat73,
     write_npz,
@@ -183,6 +185,22 @@ def test_damaged_compression_is_told_when_it_is_met(tmp_path, write):
     ):
         sum_of_tiles(cube, np.argwhere(np.ones((16, 16))))
     assert str(refused.value).startswith(f"{path}: ")
+
+
+def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
+    write_h5(tmp_path / "c.h5", cube=ARRAY, compressed=True)
+    with h5py.File(tmp_path / "c.h5") as file:
+        chunk = file["cube"].id.get_chunk_info(0)
+    with (tmp_path / "c.h5").open("r+b") as raw:
+        raw.seek(chunk.byte_offset + chunk.size // 2)
+        raw.write(bytes(100))
+    write_zarr2(tmp_path / "c.zarr", cube=ARRAY)
+    with (tmp_path / "c.zarr" / "cube" / "1.0.1.3").open("r+b") as raw:
+        raw.truncate(100)
+    for name in ("c.h5", "c.zarr"):
+        told = f"^{re.escape(str(tmp_path / name))}: cube: is damaged: "
+        with open_cube(tmp_path / name) as cube, pytest.raises(InputError, match=told):
+            sum_of_tiles(cube, all_elements())
 
 
 def test_the_checksum_of_a_stream_is_compared_at_its_end(tmp_path):
