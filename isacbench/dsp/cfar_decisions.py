@@ -32,7 +32,7 @@ __all__ = [
     "thresholds",
 ]
 
-_CHUNK = 2**20
+_CHUNK = 2**18
 """Cells of windows that are gathered at a time."""
 
 _STRIP = 2**16
@@ -116,13 +116,17 @@ def _detect_map(
     found_noise, threshold = np.empty((2, *power.shape))
     mask = np.empty(power.shape, dtype=bool)
     n_rows = max(1, _STRIP // prod(power.shape[1:]))
+    last_key, factor = np.empty(0, dtype=np.intp), np.empty(0)
     for start in range(0, len(power), n_rows):
         rows = slice(start, min(start + n_rows, len(power)))
         # A noise that overflows becomes a threshold that is refused.
         with np.errstate(over="ignore"):
             noise, key = estimate(MapWindows(axes, range(rows.start, rows.stop)), power)
+        # Strips between the edges have the same factors.
+        if not np.array_equal(key, last_key):
+            last_key, factor = key, factor_map(key, factor_of)
         found_noise[rows] = noise
-        thresholds(noise, factor_map(key, factor_of), threshold[rows])
+        thresholds(noise, factor, threshold[rows])
         np.greater(power[rows], threshold[rows], out=mask[rows])
     return Detection(mask, threshold, found_noise)
 
@@ -164,7 +168,7 @@ def thresholds(noise: Floats, factor: Floats, out: Floats | None = None) -> Floa
     """
     with np.errstate(over="ignore"):
         product: Floats = np.multiply(factor, noise, out=out)
-    if not np.isfinite(product).all():
+    if not product.max(initial=0.0) < np.inf:
         raise InputError("the power is too large: a threshold overflows float64; scale the map down")
     return product
 

@@ -91,7 +91,7 @@ def ca_cfar(
 
     def estimate(windows: Windows, values: NDArray[np.float64]) -> Estimate:
         n_training = windows.n_window() - windows.n_guard()
-        return windows.training_sum(values) / n_training, n_training
+        return windows.training_sum(values) / n_training.astype(np.float64), n_training
 
     def factor_of(n_training: int) -> float:
         return ca_factor(pfa, n_training, looks) if threshold == "exact" else paper_factor(pfa, n_training)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["os_cfar", "os_mask"]
 
-_BLOCK = 2**14
+_BLOCK = 2**15
 """Cells of a map that are counted at a time: few enough for the cache."""
 
 
@@ -198,13 +198,11 @@ class _OsTest(NamedTuple):
     def mask(self) -> NDArray[np.bool_]:
         if self.cells is not None:
             return self._counted(self.cells)
-        mask = np.zeros(self.power.shape, dtype=bool)
-        inside = tuple(slice(axis.n_window // 2, axis.length - axis.n_window // 2) for axis in self.axes)
-        at_the_edge = np.ones(self.power.shape, dtype=bool)
-        at_the_edge[inside] = False
-        mask[inside] = self._counted_inside(inside)
-        edge = np.nonzero(at_the_edge)
-        mask[edge] = self._counted(edge)
+        mask = np.ones(self.power.shape, dtype=bool)
+        mask[tuple(slice(axis.unshifted.start, axis.unshifted.stop) for axis in self.axes)] = False
+        mask[self._not_rejected()] = True
+        doubtful = np.nonzero(mask)
+        mask[doubtful] = self._counted(doubtful)
         return mask
 
     def _counted(self, cells: Cells) -> NDArray[np.bool_]:
@@ -221,46 +219,60 @@ class _OsTest(NamedTuple):
             masks.append(mask)
         return np.concatenate(masks)
 
-    def _counted_inside(self, inside: tuple[slice, ...]) -> NDArray[np.bool_]:
-        """Test the cells whose window is not shifted, a block of rows at a time.
+    def _not_rejected(self) -> Cells:
+        """Cells whose window is not shifted and that half of their training cells do not reject.
 
-        A cell is rejected as soon as too many training cells do not lie
-        below. Half of the training cells reject nearly all of them; for the few left all
-        are counted.
+        A cell is rejected as soon as too many training cells do not lie below:
+        nearly all are. A neighbour is a fixed number of cells away in memory,
+        so that a stretch of it is counted at a time; where it goes around the
+        end of an axis windows are shifted, and nothing that is counted counts.
         """
-        axes, power = self.axes, self.power
+        axes, power = self.axes, np.ascontiguousarray(self.power)
         n_training = prod(axis.n_window for axis in axes) - prod(2 * axis.guard + 1 for axis in axes)
-        scaled = thresholds(power, np.asarray(self.factor(n_training)))
+        scaled = thresholds(power, np.asarray(self.factor(n_training))).ravel()
         most_above = n_training - self.rank(n_training)
-        offsets = np.array(
-            [
-                offset
-                for offset in np.ndindex(tuple(axis.n_window for axis in axes))
-                if any(abs(o - a.n_window // 2) > a.guard for o, a in zip(offset, axes, strict=True))
-            ]
-        )[: 2 * (most_above + 1)]
-        under_test = power[inside]
-        mask = np.zeros(under_test.shape, dtype=bool)
-        n_rows = max(1, _BLOCK // max(1, prod(under_test.shape[1:])))
-        for start in range(0, len(under_test), n_rows):
-            tested = under_test[start : start + n_rows]
-            above = np.zeros(tested.shape, dtype=np.min_scalar_type(len(offsets)))
+        steps = self._training_steps()[: 2 * (most_above + 1)]
+        first = _step(power.shape, tuple(axis.reach for axis in axes))
+        under_test = power.ravel()[first : power.size - first]
+        found = []
+        for start in range(0, under_test.size, _BLOCK):
+            tested = under_test[start : start + _BLOCK]
+            above = np.zeros(tested.shape, dtype=np.min_scalar_type(len(steps)))
             not_below = np.empty(tested.shape, dtype=bool)
-            for offset in offsets:
-                first, *others = (
-                    slice(o, o + size) for o, size in zip(offset, under_test.shape, strict=True)
-                )
-                rows = slice(first.start + start, first.start + start + len(tested))
-                np.greater_equal(scaled[(rows, *others)], tested, out=not_below)
+            for step in steps:
+                there = first + start + step
+                np.greater_equal(scaled[there : there + tested.size], tested, out=not_below)
                 np.add(above, not_below.view(np.uint8), out=above)
-            left = np.nonzero(above <= most_above)
-            if left[0].size:
-                shift = [part.start for part in inside]
-                shift[0] += start
-                mask[start : start + n_rows][left] = self._counted(
-                    tuple(index + by for index, by in zip(left, shift, strict=True))
-                )
-        return mask
+            found.append(first + start + np.flatnonzero(above <= most_above))
+        cells = np.unravel_index(np.concatenate(found), power.shape)
+        inside = np.all(
+            [
+                (index >= axis.unshifted.start) & (index < axis.unshifted.stop)
+                for index, axis in zip(cells, axes, strict=True)
+            ],
+            axis=0,
+        )
+        return tuple(index[inside] for index in cells)
+
+    def _training_steps(self) -> list[int]:
+        """Cells in memory from a cell under test to those that train for it, where no window is shifted."""
+        offsets = (
+            tuple(place - axis.reach for place, axis in zip(places, self.axes, strict=True))
+            for places in np.ndindex(tuple(axis.n_window for axis in self.axes))
+        )
+        return [
+            _step(self.power.shape, offset)
+            for offset in offsets
+            if any(abs(o) > axis.guard for o, axis in zip(offset, self.axes, strict=True))
+        ]
+
+
+def _step(shape: tuple[int, ...], offset: tuple[int, ...]) -> int:
+    """Cells in memory between two cells of a map that are an offset apart."""
+    step = 0
+    for length, o in zip(shape, offset, strict=True):
+        step = step * length + o
+    return step
 
 
 class _LazyDetection(Detection):

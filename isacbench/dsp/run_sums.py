@@ -1,11 +1,11 @@
 """Sums over runs of consecutive cells, by pairs of pairs.
 
-A run is cut into blocks of powers of two, a block is summed by halves, and the
-blocks are added one after the other. That order depends on the runs alone, so
-that a window has the same sum to the last bit whether it is summed for itself
-(`sum_of_runs`) or with those of all its neighbours (`sliding_sums`). Nothing is
-ever subtracted: beside a strong echo a running sum, which subtracts what leaves
-the window, loses the noise.
+A run is cut into blocks of powers of two, a block is summed by halves, the
+blocks are added one after the other, and then the runs. That order depends on
+the runs alone, so that a window has the same sum to the last bit whether it is
+summed for itself (`sum_of_runs`) or with those of all its neighbours
+(`sliding_sums`). Nothing is ever subtracted: beside a strong echo a running
+sum, which subtracts what leaves the window, loses the noise.
 """
 
 from __future__ import annotations
@@ -46,22 +46,16 @@ def sum_of_runs(values: NDArray[np.float64], runs: Runs) -> NDArray[np.float64]:
     >>> float(sum_of_runs(np.arange(10.0), ((0, 3), (6, 8))))
     16.0
     """
-    sums = []
-    for start, size in _blocks(runs):
-        block = values[start : start + size]
-        while len(block) > 1:
-            block = block[::2] + block[1::2]
-        sums.append(block[0])
     total = np.empty(values.shape[1:])
-    _add(sums, total)
+    _add([_sum(values[first:stop]) for first, stop in runs], total)
     return total
 
 
 def sliding_sums(values: NDArray[np.float64], runs: Runs, stride: int, total: NDArray[np.float64]) -> None:
     """Sum the entries of runs in every place of a window that slides along a line.
 
-    Costs an addition a place for each doubling of the length of a run, and for
-    each block.
+    Costs at most two additions a place for each doubling of the length of a
+    run, and one for each run more.
 
     Parameters
     ----------
@@ -82,25 +76,54 @@ def sliding_sums(values: NDArray[np.float64], runs: Runs, stride: int, total: ND
     >>> total.tolist()
     [5.0, 8.0, 11.0]
     """
-    by_size = {1: values}
-    blocks = _blocks(runs)
-    for _, size in blocks:
-        while size not in by_size:
-            half = max(by_size)
-            shift = half * stride
-            by_size[2 * half] = by_size[half][:-shift] + by_size[half][shift:]
-    _add([by_size[size][start * stride : start * stride + total.size] for start, size in blocks], total)
+    by_length = {
+        length: _sliding(values, length, stride) for length in {stop - first for first, stop in runs}
+    }
+    places = total.size
+    _add(
+        [by_length[stop - first][first * stride : first * stride + places] for first, stop in runs],
+        total,
+    )
+
+
+def _sum(run: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum a run along the first axis."""
+    sums = []
+    for start, size in _blocks(len(run)):
+        block = run[start : start + size]
+        while len(block) > 1:
+            block = block[::2] + block[1::2]
+        sums.append(block[0])
+    return _added(sums)
+
+
+def _sliding(values: NDArray[np.float64], length: int, stride: int) -> NDArray[np.float64]:
+    """Sums of all runs of a length: a block twice as long is the sum of two."""
+    n_runs = values.size - (length - 1) * stride
+    sums, summed = values, 1
+    blocks = []
+    for start, size in _blocks(length):
+        while summed < size:
+            sums = sums[: -summed * stride] + sums[summed * stride :]
+            summed *= 2
+        blocks.append(sums[start * stride : start * stride + n_runs])
+    return _added(blocks)
 
 
 @lru_cache(maxsize=1024)
-def _blocks(runs: Runs) -> list[tuple[int, int]]:
-    """First entries and sizes of the blocks that runs are cut into, in each the smallest first."""
-    blocks = []
-    for first, stop in runs:
-        length = stop - first
-        sizes = [1 << bit for bit in range(length.bit_length()) if length >> bit & 1]
-        blocks += [(first + (length & (size - 1)), size) for size in sizes]
-    return blocks
+def _blocks(length: int) -> list[tuple[int, int]]:
+    """Start and size of the blocks of powers of two that a run is cut into, the smallest first."""
+    sizes = [1 << bit for bit in range(length.bit_length()) if length >> bit & 1]
+    return [(length & (size - 1), size) for size in sizes]
+
+
+def _added(terms: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Sum of at least one term, which may be that term itself."""
+    if len(terms) == 1:
+        return terms[0]
+    total = np.empty(terms[0].shape)
+    _add(terms, total)
+    return total
 
 
 def _add(terms: Sequence[NDArray[np.float64]], total: NDArray[np.float64]) -> None:

@@ -1,0 +1,62 @@
+"""What a whole image costs, by each estimator, and what each metric does."""
+
+import pytest
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+from isacbench_algorithms.nomp4d import Nomp4d
+from isacbench_algorithms.oracle import Oracle
+
+from isacbench.metrics.clouds import cloud_scores, gospa_m
+from isacbench.metrics.deviation import paper_deviation
+from isacbench.metrics.repository import repository_deviation
+from isacbench.metrics.score import METRICS, score
+from isacbench.model.echo import Simulator
+
+
+@pytest.mark.parametrize(
+    "estimator", [Music2d(), Fft4d(), Music2dJoint(), Esprit2d(), Nomp4d()], ids=lambda one: one.name
+)
+def test_estimate(benchmark, scene, estimator):
+    assert len(benchmark(estimator.estimate, scene.observation)) > 10
+
+
+def test_estimate_oracle(benchmark, scene):
+    truth = scene.scenario.truth
+    assert 10 < len(benchmark(Oracle().estimate, scene.observation, truth)) <= len(truth)
+
+
+def test_simulate_and_estimate(benchmark, scene):
+    def image():
+        return Music2d().estimate(Simulator(scene.scenario).observe(10.0))
+
+    assert len(benchmark(image)) > 10
+
+
+@pytest.fixture
+def clouds(scene):
+    """Truth and an estimate of either scene."""
+    return scene.scenario.truth, Music2d().estimate(scene.observation)
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_score(benchmark, clouds, metric):
+    assert benchmark(score, *clouds, metric)["n_true"] == len(clouds[0])
+
+
+def test_paper_deviation(benchmark, scene, clouds):
+    bin_mps = scene.scenario.system.velocity_bin_mps
+    assert benchmark(paper_deviation, *clouds, scene.scenario.region, bin_mps).deviation > 0
+
+
+def test_repository_deviation(benchmark, clouds):
+    assert benchmark(repository_deviation, *clouds).deviation > 0
+
+
+def test_cloud_scores(benchmark, scene, clouds):
+    assert benchmark(cloud_scores, *clouds, scene.scenario.region).chamfer_m > 0
+
+
+def test_gospa(benchmark, clouds):
+    assert benchmark(gospa_m, *clouds) > 0
