@@ -48,6 +48,8 @@ NO_PART_OF_ROWS = (
     "report",
     "conformance",
     "cli",
+    "cubes",
+    "planning.py",
     "preload.py",
     "process_server.py",
     "__main__.py",

@@ -10,7 +10,7 @@ others. An image of the cube is then the image of the observation.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,8 +156,15 @@ def write_frame(
     InputError
         If the file exists or cannot be written, or its name is of no format.
     """
+    n_subcarriers = frame.shape[0]
     with create_cube(path, frame.shape, dtype) as file:
+        # Whole chunks of the file: parts of them would be compressed and written again and again.
+        waiting: list[NDArray[np.complexfloating[Any, Any]]] = []
         for first, block in frame.blocks():
-            file.write(first, block.astype(dtype))
+            waiting.append(block.astype(dtype))
+            n_waiting, n_done = sum(map(len, waiting)), first + len(block)
+            if n_waiting >= file.block_subcarriers or n_done == n_subcarriers:
+                file.write(n_done - n_waiting, np.concatenate(waiting))
+                waiting.clear()
             if progress is not None:
-                progress(first + len(block), frame.shape[0])
+                progress(n_done, n_subcarriers)
