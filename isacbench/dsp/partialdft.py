@@ -58,8 +58,8 @@ def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
 
     Examples
     --------
-    >>> range_rows([0, 1], 4).round(12).tolist()[1]
-    [(0.5+0j), 0.5j, (-0.5+0j), -0.5j]
+    >>> abs(range_rows([0, 1], 4) @ [1, -1j, -1, 1j]).round(12).tolist()
+    [0.0, 2.0]
     """
     return _rows(bins, n_subcarriers)
 
