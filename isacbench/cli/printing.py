@@ -27,9 +27,9 @@ MAX_TABLE_WIDTH = 1000
 def report_run(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside | None = None) -> None:
     """Write and print the tables of a run, and draw its figures."""
     from isacbench.report.aside import Aside
-    from isacbench.report.kinds import TABLES, write_tables
+    from isacbench.report.kinds import all_grids, write_tables
 
-    for grid in TABLES[kind].grids(records):
+    for grid in all_grids(records, kind):
         print_grid(grid)
     tables = write_tables(folder, records, kind)
     with Aside() if aside is None else nullcontext(aside) as hand:
