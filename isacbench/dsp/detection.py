@@ -99,7 +99,7 @@ def power_map(
     if integration == "element":
         element = cells[:, :, 0, 0]
         return element.real**2 + element.imag**2, 1
-    parts = np.ascontiguousarray(cells).reshape(*cells.shape[:2], -1).view(np.float64)
+    parts = np.ascontiguousarray(cells).reshape(*cells.shape[:2], -1).view(cells.real.dtype)
     n_looks = cells.shape[2] * cells.shape[3]
     return np.einsum("rde,rde->rd", parts, parts) / n_looks, n_looks
 

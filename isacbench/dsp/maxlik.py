@@ -49,6 +49,9 @@ LARGEST_STEP = 0.5
 CONVERGED = 1e-10
 """Relative drop of the unexplained power below which a cell is done."""
 
+ROUNDING = 1e-12
+"""Of a cell's power: a step that seems to lose less may be as good, and is taken, lest rounding decide."""
+
 LEAST_DEVIATIONS = 3.0
 """Standard deviations of their distance from which two directions are two, as
 the three-sigma rule has it."""
@@ -212,6 +215,7 @@ def _refined(snapshots: Complex, fit: _Fit, found: NDArray[np.bool_], n_steps: i
     """Fit after damped Gauss-Newton steps."""
     n_lines = np.repeat(snapshots.shape[2:], found.shape[1])
     damping = np.full(len(snapshots), FIRST_DAMPING)
+    rounding = ROUNDING * np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
     moving = np.flatnonzero(found.any(axis=1))
     for _ in range(n_steps):
         if not moving.size:
@@ -222,7 +226,7 @@ def _refined(snapshots: Complex, fit: _Fit, found: NDArray[np.bool_], n_steps: i
         step /= np.maximum(1, np.abs(step * n_lines / 2).max(axis=1) / LARGEST_STEP)[:, None]
         step_u, step_w = np.split(step, 2, axis=1)
         new = _fit(snapshots[moving], old.u + step_u, old.w + step_w, found[moving])
-        better = new.unexplained < old.unexplained
+        better = new.unexplained <= old.unexplained + rounding[moving]
         fit.put(moving[better], new.at(better))
         damping[moving] *= np.where(better, LESS_DAMPING, MORE_DAMPING)
         done = better & (old.unexplained - new.unexplained <= CONVERGED * old.unexplained)
