@@ -36,6 +36,7 @@ from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.stages import stage
 
 from .detectors import OscaCfar
 
@@ -145,21 +146,32 @@ class CellwiseEstimator(ABC):
         PointCloud
         """
         system = observation.system
-        gated = GatedMap(observation.cells, observation.gate)
-        detected = self._detect(gated)
-        levels = _levels(gated, detected)
+        with stage("rdm"):
+            gated = GatedMap(observation.cells, observation.gate)
+        with stage("detection"):
+            detected = self._detect(gated)
+            levels = _levels(gated, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         chosen = Scatterers.empty()
         for look in self.looks():
-            candidates = self._candidates(
-                observation, gated, detected.bins, look, levels, min_power, chosen.next_family
-            )
-            chosen = select_jointly(
-                chosen.join(candidates), gated, system, min_power, self.local_dynamic_range_db, len(chosen)
-            )
-        found = self.refine(chosen, gated, system, levels, min_power)
-        unit_power = found.power / system.processing_gain
-        return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
+            with stage("peaks"):
+                candidates = self._candidates(
+                    observation, gated, detected.bins, look, levels, min_power, chosen.next_family
+                )
+            with stage("refinement"):
+                chosen = select_jointly(
+                    chosen.join(candidates),
+                    gated,
+                    system,
+                    min_power,
+                    self.local_dynamic_range_db,
+                    len(chosen),
+                )
+        with stage("refinement"):
+            found = self.refine(chosen, gated, system, levels, min_power)
+        with stage("peaks"):
+            unit_power = found.power / system.processing_gain
+            return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
 
     def looks(self) -> tuple[Look, ...]:
         """How the cells are read, one look after the other; the last one is drawn by `diagnose`."""
@@ -236,6 +248,10 @@ class CellwiseEstimator(ABC):
         -------
         PlaneWaves
             One row a cell.
+
+        Notes
+        -----
+        Its time counts for the stage ``peaks``, but for what it marks itself (`isacbench.stages`).
         """
 
     @abstractmethod
@@ -269,7 +285,8 @@ class CellwiseEstimator(ABC):
         bins = detected[0][inside], detected[1][inside]
         if not inside.any():
             return Scatterers.empty()
-        snapshots = _snapshots(tapered, bins, look.range_cells)
+        with stage("rdm"):
+            snapshots = _snapshots(tapered, bins, look.range_cells)
         waves = self.plane_waves(observation, look, snapshots, levels, min_power)
         located = locate(
             waves,

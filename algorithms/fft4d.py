@@ -35,6 +35,7 @@ from isacbench.dsp.peaks import plane_peaks
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.errors import require
 from isacbench.model.observation import Observation
+from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 from .detectors import CaCfar
@@ -115,9 +116,10 @@ class Fft4d(CellwiseEstimator):
 
     def _angle_spectra(self, observation: Observation, snapshots: Snapshots) -> _AngleSpectra:
         shape = tuple(max(self.angle_points, 2 * n) for n in snapshots.shape[1:])
-        spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
-        power = spectra.real**2 + spectra.imag**2
         cosines = [2 * scipy.fft.fftshift(scipy.fft.fftfreq(n)) for n in shape]
+        with stage("spectrum"):
+            spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
+            power = spectra.real**2 + spectra.imag**2
         strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
         in_u, in_w = (
             (cosine >= lower - 2 / n) & (cosine <= upper + 2 / n)

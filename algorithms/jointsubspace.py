@@ -50,6 +50,7 @@ from isacbench.dsp.subspace2d import leading_eigenpairs, planar_covariance
 from isacbench.errors import require
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 
@@ -145,14 +146,21 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """Directions down to the noise in a look at resolved cells, and those of crowds in others."""
         cells = middle(snapshots)
         if look.resolved_only:
-            waves = self.directions(observation, self.subspaces(cells[:, None], levels.white))
+            with stage("subspace"):
+                subspaces = self.subspaces(cells[:, None], levels.white)
+            waves = self.directions(observation, subspaces)
             if self.polish:
-                waves = resolve_directions(cells[:, None], waves, levels.white, self.angle_pfa, self.polish)
+                with stage("refinement"):
+                    waves = resolve_directions(
+                        cells[:, None], waves, levels.white, self.angle_pfa, self.polish
+                    )
             unexplained = waves.unexplained(cells)
             resolved = unexplained < MOST_UNEXPLAINED * levels.white
             resolved &= np.mean(np.abs(cells) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
         else:
-            waves = self.crowd_directions(observation, self.subspaces(snapshots, levels.floor))
+            with stage("subspace"):
+                subspaces = self.subspaces(snapshots, levels.floor)
+            waves = self.crowd_directions(observation, subspaces)
             resolved = np.zeros(len(cells), dtype=np.bool_)
         power = np.abs(waves.amplitudes(cells[None])[0]) ** 2
         strongest = power.max(axis=1, keepdims=True, initial=0)

@@ -53,6 +53,7 @@ from isacbench.dsp.planewaves import PlaneWaves, pair_directions
 from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_covariance
 from isacbench.errors import require
 from isacbench.model.observation import Observation
+from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 from .detectors import CaCfar
@@ -175,6 +176,20 @@ class Music2d(CellwiseEstimator):
 
     def _music(self, lines: Snapshots, limits: tuple[float, float], noise: float) -> _LineSpectra:
         """MUSIC along the sensors of lines (n, sensors, snapshots)."""
+        with stage("subspace"):
+            eigenvectors, order = self._subspaces(lines, noise)
+        n_subarray = eigenvectors.shape[1]
+        step = (limits[1] - limits[0]) / (self.grid_points - 1)
+        cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
+        with stage("spectrum"):
+            null = music_null_spectrum(eigenvectors, order, real_steering(n_subarray, cosine))
+            spectra = n_subarray / np.maximum(null, SMALLEST_NULL * n_subarray)
+        detection = self.spectrum_detector.detect(spectra)
+        # A parabola fits a null, and not the pole that its reciprocal is.
+        return _LineSpectra(cosine, spectra, detection, line_peaks(-null, cosine, order, detection.mask))
+
+    def _subspaces(self, lines: Snapshots, noise: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Eigenvectors (n, L, L) of lines (n, sensors, snapshots), strongest first; how many are signal."""
         n_sensors, n_snapshots = lines.shape[1:]
         n_subarray = max(2, round(self.subarray_fraction * n_sensors))
         eigenvalues, eigenvectors = np.linalg.eigh(smoothed_covariance(lines, n_subarray))
@@ -187,11 +202,4 @@ class Music2d(CellwiseEstimator):
             # Of disjoint subarrays, each snapshot holds as many as fit.
             n_independent = n_snapshots * n_sensors / n_subarray
             order = information_order(eigenvalues, n_independent, self.model_order)
-        order = np.minimum(order, self.max_order)
-        step = (limits[1] - limits[0]) / (self.grid_points - 1)
-        cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
-        null = music_null_spectrum(eigenvectors, order, real_steering(n_subarray, cosine))
-        spectra = n_subarray / np.maximum(null, SMALLEST_NULL * n_subarray)
-        detection = self.spectrum_detector.detect(spectra)
-        # A parabola fits a null, and not the pole that its reciprocal is.
-        return _LineSpectra(cosine, spectra, detection, line_peaks(-null, cosine, order, detection.mask))
+        return eigenvectors, np.minimum(order, self.max_order)

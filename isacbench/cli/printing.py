@@ -27,9 +27,9 @@ MAX_TABLE_WIDTH = 1000
 def report_run(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside | None = None) -> None:
     """Write and print the tables of a run, and draw its figures."""
     from isacbench.report.aside import Aside
-    from isacbench.report.kinds import all_grids, write_tables
+    from isacbench.report.kinds import grids_of, write_tables
 
-    for grid in all_grids(records, kind):
+    for grid in grids_of(records, kind):
         print_grid(grid)
     tables = write_tables(folder, records, kind)
     with Aside() if aside is None else nullcontext(aside) as hand:
@@ -49,16 +49,25 @@ def print_grid(grid: Grid) -> None:
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Progress]:
-    """Bar with the time left on stderr; silent where that is no terminal."""
+def progress_bar(title: str, is_idle: bool = False) -> Iterator[Progress]:
+    """Bar with the time left on stderr; silent where that is no terminal.
+
+    An idle one draws when a cell is done and not while others work.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+    with Progress(
+        *columns,
+        console=console,
+        disable=not console.is_terminal,
+        transient=True,
+        auto_refresh=not is_idle,
+    ) as bar:
         task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        yield lambda done, total: bar.update(task, completed=done, total=total, refresh=is_idle)
 
 
 def print_scores(scores: Mapping[str, float]) -> None:

@@ -64,6 +64,13 @@ def run(
     mix_versions: Annotated[
         bool, typer.Option("--mix-versions", help="Keep rows that other versions made beside new ones.")
     ] = False,
+    timing: Annotated[
+        bool, typer.Option("--timing", help="Measure run times that count, one cell after the other.")
+    ] = False,
+    repeats: Annotated[
+        int | None,
+        typer.Option("--repeats", metavar="REPEATS", min=1, help="Estimates timed a cell; default 5."),
+    ] = None,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
     if dask is None:
@@ -77,6 +84,7 @@ def run(
     from isacbench.bench.runner import Execution, run_suite
     from isacbench.bench.statuses import failed
     from isacbench.bench.suite import load_suite, parse_snr
+    from isacbench.bench.timing import repeats_wanted
     from isacbench.report.aside import Aside
 
     if out is None and (rerun or mix_versions):
@@ -93,6 +101,7 @@ def run(
         shard=None if shard is None else Shard.parse(shard),
         rerun=parse_reruns(rerun or ()),
         mix_versions=mix_versions,
+        repeats=repeats_wanted(timing, repeats),
     )
 
     register(plugin)
@@ -105,10 +114,11 @@ def run(
     )
     folder = default_folder(wanted.name) if out is None else out
     with Aside() as aside:
-        with progress_bar(wanted.name) as show:
+        with progress_bar(wanted.name, is_idle=timing) as show:
 
             def progress(n_done: int, n_cells: int) -> None:
-                aside.get_ready()  # as soon as workers are busy, and this process is not
+                if not timing:
+                    aside.get_ready()  # as soon as workers are busy, and this process is not
                 show(n_done, n_cells)
 
             results = run_suite(wanted, folder, progress, execution)

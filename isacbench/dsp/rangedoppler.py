@@ -10,6 +10,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isacbench.dsp.windows import Window, reach, taper
+from isacbench.stages import stage
 
 if TYPE_CHECKING:
     from isacbench.model.gate import Gate
@@ -67,7 +68,8 @@ class GatedMap:
 
     def tapered(self, range_window: Window, doppler_window: Window) -> GatedMap:
         """Map behind windows along range and Doppler, without the outermost bins that lack neighbours."""
-        cells = taper(taper(self.cells, range_window, axis=0), doppler_window, axis=1)
+        with stage("rdm"):
+            cells = taper(taper(self.cells, range_window, axis=0), doppler_window, axis=1)
         return GatedMap(cells, self.gate.trim(reach(range_window), reach(doppler_window)))
 
     def surrounds(self, bins: Bins) -> NDArray[np.bool_]:

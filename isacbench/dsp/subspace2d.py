@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import minimum_filter
 
 from isacbench.dsp.subspace import real_steering, unitary_transform
+from isacbench.stages import stage
 
 __all__ = ["Nulls", "leading_eigenpairs", "null_minima", "planar_covariance", "planar_null_spectrum"]
 
@@ -179,7 +180,8 @@ def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: NDArray[np.int64]
         Those that hold half of their steering vector, and the deepest in any
         case.
     """
-    null = planar_null_spectrum(basis, u, w)
+    with stage("spectrum"):
+        null = planar_null_spectrum(basis, u, w)
     inner = null[:, 1:-1, 1:-1]
     is_minimum = inner <= minimum_filter(null, size=(1, 3, 3))[:, 1:-1, 1:-1]
     deepest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)

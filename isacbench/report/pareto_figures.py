@@ -28,6 +28,7 @@ from isacbench.report.style import (
     legend_height_in,
     new_figure,
 )
+from isacbench.stages import STAGES
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -52,9 +53,8 @@ ROOM = 0.17, 0.07
 LEAST_LOG_RATIO = 2.5
 """Deviations that span less are drawn on a linear axis."""
 
-STAGE_COLOURS = dict(
-    zip(("rdm", "detection", "subspace", "spectrum", "peaks", "refinement"), COLOURS, strict=True)
-)
+STAGE_COLOURS: dict[str, str] = dict(zip(STAGES, COLOURS, strict=True))
+
 POINTS_AN_INCH = 72.0
 NUMBER_SIZES = 9.0, 5.5
 """Font sizes of numbers on the frontier and elsewhere, in points."""

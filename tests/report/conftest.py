@@ -5,7 +5,7 @@ import json
 import pandas as pd
 import pytest
 
-from isacbench.bench.record import COLUMNS
+from isacbench.bench.record import COLUMNS, TIMING_COLUMNS
 
 SCORES = ["density", "velocity_nmse", "chamfer_m", "gospa_m", "precision", "recall"]
 
@@ -38,6 +38,6 @@ def timed():
                         "timing": True,
                     }
                 )
-        return pd.DataFrame(found).reindex(columns=COLUMNS)
+        return pd.DataFrame(found).reindex(columns=[*COLUMNS, *TIMING_COLUMNS])
 
     return rows

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from isacbench.errors import InputError
 from isacbench.report.budgets import best_within_budgets, budget_grids, budget_series, summarise_budgets
-from isacbench.report.kinds import all_grids, write_tables
+from isacbench.report.kinds import grids_of, write_tables
 from isacbench.report.tables import rich_table
 
 positive = st.floats(1e-6, 1e4)
@@ -139,6 +139,8 @@ def test_tables_of_budgets_are_written_where_times_count_and_go_where_they_do_no
     assert [path.name for path in paths] == [
         "summary.csv",
         "summary.md",
+        "stages.csv",
+        "stages.md",
         "pareto.csv",
         "budgets.csv",
         "budgets.md",
@@ -152,8 +154,9 @@ def test_tables_of_budgets_are_written_where_times_count_and_go_where_they_do_no
 
 def test_what_is_printed_has_the_budgets_after_the_summary_in_lines_that_fit(timed):
     rows = timed(a=(0.01, 1.0), b=(0.3, 0.5))
-    summary, budgets = all_grids(rows)
+    summary, *_, budgets = grids_of(rows)
     assert "mean deviation ± 95 % band" in summary.title
+    assert "least mean deviation within a time" in budgets.title
     console = Console(width=300, record=True, file=io.StringIO())
     console.print(rich_table(budgets))
     assert max(len(line.rstrip()) for line in console.export_text().splitlines()) <= 100
