@@ -144,7 +144,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         min_power: float,
     ) -> PlaneWaves:
         """Directions down to the noise in a look at resolved cells, and those of crowds in others."""
-        cells = middle(snapshots)
+        cells, plane = middle(snapshots), self.aperture(observation)
         if look.resolved_only:
             with stage("subspace"):
                 subspaces = self.subspaces(cells[:, None], levels.white)
@@ -154,7 +154,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
                     waves = resolve_directions(
                         cells[:, None], waves, levels.white, self.angle_pfa, self.polish
                     )
-            unexplained = waves.unexplained(cells)
+            unexplained = waves.unexplained(cells, plane)
             resolved = unexplained < MOST_UNEXPLAINED * levels.white
             resolved &= np.mean(np.abs(cells) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
         else:
@@ -162,7 +162,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
                 subspaces = self.subspaces(snapshots, levels.floor)
             waves = self.crowd_directions(observation, subspaces)
             resolved = np.zeros(len(cells), dtype=np.bool_)
-        power = np.abs(waves.amplitudes(cells[None])[0]) ** 2
+        power = np.abs(waves.amplitudes(cells[None], plane)[0]) ** 2
         strongest = power.max(axis=1, keepdims=True, initial=0)
         found = waves.found & (power > min_power)
         found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
@@ -222,7 +222,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """Cuts of the array's power along u and along w through the strongest plane wave, in dB below it."""
         waves = self.plane_waves(observation, self.looks()[-1], snapshots, levels, 0.0)
         snapshot = middle(snapshots)
-        power = np.abs(waves.amplitudes(snapshot[None])[0, 0])
+        power = np.abs(waves.amplitudes(snapshot[None], self.aperture(observation))[0, 0])
         strongest = int(power.argmax())
         towards_u = steering(snapshot.shape[1], waves.u[0, strongest]).conj()
         towards_w = steering(snapshot.shape[2], waves.w[0, strongest]).conj()

@@ -152,7 +152,7 @@ class Outcome:
         """Same with further columns, as far as it does not have them itself."""
         return dataclasses.replace(self, extras={**labels, **self.extras})
 
-    def made_by(self, environment: str, timing: bool) -> Outcome:
+    def made_by(self, environment: str, timing: bool = False) -> Outcome:
         """Same with the name of the environment that made it, and whether its time counts."""
         record = dataclasses.replace(self.record, environment=environment, timing=timing)
         return dataclasses.replace(self, record=record)

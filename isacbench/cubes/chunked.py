@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -93,7 +92,8 @@ class ChunkedCube(Cube):
         nesting = (SUBCARRIERS, SYMBOLS, ELEMENTS)
         if self._stored.is_reversed:
             nesting = nesting[::-1]
-        for extent in extents(self.shape[:2], groups, self._box(nesting), nesting):
+        box = (*self._box(nesting), max(1, len(elements)))  # The elements of a group stay together.
+        for extent in extents(self.shape[:2], groups, box, nesting):
             yield Tile(*extent, partial(self._load, extent, elements[extent.elements]))
 
     def close(self) -> None:
@@ -104,14 +104,14 @@ class ChunkedCube(Cube):
         """Something of every axis, from the file's order to the cube's, or back."""
         return axes[::-1] if stored.is_reversed else axes
 
-    def _box(self, nesting: tuple[int, ...]) -> tuple[int, int, int]:
-        """Subcarriers, symbols and elements of a tile: as many whole chunks as it has room for."""
-        chunk = [min(pair) for pair in zip(self._chunk, self.shape, strict=True)]
-        in_chunk = (*chunk[:2], chunk[2] * chunk[3])
-        chunks = [-(-length // part) for length, part in zip(self.shape[:2], in_chunk, strict=False)]
+    def _box(self, nesting: tuple[int, ...]) -> tuple[int, int]:
+        """Subcarriers and symbols of a tile: as many whole chunks as it has room for."""
+        n_subcarriers, n_symbols, n_p, n_q = map(min, self._chunk, self.shape)
         outer = [axis for axis in nesting if axis != ELEMENTS]
-        counts = box_lengths((*chunks, 1), outer, self._tile_cells // prod(in_chunk))
-        return counts[0] * in_chunk[0], counts[1] * in_chunk[1], in_chunk[2]
+        chunks = (-(-self.shape[0] // n_subcarriers), -(-self.shape[1] // n_symbols))
+        room = self._tile_cells // (n_subcarriers * n_symbols * n_p * n_q)
+        counts = box_lengths(chunks, outer, room)
+        return counts[SUBCARRIERS] * n_subcarriers, counts[SYMBOLS] * n_symbols
 
     def _groups(self, elements: Indices) -> list[Indices]:
         """Indices of the elements that chunks have in common, in the order in which they lie there."""

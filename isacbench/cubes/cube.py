@@ -187,7 +187,7 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
         )
     if len(shape) != 2 or 0 in shape:
         raise InputError(
-            f"{name}: has shape {shape}; a transmitted grid takes two axes, (subcarriers, symbols)"
+            f"{name}: has shape {shape}; a transmitted grid takes two axes: (subcarriers, symbols)"
         )
 
 
@@ -258,4 +258,6 @@ def _kind(dtype: np.dtype[Any]) -> str:
         return f"real numbers ({dtype.newbyteorder('=')})"
     if dtype.kind in "iu":
         return f"integers ({dtype.newbyteorder('=')})"
+    if dtype.names is not None:
+        return f"records of {', '.join(f'{name} ({dtype[name]})' for name in dtype.names)}"
     return f"no numbers ({dtype})"

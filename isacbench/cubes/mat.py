@@ -57,6 +57,8 @@ class MatCube(Cube):
         self._source = source
         self._real = mat5.real_part(path, source, array, self.shape)
         self._find_imaginary = partial(mat5.imaginary_part, path, source, array, self.shape)
+        if not source.sequential:
+            _ = self._imaginary  # A damaged one is told before any work.
 
     def tiles(self, elements: NDArray[np.intp]) -> Iterator[Tile]:
         """Cut the cube of some elements into tiles, see `Cube.tiles`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import shutil
 from collections.abc import Callable
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -158,12 +158,16 @@ def create_cube(
     _require_room(path, checked_shape, dtype)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with _writing(path), create(part, checked_shape, dtype) as write:
+        with ExitStack() as file:
+            with _writing(path):
+                write = file.enter_context(create(part, checked_shape, dtype))
             writer = CubeWriter(path, checked_shape, dtype, write)
             yield writer
             writer.require_complete()
-        _require_new(path)
-        part.rename(path)
+            with _writing(path):
+                file.close()
+                _require_new(path)
+                part.rename(path)
     except BaseException:
         _remove(part)
         raise

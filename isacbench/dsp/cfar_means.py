@@ -8,18 +8,19 @@ import numpy as np
 
 from isacbench.contracts import Detection
 from isacbench.dsp.cfar_checks import check_threshold, checked_axis, checked_list, checked_power, spread
-from isacbench.dsp.cfar_windows import estimate_by_sums, factor_map, window_axes
+from isacbench.dsp.cfar_decisions import detect_by_sums
+from isacbench.dsp.cfar_windows import window_axes
 from isacbench.dsp.factor_checks import check_pfa
 from isacbench.dsp.factor_means import ca_factor, goca_factor, paper_factor, soca_factor
-from isacbench.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.dsp.cfar_checks import Cells, CellsPerSide, Threshold
-    from isacbench.dsp.cfar_windows import Counts, Estimate, Side, Windows
+    from isacbench.dsp.cfar_decisions import Estimate
+    from isacbench.dsp.cfar_windows import Counts, Side, Windows
 
-__all__ = ["ca_cfar", "decide", "goca_cfar", "moved_back", "moved_first", "soca_cfar", "thresholds"]
+__all__ = ["ca_cfar", "goca_cfar", "moved_back", "moved_first", "soca_cfar"]
 
 T = TypeVar("T")
 
@@ -95,8 +96,7 @@ def ca_cfar(
     def factor_of(n_training: int) -> float:
         return ca_factor(pfa, n_training, looks) if threshold == "exact" else paper_factor(pfa, n_training)
 
-    noise, n_training = estimate_by_sums(values, axes, listed, estimate)
-    return decide(values if listed is None else values[listed], noise, factor_map(n_training, factor_of))
+    return detect_by_sums(values, axes, listed, estimate, factor_of)
 
 
 def goca_cfar(
@@ -277,8 +277,7 @@ def _chosen_half(
             return paper_factor(pfa, sum(halves))
         return (goca_factor if greatest else soca_factor)(pfa, halves, looks)
 
-    noise, key = estimate_by_sums(values, axes, listed, estimate)
-    found = decide(values if listed is None else values[listed], noise, factor_map(key, factor_of))
+    found = detect_by_sums(values, axes, listed, estimate, factor_of)
     return found if listed is not None else moved_back(found, split)
 
 
@@ -296,30 +295,3 @@ def moved_back(found: Detection, axis: int) -> Detection:
         threshold=np.moveaxis(found.threshold, 0, axis),
         noise=np.moveaxis(found.noise, 0, axis),
     )
-
-
-def decide(power: NDArray[np.float64], noise: NDArray[np.float64], factor: NDArray[np.float64]) -> Detection:
-    """Compare powers with factor times noise.
-
-    Raises
-    ------
-    InputError
-        If a threshold overflows.
-    """
-    threshold = thresholds(noise, factor)
-    return Detection(mask=power > threshold, threshold=threshold, noise=noise)
-
-
-def thresholds(noise: NDArray[np.float64], factor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Multiply factors and noise.
-
-    Raises
-    ------
-    InputError
-        If a threshold overflows.
-    """
-    with np.errstate(over="ignore"):
-        product: NDArray[np.float64] = factor * noise
-    if not np.isfinite(product).all():
-        raise InputError("the power is too large: a threshold overflows float64; scale the map down")
-    return product

@@ -18,14 +18,9 @@ from isacbench.dsp.cfar_checks import (
     share_of,
     spread,
 )
-from isacbench.dsp.cfar_means import decide, moved_back, moved_first
-from isacbench.dsp.cfar_windows import (
-    ListedWindows,
-    estimate_by_sorting,
-    estimate_by_sums,
-    factor_map,
-    window_axes,
-)
+from isacbench.dsp.cfar_decisions import decide, detect_by_sums, estimate_by_sorting, factor_map
+from isacbench.dsp.cfar_means import moved_back, moved_first
+from isacbench.dsp.cfar_windows import ListedWindows, window_axes
 from isacbench.dsp.factor_checks import check_pfa
 from isacbench.dsp.factor_means import paper_factor
 from isacbench.dsp.factor_orders import osca_factor
@@ -36,7 +31,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.dsp.cfar_checks import Cells, CellsPerSide, Threshold
-    from isacbench.dsp.cfar_windows import Estimate, Floats, Windows
+    from isacbench.dsp.cfar_decisions import Estimate
+    from isacbench.dsp.cfar_windows import Floats, Windows
 
 __all__ = ["check_trim", "osca_cfar", "tm_cfar"]
 
@@ -148,8 +144,7 @@ def osca_cfar(
         columns = (whole_column,) * (n_columns - cut_columns) + cut_column * cut_columns
         return osca_factor(pfa, columns, looks)
 
-    noise, key = estimate_by_sums(values, axes, listed, estimate)
-    found = decide(values if listed is None else values[listed], noise, factor_map(key, factor_of))
+    found = detect_by_sums(values, axes, listed, estimate, factor_of)
     return found if listed is not None else moved_back(found, order)
 
 
@@ -266,8 +261,10 @@ def _column_order(windows: Windows, values: Floats) -> Floats:
     if isinstance(windows, ListedWindows):
         order: Floats = np.partition(values, index, axis=0)[index]
         return order
-    columns = sliding_window_view(values, along.n_window, axis=0)
-    order = np.partition(columns, index, axis=-1)[..., index][along.start()]
+    start = along.start()[windows.rows]
+    seen = values[start[0] : start[-1] + along.n_window]
+    columns = sliding_window_view(seen, along.n_window, axis=0)
+    order = np.partition(columns, index, axis=-1)[..., index][start - start[0]]
     return order
 
 
@@ -275,7 +272,7 @@ def _cut_column_order(windows: Windows, values: Floats) -> Floats:
     """Give the order statistic of each column without its guard cells along axis 0; 0 where none is left."""
     along = windows.axes[0]
     listed = isinstance(windows, ListedWindows)
-    rows = windows.cells[0] if isinstance(windows, ListedWindows) else np.arange(along.length)
+    rows = windows.rows
     counts = along.count("training")[rows]
     windowed = np.moveaxis(values, -1, 0) if listed else values
     order = np.zeros((rows.size, *windowed.shape[2 if listed else 1 :]))
@@ -285,7 +282,7 @@ def _cut_column_order(windows: Windows, values: Floats) -> Floats:
         if listed:
             columns = windowed[chosen[:, np.newaxis], place]
         else:
-            columns = windowed[along.start()[chosen, np.newaxis] + place]
+            columns = windowed[along.start()[rows[chosen], np.newaxis] + place]
         index = _rank(count) - 1
         order[chosen] = np.partition(columns, index, axis=1)[:, index]
     return np.moveaxis(order, 0, -1) if listed else order

@@ -17,15 +17,8 @@ from isacbench.dsp.cfar_checks import (
     share_of,
     spread,
 )
-from isacbench.dsp.cfar_means import thresholds
-from isacbench.dsp.cfar_windows import (
-    Axis,
-    ListedWindows,
-    chunks,
-    estimate_by_sorting,
-    factor_map,
-    window_axes,
-)
+from isacbench.dsp.cfar_decisions import chunks, estimate_by_sorting, factor_map, thresholds
+from isacbench.dsp.cfar_windows import Axis, ListedWindows, window_axes
 from isacbench.dsp.factor_checks import check_pfa
 from isacbench.dsp.factor_means import paper_factor
 from isacbench.dsp.factor_orders import osca_factor
@@ -34,7 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.dsp.cfar_checks import Cells, CellsPerSide, Threshold
-    from isacbench.dsp.cfar_windows import Estimate, Floats
+    from isacbench.dsp.cfar_decisions import Estimate
+    from isacbench.dsp.cfar_windows import Floats
 
 __all__ = ["os_cfar", "os_mask"]
 

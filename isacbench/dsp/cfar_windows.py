@@ -7,9 +7,10 @@ padded.
 
 Sums run over the training cells directly, in float64: running sums, or a
 window minus its guard cells, lose the noise beside a strong echo. Windows are
-summed axis by axis, either over a whole map (`MapWindows`) or for a list of
-cells (`ListedWindows`); both add the same numbers in the same order, so that a
-cell has the same noise in both to the last bit.
+summed axis by axis, either over the rows of a map (`MapWindows`) or for a list
+of cells (`ListedWindows`). Both add the same numbers in the same order, where
+windows are not shifted as `isacbench.dsp.run_sums` has it and elsewhere one
+after the other, so that a cell has the same noise in both to the last bit.
 """
 
 from __future__ import annotations
@@ -24,14 +25,16 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import sparse
 
+from isacbench.dsp.run_sums import sliding_sums, sum_of_runs
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
     from isacbench.dsp.cfar_checks import Cells
+    from isacbench.dsp.run_sums import Runs
 
     Floats = NDArray[np.float64]
     Counts = NDArray[np.intp]
@@ -40,12 +43,9 @@ __all__ = [
     "Axis",
     "ListedWindows",
     "MapWindows",
+    "Part",
+    "Side",
     "Windows",
-    "chunks",
-    "estimate_by_sorting",
-    "estimate_by_sums",
-    "estimate_listed",
-    "factor_map",
     "window_axes",
 ]
 
@@ -54,15 +54,6 @@ Part = Literal["window", "guard", "training", "level", "before_far", "before_nea
 
 Side = Literal["before", "after"]
 """Of the cell under test."""
-
-_CHUNK = 2**20
-"""Cells of windows that are gathered at a time."""
-
-_GATHERING = 6
-"""Time to gather and sum a cell of a window over that to add a cell in the sums of a whole map."""
-
-_SMALL_TABLE = 2**16
-"""Factors of a table that costs nothing worth mentioning."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +69,19 @@ class Axis:
         """Cells of the window along the axis."""
         return 2 * (self.training + self.guard) + 1
 
+    @property
+    def reach(self) -> int:
+        """Cells of a window that is not shifted to either side of the cell under test."""
+        return self.training + self.guard
+
+    @property
+    def unshifted(self) -> range:
+        """Cells of the axis whose window is not shifted."""
+        return range(self.reach, self.length - self.reach)
+
     def start(self) -> Counts:
         """First cell of the window of each cell of the axis, shape (length,)."""
-        reach = self.training + self.guard
-        return np.clip(np.arange(self.length) - reach, 0, self.length - self.n_window)
+        return np.clip(np.arange(self.length) - self.reach, 0, self.length - self.n_window)
 
     def marks(self, part: Part) -> NDArray[np.bool_]:
         """Places in the window of each cell that belong to a part, shape (length, n_window)."""
@@ -91,9 +91,13 @@ class Axis:
         """Cells of a part for each cell of the axis, shape (length,)."""
         return _count(self, part)
 
-    def matrix(self, part: Part) -> sparse.csr_array:
-        """Give a matrix that sums a part for each cell of the axis, shape (length, length)."""
-        return _matrix(self, part)
+    def runs(self, part: Part) -> Runs:
+        """Runs of a part in a window that is not shifted."""
+        return _runs(self, part)
+
+    def matrix(self, part: Part, cells: range) -> sparse.csr_array:
+        """Give a matrix that sums a part of the windows of some cells, shape (cells, n_window)."""
+        return _matrix(self, part, cells)
 
 
 @lru_cache(maxsize=1024)
@@ -122,10 +126,15 @@ def _count(axis: Axis, part: Part) -> Counts:
 
 
 @lru_cache(maxsize=1024)
-def _matrix(axis: Axis, part: Part) -> sparse.csr_array:
-    row, place = np.nonzero(_marks(axis, part))
-    column = axis.start()[row] + place
-    return sparse.csr_array((np.ones(row.size), (row, column)), shape=(axis.length, axis.length))
+def _runs(axis: Axis, part: Part) -> Runs:
+    marks = _marks(axis, part)[axis.reach]
+    ends = np.flatnonzero(np.diff(marks.astype(np.int8), prepend=0, append=0)).tolist()
+    return tuple(zip(ends[::2], ends[1::2], strict=True))
+
+
+@lru_cache(maxsize=1024)
+def _matrix(axis: Axis, part: Part, cells: range) -> sparse.csr_array:
+    return sparse.csr_array(_marks(axis, part)[cells.start : cells.stop].astype(np.float64))
 
 
 def window_axes(
@@ -148,11 +157,13 @@ def window_axes(
 class Windows(ABC):
     """Windows of cells under test; sums and counts of their parts.
 
+    `rows` are the places along the first axis that the cells have, or fill.
     `first` leaves out the axes before it, which are summed or sorted already.
     """
 
-    def __init__(self, axes: tuple[Axis, ...]) -> None:
+    def __init__(self, axes: tuple[Axis, ...], rows: Counts) -> None:
         self.axes = axes
+        self.rows = rows
 
     @abstractmethod
     def sum_along(self, values: Floats, part: Part, number: int) -> Floats:
@@ -200,15 +211,15 @@ class Windows(ABC):
         The frame is cut into blocks: training along one axis, guard along the
         axes before it, the whole window along the axes after it.
         """
-        total = np.zeros(())
+        blocks = []
         for number in range(first, len(self.axes)):
             # A shifted window reaches beyond the guard cells even where nothing trains along the axis.
             if self.axes[number].count("training").any():
                 block = self.sum_along(values, "training", number)
-                total = total + self.window_sum(block, number + 1)
+                blocks.append(self.window_sum(block, number + 1))
             if number + 1 < len(self.axes):
                 values = self.sum_along(values, "guard", number)
-        return total
+        return sum(blocks[1:], start=blocks[0]) if blocks else np.zeros(())
 
     def half_sum(self, values: Floats, side: Side, first: int = 0) -> Floats:
         """Sum over the training cells before, or after, the cell under test.
@@ -230,28 +241,71 @@ class Windows(ABC):
 
 
 class MapWindows(Windows):
-    """Windows of every cell of a map; values keep the map's shape."""
+    """Windows of all cells in consecutive rows of a map.
+
+    Values have all rows of the map until they are summed along the first axis,
+    and then those of the cells under test; they must be contiguous in memory.
+    """
+
+    def __init__(self, axes: tuple[Axis, ...], rows: range) -> None:
+        super().__init__(axes, np.arange(rows.start, rows.stop))
+        self._range = rows
 
     def sum_along(self, values: Floats, part: Part, number: int) -> Floats:
-        """Sum a part of the window along an axis, for each cell of the map."""
-        if part == "level":
-            return values
-        moved = np.moveaxis(values, number, 0)
-        sums = (self.axes[number].matrix(part) @ moved.reshape(len(moved), -1)).reshape(moved.shape)
-        return np.moveaxis(sums, 0, number)
+        """Sum a part of the window along an axis, for each cell under test."""
+        axis = self.axes[number]
+        cells = self._range if number == 0 else range(axis.length)
+        n_behind = prod(values.shape[number + 1 :])
+        lines = values.reshape(-1, axis.length, n_behind)
+        sums = np.empty((len(lines), len(cells), n_behind))
+        inside = _common(cells, axis.unshifted)
+        if inside:
+            # What is summed across the end of a line belongs to shifted windows, which come after.
+            seen = lines[:, inside.start - axis.reach : inside.stop + axis.reach].reshape(-1)
+            first = (inside.start - cells.start) * n_behind
+            n_sums = seen.size - (axis.n_window - 1) * n_behind
+            sliding_sums(seen, axis.runs(part), n_behind, sums.reshape(-1)[first : first + n_sums])
+        for shifted, window in (
+            (_common(cells, range(axis.reach)), slice(0, axis.n_window)),
+            (
+                _common(cells, range(axis.length - axis.reach, axis.length)),
+                slice(axis.length - axis.n_window, axis.length),
+            ),
+        ):
+            if shifted:
+                places = slice(shifted.start - cells.start, shifted.stop - cells.start)
+                sums[:, places] = _product(axis.matrix(part, shifted), lines[:, window])
+        return sums.reshape(*values.shape[:number], len(cells), *values.shape[number + 1 :])
 
     def count(self, part: Part, number: int) -> Counts:
-        """Count the cells of a part along an axis, broadcast against the map."""
+        """Count the cells of a part along an axis, broadcast against the cells under test."""
+        counts = self.axes[number].count(part)
+        if number == 0:
+            counts = counts[self.rows]
+            if counts.min() == counts.max():
+                counts = counts[:1]
         shape = [1] * len(self.axes)
         shape[number] = -1
-        return self.axes[number].count(part).reshape(shape)
+        return counts.reshape(shape)
+
+
+def _common(some: range, others: range) -> range:
+    """Cells in both of two ranges."""
+    return range(max(some.start, others.start), min(some.stop, others.stop))
+
+
+def _product(matrix: sparse.csr_array, lines: Floats) -> Floats:
+    """Product of a matrix (m, n) with the middle axis of lines (k, n, l), shape (k, m, l)."""
+    n_lines, n_along, n_behind = lines.shape
+    columns = lines.transpose(1, 0, 2).reshape(n_along, n_lines * n_behind)
+    return (matrix @ columns).reshape(-1, n_lines, n_behind).transpose(1, 0, 2)
 
 
 class ListedWindows(Windows):
     """Windows of n listed cells; values have the shape (window along the axes that are left, n)."""
 
     def __init__(self, axes: tuple[Axis, ...], cells: Cells) -> None:
-        super().__init__(axes)
+        super().__init__(axes, cells[0])
         self.cells = cells
         self._starts = tuple(axis.start()[index] for axis, index in zip(axes, cells, strict=True))
 
@@ -289,97 +343,28 @@ class ListedWindows(Windows):
             yield chosen, some.take(trains, axis=1)
 
     def sum_along(self, values: Floats, part: Part, number: int) -> Floats:
-        """Sum a part of the window along the first axis that is left, as the product with a matrix does."""
-        marks = self.axes[number].marks(part)[self.cells[number]].T
-        total = np.zeros(values.shape[1:])
-        for mark, value in zip(np.ascontiguousarray(marks), values, strict=True):
-            # Most often all cells have the same part of the window, or none.
-            if mark.all():
-                total += value
-            elif mark.any():
-                total += np.where(mark, value, 0.0)
-        return total
+        """Sum a part of the window along the first axis that is left, in the order of `MapWindows`."""
+        axis, index = self.axes[number], self.cells[number]
+        shifted = (index < axis.unshifted.start) | (index >= axis.unshifted.stop)
+        if not shifted.any():
+            return sum_of_runs(values, axis.runs(part))
+        sums = np.empty(values.shape[1:])
+        sums[..., ~shifted] = sum_of_runs(values[..., ~shifted], axis.runs(part))
+        sums[..., shifted] = _sum_marked(values[..., shifted], axis.marks(part)[index[shifted]].T)
+        return sums
 
     def count(self, part: Part, number: int) -> Counts:
         """Count the cells of a part along an axis, shape (n,)."""
         return self.axes[number].count(part)[self.cells[number]]
 
 
-Estimate = tuple["Floats", "Counts"]
-"""Noise of cells under test, and a number for each that its factor depends on."""
-
-
-def estimate_listed(
-    power: Floats,
-    axes: tuple[Axis, ...],
-    cells: Cells,
-    estimate: Callable[[ListedWindows], Estimate],
-) -> Estimate:
-    """Estimate the noise of listed cells, as many at a time as fill little memory."""
-    parts = []
-    for some in chunks(axes, cells):
-        # A noise that overflows becomes a threshold that is refused.
-        with np.errstate(over="ignore"):
-            noise, key = estimate(ListedWindows(axes, some))
-        parts.append((noise, np.broadcast_to(key, noise.shape)))
-    noises, keys = zip(*parts, strict=True)
-    return np.concatenate(noises), np.concatenate(keys)
-
-
-def estimate_by_sorting(
-    power: Floats, axes: tuple[Axis, ...], cells: Cells | None, estimate: Callable[[Floats], Floats]
-) -> Estimate:
-    """Estimate the noise of a whole map, or of listed cells, from sorted training cells (m, number).
-
-    Factors depend on the number of training cells.
-    """
-    listed = np.unravel_index(np.arange(power.size), power.shape) if cells is None else cells
-
-    def estimate_some(windows: ListedWindows) -> Estimate:
-        noise = np.empty(windows.cells[0].size)
-        for chosen, training in windows.training_cells(power):
-            noise[chosen] = estimate(training)
-        return noise, windows.n_window() - windows.n_guard()
-
-    noise, n_training = estimate_listed(power, axes, listed, estimate_some)
-    if cells is not None:
-        return noise, n_training
-    return noise.reshape(power.shape), n_training.reshape(power.shape)
-
-
-def estimate_by_sums(
-    power: Floats,
-    axes: tuple[Axis, ...],
-    cells: Cells | None,
-    estimate: Callable[[Windows, Floats], Estimate],
-) -> Estimate:
-    """Estimate the noise of a whole map, or of listed cells, from sums axis by axis."""
-    n_window, n_along = prod(axis.n_window for axis in axes), sum(axis.n_window for axis in axes)
-    if cells is not None and _GATHERING * cells[0].size * n_window <= power.size * n_along:
-        return estimate_listed(power, axes, cells, lambda windows: estimate(windows, windows.gathered(power)))
-    noise, key = estimate(MapWindows(axes), power)
-    key = np.broadcast_to(key, noise.shape)
-    # The same to the last bit, and faster where much of the map is listed.
-    return (noise, key) if cells is None else (noise[cells], key[cells])
-
-
-def factor_map(keys: Counts, factor_of: Callable[[int], float]) -> Floats:
-    """Give the factor of each cell, evaluated once for each number that occurs."""
-    if not keys.size:
-        return np.empty(keys.shape)
-    highest = int(keys.max())
-    if highest > keys.size + _SMALL_TABLE:
-        occurring, place = np.unique(keys, return_inverse=True)
-        return np.array([factor_of(key) for key in occurring.tolist()])[place].reshape(keys.shape)
-    table = np.empty(highest + 1)
-    for key in np.flatnonzero(np.bincount(keys.ravel())).tolist():
-        table[key] = factor_of(key)
-    factors: Floats = table[keys]
-    return factors
-
-
-def chunks(axes: tuple[Axis, ...], cells: Cells) -> Iterator[Cells]:
-    """Cut a list of cells so that the windows of a part fill little memory; an empty list is one part."""
-    size = max(1, _CHUNK // prod(axis.n_window for axis in axes))
-    for start in range(0, max(1, cells[0].size), size):
-        yield tuple(index[start : start + size] for index in cells)
+def _sum_marked(values: Floats, marks: NDArray[np.bool_]) -> Floats:
+    """Sum one after the other the values (n_window, ..., n) that are marked (n_window, n)."""
+    total = np.zeros(values.shape[1:])
+    for mark, value in zip(np.ascontiguousarray(marks), values, strict=True):
+        # Most often all cells have the same part of the window, or none.
+        if mark.all():
+            total += value
+        elif mark.any():
+            total += np.where(mark, value, 0.0)
+    return total

@@ -23,6 +23,7 @@ IEEE Trans. SP 39 (1991).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ from isacbench.dsp.planewaves import PlaneWaves
 __all__ = ["refine_directions", "resolve_directions"]
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 DIAGONAL_LOADING = 1e-12
 """Keeps the Gram matrix of coinciding directions invertible; -120 dB is below any misfit."""

@@ -61,19 +61,27 @@ def line_peaks(
     is_peak = (inner > spectra[:, :-2]) & (inner >= spectra[:, 2:])
     if allowed is not None:
         is_peak &= allowed[:, 1:-1]
-    height = np.where(is_peak, inner, -np.inf)
-    n_most = min(int(n_peaks.max(initial=0)), height.shape[1])
-    strongest = (
-        np.argpartition(-height, n_most - 1, axis=1)[:, :n_most]
-        if n_most
-        else np.empty((len(spectra), 0), int)
-    )
-    order = np.argsort(-np.take_along_axis(height, strongest, axis=1), axis=1, kind="stable")
-    index = np.take_along_axis(strongest, order, axis=1)
-    found = np.isfinite(np.take_along_axis(height, index, axis=1)) & (np.arange(n_most) < n_peaks[:, None])
+    index, found = _highest(inner, is_peak, n_peaks)
     left, middle, right = (np.take_along_axis(spectra, index + shift, axis=1) for shift in range(3))
     place = grid[index + 1] + vertex(left, middle, right) * (grid[1] - grid[0])
     return Peaks(place, found)
+
+
+def _highest(
+    heights: Floats, is_peak: NDArray[np.bool_], n_peaks: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Samples of the highest peaks (n, k) of each line, highest first, and which entries are peaks."""
+    line, sample = np.nonzero(is_peak)
+    order = np.lexsort((-heights[line, sample], line))
+    line, sample = line[order], sample[order]
+    rank = np.arange(line.size) - np.searchsorted(line, line)
+    few = rank < n_peaks[line]
+    n_most = min(int(n_peaks.max(initial=0)), heights.shape[1])
+    index = np.zeros((len(heights), n_most), dtype=np.int64)
+    found = np.zeros(index.shape, dtype=np.bool_)
+    index[line[few], rank[few]] = sample[few]
+    found[line[few], rank[few]] = True
+    return index, found
 
 
 def plane_peaks(

@@ -18,16 +18,27 @@ Trans. AP 34 (1986).
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["music_null_spectrum", "real_steering", "smoothed_covariance", "unitary_transform"]
+__all__ = [
+    "music_null_minima",
+    "music_null_spectrum",
+    "real_steering",
+    "real_steering_slopes",
+    "smoothed_covariance",
+    "unitary_transform",
+]
 
 Floats = NDArray[np.float64]
 
+NEWTON_STEPS = 3
+"""From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""
 
-def smoothed_covariance(snapshots: NDArray[np.complex128], n_subarray: int) -> Floats:
+
+def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Floats:
     """Forward-backward spatially smoothed covariance after the unitary transform.
 
     Parameters
@@ -98,6 +109,30 @@ def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
     return np.concatenate([np.sqrt(2) * np.cos(phase), middle, np.sqrt(2) * np.sin(phase)])
 
 
+def real_steering_slopes(n_subarray: int, cosine: Floats) -> tuple[Floats, Floats, Floats]:
+    """Real steering vectors, and their first and second derivatives.
+
+    Parameters
+    ----------
+    n_subarray : int
+    cosine : ndarray of float64, any shape (...)
+
+    Returns
+    -------
+    tuple of ndarray of float64, each of shape (..., n_subarray)
+        Steering vectors as `real_steering` has them, first and second
+        derivatives per unit cosine.
+    """
+    steered = real_steering(n_subarray, cosine.ravel()).T.reshape(*cosine.shape, n_subarray)
+    half = n_subarray // 2
+    rate = np.pi * ((n_subarray - 1) / 2 - np.arange(half))
+    cosines, sines = steered[..., :half], steered[..., n_subarray - half :]
+    middle = np.zeros_like(steered[..., half : n_subarray - half])
+    first = np.concatenate([-rate * sines, middle, rate * cosines], axis=-1)
+    second = np.concatenate([-(rate**2) * cosines, middle, -(rate**2) * sines], axis=-1)
+    return steered, first, second
+
+
 def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering: Floats) -> Floats:
     """Squared distance of steering vectors from the signal subspace: the reciprocal of MUSIC's spectrum.
 
@@ -124,3 +159,46 @@ def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering
     projection = basis.transpose(0, 2, 1) @ steering
     null: Floats = n_sensors - np.einsum("nkg,nkg->ng", projection, projection)
     return np.maximum(null, 0.0)
+
+
+def music_null_minima(
+    eigenvectors: Floats, order: NDArray[np.int64], place: Floats, found: NDArray[np.bool_], reach: float
+) -> Floats:
+    """Local minima of null spectra, by Newton's method from places near them.
+
+    Parameters
+    ----------
+    eigenvectors : ndarray of float64, shape (n, L, L)
+        Columns by descending eigenvalue.
+    order : ndarray of int64, shape (n,)
+        Dimension of the signal subspace.
+    place : ndarray of float64, shape (n, m)
+        Direction cosines, from peaks on a grid for example.
+    found : ndarray of bool, shape (n, m)
+        Which entries are to be moved; the others stay.
+    reach : float
+        How far from its place a minimum lies at most; half of it bounds a step.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, m)
+    """
+    cell, entry = np.nonzero(found)
+    n_signal = int(order.max(initial=1))
+    in_signal = np.arange(n_signal) < order[:, None]
+    basis = (eigenvectors[:, :, :n_signal] * in_signal[:, None, :])[cell]
+    start = place[cell, entry]
+    moved = start
+    for _ in range(NEWTON_STEPS):
+        slopes = np.stack(real_steering_slopes(eigenvectors.shape[1], moved), axis=1)
+        level, first, second = np.moveaxis(slopes @ basis, 1, 0)
+        # Half the derivatives of |E_s^T a|², which has a maximum where the null spectrum has a minimum.
+        slope = np.sum(level * first, axis=1)
+        bend = -np.sum(first**2 + level * second, axis=1)
+        limit = reach / 2
+        # Where the spectrum is not convex, the steepest way down is the only hint.
+        step = np.where(bend > 0, slope / np.where(bend > 0, bend, 1), np.sign(slope) * limit)
+        moved = np.clip(moved + np.clip(step, -limit, limit), start - reach, start + reach)
+    minima = place.copy()
+    minima[cell, entry] = moved
+    return minima

@@ -19,20 +19,20 @@ Halko, Martinsson and Tropp, "Finding structure with randomness", SIAM Review
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import minimum_filter
 
-from isacbench.dsp.subspace import real_steering, unitary_transform
+from isacbench.dsp.subspace import real_steering, real_steering_slopes, unitary_transform
 from isacbench.stages import stage
 
 __all__ = ["Nulls", "leading_eigenpairs", "null_minima", "planar_covariance", "planar_null_spectrum"]
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 SPARE_DIMENSIONS = 4
 """Beyond those asked for: the more, the faster a subspace iteration converges."""
@@ -217,7 +217,7 @@ def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
 def _null_slopes(basis: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats]:
     """First (n, m, 2) and second (n, m, 2, 2) derivatives of the null spectrum at u and w (n, m)."""
     n, n_u, n_w, k = basis.shape
-    a, b = _steering_slopes(n_u, u), _steering_slopes(n_w, w)
+    a, b = real_steering_slopes(n_u, u), real_steering_slopes(n_w, w)
     lines = basis.reshape(n, n_u, n_w * k)
 
     def projection(u_order: int, w_order: int) -> Floats:
@@ -232,15 +232,3 @@ def _null_slopes(basis: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats]:
     ww = np.sum(along_w**2 + level * projection(0, 2), axis=2)
     curvature = -2 * np.stack([uu, uw, uw, ww], axis=-1).reshape(*u.shape, 2, 2)
     return gradient, curvature
-
-
-def _steering_slopes(n_line: int, cosine: Floats) -> tuple[Floats, Floats, Floats]:
-    """Real steering vectors (n, m, sensors), and their first and second derivatives."""
-    steered = real_steering(n_line, cosine.ravel()).T.reshape(*cosine.shape, n_line)
-    half = n_line // 2
-    rate = np.pi * ((n_line - 1) / 2 - np.arange(half))
-    cosines, sines = steered[:, :, :half], steered[:, :, n_line - half :]
-    middle = np.zeros_like(steered[:, :, half : n_line - half])
-    first = np.concatenate([-rate * sines, middle, rate * cosines], axis=2)
-    second = np.concatenate([-(rate**2) * cosines, middle, -(rate**2) * sines], axis=2)
-    return steered, first, second

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
+from isacbench.dsp import cfar_decisions
 from isacbench.dsp.cfar import ca_cfar, goca_cfar, os_cfar, os_mask, osca_cfar, soca_cfar, tm_cfar
 from isacbench.dsp.thresholds import (
     ca_factor,
@@ -246,6 +247,31 @@ def test_listed_cells_of_a_map_of_any_rank_have_the_values_of_the_whole_map(dete
 def test_list_that_names_no_cells_of_the_map_is_refused(detect, cells, message):
     with pytest.raises(InputError, match=message):
         detect(np.ones((12, 12)), 2, 1, 0.1, cells=cells)
+
+
+@ALL
+@pytest.mark.parametrize("shape", [(37, 14), (9, 41), (23,)])
+@pytest.mark.parametrize("n_strip", [1, 60, 200])
+def test_strips_of_a_map_have_the_values_of_the_map_in_one(
+    monkeypatch, detect, training, guard, shape, n_strip
+):
+    if len(shape) == 1 and isinstance(training, tuple):
+        training, guard = training[0], guard[0]
+    power = noise_map(8, shape)
+    whole = detect(power, training, guard, 0.05)
+    monkeypatch.setattr(cfar_decisions, "_STRIP", n_strip)
+    strips = detect(power, training, guard, 0.05)
+    assert np.array_equal(strips.mask, whole.mask)
+    assert np.array_equal(strips.noise, whole.noise)
+    assert np.array_equal(strips.threshold, whole.threshold)
+
+
+@ALL
+def test_memory_order_of_the_map_changes_nothing(detect, training, guard):
+    power = noise_map(9, (14, 17))
+    found, turned = (detect(np.asarray(power, order=order), training, guard, 0.05) for order in "CF")
+    assert np.array_equal(found.noise, turned.noise)
+    assert np.array_equal(found.threshold, turned.threshold)
 
 
 @settings(max_examples=30, deadline=None)

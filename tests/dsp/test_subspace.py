@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.kernels import steering
 from isacbench.dsp.peaks import line_peaks
-from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_covariance
+from isacbench.dsp.subspace import (
+    music_null_minima,
+    music_null_spectrum,
+    real_steering,
+    real_steering_slopes,
+    smoothed_covariance,
+)
 
 SENSORS, SUBARRAY = 16, 10
 GRID = np.linspace(-1, 1, 801)
@@ -162,3 +168,53 @@ def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cel
             noise = vectors[cell, :, order[cell] :]
             expected = sum((noise[:, k] @ a) ** 2 for k in range(noise.shape[1]))
             assert found[cell, i] == pytest.approx(expected, abs=1e-11)
+
+
+@given(n_subarray=LENGTHS, cosine=st.lists(st.floats(-1, 1), min_size=1, max_size=4))
+def test_slopes_of_real_steering_are_those_of_complex_steering_turned(n_subarray, cosine):
+    arm = np.pi * ((n_subarray - 1) / 2 - np.arange(n_subarray))
+    turn = unitary_transform(n_subarray).conj().T
+    found = real_steering_slopes(n_subarray, np.array(cosine))
+    for order in range(3):
+        for row, place in zip(found[order], cosine, strict=True):
+            expected = turn @ ((1j * arm) ** order * np.exp(1j * arm * place))
+            np.testing.assert_allclose(row, expected, atol=1e-11 * n_subarray**order)
+
+
+@settings(deadline=None)
+@given(echoes=sources(), offset=st.floats(-0.01, 0.01))
+def test_nulls_of_noise_free_sources_are_found_exactly_from_places_nearby(echoes, offset):
+    cosine, gain = echoes
+    lines = (steering(SENSORS, cosine).T @ gain[:, None])[None]
+    vectors = np.linalg.eigh(smoothed_covariance(lines, SUBARRAY))[1][:, :, ::-1]
+    start = (cosine + offset)[None]
+    order, found = np.array([len(gain)]), np.ones(start.shape, dtype=bool)
+    minima = music_null_minima(vectors, order, start, found, 0.02)
+    np.testing.assert_allclose(minima[0], cosine, atol=1e-7)
+
+
+@given(seed=st.integers(0, 9999), order=st.integers(1, 4))
+def test_minima_from_a_grid_are_flat_and_entries_that_are_not_found_stay(seed, order):
+    lines = random_snapshots(3, SENSORS, 6, seed=seed)
+    vectors = np.linalg.eigh(smoothed_covariance(lines, SUBARRAY))[1][:, :, ::-1]
+    orders = np.minimum([order, 1, 2], order)
+    null = music_null_spectrum(vectors, orders, real_steering(SUBARRAY, GRID))
+    peaks = line_peaks(-null, GRID, orders)
+    minima = music_null_minima(vectors, orders, peaks.place, peaks.found, GRID[1] - GRID[0])
+    assert np.array_equal(minima[~peaks.found], peaks.place[~peaks.found])
+    step = 1e-6
+    around = np.stack([minima - step, minima, minima + step])
+    for cell, entry in zip(*np.nonzero(peaks.found), strict=True):
+        places = real_steering(SUBARRAY, around[:, cell, entry])
+        left, middle, right = music_null_spectrum(vectors[[cell]], orders[[cell]], places)[0]
+        assert abs(right - left) / (2 * step) < 1e-3
+        assert middle <= max(left, right)
+
+
+@pytest.mark.parametrize("shape", [(0, 2), (3, 0)])
+def test_where_there_are_no_places_there_are_no_minima(shape):
+    vectors = np.broadcast_to(np.eye(SUBARRAY), (shape[0], SUBARRAY, SUBARRAY))
+    minima = music_null_minima(
+        vectors, np.ones(shape[0], dtype=np.int64), np.zeros(shape), np.zeros(shape, dtype=bool), 0.1
+    )
+    assert minima.shape == shape

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import binom, chi2
 
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.model.array import VirtualArray
@@ -288,6 +289,60 @@ def test_the_same_call_returns_the_same_bits_whatever_was_asked_before(make_scen
     simulator = Simulator(make_scenario())
     simulator.observe(-20.0, trial=7, seed=0)
     np.testing.assert_array_equal(simulator.observe(5.0, trial=1, seed=2).cells, first)
+
+
+@pytest.mark.parametrize(
+    ("snr_db", "trial", "seed"), [(-20.0, 0, 0), (10.0, 0, 0), (10.0, 3, 1), (math.inf, 1, 0)]
+)
+def test_an_echo_computed_once_for_all_snrs_and_trials_is_the_one_computed_afresh(
+    make_scenario, snr_db, trial, seed
+):
+    reused = Simulator(make_scenario())
+    for other_snr_db, other_trial in ((-30.0, 0), (0.0, 1), (20.0, 1), (10.0, 0)):
+        reused.observe(other_snr_db, other_trial)
+    echo = reused.clean
+    found = reused.observe(snr_db, trial, seed).cells
+    assert reused.clean is echo
+    scenario, gate = make_scenario(), reused.gate
+    noise = unit_noise(scenario.name, trial, seed, found.shape)
+    fresh = np.sqrt(Simulator(scenario).noise_power(snr_db)) * noise + clean_echo(scenario, gate)
+    np.testing.assert_array_equal(found, fresh)
+
+
+def drawn_in_the_gate():
+    """Unit noise as it is drawn, for the cells of a gate alone."""
+    return unit_noise("gate", 0, 0, (24, 16, 4, 3))
+
+
+def transformed_and_gated():
+    """Unit noise of a whole resource grid, transformed, and cut down to the cells of a gate."""
+    cells = range_doppler_map(unit_noise("grid", 0, 0, (128, 56, 4, 3)))
+    return cells[np.ix_(np.arange(-4, 20) % 128, np.arange(-8, 8) % 56)]
+
+
+@pytest.mark.parametrize("noise_of_gate", [drawn_in_the_gate, transformed_and_gated])
+def test_noise_in_the_gate_has_the_law_of_transformed_noise_of_the_whole_grid(noise_of_gate):
+    noise, chance = noise_of_gate(), 1e-6
+    assert noise.shape == (24, 16, 4, 3)
+    power = np.abs(noise) ** 2
+    n = noise.size
+    # Twice a power is chi-square with two degrees of freedom.
+    low, high = chi2.ppf([chance, 1 - chance], 2 * n)
+    assert low < 2 * power.sum() < high
+    for axis in range(4):
+        others = tuple(other for other in range(4) if other != axis)
+        n_each = n // noise.shape[axis]
+        low, high = chi2.ppf([chance, 1 - chance], 2 * n_each)
+        assert (low < 2 * power.sum(axis=others)).all()
+        assert (2 * power.sum(axis=others) < high).all()
+    low, high = binom.interval(1 - chance, n, math.exp(-2))
+    assert low <= np.count_nonzero(power > 2) <= high
+    for axis in range(4):
+        n_pairs = noise.shape[axis] // 2
+        even, odd = (np.take(noise, range(first, 2 * n_pairs, 2), axis) for first in (0, 1))
+        share = abs(np.vdot(even, odd)) ** 2 / (np.linalg.norm(even) * np.linalg.norm(odd)) ** 2
+        # Of two independent vectors it is beta(1, n - 1).
+        assert (1 - share) ** (even.size - 1) > chance
 
 
 def test_noise_differs_between_trials_seeds_and_scenarios_and_between_nothing_else(make_scenario):

@@ -1,0 +1,75 @@
+"""What is left out changes nothing: angles of detected cells alone, tests of listed cells alone."""
+
+import numpy as np
+import pytest
+from isacbench_algorithms.cellwise import Levels
+from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+
+from isacbench.dsp.detection import detect_cells, power_map
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator, observe
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scenario import load_scenario
+from isacbench.model.scene import Scatterers, Scenario
+
+DETECTORS = [CaCfar(), OsCfar(), OscaCfar(), OscaCfar(guard=1), GocaCfar(), SocaCfar(), TmCfar()]
+DYNAMIC_RANGE_DB = 28.0
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """Thirty scatterers at random in front of an 8 x 8 array, many to a cell."""
+    rng = np.random.default_rng(4)
+    region = Region((0.0, 10.0), (0.0, 6.0), (0.0, 8.0), (-10.0, 10.0))
+    xyz = region.lower_m + region.size_m * rng.random((30, 3))
+    scatterers = Scatterers(xyz, rng.choice([-8.0, 0.0, 5.0], 30), rng.uniform(0.5, 2, 30))
+    system, array = System(n_subcarriers=256, n_symbols=56), VirtualArray((2, 2), (4, 4), 4, 1)
+    base_m = np.array([5.0, 50.0, 15.0])
+    scenario = Scenario("crowd", system, array, get_frame("panel"), base_m, region, scatterers)
+    return Simulator(scenario).observe(10.0)
+
+
+@pytest.mark.parametrize("estimator", [Music2d(), Fft4d(), Esprit2d(), Music2dJoint()], ids=lambda e: e.name)
+def test_angles_of_detected_cells_are_those_of_all_cells_selected(crowd, estimator):
+    gated = GatedMap(crowd.cells, crowd.gate)
+    detector = estimator.cell_detector()
+    detected = detect_cells(gated.tapered("hann", "hann"), detector, "noncoherent", DYNAMIC_RANGE_DB)
+    levels = Levels(detected.floor, detected.floor)
+    # The first look reads single cells.
+    look = estimator.looks()[0]
+    tapered = gated.tapered(look.range_window, look.doppler_window)
+
+    def waves_of(snapshots):
+        return estimator.plane_waves(crowd, look, snapshots[:, None], levels, 0.0)
+
+    rows, columns = tapered.index(detected.bins)
+    alone = waves_of(tapered.cells[rows, columns])
+    everywhere = waves_of(tapered.cells.reshape(-1, 8, 8)).select(rows * tapered.gate.shape[1] + columns)
+    assert 10 < rows.size < 0.5 * gated.gate.range_bins.size * gated.gate.doppler_bins.size
+    assert alone.found.any(axis=1).mean() > 0.4
+    for cell in range(rows.size):
+        one, other = alone.found[cell], everywhere.found[cell]
+        assert one.sum() == other.sum()
+        np.testing.assert_allclose(alone.u[cell, one], everywhere.u[cell, other], atol=1e-8)
+        np.testing.assert_allclose(alone.w[cell, one], everywhere.w[cell, other], atol=1e-8)
+
+
+@pytest.mark.parametrize("integration", ["element", "noncoherent"])
+@pytest.mark.parametrize("detector", DETECTORS, ids=repr)
+def test_cells_listed_for_detection_are_those_of_the_whole_map(detector, integration):
+    observation = observe(load_scenario("street"), 10.0)
+    gated = GatedMap(observation.cells, observation.gate).tapered("hann", "hann")
+    found = detect_cells(gated, detector, integration, DYNAMIC_RANGE_DB)
+    power, looks = power_map(gated.cells, integration)
+    mask = detector.detect(power, looks).mask & gated.gate.reachable & (power > found.floor)
+    rows, columns = np.nonzero(mask)
+    assert rows.size > 20
+    assert np.array_equal(found.bins[0], gated.gate.range_bins[rows])
+    assert np.array_equal(found.bins[1], gated.gate.doppler_bins[columns])
