@@ -2,8 +2,9 @@
 
 1. Range-Doppler cells are detected on a Hann-tapered map, whose sidelobes are
    low, by a CFAR detector on one element or on the array's average power.
-2. The estimator itself finds plane waves in the P x Q snapshots of the cells.
-   These are tapered less, for resolution.
+2. The estimator itself finds plane waves in the snapshots of the cells, of
+   P x Q elements, or of one column and one row of them. These are tapered
+   less, for resolution.
 3. Plane waves get a place in range and Doppler, pass the own-cell test, and
    are merged where cells saw one scatterer twice.
 4. Of the candidates, those are selected that explain the map together, and
@@ -20,12 +21,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.contracts import Detector, Diagnosis, Needs, Spectrum
+from isacbench.dsp.aperture import Aperture, Cross, Plane
 from isacbench.dsp.detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.joint import refine_jointly, select_jointly
 from isacbench.dsp.planewaves import PlaneWaves
@@ -36,12 +38,13 @@ from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.stages import stage
 
 from .detectors import OscaCfar
 
 __all__ = ["CellwiseEstimator", "Levels", "Look", "middle"]
 
-Snapshots = NDArray[np.complex128]
+Snapshots = NDArray[np.complexfloating[Any, Any]]
 
 DETECTION_WINDOW: Window = "hann"
 
@@ -88,12 +91,17 @@ class CellwiseEstimator(ABC):
 
     Attributes
     ----------
+    separable : bool
+        Class attribute: whether directions are sought along u and along w
+        apart, so that one column and one row of the array show them.
     detector : Detector
         Of range-Doppler cells.
     pfa : float or None
         Overrides the detector's probability of false alarm.
     integration : {"noncoherent", "element"}
-        Detect on power averaged over the array, or on one element.
+        Detect on power averaged over the array, or on its element (0, 0). With
+        "element", a separable estimator reads no more than the column and the
+        row of that element, P + Q - 1 elements instead of P Q.
     range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
         Taper of the cells whose angles are estimated.
     max_sources : int
@@ -110,6 +118,8 @@ class CellwiseEstimator(ABC):
     InputError
         If a parameter is out of range.
     """
+
+    separable: ClassVar[bool] = False
 
     detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
     pfa: float | None = None
@@ -130,8 +140,13 @@ class CellwiseEstimator(ABC):
 
     @property
     def needs(self) -> Needs:
-        """All elements, and the directions of detected cells alone."""
-        return Needs(integration=self.integration, cells="detected")
+        """All elements, or the column and the row of one, and the directions of detected cells alone."""
+        one_cross = self.separable and self.integration == "element"
+        return Needs("cross" if one_cross else "plane", self.integration, "detected")
+
+    def aperture(self, observation: Observation) -> Aperture:
+        """Elements that are read of an observation."""
+        return (Cross if self.needs.elements == "cross" else Plane)(*observation.array.shape)
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -145,21 +160,32 @@ class CellwiseEstimator(ABC):
         PointCloud
         """
         system = observation.system
-        gated = GatedMap(observation.cells, observation.gate)
-        detected = self._detect(gated)
-        levels = _levels(gated, detected)
+        with stage("rdm"):
+            gated = self._read(observation)
+        with stage("detection"):
+            detected = self._detect(gated)
+            levels = _levels(gated, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         chosen = Scatterers.empty()
         for look in self.looks():
-            candidates = self._candidates(
-                observation, gated, detected.bins, look, levels, min_power, chosen.next_family
-            )
-            chosen = select_jointly(
-                chosen.join(candidates), gated, system, min_power, self.local_dynamic_range_db, len(chosen)
-            )
-        found = self.refine(chosen, gated, system, levels, min_power)
-        unit_power = found.power / system.processing_gain
-        return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
+            with stage("peaks"):
+                candidates = self._candidates(
+                    observation, gated, detected.bins, look, levels, min_power, chosen.next_family
+                )
+            with stage("refinement"):
+                chosen = select_jointly(
+                    chosen.join(candidates),
+                    gated,
+                    system,
+                    min_power,
+                    self.local_dynamic_range_db,
+                    len(chosen),
+                )
+        with stage("refinement"):
+            found = self.refine(chosen, gated, system, levels, min_power)
+        with stage("peaks"):
+            unit_power = found.power / system.processing_gain
+            return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
 
     def looks(self) -> tuple[Look, ...]:
         """How the cells are read, one look after the other; the last one is drawn by `diagnose`."""
@@ -197,7 +223,7 @@ class CellwiseEstimator(ABC):
         -------
         Diagnosis
         """
-        gated = GatedMap(observation.cells, observation.gate)
+        gated = self._read(observation)
         detected = self._detect(gated)
         seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
         cell = detected.strongest_cell(seen)
@@ -226,8 +252,9 @@ class CellwiseEstimator(ABC):
         ----------
         observation : Observation
         look : Look
-        snapshots : ndarray of complex128, shape (n, s, P, Q)
-            Of each cell and its neighbours in range, the cell in the middle.
+        snapshots : ndarray of complex128, shape (n, s, *elements)
+            Of each cell and its neighbours in range, the cell in the middle,
+            on the elements of `aperture`.
         levels : Levels
         min_power : float
             Power per element that a plane wave must have.
@@ -236,17 +263,27 @@ class CellwiseEstimator(ABC):
         -------
         PlaneWaves
             One row a cell.
+
+        Notes
+        -----
+        Its time counts for the stage ``peaks``, but for what it marks itself (`isacbench.stages`).
         """
 
     @abstractmethod
     def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
-        """Angular spectra of one cell's snapshots (1, s, P, Q), with their tests and peaks."""
+        """Angular spectra of one cell's snapshots (1, s, *elements), with their tests and peaks."""
 
     def cell_detector(self) -> Detector:
         """Detector of range-Doppler cells, with this estimator's probability of false alarm if it has one."""
         if self.pfa is None:
             return self.detector
         return cast("Detector", replace(cast("Any", self.detector), pfa=self.pfa))
+
+    def _read(self, observation: Observation) -> GatedMap:
+        """Map of the elements that are needed; the others may never have been computed."""
+        aperture = self.aperture(observation)
+        cells = observation.cross if isinstance(aperture, Cross) else observation.cells
+        return GatedMap(cells, observation.gate, aperture)
 
     def _detect(self, gated: GatedMap) -> DetectedCells:
         seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW)
@@ -269,7 +306,8 @@ class CellwiseEstimator(ABC):
         bins = detected[0][inside], detected[1][inside]
         if not inside.any():
             return Scatterers.empty()
-        snapshots = _snapshots(tapered, bins, look.range_cells)
+        with stage("rdm"):
+            snapshots = _snapshots(tapered, bins, look.range_cells)
         waves = self.plane_waves(observation, look, snapshots, levels, min_power)
         located = locate(
             waves,
@@ -285,7 +323,7 @@ class CellwiseEstimator(ABC):
 
 
 def middle(snapshots: Snapshots) -> Snapshots:
-    """Snapshots (n, P, Q) of the cells themselves, out of those with their neighbours (n, s, P, Q)."""
+    """Snapshots (n, *elements) of the cells themselves, out of those (n, s, *elements) with neighbours."""
     return snapshots[:, snapshots.shape[1] // 2]
 
 
@@ -295,7 +333,7 @@ def _levels(gated: GatedMap, detected: DetectedCells) -> Levels:
 
 
 def _snapshots(tapered: GatedMap, bins: Bins, n_range: int) -> Snapshots:
-    """Snapshots (n, s, P, Q) of cells and of their neighbours in range."""
+    """Snapshots (n, s, *elements) of cells and of their neighbours in range."""
     rows, columns = tapered.index(bins)
     steps = np.arange(n_range) - n_range // 2
     around: Snapshots = tapered.cells[rows[:, None] + steps, columns[:, None]]

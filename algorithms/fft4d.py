@@ -7,12 +7,18 @@ CA-CFAR are plane waves. What the cells show is then explained
 jointly (`isacbench_algorithms.cellwise`), exactly as for the other cell-by-cell
 estimators.
 
-Cost of n cells on a g x g angle grid: n g² log g for the transforms, then
-m (15 P Q + m) for m candidates.
+With ``integration="element"`` one row and one column are transformed, each
+along itself, and tested by a CA-CFAR along the line. The joint response of both
+pairs the peaks of the one with those of the other.
+
+Cost of n cells on a g x g angle grid: n g² log g for the transforms, n g log g
+for those of a row and a column, then m (15 P Q + m) for m candidates.
 
 Fails where sources of one cell are closer than a Rayleigh cell (2/P in u,
 2/Q in w): they have one maximum. Sources more than 12 dB below another in
-their cell are taken for its sidelobes, which lie at -13 dB.
+their cell are taken for its sidelobes, which lie at -13 dB. A row and a column
+cannot say which of their peaks belong together where these are equal in
+amplitude and phase.
 
 References
 ----------
@@ -22,24 +28,47 @@ arXiv 2310.06401, the 4D-FFT that it compares with.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
 from isacbench.contracts import Detector, Spectrum
+from isacbench.dsp.aperture import Cross
 from isacbench.dsp.cfar import Cells
 from isacbench.dsp.detection import detect_listed
-from isacbench.dsp.peaks import plane_peaks
-from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.peaks import Peaks, plane_peaks
+from isacbench.dsp.planewaves import PlaneWaves, pair_directions
 from isacbench.errors import require
 from isacbench.model.observation import Observation
+from isacbench.model.region import Interval
+from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 from .detectors import CaCfar
 
 __all__ = ["Fft4d"]
+
+
+class _Axis(NamedTuple):
+    """Cosines of a transform's samples, ascending, and which of them lie where the region is."""
+
+    cosine: NDArray[np.float64]
+    inside: NDArray[np.bool_]
+
+    def at(self, sample: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Cosines between the samples."""
+        cosine: NDArray[np.float64] = self.cosine[0] + 2 / self.cosine.size * sample
+        return cosine
+
+
+class _LineSpectra(NamedTuple):
+    """Power spectra (n, g) of lines of sensors, the cosines of their samples, and the peaks that pass."""
+
+    cosine: NDArray[np.float64]
+    power: NDArray[np.float64]
+    peaks: Peaks
 
 
 class _AngleSpectra(NamedTuple):
@@ -62,6 +91,10 @@ class Fft4d(CellwiseEstimator):
         the elements are taken.
     angle_detector : Detector
         Of peaks in a stack of angular spectra (cells, u, w).
+    line_detector : Detector
+        Of peaks in a stack of spectra of one line of sensors (cells, cosine),
+        with `integration` "element". The default passes a peak 10 dB below
+        another that its training cells hold.
     angle_dynamic_range_db : float
         Below the strongest source of a cell, what is taken for its sidelobes.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
@@ -76,11 +109,13 @@ class Fft4d(CellwiseEstimator):
     """
 
     name: ClassVar[str] = "fft4d"
+    separable: ClassVar[bool] = True
 
     angle_points: int = 48
     angle_detector: Detector = field(
         default_factory=lambda: CaCfar(pfa=1e-3, training=(0, 4, 4), guard=(0, 3, 3))
     )
+    line_detector: Detector = field(default_factory=lambda: CaCfar(pfa=0.5, training=(0, 12), guard=(0, 3)))
     angle_dynamic_range_db: float = 12.0
 
     def __post_init__(self) -> None:
@@ -98,10 +133,29 @@ class Fft4d(CellwiseEstimator):
         min_power: float,
     ) -> PlaneWaves:
         """Local maxima of the angular power spectra inside the directions of the region."""
-        return self._angle_spectra(observation, middle(snapshots)).waves
+        aperture = self.aperture(observation)
+        if not isinstance(aperture, Cross):
+            return self._angle_spectra(observation, middle(snapshots)).waves
+        along_u, along_w = self._line_spectra(observation, aperture, middle(snapshots))
+        return pair_directions(
+            middle(snapshots),
+            aperture,
+            along_u.peaks,
+            along_w.peaks,
+            min_power,
+            self.angle_dynamic_range_db,
+            self.max_sources,
+        )
 
     def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
-        """Cuts along u and along w through the maximum of one cell's angular spectrum, in dB below it."""
+        """Cuts along u and along w through the maximum of one cell's angular spectrum, in dB below it.
+
+        Of a row and a column, the spectrum of each.
+        """
+        aperture = self.aperture(observation)
+        if isinstance(aperture, Cross):
+            along_u, along_w = self._line_spectra(observation, aperture, middle(snapshots))
+            return self._shown(along_u, "u"), self._shown(along_w, "w")
         found = self._angle_spectra(observation, middle(snapshots))
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
         strongest = found.power[0].max()
@@ -114,26 +168,69 @@ class Fft4d(CellwiseEstimator):
         )
 
     def _angle_spectra(self, observation: Observation, snapshots: Snapshots) -> _AngleSpectra:
-        shape = tuple(max(self.angle_points, 2 * n) for n in snapshots.shape[1:])
-        spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
-        power = spectra.real**2 + spectra.imag**2
-        cosines = [2 * scipy.fft.fftshift(scipy.fft.fftfreq(n)) for n in shape]
-        strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
-        in_u, in_w = (
-            (cosine >= lower - 2 / n) & (cosine <= upper + 2 / n)
-            for cosine, (lower, upper), n in zip(cosines, observation.cosine_limits, shape, strict=True)
-        )
-        allowed = power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)
-        allowed &= in_u[:, None] & in_w
-        # Only local maxima can be peaks, so that nothing else needs a test.
-        peaks = _local_maxima(power, np.nonzero(allowed))
-        allowed[:] = False
-        allowed[peaks] = detect_listed(self.angle_detector, power, 1, peaks).mask
-        row, column, found = plane_peaks(power, allowed, self.max_sources)
         u, w = (
-            cosine[0] + 2 / n * place for cosine, n, place in zip(cosines, shape, (row, column), strict=True)
+            self._axis(n, limits)
+            for n, limits in zip(snapshots.shape[1:], observation.cosine_limits, strict=True)
         )
-        return _AngleSpectra(cosines[0], cosines[1], power, PlaneWaves(u, w, found))
+        shape = u.cosine.size, w.cosine.size
+        with stage("spectrum"):
+            spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
+            power = spectra.real**2 + spectra.imag**2
+        # Only local maxima can be peaks, so that nothing else needs a test.
+        peaks = _local_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
+        passed = _passed(power, peaks, detect_listed(self.angle_detector, power, 1, peaks).mask)
+        row, column, found = plane_peaks(power, passed, self.max_sources)
+        return _AngleSpectra(u.cosine, w.cosine, power, PlaneWaves(u.at(row), w.at(column), found))
+
+    def _line_spectra(
+        self, observation: Observation, aperture: Cross, snapshots: Snapshots
+    ) -> tuple[_LineSpectra, _LineSpectra]:
+        along_u, along_w = (lines[:, :, 0] for lines in aperture.lines(snapshots))
+        u_limits, w_limits = observation.cosine_limits
+        return self._line_spectrum(along_u, u_limits), self._line_spectrum(along_w, w_limits)
+
+    def _line_spectrum(self, lines: Snapshots, limits: Interval) -> _LineSpectra:
+        """Spectra along the sensors of lines (n, sensors)."""
+        axis = self._axis(lines.shape[1], limits)
+        with stage("spectrum"):
+            spectra = scipy.fft.fftshift(scipy.fft.ifft(lines, axis.cosine.size, norm="forward"), axes=1)
+            # A plane of one column, for which peaks are the same thing.
+            power = (spectra.real**2 + spectra.imag**2)[:, :, None]
+        peaks = _local_maxima(power, self._strong(power, axis.inside[:, None]))
+        passed = _passed(power, peaks, detect_listed(self.line_detector, power[:, :, 0], 1, peaks[:2]).mask)
+        place, _, found = plane_peaks(power, passed, self.max_sources)
+        return _LineSpectra(axis.cosine, power[:, :, 0], Peaks(axis.at(place), found))
+
+    def _axis(self, n_sensors: int, limits: Interval) -> _Axis:
+        n_points = max(self.angle_points, 2 * n_sensors)
+        cosine = 2 * scipy.fft.fftshift(scipy.fft.fftfreq(n_points))
+        lower, upper = limits
+        return _Axis(cosine, (cosine >= lower - 2 / n_points) & (cosine <= upper + 2 / n_points))
+
+    def _strong(self, power: NDArray[np.float64], inside: NDArray[np.bool_]) -> Cells:
+        """Samples of spectra (n, g, h) that are no sidelobes, as `numpy.nonzero` gives them."""
+        strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
+        strong: Cells = np.nonzero((power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)) & inside)
+        return strong
+
+    def _shown(self, line: _LineSpectra, label: Literal["u", "w"]) -> Spectrum:
+        """First of the spectra in dB below its maximum."""
+        strongest = line.power[0].max()
+        threshold = self.line_detector.detect(line.power).threshold[0]
+        return Spectrum(
+            line.cosine,
+            10 * np.log10(line.power[0] / strongest),
+            10 * np.log10(threshold / strongest),
+            line.peaks.place[0][line.peaks.found[0]],
+            label,
+        )
+
+
+def _passed(power: NDArray[np.float64], cells: Cells, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Samples of spectra that passed their test, out of listed ones."""
+    passed = np.zeros(power.shape, dtype=np.bool_)
+    passed[cells] = mask
+    return passed
 
 
 def _local_maxima(power: NDArray[np.float64], cells: Cells) -> Cells:

@@ -50,6 +50,7 @@ from isacbench.dsp.subspace2d import leading_eigenpairs, planar_covariance
 from isacbench.errors import require
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 
@@ -143,18 +144,25 @@ class JointSubspaceEstimator(CellwiseEstimator):
         min_power: float,
     ) -> PlaneWaves:
         """Directions down to the noise in a look at resolved cells, and those of crowds in others."""
-        cells = middle(snapshots)
+        cells, plane = middle(snapshots), self.aperture(observation)
         if look.resolved_only:
-            waves = self.directions(observation, self.subspaces(cells[:, None], levels.white))
+            with stage("subspace"):
+                subspaces = self.subspaces(cells[:, None], levels.white)
+            waves = self.directions(observation, subspaces)
             if self.polish:
-                waves = resolve_directions(cells[:, None], waves, levels.white, self.angle_pfa, self.polish)
-            unexplained = waves.unexplained(cells)
+                with stage("refinement"):
+                    waves = resolve_directions(
+                        cells[:, None], waves, levels.white, self.angle_pfa, self.polish
+                    )
+            unexplained = waves.unexplained(cells, plane)
             resolved = unexplained < MOST_UNEXPLAINED * levels.white
             resolved &= np.mean(np.abs(cells) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
         else:
-            waves = self.crowd_directions(observation, self.subspaces(snapshots, levels.floor))
+            with stage("subspace"):
+                subspaces = self.subspaces(snapshots, levels.floor)
+            waves = self.crowd_directions(observation, subspaces)
             resolved = np.zeros(len(cells), dtype=np.bool_)
-        power = np.abs(waves.amplitudes(cells[None])[0]) ** 2
+        power = np.abs(waves.amplitudes(cells[None], plane)[0]) ** 2
         strongest = power.max(axis=1, keepdims=True, initial=0)
         found = waves.found & (power > min_power)
         found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
@@ -214,7 +222,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """Cuts of the array's power along u and along w through the strongest plane wave, in dB below it."""
         waves = self.plane_waves(observation, self.looks()[-1], snapshots, levels, 0.0)
         snapshot = middle(snapshots)
-        power = np.abs(waves.amplitudes(snapshot[None])[0, 0])
+        power = np.abs(waves.amplitudes(snapshot[None], self.aperture(observation))[0, 0])
         strongest = int(power.argmax())
         towards_u = steering(snapshot.shape[1], waves.u[0, strongest]).conj()
         towards_w = steering(snapshot.shape[2], waves.w[0, strongest]).conj()

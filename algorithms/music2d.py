@@ -2,14 +2,15 @@
 
 For every detected range-Doppler cell:
 
-1. The P x Q snapshot is read twice, as P rows and as Q columns of subarrays.
+1. The P x Q snapshot is read twice, as P rows and as Q columns of subarrays;
+   with ``integration="element"``, as one row and one column.
    Forward-backward smoothing restores the rank that coherent echoes of one
    cell lack; eigenvalues above the noise edge span the signal subspace.
 2. The MUSIC spectrum over u and the one over w are each evaluated in 1-D,
    their peaks tested by CA-CFAR and placed off the grid by Newton's method.
    The product spectrum of the paper peaks at every intersection of the two.
-3. The joint response of the whole snapshot tells sources from ghosts among
-   the intersections.
+3. The joint response of all elements that are read tells sources from ghosts
+   among the intersections.
 
 What the cells show is then explained jointly (`isacbench_algorithms.cellwise`).
 
@@ -47,6 +48,7 @@ from isacbench.dsp.model_order import (
     information_order,
     noise_edge,
     noise_order,
+    smoothed_noise_edge,
 )
 from isacbench.dsp.peaks import Peaks, line_peaks
 from isacbench.dsp.planewaves import PlaneWaves, pair_directions
@@ -58,6 +60,7 @@ from isacbench.dsp.subspace import (
 )
 from isacbench.errors import require
 from isacbench.model.observation import Observation
+from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 from .detectors import CaCfar
@@ -66,6 +69,9 @@ __all__ = ["Music2d"]
 
 MIN_GRID_POINTS = 65
 """Samples that the default window of the spectrum's CFAR needs."""
+
+SINGLE_LINE_PFA = 1e-2
+"""Chance that the noise of one line of sensors looks like another source; the pairing has yet to pass it."""
 
 SMALLEST_NULL = 1e-15
 """Squared distance from the signal subspace, relative, below which there is only rounding."""
@@ -126,6 +132,7 @@ class Music2d(CellwiseEstimator):
     """
 
     name: ClassVar[str] = "music2d"
+    separable: ClassVar[bool] = True
 
     subarray_fraction: float = 0.625
     grid_points: int = 201
@@ -157,6 +164,7 @@ class Music2d(CellwiseEstimator):
         along_u, along_w = self._line_spectra(observation, middle(snapshots), levels.floor)
         return pair_directions(
             middle(snapshots),
+            self.aperture(observation),
             along_u.peaks,
             along_w.peaks,
             min_power,
@@ -173,32 +181,45 @@ class Music2d(CellwiseEstimator):
         self, observation: Observation, snapshots: Snapshots, noise: float
     ) -> tuple[_LineSpectra, _LineSpectra]:
         u_limits, w_limits = observation.cosine_limits
-        return (
-            self._music(snapshots, u_limits, noise),
-            self._music(snapshots.transpose(0, 2, 1), w_limits, noise),
-        )
+        along_u, along_w = self.aperture(observation).lines(snapshots)
+        return self._music(along_u, u_limits, noise), self._music(along_w, w_limits, noise)
 
     def _music(self, lines: Snapshots, limits: tuple[float, float], noise: float) -> _LineSpectra:
         """MUSIC along the sensors of lines (n, sensors, snapshots)."""
+        with stage("subspace"):
+            eigenvectors, order = self._subspaces(lines, noise)
+        n_subarray = eigenvectors.shape[1]
+        step = (limits[1] - limits[0]) / (self.grid_points - 1)
+        cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
+        with stage("spectrum"):
+            null = music_null_spectrum(eigenvectors, order, real_steering(n_subarray, cosine))
+            spectra = n_subarray / np.maximum(null, SMALLEST_NULL * n_subarray)
+        detection = self.spectrum_detector.detect(spectra)
+        # A parabola fits a null, and not the pole that its reciprocal is.
+        peaks = line_peaks(-null, cosine, order, detection.mask)
+        place = music_null_minima(eigenvectors, order, peaks.place, peaks.found, step)
+        return _LineSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
+
+    def _subspaces(self, lines: Snapshots, noise: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Eigenvectors (n, L, L) of lines (n, sensors, snapshots), strongest first; how many are signal."""
         n_sensors, n_snapshots = lines.shape[1:]
         n_subarray = max(2, round(self.subarray_fraction * n_sensors))
         eigenvalues, eigenvectors = np.linalg.eigh(smoothed_covariance(lines, n_subarray))
         eigenvalues, eigenvectors = eigenvalues[:, ::-1], eigenvectors[:, :, ::-1]
         if self.model_order == "noise":
-            order = noise_order(eigenvalues, noise * noise_edge(n_subarray, 2 * n_snapshots))
+            order = noise_order(eigenvalues, noise * _largest_of_noise(n_sensors, n_snapshots, n_subarray))
         elif self.model_order == "eigenvalue_cfar":
             order = eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
         else:
             # Of disjoint subarrays, each snapshot holds as many as fit.
             n_independent = n_snapshots * n_sensors / n_subarray
             order = information_order(eigenvalues, n_independent, self.model_order)
-        order = np.minimum(order, self.max_order)
-        step = (limits[1] - limits[0]) / (self.grid_points - 1)
-        cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
-        null = music_null_spectrum(eigenvectors, order, real_steering(n_subarray, cosine))
-        spectra = n_subarray / np.maximum(null, SMALLEST_NULL * n_subarray)
-        detection = self.spectrum_detector.detect(spectra)
-        # A parabola fits a null, and not the pole that its reciprocal is.
-        peaks = line_peaks(-null, cosine, order, detection.mask)
-        place = music_null_minima(eigenvectors, order, peaks.place, peaks.found, step)
-        return _LineSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
+        return eigenvectors, np.minimum(order, self.max_order)
+
+
+def _largest_of_noise(n_sensors: int, n_snapshots: int, n_subarray: int) -> float:
+    """Largest eigenvalue, of a smoothed covariance, that noise of unit power is expected to have."""
+    if n_snapshots > 1:
+        return noise_edge(n_subarray, 2 * n_snapshots)
+    # The subarrays of one snapshot are not independent, and too few for the law of many.
+    return smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)

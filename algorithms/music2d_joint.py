@@ -105,7 +105,7 @@ class Music2dJoint(JointSubspaceEstimator):
         """Nulls of the joint spectra, split where a cell has fewer than sources."""
         basis, order = subspaces
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
-        n_p, n_q = observation.cells.shape[2:]
+        n_p, n_q = observation.array.shape
         return _split(nulls, order, np.array([2 / n_p, 2 / n_q]))
 
     def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:

@@ -57,6 +57,7 @@ from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.gate import Gate
 from isacbench.model.observation import Observation
+from isacbench.stages import stage
 
 __all__ = ["Nomp4d"]
 
@@ -176,37 +177,48 @@ class Nomp4d:
         -------
         PointCloud
         """
-        gated = GatedMap(observation.cells, observation.gate)
-        atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
-        fit = self._pursue(atom_map, observation, white_noise(gated))
+        with stage("rdm"):
+            gated = GatedMap(observation.cells, observation.gate)
+            atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
+        with stage("detection"):
+            noise = white_noise(gated)
+        fit = self._pursue(atom_map, observation, noise)
         if fit is None:
             return PointCloud.empty()
-        range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
-        unit_power = fit.power / (gated.n_elements * observation.system.processing_gain)
-        return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
+        with stage("peaks"):
+            range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
+            unit_power = fit.power / (gated.n_elements * observation.system.processing_gain)
+            return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
 
     def _pursue(self, atom_map: AtomMap, observation: Observation, noise: float) -> AtomFit | None:
         """Make moves until none is left, then refine; None where nothing was found."""
-        space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
+        with stage("spectrum"):
+            space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
         level = noise * np.log(space.n_independent / self.pfa)
         least = noise * noise_maximum(space.n_independent, self.pfa)
         atoms = _Atoms(np.empty((0, N_COORDINATES)), np.empty((0, N_COORDINATES)))
         fit: AtomFit | None = None
         hopeless = unsplit = np.empty((0, N_COORDINATES))
         for _ in range(self.max_rounds):
-            residual = space.residual(fit)
-            atoms = _released(space, residual, atoms, fit, noise)
-            moves = self._moves(space, residual, fit, level, observation.gate, hopeless, unsplit)
+            with stage("spectrum"):
+                residual = space.residual(fit)
+            with stage("peaks"):
+                atoms = _released(space, residual, atoms, fit, noise)
+                moves = self._moves(space, residual, fit, level, observation.gate, hopeless, unsplit)
             if not moves.number:
                 break
             before = atoms
-            atoms, fit = self._settle(atom_map, moves.made(atoms), STEPS, least, noise)
+            with stage("refinement"):
+                atoms, fit = self._settle(atom_map, moves.made(atoms), STEPS, least, noise)
             unsplit = np.concatenate([unsplit, moves.centres[~_is_pair(moves.centres, atoms.places)]])
             if len(atoms.places) == len(before.places) and not _is_pair(moves.centres, atoms.places).any():
                 hopeless = np.concatenate([hopeless, moves.added])
         for _ in range(2):
-            atoms = _released(space, space.residual(fit), atoms, fit, noise)
-            atoms, fit = self._settle(atom_map, atoms, LAST_STEPS, least, noise)
+            with stage("spectrum"):
+                residual = space.residual(fit)
+            with stage("refinement"):
+                atoms = _released(space, residual, atoms, fit, noise)
+                atoms, fit = self._settle(atom_map, atoms, LAST_STEPS, least, noise)
         return fit
 
     def _moves(

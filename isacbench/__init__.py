@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from isacbench.bench.runner import run
+    from isacbench.cubes.observing import observe_cube
     from isacbench.errors import InputError
     from isacbench.metrics.score import score
     from isacbench.model.cloud import PointCloud
@@ -36,6 +37,7 @@ __all__ = [
     "get_estimator",
     "load_scenario",
     "observe",
+    "observe_cube",
     "run",
     "score",
 ]
@@ -50,6 +52,7 @@ _HOMES = {
     "get_estimator": "isacbench.registry",
     "load_scenario": "isacbench.model.scenario",
     "observe": "isacbench.model.echo",
+    "observe_cube": "isacbench.cubes.observing",
     "run": "isacbench.bench.runner",
     "score": "isacbench.metrics.score",
 }

@@ -37,6 +37,7 @@ __all__ = [
     "parse_spec",
     "register_plugin",
     "required_fields",
+    "sees_truth",
     "spec_variants",
 ]
 
@@ -106,6 +107,25 @@ def get_detector(name: str, **params: Any) -> Detector:
     0.0001
     """
     return cast("Detector", _build("detector", name, params))
+
+
+def sees_truth(name: str) -> bool:
+    """Whether a registered estimator is shown the truth: a limit to the others, no competitor.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, or what it stands for breaks the contract.
+
+    Examples
+    --------
+    >>> sees_truth("oracle"), sees_truth("music2d")
+    (True, False)
+    """
+    registered = entries("estimator")
+    if name not in registered:
+        raise unknown_name("estimator", name, sorted(registered))
+    return bool(getattr(_load(registered[name]), "needs_truth", False))
 
 
 def build_estimator(spec: str) -> AnyEstimator:

@@ -1,12 +1,17 @@
-"""Shared fixtures: plugins that are really found through entry points, and a scene of three points."""
+"""Shared fixtures: plugins that are really found through entry points, scenes, and a frame of a street."""
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 from isacbench.entries import isolated_plugins
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import resource_grid
+from isacbench.model.scenario import load_scenario
 
 PLUGINS = '''
 from dataclasses import dataclass
@@ -262,3 +267,29 @@ def written_run(tmp_path):
         return folder
 
     return write
+
+
+@pytest.fixture(scope="session")
+def small_street():
+    """Return the street on 512 x 56 resource elements and 8 x 6 virtual elements."""
+    street = load_scenario("street")
+    system = dataclasses.replace(street.system, n_subcarriers=512, n_symbols=56)
+    return dataclasses.replace(street, system=system, array=VirtualArray((1, 1), (8, 6)))
+
+
+@pytest.fixture(scope="session")
+def clean_cube(small_street):
+    """Return its frame without noise, complex128."""
+    grid = resource_grid(small_street, small_street.array.positions)
+    cube = grid.reshape(*grid.shape[:2], *small_street.array.shape)
+    cube.setflags(write=False)
+    return cube
+
+
+@pytest.fixture(scope="session")
+def noisy_cube(clean_cube):
+    """Return its frame with noise of power 1, complex128."""
+    parts = np.random.default_rng(7).standard_normal((*clean_cube.shape, 2)) * np.sqrt(0.5)
+    cube = clean_cube + parts.view(np.complex128)[..., 0]
+    cube.setflags(write=False)
+    return cube

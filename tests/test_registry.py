@@ -14,6 +14,7 @@ from isacbench.registry import (
     estimator_names,
     get_detector,
     get_estimator,
+    sees_truth,
 )
 
 MINIMAL = """
@@ -44,6 +45,13 @@ def test_names_of_installed_plugins_are_listed_in_order(plugins):
     assert {"blob", "seer", "trouble"} <= set(names)
     assert names == sorted(names)
     assert "level" in detector_names()
+
+
+def test_what_sees_the_truth_is_told_by_name(plugins):
+    assert sees_truth("seer")
+    assert not sees_truth("blob")
+    with pytest.raises(InputError, match="unknown estimator 'seeer': did you mean 'seer'"):
+        sees_truth("seeer")
 
 
 def test_parameters_reach_the_estimator_and_the_rest_keep_their_defaults(plugins):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -30,11 +30,13 @@ from isacbench.bench.radio import gain_db
 from isacbench.bench.record import DRAW_COLUMNS, Cell, Outcome, Record
 from isacbench.bench.statuses import failed
 from isacbench.bench.study import Contestant, ImagedScene, element_snrs_db, gained_snr_db
+from isacbench.bench.timing import Trial, timed
 from isacbench.contracts import Detection, Detector, Diagnoser
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.registry import canonical_params, get_detector, get_estimator, spec_variants
+from isacbench.stages import stage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -109,6 +111,24 @@ class MapEncounter:
     def meet(self, contestant: Contestant[Detector]) -> Outcome:
         """Let a detector test the map."""
         outcome = _run_detector(contestant.cell(self.cell), contestant.plugin, self.drawn, self.power)
+        return outcome.labelled({**self.labels, **contestant.labels})
+
+    def time_repeats(
+        self, contestant: Contestant[Detector], met: Outcome, n: int, before_each: Callable[[], None]
+    ) -> Outcome:
+        """Let a detector test the map again and again."""
+        masks: list[NDArray[np.bool_]] = []
+
+        def detect(_: None) -> NDArray[np.bool_]:
+            with stage("detection"):
+                return _mask(contestant.plugin.detect(self.power), self.power.shape)
+
+        def is_same(mask: NDArray[np.bool_]) -> bool:
+            masks.append(mask)
+            counts = _counts(mask, self.drawn.targets, self.drawn.clear)
+            return np.array_equal(mask, masks[0]) and counts.items() <= met.extras.items()
+
+        outcome = timed(met, contestant.cell(self.cell), Trial(before_each, detect), n, is_same)
         return outcome.labelled({**self.labels, **contestant.labels})
 
     def forfeit(

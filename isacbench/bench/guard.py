@@ -6,6 +6,7 @@ a row that says so, a fresh process takes over, and no other cell notices.
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import resource
@@ -22,12 +23,12 @@ from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cell import describe_error
 from isacbench.bench.resume import versions_now
-from isacbench.bench.workbench import Made, Workbench
+from isacbench.bench.workbench import Made, Workbench, is_to_time
 from isacbench.errors import InputError
 from isacbench.guarded_process import GuardedProcess, ProcessLostError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from types import TracebackType
 
     from pebble import ProcessFuture
@@ -53,7 +54,9 @@ class Guard:
     Attributes
     ----------
     timeout_s : float or None
-        Wall time of estimate and scores in s; None for no limit.
+        Wall time of estimate and scores in s; None for no limit. Where
+        repeats are timed, the first estimate has it, and the others have
+        it as many times over as there are.
     memory_mib : float or None
         Memory in MiB that a cell may take beyond what its process holds
         before; None for no limit.
@@ -82,11 +85,14 @@ class Lane:
     ----------
     job : Job
     guard : Guard
+    repeats : int, optional
+        How often each estimate is timed (`isacbench.bench.timing`); without it
+        times do not count.
     """
 
-    def __init__(self, job: Job, guard: Guard) -> None:
-        self._job, self._guard = job, guard
-        self._process = GuardedProcess(_start_worker, job)
+    def __init__(self, job: Job, guard: Guard, repeats: int | None = None) -> None:
+        self._job, self._guard, self._repeats = job, guard, repeats
+        self._process = GuardedProcess(_start_worker, job, repeats)
 
     def __enter__(self) -> Self:
         return self
@@ -165,7 +171,8 @@ class Lane:
             if step.contestant is None:
                 traces, n_deaths = dict(zip(step.block.contestants, observed, strict=True)), 0
                 continue
-            made, has_observed = self._image(answer, traces.pop(step.contestant), is_first=n_met == 0)
+            trace = traces.pop(step.contestant)
+            made, has_observed = self._image(step.contestant, answer, trace, is_first=n_met == 0)
             n_met = n_met + 1 if has_observed else 0
             if made is None:
                 answers.clear()
@@ -183,7 +190,9 @@ class Lane:
         limits = self._guard
         return self._process.schedule(_image, step.contestant, limits.memory_mib, timeout_s=limits.timeout_s)
 
-    def _image(self, answer: ProcessFuture[Any], trace: Made, is_first: bool) -> tuple[Made | None, bool]:
+    def _image(
+        self, contestant: int, answer: ProcessFuture[Any], trace: Made, is_first: bool
+    ) -> tuple[Made | None, bool]:
         """Outcome of an image, and whether the process still has what it has observed.
 
         A process may die of what an earlier cell has left in it. Then there is
@@ -192,6 +201,8 @@ class Lane:
         start = time.perf_counter()
         try:
             made: Made = self._process.answer(answer, self._guard.timeout_s)
+            if is_to_time(made, self._repeats):
+                made = self._time_repeats(contestant, made)
         except CancelledError:
             raise
         except ProcessLostError as loss:
@@ -210,6 +221,16 @@ class Lane:
             self._process.renew()  # what the plugin still holds must not be held against other cells
             return made, False
         return made, True
+
+    def _time_repeats(self, contestant: int, met: Made) -> Made:
+        """Outcome of an image with the times of its repeats, which share their deadlines."""
+        assert self._repeats is not None
+        n, limits = self._repeats + 1, self._guard
+        timeout_s = None if limits.timeout_s is None else n * limits.timeout_s
+        try:
+            return self._process.call(_time_repeats, contestant, met, limits.memory_mib, timeout_s=timeout_s)
+        except ProcessLostError as loss:
+            raise ProcessLostError(loss.status, f"{loss.reason}, in {n} repeats") from loss
 
     def _unobservable(self, block: Block, loss: ProcessLostError) -> InputError:
         return InputError(
@@ -249,13 +270,14 @@ def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
 # What follows runs in the worker process.
 
 _job: Job | None = None
+_repeats: int | None = None
 _workbench: Workbench | None = None
 _process_id = 0
 
 
-def _start_worker(job: Job) -> None:
-    global _job, _workbench, _process_id
-    _job, _workbench, _process_id = job, None, os.getpid()
+def _start_worker(job: Job, repeats: int | None) -> None:
+    global _job, _repeats, _workbench, _process_id
+    _job, _repeats, _workbench, _process_id = job, repeats, None, os.getpid()
 
 
 def _versions() -> dict[tuple[str, str], Any]:
@@ -267,19 +289,30 @@ def _observe(block: Block) -> list[Made]:
     global _workbench
     if _workbench is None:
         assert _job is not None
-        _workbench = Workbench(_job)
+        _workbench = Workbench(_job, _repeats)
         # Threads make small batched algebra slower and its timing unrepeatable; here for good.
         threadpool_limits(limits=1)
+        # What is there for good need not be looked through each time that garbage is collected.
+        gc.freeze()
     return _workbench.observe(block)
 
 
 def _image(contestant: int, memory_mib: float | None) -> Made:
+    return _limited(contestant, memory_mib, lambda workbench: workbench.image(contestant))
+
+
+def _time_repeats(contestant: int, met: Made, memory_mib: float | None) -> Made:
+    return _limited(contestant, memory_mib, lambda workbench: workbench.time_repeats(contestant, met))
+
+
+def _limited(contestant: int, memory_mib: float | None, act: Callable[[Workbench], Made]) -> Made:
+    """Let a contestant act within its limits; whatever it does becomes a row."""
     if _workbench is None or not _workbench.has_observed:
         raise NothingObservedError
     start = time.perf_counter()
     try:
         with _memory_limit(memory_mib):
-            made = _workbench.image(contestant)
+            made = act(_workbench)
     except BaseException as error:  # such as KeyboardInterrupt, or no memory left to tell of no memory
         status: Status = "killed" if isinstance(error, MemoryError) else "error"
         made = _workbench.forfeit(contestant, status, describe_error(error), time.perf_counter() - start)

@@ -6,16 +6,54 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtri, ndtri
+from scipy.special import bdtr, chdtri, ndtri
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
-__all__ = ["CONFIDENCE", "rms_interval", "wilson_interval"]
+__all__ = ["CONFIDENCE", "median_interval", "rms_interval", "wilson_interval"]
 
 CONFIDENCE = 0.95
+
+
+def median_interval(values: Floats) -> tuple[float, float, float]:
+    """Median and its 95 % confidence interval, of whatever distribution.
+
+    The interval ends in two of the values, as far inside as the binomial
+    distribution of the number of values below the median allows: so it is
+    safe with the long tail that run times have.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n,)
+
+    Returns
+    -------
+    median, low, high : float
+        NaN without values; no interval of fewer than six, whose whole range
+        misses the median in more than 5 % of all cases.
+
+    References
+    ----------
+    David and Nagaraja, "Order Statistics", 3rd edition (2003), section 7.1.
+
+    Examples
+    --------
+    >>> median_interval(np.arange(1.0, 10.0))
+    (5.0, 2.0, 8.0)
+    """
+    n = values.size
+    if not n:
+        return math.nan, math.nan, math.nan
+    ordered = np.sort(values)
+    # As many values from either end as may lie on one side of the median that rarely.
+    outside = int((2 * bdtr(np.arange(n // 2), n, 0.5) <= 1 - CONFIDENCE).sum())
+    low, high = (
+        (float(ordered[outside - 1]), float(ordered[n - outside])) if outside else (math.nan, math.nan)
+    )
+    return float(np.median(ordered)), low, high
 
 
 def rms_interval(values: Floats) -> tuple[float, float, float]:

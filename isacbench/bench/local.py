@@ -19,19 +19,32 @@ if TYPE_CHECKING:
     from isacbench.bench.job import Job
     from isacbench.bench.plan import Block
 
-__all__ = ["work_guarded", "work_here"]
+__all__ = ["work_alone", "work_guarded", "work_here"]
 
 N_AHEAD = 2
 """Calls that wait in a worker process: it goes on at once, while this one takes its answers."""
 
 
-def work_here(job: Job, blocks: Sequence[Block]) -> Generator[Made, None, None]:
-    """Work off blocks in this process: easy to debug, but a plugin that hangs or dies takes all with it."""
-    workbench = Workbench(job)
+def work_here(job: Job, blocks: Sequence[Block], repeats: int | None = None) -> Generator[Made, None, None]:
+    """Work off blocks in this process: easy to debug, but a plugin that hangs or dies takes all with it.
+
+    With `repeats`, each estimate is timed so many times.
+    """
+    workbench = Workbench(job, repeats)
     # Threads make small batched algebra slower and its timing unrepeatable.
     with threadpool_limits(limits=1):
         for block in blocks:
             yield from workbench.work(block)
+
+
+def work_alone(job: Job, blocks: Sequence[Block], guard: Guard, repeats: int) -> Generator[Made, None, None]:
+    """Work off blocks in one guarded process and time each estimate `repeats` times, with nothing beside it.
+
+    The process is idle while its answers are taken, and this one waits while it works.
+    """
+    start_process_server()
+    with Lane(job, guard, repeats) as lane:
+        yield from lane.work(blocks)
 
 
 def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -> Generator[Made, None, None]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy import ndimage
 
-from isacbench.model.echo import random_stream
+from isacbench.model.echo import random_stream, white_gaussian
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -108,8 +108,8 @@ def draw_map(name: MapName, trial: int, seed: int) -> PowerMap:
     """
     layout = MAPS[name](random_stream(name, trial, seed, "layout"))
     shape, echoes = layout.background.shape, layout.targets | layout.interferers
-    noise = _unit_gaussian(random_stream(name, trial, seed), shape) * np.sqrt(layout.background)
-    echo = np.where(echoes, _unit_gaussian(random_stream(name, trial, seed, "echo"), shape), 0)
+    noise = white_gaussian(random_stream(name, trial, seed), shape) * np.sqrt(layout.background)
+    echo = np.where(echoes, white_gaussian(random_stream(name, trial, seed, "echo"), shape), 0)
     return PowerMap(noise, echo, layout.targets, layout.clear)
 
 
@@ -183,10 +183,3 @@ def _around(rng: np.random.Generator, n: int) -> Mask:
     order = rng.permuted(np.tile(np.arange(len(offsets)), (rows.size, 1)), axis=1)[:, :n]
     chosen = offsets[order]
     return _marked((rows[:, None] + chosen[..., 0], columns[:, None] + chosen[..., 1]))
-
-
-def _unit_gaussian(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.complex128]:
-    """White circular complex Gaussian numbers of unit power."""
-    parts = rng.standard_normal((*shape, 2)) * np.sqrt(0.5)
-    numbers: NDArray[np.complex128] = parts.view(np.complex128)[..., 0]
-    return numbers

@@ -18,7 +18,7 @@ import pandas as pd
 from isacbench.bench.folder import RUN_FILES, open_folder
 from isacbench.bench.job import Job
 from isacbench.bench.outline import restore_plan
-from isacbench.bench.record import TIMES, Results, typed
+from isacbench.bench.record import TIMES, TIMING_COLUMNS, Results, typed
 from isacbench.bench.resume import differing_versions, has_its_cloud
 from isacbench.bench.rows import Rows
 from isacbench.bench.store import (
@@ -291,8 +291,8 @@ def _united_list(lists: Sequence[Sequence[Any]], are_specifications: bool) -> tu
 
 
 def _united(rows: Rows, positions: NDArray[np.int64]) -> tuple[Rows, NDArray[np.int64]]:
-    """Rows in the order of the table, each cell once; and their positions."""
-    order = np.argsort(positions, kind="stable")
+    """Rows in the order of the table, each cell once, timed if any part has timed it; and their positions."""
+    order = np.lexsort([~rows.records["timing"].to_numpy(dtype=np.bool_), positions])
     is_first = np.diff(positions[order], prepend=-1) != 0
     first_of = order[is_first][np.cumsum(is_first) - 1]
     again, before = order[~is_first], first_of[~is_first]
@@ -301,8 +301,9 @@ def _united(rows: Rows, positions: NDArray[np.int64]) -> tuple[Rows, NDArray[np.
 
 
 def _require_agreement(one: Rows, other: Rows) -> None:
-    """Refuse rows of the same cells that say different things."""
-    columns = [name for name in one.records if name not in (*TIMES, "environment")]
+    """Refuse rows of the same cells that say different things, times apart."""
+    others = {*TIMES, *TIMING_COLUMNS, "timing", "environment"}
+    columns = [name for name in one.records if name not in others]
     left, right = one.records[columns], other.records[columns]
     agree = ((left == right) | (left.isna() & right.isna())).all(axis=1).to_numpy(copy=True)
     agree &= one.n_points == other.n_points

@@ -47,7 +47,9 @@ SOURCE = Path(isacbench.__file__).parent
 NO_PART_OF_ROWS = (
     "report",
     "conformance",
-    "cli.py",
+    "cli",
+    "cubes",
+    "planning.py",
     "preload.py",
     "process_server.py",
     "__main__.py",

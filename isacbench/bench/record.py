@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.model.cloud import PointCloud
+from isacbench.stages import STAGES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,6 +27,7 @@ __all__ = [
     "POINT_COLUMNS",
     "PROVENANCE",
     "TIMES",
+    "TIMING_COLUMNS",
     "Cell",
     "Outcome",
     "Record",
@@ -83,7 +85,8 @@ class Record(Cell):
     hausdorff_xy_m, ..., recall : float
         Scores of the metric ``paper``, NaN for a failure.
     time_estimate_s : float
-        Wall time of the estimate, or until it failed.
+        Wall time of the estimate, the median of repeats where it was timed,
+        or until it failed.
     time_score_s : float
         Wall time of the scoring, NaN for a failure.
     timing : bool
@@ -120,8 +123,13 @@ COLUMNS = [field.name for field in dataclasses.fields(Record) if field.name not 
 TYPES = {field.name: str(field.type) for field in dataclasses.fields(Record)}
 KINDS = {"str": "str", "Status": "str", "int": "int64", "float": "float64", "bool": "bool"}
 
+TIMING_COLUMNS: dict[str, float] = dict.fromkeys(
+    [*(f"time_{name}_s" for name in STAGES), "time_spread_s", "peak_memory_mib"], math.nan
+)
+"""Columns that a run with timing has beside all others, each with its value where a row was not timed."""
+
 TIMES = ["time_estimate_s", "time_score_s"]
-"""Columns that differ from one run to the next."""
+"""Columns of every table that differ from one run to the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,9 +152,10 @@ class Outcome:
         """Same with further columns, as far as it does not have them itself."""
         return dataclasses.replace(self, extras={**labels, **self.extras})
 
-    def made_by(self, environment: str) -> Outcome:
-        """Same with the name of the environment that made it."""
-        return dataclasses.replace(self, record=dataclasses.replace(self.record, environment=environment))
+    def made_by(self, environment: str, timing: bool = False) -> Outcome:
+        """Same with the name of the environment that made it, and whether its time counts."""
+        record = dataclasses.replace(self.record, environment=environment, timing=timing)
+        return dataclasses.replace(self, record=record)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,10 +216,12 @@ def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns as in `COLUMNS`, then those of the study.
+        Columns as in `COLUMNS`, then those of the study, and then those of
+        `TIMING_COLUMNS` that the records have.
     """
     kinds = {name: KINDS[TYPES[name]] for name in COLUMNS}
-    kinds |= {name: KINDS[type(default).__name__] for name, default in columns.items()}
+    timing = {name: default for name, default in TIMING_COLUMNS.items() if name in records}
+    kinds |= {name: KINDS[type(default).__name__] for name, default in {**columns, **timing}.items()}
     table = records.reindex(columns=list(kinds))
     for name, default in columns.items():
         if name not in records:

@@ -54,6 +54,7 @@ def keep(
     rerun: Collection[Rerun] = (),
     mix_versions: bool = False,
     part: Mask | None = None,
+    timing: bool = False,
 ) -> Rows:
     """Choose the stored rows that a run goes on with.
 
@@ -73,6 +74,8 @@ def keep(
     part : ndarray of bool, optional
         Cells of the plan that this run makes, of which alone rows are made
         again; all by default.
+    timing : bool
+        Whether the run is timed, so that rows whose times do not count are made again.
 
     Returns
     -------
@@ -96,6 +99,8 @@ def keep(
     good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & has_its_cloud(stored)
     ours = np.ones_like(good) if part is None else part[positions]
     other_content, other_versions = _other_content(records, plan), _other_versions(stored, plan)
+    if timing:
+        good &= ~(ours & ~records["timing"].to_numpy(dtype=np.bool_))
     if "all" in rerun:
         good &= ~ours
     if "failed" in rerun:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Generator, Iterable, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -18,9 +18,9 @@ from isacbench.bench.folder import open_folder
 from isacbench.bench.guard import DEFAULT_TIMEOUT_S, Guard
 from isacbench.bench.job import load_job
 from isacbench.bench.journal import Journal, read_journal
-from isacbench.bench.local import work_guarded, work_here
+from isacbench.bench.local import work_alone, work_guarded, work_here
 from isacbench.bench.plan import Shard
-from isacbench.bench.record import Results, typed
+from isacbench.bench.record import TIMING_COLUMNS, Results, typed
 from isacbench.bench.resume import Rerun, keep, parse_reruns
 from isacbench.bench.rows import Rows
 from isacbench.bench.store import (
@@ -37,6 +37,7 @@ from isacbench.bench.store import (
 )
 from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import Suite, load_suite
+from isacbench.bench.timing import repeats_wanted
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -72,6 +73,9 @@ class Execution:
         Stored cells that are made again.
     mix_versions : bool
         Whether rows of other versions may stay beside new ones.
+    repeats : int or None
+        How often each estimate is timed, alone and one after the other; None
+        where times do not count.
 
     Raises
     ------
@@ -85,6 +89,7 @@ class Execution:
     shard: Shard | None = None
     rerun: Collection[Rerun] = ()
     mix_versions: bool = False
+    repeats: int | None = None
 
     def __post_init__(self) -> None:
         if self.n_jobs is not None and self.n_jobs < 1:
@@ -92,6 +97,18 @@ class Execution:
         if self.n_jobs is not None and self.dask is not None:
             raise InputError(
                 "jobs and dask: allowed is one of them; how many jobs a Dask worker runs is its own matter"
+            )
+        if self.repeats is not None and self.repeats < 1:
+            raise InputError(f"repeats {self.repeats}: allowed is 1 or more")
+        if self.is_timing and (self.n_jobs or 1) > 1:
+            raise InputError(
+                f"jobs {self.n_jobs} and timing: allowed is one job, for cells side by side share memory and "
+                "clock rate, and none of their times would count"
+            )
+        if self.is_timing and self.dask is not None:
+            raise InputError(
+                "dask and timing: allowed are cells on this machine, one after the other, for nobody knows "
+                "what else the workers of a cluster do"
             )
         if not self.is_guarded and self.guard not in (Guard(), Guard(None)):
             raise InputError(
@@ -103,6 +120,11 @@ class Execution:
         """Whether cells have processes of their own, and limits."""
         return self.n_jobs is not None or self.dask is not None
 
+    @property
+    def is_timing(self) -> bool:
+        """Whether times count."""
+        return self.repeats is not None
+
     def describe(self) -> dict[str, Any]:
         """Describe it in terms of JSON."""
         return {
@@ -111,6 +133,8 @@ class Execution:
             "memory_mib": self.guard.memory_mib if self.is_guarded else None,
             "dask": self.dask,
             "shard": None if self.shard is None else f"{self.shard.k}/{self.shard.n}",
+            "timing": self.is_timing,
+            "repeats": self.repeats,
         }
 
 
@@ -133,6 +157,8 @@ def run(
     shard: str | None = None,
     rerun: Collection[str] = (),
     mix_versions: bool = False,
+    timing: bool = False,
+    repeats: int | None = None,
 ) -> pd.DataFrame:
     """Run a suite and return its records.
 
@@ -160,6 +186,11 @@ def run(
         Cells in `out` to run again.
     mix_versions : bool
         Whether rows of other versions may stay in `out` beside new ones.
+    timing : bool
+        Whether times count: each estimate is timed several times, nothing
+        runs beside it, and rows of `out` that were not timed are made again.
+    repeats : int, optional
+        How often, with `timing`; 5 by default.
 
     Returns
     -------
@@ -199,6 +230,7 @@ def run(
             shard=None if shard is None else Shard.parse(shard),
             rerun=parse_reruns(rerun),
             mix_versions=mix_versions,
+            repeats=repeats_wanted(timing, repeats),
         ),
     )
     if results.interrupted:
@@ -245,7 +277,7 @@ def run_suite(
         with closing(_made(job, blocks, execution)) as outcomes:
             unfinished = [*sessions, session.describe(0.0, interrupted=True)]
             _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
-            with Journal(folder / JOURNAL, STUDIES[suite.kind].columns) as journal:
+            with Journal(folder / JOURNAL, _columns(suite, execution)) as journal:
                 interrupted = _work(outcomes, blocks, journal, n_kept, progress)
         new, _ = read_journal(folder / JOURNAL)
         rows = Rows.joined([kept, new])
@@ -274,10 +306,24 @@ def _kept(folder: Path, job: Job, execution: Execution) -> tuple[Rows, Rows]:
     try:
         if len(stored):
             require_metric(folder)
-        kept = keep(stored, job.plan, suite.name, suite.seed, execution.rerun, execution.mix_versions, part)
+        kept = keep(
+            stored,
+            job.plan,
+            suite.name,
+            suite.seed,
+            execution.rerun,
+            execution.mix_versions,
+            part,
+            execution.is_timing,
+        )
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
     return stored, kept
+
+
+def _columns(suite: Suite, execution: Execution) -> Mapping[str, Any]:
+    """Columns that rows have beside those of every table, each with the value of a failure."""
+    return {**STUDIES[suite.kind].columns, **(TIMING_COLUMNS if execution.is_timing else {})}
 
 
 def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Block], int]:
@@ -327,9 +373,11 @@ def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[
         from isacbench.bench.cluster import work_on_cluster  # an optional dependency
 
         return work_on_cluster(job, blocks, execution.guard, execution.dask, execution.mix_versions)
-    if execution.n_jobs is not None:
-        return work_guarded(job, blocks, execution.guard, execution.n_jobs)
-    return work_here(job, blocks)
+    if execution.n_jobs is None:
+        return work_here(job, blocks, execution.repeats)
+    if execution.repeats is not None:
+        return work_alone(job, blocks, execution.guard, execution.repeats)
+    return work_guarded(job, blocks, execution.guard, execution.n_jobs)
 
 
 def _finish(folder: Path, job: Job, results: Results, sessions: list[dict[str, Any]]) -> None:

@@ -13,13 +13,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
+import numpy as np
 import pandas as pd
 
-from isacbench.bench.cell import failure, run_cell
+from isacbench.bench.cell import estimate_cloud, failure, run_cell
 from isacbench.bench.content import digest, scenario_digest
 from isacbench.bench.isolation import array_digest
 from isacbench.bench.radio import gain_db
 from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Cell
+from isacbench.bench.timing import Trial, timed
 from isacbench.errors import InputError
 from isacbench.model.echo import Simulator
 from isacbench.registry import AnyEstimator, build_estimators_of, canonical_params
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from isacbench.bench.cell import Measure
     from isacbench.bench.record import Outcome, Status
     from isacbench.bench.suite import Suite
+    from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
     from isacbench.model.scenario import Scenario
 
@@ -109,6 +112,14 @@ class Encounter(Protocol):
     def meet(self, contestant: Contestant[Any]) -> Outcome:
         """Let a contestant have its try; whatever it raises becomes a row."""
 
+    def time_repeats(
+        self, contestant: Contestant[Any], met: Outcome, n: int, before_each: Callable[[], None]
+    ) -> Outcome:
+        """Outcome of a contestant that has met the observation, with the times of `n` repeats.
+
+        `before_each` is called before each of them.
+        """
+
     def forfeit(self, contestant: Contestant[Any], status: Status, reason: str, time_s: float) -> Outcome:
         """Row of a contestant that left no other trace."""
 
@@ -160,6 +171,24 @@ class ImageEncounter:
         """Let an estimator image the observation."""
         cell = contestant.cell(self.cell)
         outcome = run_cell(cell, self.scenario, self.observation, contestant.plugin, self.measure)
+        return outcome.labelled({**self.labels, **contestant.labels})
+
+    def time_repeats(
+        self, contestant: Contestant[AnyEstimator], met: Outcome, n: int, before_each: Callable[[], None]
+    ) -> Outcome:
+        """Let an estimator image the observation again and again, each time as if it had never been read."""
+
+        def prepare() -> Observation:
+            before_each()
+            return dataclasses.replace(self.observation)  # what an observation remembers is not passed on
+
+        def estimate(observation: Observation) -> PointCloud:
+            return estimate_cloud(contestant.plugin, observation, self.scenario.truth)
+
+        def is_same(cloud: PointCloud) -> bool:
+            return np.array_equal(cloud.to_array(), met.cloud.to_array())
+
+        outcome = timed(met, contestant.cell(self.cell), Trial(prepare, estimate), n, is_same)
         return outcome.labelled({**self.labels, **contestant.labels})
 
     def forfeit(

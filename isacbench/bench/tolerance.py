@@ -39,6 +39,7 @@ STUDY_DIRECTIONS: dict[str, Direction] = {
     "bound_w": "neither",
     "seed": "neither",
     "timing": "neither",
+    "time_spread_s": "neither",
 }
 """Columns beside the scores for which lower is not better; errors have a sign."""
 

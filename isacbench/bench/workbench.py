@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import pickle
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.bench.isolation import process_state_kept, seed_global_generators
 from isacbench.bench.provenance import environment_id, environment_of
+from isacbench.bench.statuses import SCORED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from isacbench.bench.job import Job
     from isacbench.bench.plan import Block
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from isacbench.bench.record import Outcome, Status
     from isacbench.bench.study import Contestant, Encounter, Scene
 
-__all__ = ["Made", "Workbench"]
+__all__ = ["Made", "Workbench", "is_to_time"]
 
 CHANGED = "ValueError: it changed the observation, which is read-only and which others meet as well"
 
@@ -30,18 +32,26 @@ class Made(NamedTuple):
     environment: Environment
 
 
+def is_to_time(made: Made, repeats: int | None) -> bool:
+    """Whether an estimate is to be repeated: where times count, and there is something to be timed."""
+    return repeats is not None and made.outcome.record.status in SCORED
+
+
 class Workbench:
     """Scenes of a job in this process, out of reach of the plugins that they meet.
 
     Parameters
     ----------
     job : Job
+    repeats : int, optional
+        How often each estimate is timed (`isacbench.bench.timing`); without it
+        times do not count.
     """
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job, repeats: int | None = None) -> None:
         # Plugins see a copy, and the next ones a fresh copy should they have changed it.
         self._job = pickle.dumps(job)
-        self._seed = job.suite.seed
+        self._seed, self._repeats = job.suite.seed, repeats
         self._scenes = self._fresh_scenes()
         self._scene: Scene | None = None
         self._block: Block | None = None
@@ -76,15 +86,37 @@ class Workbench:
         A contestant that changes the observation, which is read-only, fails,
         and what it met is made anew for the others.
         """
+        assert self._encounter is not None
+        encounter = self._encounter
+
+        def meet(chosen: Contestant[Any], seed_generators: Callable[[], None]) -> Outcome:
+            seed_generators()
+            return encounter.meet(chosen)
+
+        return self._watched(contestant, meet)
+
+    def time_repeats(self, contestant: int, met: Made) -> Made:
+        """Time repeats of what a contestant of that scene has made of the observation."""
+        assert self._encounter is not None
+        assert self._repeats is not None
+        encounter, repeats = self._encounter, self._repeats
+
+        def meet_again(chosen: Contestant[Any], seed_generators: Callable[[], None]) -> Outcome:
+            return encounter.time_repeats(chosen, met.outcome, repeats, seed_generators)
+
+        return self._watched(contestant, meet_again)
+
+    def _watched(
+        self, contestant: int, act: Callable[[Contestant[Any], Callable[[], None]], Outcome]
+    ) -> Made:
+        """Let a contestant act; give it a function that seeds what generators all plugins share."""
         assert self._scene is not None
         assert self._block is not None
-        assert self._encounter is not None
         chosen = self._scene.contestants[contestant]
+        key = self._scene.name, self._block.trial, self._block.snr_db, chosen.name, chosen.params
         start = time.perf_counter()
         with process_state_kept():
-            key = self._scene.name, self._block.trial, self._block.snr_db, chosen.name, chosen.params
-            seed_global_generators(self._seed, *key)
-            outcome = self._encounter.meet(chosen)
+            outcome = act(chosen, partial(seed_global_generators, self._seed, *key))
         if self._is_unchanged():
             return self._made(outcome, chosen)
         made = self.forfeit(contestant, "error", CHANGED, time.perf_counter() - start)
@@ -108,7 +140,8 @@ class Workbench:
         """Work off a block, without any guard."""
         self.observe(block)
         for contestant in block.contestants:
-            yield self.image(contestant)
+            made = self.image(contestant)
+            yield self.time_repeats(contestant, made) if is_to_time(made, self._repeats) else made
 
     def environment(self, contestant: Contestant[Any]) -> tuple[str, Environment]:
         """Name and description of the environment in which a contestant runs here."""
@@ -132,4 +165,4 @@ class Workbench:
 
     def _made(self, outcome: Outcome, contestant: Contestant[Any]) -> Made:
         name, environment = self.environment(contestant)
-        return Made(outcome.made_by(name), environment)
+        return Made(outcome.made_by(name, timing=self._repeats is not None), environment)

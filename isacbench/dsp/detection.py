@@ -11,6 +11,7 @@ from __future__ import annotations
 import inspect
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -86,9 +87,10 @@ def power_map(
 
     Parameters
     ----------
-    cells : ndarray of complex, shape (n_range, n_doppler, P, Q)
+    cells : ndarray of complex, shape (n_range, n_doppler, *elements)
+        Of any elements of the array, (0, 0) first.
     integration : {"element", "noncoherent"}
-        One element's power, or the average over the array.
+        That element's power, or the average over all of them.
 
     Returns
     -------
@@ -96,11 +98,12 @@ def power_map(
     looks : int
         Looks that are independent in noise.
     """
+    n_looks = prod(cells.shape[2:])
+    elements = np.ascontiguousarray(cells).reshape(*cells.shape[:2], n_looks)
     if integration == "element":
-        element = cells[:, :, 0, 0]
+        element = elements[:, :, 0]
         return element.real**2 + element.imag**2, 1
-    parts = np.ascontiguousarray(cells).reshape(*cells.shape[:2], -1).view(np.float64)
-    n_looks = cells.shape[2] * cells.shape[3]
+    parts = elements.view(cells.real.dtype)
     return np.einsum("rde,rde->rd", parts, parts) / n_looks, n_looks
 
 

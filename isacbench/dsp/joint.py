@@ -4,19 +4,21 @@ A plane wave that a cell shows may belong to a scatterer next door or be a
 sidelobe of one far away. Here every scatterer answers for its share of all
 the others' responses. An echo is the product of four kernels, along range,
 Doppler, u and w, and so is the response of one scatterer's matched filter to
-another: n scatterers cost four n x n products, whatever the array's size.
+another: n scatterers cost four n x n products, whatever the array's size. Where
+one column and one row of the array are read, those of u and w add instead.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.dsp.atomfit import AtomFit, refine_atoms
 from isacbench.dsp.atoms import AtomMap
-from isacbench.dsp.kernels import dirichlet, steering
+from isacbench.dsp.kernels import dirichlet
 from isacbench.dsp.pursuit import redundant
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import Scatterers
@@ -26,7 +28,7 @@ from isacbench.model.numerology import System
 __all__ = ["explain_map", "refine_jointly", "select_jointly"]
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 PATCH = (3, 1)
 """Range and Doppler cells to either side that a matched filter reads: most of an echo's energy."""
@@ -261,7 +263,7 @@ def explain_map(scatterers: Scatterers, gated: GatedMap, system: System, noise: 
 
 def _placed(scatterers: Scatterers, fit: AtomFit, gated: GatedMap) -> Scatterers:
     """Scatterers at the places and with the power of their atoms."""
-    cell_size = np.array([1.0, 1.0, 2 / gated.cells.shape[2], 2 / gated.cells.shape[3]])
+    cell_size = np.array([1.0, 1.0, 2 / gated.aperture.n_p, 2 / gated.aperture.n_q])
     range_bin, doppler_bin, u, w = (fit.places * cell_size).T
     return Scatterers(range_bin, doppler_bin, u, w, fit.power / gated.n_elements, scatterers.family)
 
@@ -294,15 +296,13 @@ def _limited(place: Floats, start: Floats) -> Floats:
 
 
 def _read_patches(scatterers: Scatterers, gated: GatedMap) -> _Patches:
-    n, (n_p, n_q) = len(scatterers), gated.cells.shape[2:]
+    n, aperture = len(scatterers), gated.aperture
     rows = _around(scatterers.range_bin, gated.gate.range_bins, PATCH[0])
     columns = _around(scatterers.doppler_bin, gated.gate.doppler_bins, PATCH[1])
-    a, b = steering(n_p, scatterers.u), steering(n_q, scatterers.w)
-    patch = gated.cells[rows[:, :, None], columns[:, None, :]].reshape(n, -1, n_q)
-    along_w = (patch @ b.conj()[:, :, None]).reshape(n, -1, n_p)
-    beam = (along_w @ a.conj()[:, :, None]).reshape(n, rows.shape[1], columns.shape[1])
-    direction_response = (a.conj() @ a.T) * (b.conj() @ b.T)
-    return _Patches(rows, columns, beam / gated.n_elements, direction_response / gated.n_elements)
+    patch = gated.cells[rows[:, :, None], columns[:, None, :]].reshape(n, -1, *aperture.shape)
+    responses = aperture.towards(scatterers.u, scatterers.w)
+    beam = responses.beams(patch).reshape(n, rows.shape[1], columns.shape[1])
+    return _Patches(rows, columns, beam, responses.gram())
 
 
 def _around(places: Floats, bins: NDArray[np.int64], n_side: int) -> NDArray[np.int64]:

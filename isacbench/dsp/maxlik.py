@@ -23,6 +23,7 @@ IEEE Trans. SP 39 (1991).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ from isacbench.dsp.planewaves import PlaneWaves
 __all__ = ["refine_directions", "resolve_directions"]
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 DIAGONAL_LOADING = 1e-12
 """Keeps the Gram matrix of coinciding directions invertible; -120 dB is below any misfit."""
@@ -48,6 +49,9 @@ LARGEST_STEP = 0.5
 
 CONVERGED = 1e-10
 """Relative drop of the unexplained power below which a cell is done."""
+
+ROUNDING = 1e-12
+"""Of a cell's power: a step that seems to lose less may be as good, and is taken, lest rounding decide."""
 
 LEAST_DEVIATIONS = 3.0
 """Standard deviations of their distance from which two directions are two, as
@@ -212,6 +216,7 @@ def _refined(snapshots: Complex, fit: _Fit, found: NDArray[np.bool_], n_steps: i
     """Fit after damped Gauss-Newton steps."""
     n_lines = np.repeat(snapshots.shape[2:], found.shape[1])
     damping = np.full(len(snapshots), FIRST_DAMPING)
+    rounding = ROUNDING * np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
     moving = np.flatnonzero(found.any(axis=1))
     for _ in range(n_steps):
         if not moving.size:
@@ -222,7 +227,7 @@ def _refined(snapshots: Complex, fit: _Fit, found: NDArray[np.bool_], n_steps: i
         step /= np.maximum(1, np.abs(step * n_lines / 2).max(axis=1) / LARGEST_STEP)[:, None]
         step_u, step_w = np.split(step, 2, axis=1)
         new = _fit(snapshots[moving], old.u + step_u, old.w + step_w, found[moving])
-        better = new.unexplained < old.unexplained
+        better = new.unexplained <= old.unexplained + rounding[moving]
         fit.put(moving[better], new.at(better))
         damping[moving] *= np.where(better, LESS_DAMPING, MORE_DAMPING)
         done = better & (old.unexplained - new.unexplained <= CONVERGED * old.unexplained)

@@ -1,25 +1,26 @@
-"""The plane waves in a cell: which pairs of direction cosines, and how strong, on the whole array.
+"""The plane waves in a cell: which pairs of direction cosines, and how strong, on all elements that are read.
 
 Row and column spectra give candidates for u and for w apart; k sources then
-have up to k² intersections. The joint response of the P x Q snapshot tells
-sources from ghosts. All Gram matrices are products of a small one along u
-and a small one along w, so that the P Q elements are touched once.
+have up to k² intersections. The joint response of the snapshot tells sources
+from ghosts. All Gram matrices follow from a small one along u and a small one
+along w (`isacbench.dsp.aperture`), so that the elements are touched once.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.kernels import steering
+from isacbench.dsp.aperture import Aperture, Responses
 from isacbench.dsp.peaks import Peaks
 
 __all__ = ["PlaneWaves", "pair_directions"]
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""
@@ -50,47 +51,57 @@ class PlaneWaves:
         resolved = None if self.resolved is None else self.resolved[keep]
         return PlaneWaves(self.u[keep], self.w[keep], self.found[keep], resolved)
 
-    def unexplained(self, snapshots: Complex) -> Floats:
-        """Power per element (n,) that the plane waves leave of snapshots (n, P, Q), amplitudes fitted."""
-        n_p, n_q = snapshots.shape[1:]
-        amplitude = self.amplitudes(snapshots[None])[0]
-        columns = steering(n_p, self.u) * amplitude[:, :, None]
-        residual = snapshots - columns.transpose(0, 2, 1) @ steering(n_q, self.w)
-        power: Floats = np.mean(residual.real**2 + residual.imag**2, axis=(1, 2))
+    def unexplained(self, snapshots: Complex, aperture: Aperture) -> Floats:
+        """Power per element (n,) that the waves leave of snapshots (n, *elements), amplitudes fitted."""
+        responses = aperture.towards(self.u, self.w)
+        residual = snapshots - responses.synthesis(self._fit(snapshots[None], responses)[0])
+        axes = tuple(range(1, residual.ndim))
+        power: Floats = np.mean(residual.real**2 + residual.imag**2, axis=axes)
         return power
 
-    def amplitudes(self, snapshots: Complex) -> Complex:
+    def amplitudes(self, snapshots: Complex, aperture: Aperture) -> Complex:
         """Least-squares amplitudes of the cell's plane waves in any snapshots, jointly on all elements.
 
         Parameters
         ----------
-        snapshots : ndarray of complex, shape (s, n, P, Q)
+        snapshots : ndarray of complex, shape (s, n, *elements)
             For example of each cell and of its neighbours.
+        aperture : Aperture
+            The elements.
 
         Returns
         -------
         ndarray of complex128, shape (s, n, k)
             0 where there is no plane wave.
         """
-        n_p, n_q = snapshots.shape[2:]
-        a, b = steering(n_p, self.u), steering(n_q, self.w)
-        inverse = np.linalg.inv(_restricted(_gram(a) * _gram(b), self.found))
-        matched = np.sum((a.conj() @ snapshots) * b.conj(), axis=3) / (n_p * n_q)
-        amplitude: Complex = np.einsum("nij,snj->sni", inverse, np.where(self.found, matched, 0))
+        return self._fit(snapshots, aperture.towards(self.u, self.w))
+
+    def _fit(self, snapshots: Complex, responses: Responses) -> Complex:
+        inverse = np.linalg.inv(_restricted(responses.gram(), self.found))
+        matched = np.where(self.found, responses.matched(snapshots), 0)
+        amplitude: Complex = np.einsum("nij,snj->sni", inverse, matched)
         return amplitude
 
 
 def pair_directions(
-    snapshots: Complex, u: Peaks, w: Peaks, min_power: float, dynamic_range_db: float, n_most: int
+    snapshots: Complex,
+    aperture: Aperture,
+    u: Peaks,
+    w: Peaks,
+    min_power: float,
+    dynamic_range_db: float,
+    n_most: int,
 ) -> PlaneWaves:
-    """Pair direction cosines by the joint response of the whole array, ghosts left out.
+    """Pair direction cosines by the joint response of all elements, ghosts left out.
 
     Orthogonal matching pursuit over all intersections: the pair that
     explains most of what is left joins, all amplitudes are fitted anew.
 
     Parameters
     ----------
-    snapshots : ndarray of complex, shape (n, P, Q)
+    snapshots : ndarray of complex, shape (n, *elements)
+    aperture : Aperture
+        The elements.
     u, w : Peaks
         Candidates of each cell along either axis.
     min_power : float
@@ -109,12 +120,11 @@ def pair_directions(
     Pati, Rezaiifar and Krishnaprasad, "Orthogonal matching pursuit", Asilomar
     (1993).
     """
-    n, n_p, n_q = snapshots.shape
-    n_w = w.place.shape[1]
-    a, b = steering(n_p, u.place), steering(n_q, w.place)
+    n, n_w = len(snapshots), w.place.shape[1]
     n_pairs = u.place.shape[1] * n_w
-    matched = (a.conj() @ snapshots @ b.conj().transpose(0, 2, 1)).reshape(n, n_pairs) / (n_p * n_q)
-    gram = (_gram(a)[:, :, None, :, None] * _gram(b)[:, None, :, None, :]).reshape(n, n_pairs, n_pairs)
+    responses = aperture.towards(u.place, w.place)
+    matched = responses.matched_intersections(snapshots).reshape(n, n_pairs)
+    gram = responses.intersections_gram().reshape(n, n_pairs, n_pairs)
     eligible = (u.found[:, :, None] & w.found[:, None, :]).reshape(n, n_pairs)
     cell = np.arange(n)[:, None]
     chosen = np.zeros((n, min(n_most, n_pairs)), dtype=np.int64)
@@ -139,12 +149,6 @@ def pair_directions(
         amplitude = np.linalg.solve(square, target[:, :, None])
         residual = matched - (rows.conj().transpose(0, 2, 1) @ amplitude)[:, :, 0]
     return PlaneWaves(u.place[cell, chosen // n_w], w.place[cell, chosen % n_w], found)
-
-
-def _gram(responses: Complex) -> Complex:
-    """Normalised Gram matrices (n, k, k), conjugated left factor, of responses (n, k, elements)."""
-    product: Complex = responses.conj() @ responses.transpose(0, 2, 1) / responses.shape[2]
-    return product
 
 
 def _restricted(gram: Complex, active: NDArray[np.bool_]) -> Complex:

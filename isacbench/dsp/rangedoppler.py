@@ -9,7 +9,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from isacbench.dsp.aperture import Aperture, Plane
 from isacbench.dsp.windows import Window, reach, taper
+from isacbench.stages import stage
 
 if TYPE_CHECKING:
     from isacbench.model.gate import Gate
@@ -48,27 +50,36 @@ def range_doppler_map(grid: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np
 
 @dataclass(frozen=True, eq=False)
 class GatedMap:
-    """Range-Doppler cells of every virtual element and the bins they stand for.
+    """Range-Doppler cells of virtual elements, and the bins that they stand for.
 
     Attributes
     ----------
-    cells : ndarray of complex128 or complex64, shape (n_range, n_doppler, P, Q)
+    cells : ndarray of complex128 or complex64, shape (n_range, n_doppler, *elements)
+        Elements (P, Q), or as `elements` has them.
     gate : Gate
+    elements : Aperture, optional
+        The elements that the cells hold; without it a plane.
     """
 
     cells: NDArray[np.complexfloating[Any, Any]]
     gate: Gate
+    elements: Aperture | None = None
+
+    @property
+    def aperture(self) -> Aperture:
+        """The elements that the cells hold."""
+        return Plane(*self.cells.shape[2:]) if self.elements is None else self.elements
 
     @property
     def n_elements(self) -> int:
-        """Virtual elements P Q."""
-        n: int = self.cells.shape[2] * self.cells.shape[3]
-        return n
+        """Virtual elements that the cells hold."""
+        return self.aperture.n_elements
 
     def tapered(self, range_window: Window, doppler_window: Window) -> GatedMap:
         """Map behind windows along range and Doppler, without the outermost bins that lack neighbours."""
-        cells = taper(taper(self.cells, range_window, axis=0), doppler_window, axis=1)
-        return GatedMap(cells, self.gate.trim(reach(range_window), reach(doppler_window)))
+        with stage("rdm"):
+            cells = taper(taper(self.cells, range_window, axis=0), doppler_window, axis=1)
+        return GatedMap(cells, self.gate.trim(reach(range_window), reach(doppler_window)), self.elements)
 
     def surrounds(self, bins: Bins) -> NDArray[np.bool_]:
         """Which absolute range and Doppler bins, shape (n,), lie in the map with all four neighbours."""

@@ -140,7 +140,7 @@ def locate(
     rows, columns = index = tapered.index(bins)
     steps = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
     snapshots = np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
-    amplitudes = waves.amplitudes(snapshots)
+    amplitudes = waves.amplitudes(snapshots, tapered.aperture)
     own, farther, nearer, faster, slower = np.abs(amplitudes)
     weakest = _strongest_nearby(own, index, tapered.gate.shape) * 10 ** (-dynamic_range_db / 20)
     kept = waves.found & (own > 0) & (own >= weakest)

@@ -18,6 +18,7 @@ Trans. AP 34 (1986).
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +38,7 @@ NEWTON_STEPS = 3
 """From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""
 
 
-def smoothed_covariance(snapshots: NDArray[np.complex128], n_subarray: int) -> Floats:
+def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Floats:
     """Forward-backward spatially smoothed covariance after the unitary transform.
 
     Parameters

@@ -19,7 +19,7 @@ Halko, Martinsson and Tropp, "Finding structure with randomness", SIAM Review
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -27,11 +27,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import minimum_filter
 
 from isacbench.dsp.subspace import real_steering, real_steering_slopes, unitary_transform
+from isacbench.stages import stage
 
 __all__ = ["Nulls", "leading_eigenpairs", "null_minima", "planar_covariance", "planar_null_spectrum"]
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 SPARE_DIMENSIONS = 4
 """Beyond those asked for: the more, the faster a subspace iteration converges."""
@@ -179,7 +180,8 @@ def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: NDArray[np.int64]
         Those that hold half of their steering vector, and the deepest in any
         case.
     """
-    null = planar_null_spectrum(basis, u, w)
+    with stage("spectrum"):
+        null = planar_null_spectrum(basis, u, w)
     inner = null[:, 1:-1, 1:-1]
     is_minimum = inner <= minimum_filter(null, size=(1, 3, 3))[:, 1:-1, 1:-1]
     deepest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.dsp.kernels import dirichlet, steering
+from isacbench.dsp.kernels import dirichlet
 from isacbench.model.gate import Gate, build_gate
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.model.observation import Observation
@@ -35,9 +35,13 @@ __all__ = [
     "random_stream",
     "resource_grid",
     "unit_noise",
+    "white_gaussian",
 ]
 
 Complex = NDArray[np.complex128]
+
+FEW_SPEEDS = 4
+"""Echoes a speed from which it pays to sum those of each speed first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,25 +106,24 @@ def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
     """
     echo = _echo_parameters(scenario)
     system = scenario.system
-    n_p, n_q = scenario.array.shape
     along_range = dirichlet(gate.range_bins, echo.range_bin, system.n_subcarriers)
     along_doppler = dirichlet(gate.doppler_bins, echo.doppler_bin, system.n_symbols).conj()
-    # Explicit sizes, because -1 cannot be resolved where a scene is empty.
-    n_cells, n_echoes = along_range.shape[0] * along_doppler.shape[0], echo.gain.size
-    delay_doppler = (along_range[:, None, :] * along_doppler[None, :, :]).reshape(n_cells, n_echoes)
-    elements = steering(n_p, echo.u)[:, :, None] * steering(n_q, echo.w)[:, None, :]
-    cells: Complex = (delay_doppler * echo.gain) @ elements.reshape(n_echoes, n_p * n_q)
+    n_p, n_q = scenario.array.shape
+    directions = _directions(echo, scenario.array.positions)
+    cells = _superposed(along_range * echo.gain, along_doppler, directions, echo.doppler_bin)
     return cells.reshape(*gate.shape, n_p, n_q)
 
 
-def resource_grid(scenario: Scenario, elements: ArrayLike) -> Complex:
-    """Noise-free echo on the full resource grid of a few virtual elements: the slow reference.
+def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = slice(None)) -> Complex:
+    """Noise-free echo on the resource grid.
 
     Parameters
     ----------
     scenario : Scenario
     elements : array_like of int, shape (e, 2)
         Places (p, q) in the virtual array.
+    subcarriers : slice, optional
+        Consecutive ones; all of them by default.
 
     Returns
     -------
@@ -128,15 +131,40 @@ def resource_grid(scenario: Scenario, elements: ArrayLike) -> Complex:
     """
     echo = _echo_parameters(scenario)
     system = scenario.system
-    n = np.arange(system.n_subcarriers)[:, None]
+    n = np.arange(system.n_subcarriers)[subcarriers, None]
     m = np.arange(system.n_symbols)[:, None]
-    p, q = np.asarray(elements).T
     delay = np.exp(-2j * np.pi * n * echo.range_bin / system.n_subcarriers)
     doppler = np.exp(2j * np.pi * m * echo.doppler_bin / system.n_symbols)
-    direction = np.exp(-1j * np.pi * (np.outer(p, echo.u) + np.outer(q, echo.w)))
-    later = (doppler[:, None, :] * direction).reshape(system.n_symbols * p.size, echo.gain.size)
-    grid: Complex = (delay * echo.gain) @ later.T
-    return grid.reshape(system.n_subcarriers, system.n_symbols, p.size)
+    return _superposed(delay * echo.gain, doppler, _directions(echo, elements), echo.doppler_bin)
+
+
+def _directions(echo: _EchoParameters, elements: ArrayLike) -> Complex:
+    """Responses (K, e) of elements (p, q) to every echo."""
+    p, q = np.asarray(elements).T
+    directions: Complex = np.exp(-1j * np.pi * (np.outer(echo.u, p) + np.outer(echo.w, q)))
+    return directions
+
+
+def _superposed(
+    along_range: Complex, along_doppler: Complex, directions: Complex, doppler_bin: NDArray[np.float64]
+) -> Complex:
+    """Sum (a, b, e) of echoes that are products (a, K), (b, K) and (K, e).
+
+    Echoes of one speed have one Doppler profile. Where few speeds occur, as
+    where rigid objects move, sums over the echoes of each come first.
+    """
+    (n_range, n_echoes), n_doppler = along_range.shape, len(along_doppler)
+    speeds, first, of_speed = np.unique(doppler_bin, return_index=True, return_inverse=True)
+    if FEW_SPEEDS * speeds.size < n_echoes:
+        at_speed = np.empty((n_range, speeds.size, directions.shape[1]), dtype=np.complex128)
+        for k in range(speeds.size):
+            at_speed[:, k] = along_range[:, of_speed == k] @ directions[of_speed == k]
+        cells: Complex = along_doppler[:, first] @ at_speed
+        return cells
+    # Explicit sizes, because -1 cannot be resolved where a scene is empty.
+    n_cells = n_range * n_doppler
+    delay_doppler = (along_range[:, None, :] * along_doppler[None, :, :]).reshape(n_cells, n_echoes)
+    return (delay_doppler @ directions).reshape(n_range, n_doppler, directions.shape[1])
 
 
 def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> np.random.Generator:
@@ -176,7 +204,22 @@ def unit_noise(scenario_name: str, trial: int, seed: int, shape: tuple[int, ...]
     -------
     ndarray of complex128
     """
-    parts = random_stream(scenario_name, trial, seed).standard_normal((*shape, 2))
+    return white_gaussian(random_stream(scenario_name, trial, seed), shape)
+
+
+def white_gaussian(stream: np.random.Generator, shape: tuple[int, ...]) -> Complex:
+    """White circular complex Gaussian numbers of unit power.
+
+    Parameters
+    ----------
+    stream : Generator
+    shape : tuple of int
+
+    Returns
+    -------
+    ndarray of complex128
+    """
+    parts = stream.standard_normal((*shape, 2))
     parts *= np.sqrt(0.5)
     noise: Complex = parts.view(np.complex128)[..., 0]
     return noise
@@ -224,7 +267,7 @@ class Simulator:
         -------
         Observation
         """
-        cells = np.sqrt(self.noise_power(snr_db)) * self._unit_noise(trial, seed)
+        cells = np.sqrt(self.noise_power(snr_db)) * self.unit_noise(trial, seed)
         cells += self.clean
         cells.setflags(write=False)
         scenario = self.scenario
@@ -238,7 +281,8 @@ class Simulator:
             scenario.region,
         )
 
-    def _unit_noise(self, trial: int, seed: int) -> Complex:
+    def unit_noise(self, trial: int, seed: int) -> Complex:
+        """Noise of unit power (n_range, n_doppler, P, Q); the last trial's is kept."""
         if self._drawn is None or self._drawn[0] != (trial, seed):
             shape = (*self.gate.shape, *self.scenario.array.shape)
             self._drawn = (trial, seed), unit_noise(self.scenario.name, trial, seed, shape)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
     from isacbench.model.region import Interval, Region
 
-__all__ = ["Observation", "cross_of"]
+__all__ = ["Observation", "cross_elements", "cross_of"]
 
 REGION_TOLERANCE_M = 0.5
 """How far outside the region a point may lie and still be reported."""
@@ -96,6 +96,29 @@ class Observation:
         return PointCloud(xyz[keep], velocity[keep], np.asarray(power, dtype=np.float64)[keep])
 
 
+def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:
+    """Places of one column and one row of the array.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Elements P along u and Q along w.
+
+    Returns
+    -------
+    ndarray of int64, shape (P + Q - 1, 2)
+        (p, 0) by ascending p, then (0, q) from q = 1.
+
+    Examples
+    --------
+    >>> cross_elements((2, 3)).tolist()
+    [[0, 0], [1, 0], [0, 1], [0, 2]]
+    """
+    n_p, n_q = shape
+    p, q = np.arange(n_p), np.arange(1, n_q)
+    return np.stack([np.r_[p, np.zeros_like(q)], np.r_[np.zeros_like(p), q]], axis=1)
+
+
 def cross_of(cells: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complexfloating[Any, Any]]:
     """One column and one row of the array.
 
@@ -106,6 +129,7 @@ def cross_of(cells: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complex
     Returns
     -------
     ndarray of complex, shape (..., P + Q - 1)
-        Elements (p, 0) by ascending p, then (0, q) from q = 1: a new array.
+        In the order of `cross_elements`, a new array.
     """
-    return np.concatenate([cells[..., :, 0], cells[..., 0, 1:]], axis=-1)
+    p, q = cross_elements((cells.shape[-2], cells.shape[-1])).T
+    return cells[..., p, q]

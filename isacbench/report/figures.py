@@ -19,6 +19,8 @@ from isacbench.registry import build_estimators_of
 from isacbench.report.clouds import Image, draw_clouds, draw_comparison
 from isacbench.report.curves import draw_deviations, draw_scores
 from isacbench.report.maps import draw_map
+from isacbench.report.pareto import summarise_points, timed_rows
+from isacbench.report.pareto_figures import draw_pareto, draw_stages
 from isacbench.report.spectra import draw_spectra
 from isacbench.report.study_figures import (
     draw_detection,
@@ -79,7 +81,8 @@ def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
         What was written. Of images: ``deviation.png``; for each scenario
         ``curves-*.png`` and ``clouds-*.png``, more than one of these where
         the estimators are many, and of the 16 best alone where they are
-        more. Of a study, for each scenario that it has:
+        more; where the time counts ``pareto-*.png`` and, where stages were
+        timed, ``stages-*.png``. Of a study, for each scenario that it has:
         ``efficiency-*.png``; ``resolution-*.png``; or ``maps.png`` and
         ``roc.png``, and ``detection-*.png``. Nothing where the run holds no
         cells.
@@ -186,7 +189,20 @@ def _looks(results: Results) -> dict[Variant, Look]:
 def _imaging(results: Results) -> Iterator[Named]:
     """Figures of images."""
     looks = _looks(results)
-    return chain(_curves(results, looks), _clouds(results, looks))
+    return chain(_curves(results, looks), _tradeoffs(results, looks), _clouds(results, looks))
+
+
+def _tradeoffs(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+    """Run time against error of every scenario, where the time counts."""
+    rows = timed_rows(results.records)
+    if rows.empty:
+        return
+    points = summarise_points(rows, {name for (name, _), look in looks.items() if look.is_bound})
+    for scenario, stem in file_stems(points["scenario"].unique()).items():
+        yield f"pareto-{stem}", draw_pareto(points, scenario)
+        stages = draw_stages(rows, points, scenario)
+        if stages is not None:
+            yield f"stages-{stem}", stages
 
 
 def _efficiency(results: Results) -> Iterator[Named]:

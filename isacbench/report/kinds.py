@@ -9,7 +9,8 @@ import pandas as pd
 
 from isacbench.bench import detection, efficiency, resolution
 from isacbench.bench.folder import replacing
-from isacbench.report import study_tables, tables
+from isacbench.report import budgets, pareto, study_tables, tables
+from isacbench.report.stage_tables import is_timed, stage_grids, summarise_stages
 from isacbench.report.tables import Grid, markdown
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.suite import Kind
 
-__all__ = ["TABLES", "Tables", "write_tables"]
+__all__ = ["TABLES", "TIMED_TABLES", "Tables", "grids_of", "write_tables"]
 
 
 class Tables(NamedTuple):
@@ -34,14 +35,35 @@ TABLES: dict[Kind, Tables] = {
     "detection": Tables(detection.summarise, study_tables.detection_grids),
 }
 
+ALL_TIMED = {"stages": Tables(summarise_stages, stage_grids)}
+IMAGES_TIMED = {
+    # Every point, as the figure of the frontier has it, which people look at.
+    "pareto": Tables(pareto.summarise, lambda _: []),
+    "budgets": Tables(budgets.summarise_budgets, budgets.budget_grids),
+}
+
+TIMED_TABLES: dict[Kind, dict[str, Tables]] = {
+    "imaging": ALL_TIMED | IMAGES_TIMED,
+    "efficiency": ALL_TIMED,
+    "resolution": ALL_TIMED,
+    "detection": ALL_TIMED,
+}
+"""What is made beside the summary where any row is timed, by the stem of its files."""
+
+
+def grids_of(records: pd.DataFrame, kind: Kind = "imaging") -> list[Grid]:
+    """All tables of a run for people: those of its kind, and where it was timed those of its times."""
+    return [grid for made in _by_stem(records, kind).values() for grid in made.grids(records)]
+
 
 def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") -> list[Path]:
-    """Write ``summary.csv`` and ``summary.md`` into the folder of a run.
+    """Write ``summary.csv`` and ``summary.md`` into the folder of a run, and what is made of times.
 
     Parameters
     ----------
     folder : Path
-        An existing folder; tables of these names are replaced.
+        An existing folder. Tables of these names are replaced; those of
+        times go where no row is timed any more.
     records : DataFrame
         Rows of the run.
     kind : {"imaging", "efficiency", "resolution", "detection"}
@@ -50,11 +72,32 @@ def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") ->
     Returns
     -------
     list of Path
-        What was written.
+        What was written: ``stages.csv`` and ``stages.md``, too, where any row
+        is timed, and of images ``pareto.csv``, ``budgets.csv`` and
+        ``budgets.md``, as far as there is anything to put into them.
     """
-    paths = [folder / "summary.csv", folder / "summary.md"]
-    with replacing(paths[0]) as path:
-        TABLES[kind].summarise(records).to_csv(path, index=False)
-    with replacing(paths[1]) as path:
-        path.write_text("\n".join(map(markdown, TABLES[kind].grids(records))), encoding="utf-8")
-    return paths
+    made = _by_stem(records, kind)
+    written = []
+    for stem in ("summary", *TIMED_TABLES[kind]):
+        summary, grids = pd.DataFrame(), []
+        if stem in made:
+            summary, grids = made[stem].summarise(records), made[stem].grids(records)
+        text = "\n".join(map(markdown, grids))
+        written += _write(folder / f"{stem}.csv", "" if summary.empty else summary.to_csv(index=False))
+        written += _write(folder / f"{stem}.md", text)
+    return written
+
+
+def _by_stem(records: pd.DataFrame, kind: Kind) -> dict[str, Tables]:
+    """Tables that there are, by the stem of their files."""
+    return {"summary": TABLES[kind], **(TIMED_TABLES[kind] if is_timed(records) else {})}
+
+
+def _write(path: Path, content: str) -> list[Path]:
+    """Replace a file, or remove an earlier one where there is nothing to write; what was written."""
+    if not content:
+        path.unlink(missing_ok=True)
+        return []
+    with replacing(path) as temporary:
+        temporary.write_text(content, encoding="utf-8", newline="")
+    return [path]

@@ -28,7 +28,11 @@ MAX_SNR_TICKS = 5
 
 
 def panel_grid(
-    n_panels: int, legend: Sequence[Line2D], title: str, max_columns: int = MAX_COLUMNS
+    n_panels: int,
+    legend: Sequence[Line2D],
+    title: str,
+    max_columns: int = MAX_COLUMNS,
+    panel_in: tuple[float, float] = PANEL_IN,
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure with a grid of panels and the legend below them.
 
@@ -40,6 +44,8 @@ def panel_grid(
     title : str
     max_columns : int
         After which panels go on in the next row.
+    panel_in : (float, float)
+        Width and height of a panel in inches.
 
     Returns
     -------
@@ -50,9 +56,9 @@ def panel_grid(
     n_columns = min(n_panels, max_columns)
     n_rows = -(-n_panels // n_columns)
     # One panel alone is wide enough for title and legend.
-    width_in = max(n_columns * (PANEL_IN[0] + 0.55) + 0.2, 6.0)
+    width_in = max(n_columns * (panel_in[0] + 0.55) + 0.2, 6.0)
     legend_in = legend_height_in(width_in, [str(line.get_label()) for line in legend])
-    figure = new_figure(width_in, n_rows * (PANEL_IN[1] + 0.75) + legend_in + 0.35)
+    figure = new_figure(width_in, n_rows * (panel_in[1] + 0.75) + legend_in + 0.35)
     grid = edges(figure, left=0.6, right=0.15, bottom=legend_in + 0.45, top=0.85)
     axes = figure.subplots(
         n_rows, n_columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.25, "hspace": 0.42}
@@ -60,7 +66,7 @@ def panel_grid(
     panels = list(axes.flat)
     for panel in panels:
         # Numbers are of one height; to measure them takes the layout of every tick once more.
-        panel.xaxis.set_label_coords(0.5, -NAME_BELOW_IN / PANEL_IN[1])
+        panel.xaxis.set_label_coords(0.5, -NAME_BELOW_IN / panel_in[1])
     for unused in panels[n_panels:]:
         unused.remove()
     entitle(figure, title)

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BOUND_COLOUR",
+    "COLOURS",
     "CONTEXT",
+    "DPI",
     "THRESHOLD",
     "TRUE",
     "Look",

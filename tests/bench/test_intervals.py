@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from isacbench.bench.intervals import rms_interval, wilson_interval
+from isacbench.bench.intervals import median_interval, rms_interval, wilson_interval
 
 
 def test_the_interval_of_normal_errors_is_that_of_chi_square_where_squares_spread_as_theirs():
@@ -61,3 +61,22 @@ def test_wilsons_interval_contains_its_share_and_covers_as_it_promises(n):
 
 def test_no_trials_have_no_interval():
     assert all(math.isnan(limit) for limit in wilson_interval(0, 0))
+
+
+@pytest.mark.parametrize("n", [6, 7, 8, 12, 25, 100, 1001])
+def test_the_interval_of_the_median_is_the_tightest_of_order_statistics_that_keeps_its_promise(n):
+    ranks = np.arange(1.0, n + 1)
+    middle, low, high = median_interval(np.random.default_rng(0).permutation(ranks))
+    assert middle == (n + 1) / 2
+    assert low + high == n + 1
+    # Of values drawn from any continuous distribution, those below its median are a fair coin's heads.
+    coverage, tighter = (binom.cdf(high - 1 - k, n, 0.5) - binom.cdf(low - 1 + k, n, 0.5) for k in (0, 1))
+    assert tighter < 0.95 <= coverage
+
+
+@pytest.mark.parametrize("n", range(6))
+def test_few_values_have_a_median_and_no_interval(n):
+    middle, low, high = median_interval(np.arange(float(n)))
+    assert math.isnan(low)
+    assert math.isnan(high)
+    assert math.isnan(middle) if n == 0 else middle == (n - 1) / 2

@@ -44,7 +44,8 @@ def source(tmp_path, monkeypatch):
     (folder / "report").mkdir(parents=True)
     (folder / "report" / "figures.py").write_text("figures")
     (folder / "bench.py").write_text("bench")
-    (folder / "cli.py").write_text("cli")
+    (folder / "cli").mkdir()
+    (folder / "cli" / "app.py").write_text("cli")
     monkeypatch.setattr(provenance, "SOURCE", folder)
     code_digest.cache_clear()
     yield folder
@@ -57,7 +58,7 @@ def source(tmp_path, monkeypatch):
         (lambda folder: (folder / "bench.py").write_text("other"), True),
         (lambda folder: (folder / "bench.py").rename(folder / "runner.py"), True),
         (lambda folder: (folder / "new.py").write_text(""), True),
-        (lambda folder: (folder / "cli.py").write_text("other"), False),
+        (lambda folder: (folder / "cli" / "app.py").write_text("other"), False),
         (lambda folder: (folder / "report" / "figures.py").write_text("other"), False),
         (lambda folder: (folder / "notes.txt").write_text("other"), False),
     ],

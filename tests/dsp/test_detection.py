@@ -59,11 +59,27 @@ def noise_cells(gate, seed=0, elements=(4, 3)):
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
-def test_power_of_the_first_element_has_one_look():
-    cells = noise_cells(GATE)
+@pytest.mark.parametrize("elements", [(4, 3), (6,)])
+def test_power_of_the_first_element_has_one_look(elements):
+    cells = noise_cells(GATE, elements=elements)
     power, looks = power_map(cells, "element")
     assert looks == 1
-    np.testing.assert_allclose(power, np.abs(cells[:, :, 0, 0]) ** 2)
+    np.testing.assert_allclose(power, np.abs(cells.reshape(*GATE.shape, -1)[:, :, 0]) ** 2)
+
+
+def test_noncoherent_power_of_a_cross_averages_its_elements():
+    cells = noise_cells(GATE, elements=(6,))
+    power, looks = power_map(cells, "noncoherent")
+    assert looks == 6
+    np.testing.assert_allclose(power, np.mean(np.abs(cells) ** 2, axis=2))
+
+
+def test_power_follows_the_precision_of_the_cells():
+    cells = noise_cells(GATE)
+    for integration in ("element", "noncoherent"):
+        double, single = (power_map(part, integration)[0] for part in (cells, cells.astype(np.complex64)))
+        assert (double.dtype, single.dtype) == (np.float64, np.float32)
+        np.testing.assert_allclose(single, double, rtol=1e-5)
 
 
 @pytest.mark.parametrize("order", ["C", "F"])

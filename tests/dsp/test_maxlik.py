@@ -170,3 +170,16 @@ def test_coinciding_directions_become_one():
     found = resolve_directions(data, waves([0.1, 0.1, 0.1], [0.2, 0.2, 0.2]), 1e-4, 1e-5, 5)
     assert found.found.sum() == 1
     np.testing.assert_allclose(pairs_of(found), [[0.1, 0.2]], atol=1e-3)
+
+
+def test_rounding_does_not_decide_where_a_refinement_ends():
+    rng = np.random.default_rng(5)
+    u, w = rng.uniform(-0.5, 0.5, (2, 200, 3))
+    waves = np.einsum("nkp,nkq->npq", steering(8, u), steering(6, w))[:, None]
+    starts = PlaneWaves(u + 0.02, w - 0.02, np.ones(u.shape, dtype=bool))
+    ends = [
+        refine_directions(waves * (1 + 1e-15 * rng.standard_normal(waves.shape)), starts, 30)
+        for _ in range(2)
+    ]
+    assert np.abs(ends[0].u - ends[1].u).max() < 1e-9
+    assert np.abs(ends[0].w - ends[1].w).max() < 1e-9

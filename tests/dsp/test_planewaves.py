@@ -5,11 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from isacbench.dsp.aperture import Cross, Plane
 from isacbench.dsp.kernels import steering
 from isacbench.dsp.peaks import Peaks
 from isacbench.dsp.planewaves import PlaneWaves, pair_directions
+from isacbench.model.observation import cross_of
 
 N_P, N_Q = 16, 12
+PLANE = Plane(N_P, N_Q)
 LIMITS = {"min_power": 1e-8, "dynamic_range_db": 40.0, "n_most": 9}
 
 
@@ -52,7 +55,7 @@ def pairs_of(waves):
 @given(scene=scenes())
 def test_of_all_intersections_exactly_the_sources_are_kept(scene):
     u, w, gain = scene
-    waves = pair_directions(snapshot(u, w, gain), candidates(u), candidates(w), **LIMITS)
+    waves = pair_directions(snapshot(u, w, gain), PLANE, candidates(u), candidates(w), **LIMITS)
     assert pairs_of(waves) == sorted(zip(u, w, strict=True))
 
 
@@ -62,7 +65,7 @@ def test_pairs_depend_neither_on_a_scale_nor_on_a_global_phase(scene, exponent, 
     u, w, gain = scene
     changed = 2.0**exponent * np.exp(1j * phase) * snapshot(u, w, gain)
     limits = LIMITS | {"min_power": LIMITS["min_power"] * 4.0**exponent}
-    waves = pair_directions(changed, candidates(u), candidates(w), **limits)
+    waves = pair_directions(changed, PLANE, candidates(u), candidates(w), **limits)
     assert pairs_of(waves) == sorted(zip(u, w, strict=True))
 
 
@@ -73,7 +76,7 @@ def test_amplitudes_are_the_complex_ones_of_the_sources_jointly_in_every_snapsho
     waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
     other = gain[::-1] * 1j
     snapshots = np.stack([snapshot(u, w, gain), snapshot(u, w, other)])
-    amplitudes = waves.amplitudes(snapshots)
+    amplitudes = waves.amplitudes(snapshots, PLANE)
     # The loading of 1e-9 that keeps Gram matrices invertible is the error.
     np.testing.assert_allclose(amplitudes[0, 0], gain, atol=1e-8)
     np.testing.assert_allclose(amplitudes[1, 0], other, atol=1e-8)
@@ -89,7 +92,7 @@ def test_amplitudes_are_those_of_least_squares_on_all_elements(scene, seed):
     )
     expected = np.linalg.lstsq(responses, cells.ravel(), rcond=None)[0]
     waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
-    np.testing.assert_allclose(waves.amplitudes(cells)[0, 0], expected, atol=1e-8)
+    np.testing.assert_allclose(waves.amplitudes(cells, PLANE)[0, 0], expected, atol=1e-8)
 
 
 @given(scene=scenes(), seed=st.integers(0, 999), n_found=st.integers(0, 4))
@@ -106,7 +109,36 @@ def test_what_waves_leave_unexplained_is_the_residual_of_dense_least_squares(sce
             responses[:, k] = np.outer(steering(N_P, u[k]), steering(N_Q, w[k])).ravel()
         amplitude = np.linalg.lstsq(responses, cells[cell].ravel(), rcond=None)[0]
         left = np.mean(np.abs(cells[cell].ravel() - responses @ amplitude) ** 2)
-        assert waves.unexplained(cells)[cell] == pytest.approx(left, rel=1e-7)
+        assert waves.unexplained(cells, PLANE)[cell] == pytest.approx(left, rel=1e-7)
+
+
+@given(scene=scenes(), seed=st.integers(0, 999))
+def test_amplitudes_on_a_cross_are_those_of_dense_least_squares_on_its_elements(scene, seed):
+    u, w, gain = scene
+    parts = np.random.default_rng(seed).standard_normal((2, 1, N_P, N_Q))
+    cells = cross_of(snapshot(u, w, gain) + 0.1 * (parts[0] + 1j * parts[1]))
+    responses = np.concatenate([snapshot([u[k]], [w[k]], [1.0]) for k in range(len(u))])
+    dense = cross_of(responses).T
+    amplitude = np.linalg.lstsq(dense, cells[0], rcond=None)[0]
+    waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
+    cross = Cross(N_P, N_Q)
+    np.testing.assert_allclose(waves.amplitudes(cells[None], cross)[0, 0], amplitude, atol=1e-7)
+    left = np.mean(np.abs(cells[0] - dense @ amplitude) ** 2)
+    assert waves.unexplained(cells, cross) == pytest.approx([left], rel=1e-7)
+
+
+@settings(deadline=None)
+@given(scene=scenes(), order=st.permutations(range(4)), phase=st.floats(0, 2 * np.pi))
+def test_on_a_cross_what_is_of_one_amplitude_on_column_and_row_is_a_pair(scene, order, phase):
+    u, w, gain = scene
+    # Waves of equal amplitude could be paired either way.
+    gain = 0.6 ** np.array(order[: len(u)]) * np.exp(1j * phase) * np.array([1, 1j, -1, -1j])[: len(u)]
+    cells = cross_of(snapshot(u, w, gain))
+    waves = pair_directions(cells, Cross(N_P, N_Q), candidates(u), candidates(w), **LIMITS)
+    assert set(zip(u, w, strict=True)) <= set(pairs_of(waves))
+    amplitude = np.abs(waves.amplitudes(cells[None], Cross(N_P, N_Q))[0, 0])
+    true = [(a, b) in set(zip(u, w, strict=True)) for a, b in zip(waves.u[0], waves.w[0], strict=True)]
+    assert amplitude[~np.array(true)].max(initial=0) < 1e-3
 
 
 def test_exact_waves_leave_nothing_unexplained_and_no_waves_leave_all():
@@ -114,7 +146,7 @@ def test_exact_waves_leave_nothing_unexplained_and_no_waves_leave_all():
     cells = snapshot(u, w, gain)
     for found, left in ((True, 0.0), (False, np.mean(np.abs(cells) ** 2))):
         waves = PlaneWaves(u[None], w[None], np.full((1, 2), found))
-        assert waves.unexplained(cells) == pytest.approx([left], abs=1e-15)
+        assert waves.unexplained(cells, PLANE) == pytest.approx([left], abs=1e-15)
 
 
 def test_waves_of_some_cells_stay_resolved_or_not():
@@ -131,14 +163,14 @@ def test_waves_of_some_cells_stay_resolved_or_not():
 
 def test_sources_that_share_a_column_or_a_row_are_told_apart():
     u, w, gain = np.array([-0.3, -0.3, 0.4]), np.array([-0.5, 0.2, 0.2]), np.array([1.0, 0.8j, -1.2])
-    waves = pair_directions(snapshot(u, w, gain), candidates(u), candidates(w), **LIMITS)
+    waves = pair_directions(snapshot(u, w, gain), PLANE, candidates(u), candidates(w), **LIMITS)
     assert pairs_of(waves) == sorted(zip(u, w, strict=True))
 
 
 def test_a_filler_has_no_amplitude_and_does_not_disturb_the_others():
     u, w = np.array([[0.1, 0.1]]), np.array([[-0.2, -0.2]])
     waves = PlaneWaves(u, w, np.array([[True, False]]))
-    amplitude = waves.amplitudes(snapshot([0.1], [-0.2], [2j])[None])[0, 0]
+    amplitude = waves.amplitudes(snapshot([0.1], [-0.2], [2j])[None], PLANE)[0, 0]
     np.testing.assert_allclose(amplitude, [2j, 0], atol=1e-8)
 
 
@@ -146,11 +178,12 @@ def test_cells_are_independent():
     cells = np.concatenate([snapshot([0.1], [0.2], [1]), snapshot([-0.4, 0.5], [0.6, -0.3], [1, 1])])
     u = Peaks(np.array([[0.1, 0.0], [-0.4, 0.5]]), np.array([[True, False], [True, True]]))
     w = Peaks(np.array([[0.2, 0.0], [0.6, -0.3]]), np.array([[True, False], [True, True]]))
-    together = pair_directions(cells, u, w, **LIMITS)
+    together = pair_directions(cells, PLANE, u, w, **LIMITS)
     assert together.found.sum(axis=1).tolist() == [1, 2]
     for cell in range(2):
         alone = pair_directions(
             cells[[cell]],
+            PLANE,
             Peaks(u.place[[cell]], u.found[[cell]]),
             Peaks(w.place[[cell]], w.found[[cell]]),
             **LIMITS,
@@ -174,16 +207,16 @@ def test_cells_are_independent():
 def test_power_dynamic_range_and_number_limit_what_is_kept_strongest_first(limits, expected):
     u, w = np.array([-0.5, 0.0, 0.5]), np.array([0.5, -0.5, 0.0])
     amplitude = 10 ** (-np.array([0, 15, 32]) / 20)
-    waves = pair_directions(snapshot(u, w, amplitude), candidates(u), candidates(w), **LIMITS | limits)
+    waves = pair_directions(snapshot(u, w, amplitude), PLANE, candidates(u), candidates(w), **LIMITS | limits)
     assert waves.u[0][waves.found[0]].tolist() == u[:expected].tolist()
 
 
 def test_without_candidates_nothing_is_found():
     none = Peaks(np.empty((1, 0)), np.empty((1, 0), dtype=bool))
-    assert not pair_directions(snapshot([0], [0], [1]), none, candidates([0.0]), **LIMITS).found.any()
+    assert not pair_directions(snapshot([0], [0], [1]), PLANE, none, candidates([0.0]), **LIMITS).found.any()
 
 
 def test_without_cells_nothing_is_found():
     none = Peaks(np.empty((0, 2)), np.empty((0, 2), dtype=bool))
-    found = pair_directions(np.empty((0, N_P, N_Q), dtype=complex), none, none, **LIMITS).found
+    found = pair_directions(np.empty((0, N_P, N_Q), dtype=complex), PLANE, none, none, **LIMITS).found
     assert len(found) == 0

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isacbench.dsp.aperture import Cross, Plane
 from isacbench.dsp.rangedoppler import GatedMap, range_doppler_map
 from isacbench.dsp.windows import taper
 from isacbench.model.gate import Gate
@@ -64,6 +65,15 @@ def test_a_tapered_map_keeps_cells_bins_and_reachable_ones_together():
     assert tapered.gate.shape == tapered.cells.shape[:2] == (10, 16)
     np.testing.assert_array_equal(tapered.gate.reachable, gate.reachable[1:-1, 2:-2])
     assert tapered.n_elements == 6
+    assert tapered.aperture == Plane(2, 3)
+
+
+def test_a_tapered_map_of_a_cross_is_one():
+    gate = Gate(np.arange(12), np.arange(20), slice(0, 12), slice(0, 20))
+    tapered = GatedMap(random_cells((12, 20, 4)), gate, Cross(2, 3)).tapered("hann", "hann")
+    assert tapered.cells.shape == (10, 18, 4)
+    assert tapered.aperture == Cross(2, 3)
+    assert tapered.n_elements == 4
 
 
 def test_absolute_bins_are_found_in_a_gated_map():

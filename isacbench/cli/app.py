@@ -1,0 +1,104 @@
+"""The application: its group of commands, its exit codes, and how it tells a mistake."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
+
+import typer
+from typer.core import TyperGroup
+
+from isacbench import __version__
+from isacbench.errors import InputError, InputWarning
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = [
+    "EXIT_FAILED_CELLS",
+    "EXIT_INTERRUPTED",
+    "EXIT_NOT_COMPARABLE",
+    "EXIT_REGRESSION",
+    "EXIT_USAGE",
+    "app",
+    "fail",
+    "main",
+]
+
+EXIT_USAGE = 2
+EXIT_FAILED_CELLS = 3
+EXIT_REGRESSION = 4
+EXIT_NOT_COMPARABLE = 5
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
+
+@contextmanager
+def _plain_input_warnings() -> Iterator[None]:
+    """Print warnings about the user's input as one line on stderr, without a line of source code."""
+    with warnings.catch_warnings():
+        show_with_source = warnings.showwarning
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, InputWarning):
+                typer.echo(f"isacbench: warning: {message}", err=True)
+            else:
+                show_with_source(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = show
+        yield
+
+
+class _Group(TyperGroup):
+    """Commands whose user's mistakes end in one line on stderr and exit code 2."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that the arguments name."""
+        try:
+            with _plain_input_warnings():
+                return super().invoke(ctx)
+        except InputError as error:
+            fail(str(error), EXIT_USAGE)
+
+
+app = typer.Typer(
+    name="isacbench",
+    cls=_Group,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="How accurate and how fast: a benchmark of radar imaging with 5G downlink signals.",
+)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"isacbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def fail(message: str, code: int) -> NoReturn:
+    """End with one line on stderr and an exit code."""
+    typer.echo(f"isacbench: {message}", err=True)
+    raise typer.Exit(code)

@@ -1,0 +1,223 @@
+"""Commands on one image: take it, score it, write its frame, plan it."""
+
+from __future__ import annotations
+
+import math
+import time
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
+from isacbench.cli.options import SEED_HELP, AsJson, PluginFiles, register
+from isacbench.cli.printing import print_grid, print_json, print_scores, progress_bar
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.region import Region
+
+__all__ = ["image", "plan", "score", "simulate"]
+
+
+SCENARIO = typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
+ESTIMATOR = typer.Option("-e", "--estimator", metavar="NAME[param=value,...]", help="Estimator.")
+TRIAL = typer.Option("--trial", metavar="TRIAL", min=0, help="Which noise draw.")
+SEED = typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)
+DEFAULT_SNR = "10"
+
+
+@app.command()
+def image(
+    scenario: Annotated[str, SCENARIO] = "street",
+    estimator: Annotated[str, ESTIMATOR] = "music2d",
+    cube: Annotated[
+        Path | None,
+        typer.Option("--cube", metavar="FILE", help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr."),
+    ] = None,
+    transmitted: Annotated[
+        Path | None,
+        typer.Option("--transmitted", metavar="FILE", help="Grid that the cube is to be divided by."),
+    ] = None,
+    snr: Annotated[
+        str | None, typer.Option("--snr", metavar="DB", help="SNR in dB; default 10, none with a cube.")
+    ] = None,
+    trial: Annotated[int | None, TRIAL] = None,
+    seed: Annotated[int | None, SEED] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="cloud.csv|.ply|.mat|.npy", help="Write the cloud.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="picture.png", help="Draw the cloud beside the truth.")
+    ] = None,
+    plugin: PluginFiles = None,
+) -> None:
+    """Take one image, of a simulated or of a recorded frame; score, write or draw its cloud."""
+    from isacbench.bench.runner import estimate_cloud
+    from isacbench.cubes.observing import observe_cube
+    from isacbench.metrics.score import score
+    from isacbench.model.cloud_io import write_cloud
+    from isacbench.model.echo import observe
+    from isacbench.model.scenario import load_scenario
+    from isacbench.registry import build_estimator
+
+    if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
+    if cube is None and transmitted is not None:
+        raise InputError("--transmitted: allowed with --cube FILE, which it belongs to")
+    if cube is not None and (snr, trial, seed) != (None, None, None):
+        raise InputError("--snr, --trial and --seed: allowed without --cube, whose noise is recorded")
+    register(plugin)
+    scene, imager = load_scenario(scenario), build_estimator(estimator)
+    if cube is None:
+        snr_db = _one_snr(snr or DEFAULT_SNR)
+        title = f"{scene.name}, {estimator}, {snr_db:g} dB"
+        observation = observe(scene, snr_db, trial or 0, seed or 0)
+    else:
+        title = f"{cube.name}, {scene.name}, {estimator}"
+        observation = observe_cube(cube, scene, transmitted)
+    start = time.perf_counter()
+    try:
+        cloud = estimate_cloud(imager, observation, scene.truth)
+    except InputError:
+        raise
+    except Exception as error:
+        traceback.print_exc()
+        fail(f"{estimator} failed: {type(error).__name__}: {error}", EXIT_FAILED_CELLS)
+    elapsed_s = time.perf_counter() - start
+    if out is not None:
+        write_cloud(cloud, out)
+    if plot is not None:
+        from isacbench.report.figures import draw_image
+
+        draw_image(plot, observation, scene.truth, cloud, title)
+    typer.echo(f"{title}: {len(cloud)} points in {1e3 * elapsed_s:.1f} ms")
+    if len(scene.truth):  # a scene of noise alone can be looked at, not scored
+        velocity_bin_mps = scene.system.velocity_bin_mps
+        print_scores(score(scene.truth, cloud, region=scene.region, velocity_bin_mps=velocity_bin_mps))
+
+
+@app.command()
+def simulate(
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="FILE", help="New file: .npy, .h5, .hdf5 or .zarr.")
+    ],
+    scenario: Annotated[str, SCENARIO] = "street",
+    snr: Annotated[str, typer.Option("--snr", metavar="DB", help="SNR in dB.")] = DEFAULT_SNR,
+    trial: Annotated[int, TRIAL] = 0,
+    seed: Annotated[int, SEED] = 0,
+    precision: Annotated[
+        str, typer.Option("--precision", metavar="single|double", help="complex64 or complex128.")
+    ] = "single",
+) -> None:
+    """Write the full frame of a scenario, whose image is that of the same SNR, trial and seed."""
+    from isacbench.cubes.simulating import FrameSimulator, write_frame
+    from isacbench.model.scenario import load_scenario
+
+    dtype = _dtype(precision)
+    frame = FrameSimulator(load_scenario(scenario), _one_snr(snr), trial, seed)
+    start = time.perf_counter()
+    with progress_bar(out.name) as show:
+        write_frame(frame, out, dtype, show)
+    size = " x ".join(map(str, frame.shape))
+    n_bytes = math.prod(frame.shape) * dtype.itemsize
+    typer.echo(f"{out}: {size}, {dtype}, {n_bytes / 1e6:.0f} MB in {time.perf_counter() - start:.1f} s")
+
+
+@app.command()
+def plan(
+    scenario: Annotated[str, SCENARIO] = "street",
+    estimator: Annotated[str, ESTIMATOR] = "music2d",
+    precision: Annotated[
+        str, typer.Option("--precision", metavar="single|double", help="Of the cube.")
+    ] = "single",
+    as_json: AsJson = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Say what an image of a recorded frame takes, and what it skips of the full 4-D chain."""
+    from isacbench.model.scenario import load_scenario
+    from isacbench.planning import plan_image
+    from isacbench.registry import build_estimator
+    from isacbench.report.plan import describe_plan, plan_grids, plan_lines
+
+    register(plugin)
+    scene = load_scenario(scenario)
+    planned = plan_image(scene, build_estimator(estimator), _dtype(precision))
+    if as_json:
+        print_json(describe_plan(planned))
+        return
+    typer.echo(f"{scene.name}, {estimator}")
+    for line in plan_lines(planned, scene.system):
+        typer.echo(line)
+    for grid in plan_grids(planned):
+        print_grid(grid)
+    typer.echo(
+        "Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT."
+    )
+
+
+@app.command()
+def score(
+    truth: Annotated[
+        str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
+    ],
+    cloud: Annotated[
+        Path, typer.Argument(metavar="CLOUD", help="Cloud file: .csv, .npy, .npz, .mat or .ply.")
+    ],
+    metric: Annotated[str, typer.Option("--metric", metavar="METRIC", help="paper or repository.")] = "paper",
+    as_json: AsJson = False,
+) -> None:
+    """Score a cloud against the truth."""
+    from isacbench.metrics.score import score as score_clouds
+    from isacbench.model.cloud_io import read_cloud
+
+    points, region, velocity_bin_mps = _truth(truth)
+    scores = score_clouds(points, read_cloud(cloud), metric, region=region, velocity_bin_mps=velocity_bin_mps)
+    if as_json:
+        print_json(scores)
+    else:
+        print_scores(scores)
+
+
+def _dtype(precision: str) -> np.dtype[Any]:
+    """Precision of a cube."""
+    import numpy as np
+
+    dtypes: dict[str, np.dtype[Any]] = {
+        "single": np.dtype(np.complex64),
+        "double": np.dtype(np.complex128),
+    }
+    if precision not in dtypes:
+        raise InputError(f"--precision {precision!r}: allowed are {' and '.join(dtypes)}")
+    return dtypes[precision]
+
+
+def _one_snr(text: str) -> float:
+    """Parse a single SNR."""
+    from isacbench.bench.suite import parse_snr
+
+    values = parse_snr(text)
+    if len(values) != 1:
+        raise InputError(f"SNR {text!r}: allowed is one number, an image has one SNR")
+    return values[0]
+
+
+def _truth(name_or_path: str) -> tuple[PointCloud, Region | None, float | None]:
+    """Truth from a cloud file, or from a scenario with its region and velocity bin."""
+    from isacbench.model.cloud_io import read_cloud
+    from isacbench.model.scenario import load_scenario
+
+    region, velocity_bin_mps = None, None
+    if Path(name_or_path).suffix in ("", ".toml"):
+        scenario = load_scenario(name_or_path)
+        points, region = scenario.truth, scenario.region
+        velocity_bin_mps = scenario.system.velocity_bin_mps
+    else:
+        points = read_cloud(name_or_path)
+    if not len(points):
+        raise InputError(f"{name_or_path}: the truth has no points; allowed is at least one")
+    return points, region, velocity_bin_mps

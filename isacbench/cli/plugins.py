@@ -1,0 +1,56 @@
+"""Commands on estimators and detectors: list them, check them."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from isacbench.cli.app import EXIT_FAILED_CELLS, app
+from isacbench.cli.options import AsJson, PluginFiles, register
+from isacbench.cli.printing import print_json
+
+__all__ = ["check", "list_"]
+
+
+@app.command("list")
+def list_(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
+    """List estimators, detectors, scenarios and suites."""
+    from isacbench.bench.catalogue import catalogue
+
+    register(plugin)
+    content = catalogue()
+    if as_json:
+        print_json(content)
+        return
+    for section, entries in content.items():
+        typer.echo(f"{section}:")
+        for entry in entries:
+            typer.echo(f"  {entry['name']:<16} {entry['description']}")
+            for name, parameter in entry.get("parameters", {}).items():
+                default = f" = {json.dumps(parameter['default'])}" if "default" in parameter else ""
+                typer.echo(f"      {name}: {parameter['type']}{default}")
+
+
+@app.command()
+def check(
+    package_or_file: Annotated[
+        str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
+    ],
+    as_json: AsJson = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Put estimators and detectors through the contract, and say what to mend."""
+    from isacbench.conformance import find_plugins
+    from isacbench.conformance.guarded import check_guarded
+    from isacbench.report.conformance import describe_checks, print_checks
+
+    register(plugin)
+    found = {(kind, name): check_guarded(kind, name) for kind, name in find_plugins(package_or_file)}
+    if as_json:
+        print_json(describe_checks(found))
+    else:
+        print_checks(found)
+    if any(finding.status == "failed" for findings in found.values() for finding in findings):
+        raise typer.Exit(EXIT_FAILED_CELLS)

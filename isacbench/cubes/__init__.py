@@ -1,0 +1,16 @@
+"""Recorded cubes: reading them tile by tile from arrays and files, and writing them block by block."""
+
+from isacbench.cubes.cube import TILE_BYTES, Cube, Tile, require_shape
+from isacbench.cubes.opening import open_cube, read_grid
+from isacbench.cubes.writing import CubeWriter, create_cube
+
+__all__ = [
+    "TILE_BYTES",
+    "Cube",
+    "CubeWriter",
+    "Tile",
+    "create_cube",
+    "open_cube",
+    "read_grid",
+    "require_shape",
+]

@@ -1,0 +1,170 @@
+"""A recorded frame of a scenario, simulated block by block: the whole cube, written without being held.
+
+Its noise is white over the whole frame, and in the cells of the gate it is the
+draw that `isacbench.observe` adds there: to each block of a white frame is
+added what the canonical noise of the gate differs from the transform of that
+frame. The transforms are unitary, so that this changes those cells and no
+others. An image of the cube is then the image of the observation.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from isacbench.cubes.transform import available_cores
+from isacbench.cubes.writing import create_cube
+from isacbench.dsp.partialdft import doppler_rows, range_rows, transform_block
+from isacbench.model.echo import Simulator, random_stream, resource_grid, white_gaussian
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from numpy.typing import DTypeLike
+
+    from isacbench.model.scene import Scenario
+
+__all__ = ["FrameSimulator", "write_frame"]
+
+Complex = NDArray[np.complex128]
+
+BLOCK_SUBCARRIERS = 16
+"""Subcarriers of a block: 15 MB in double precision at the paper's size. The noise follows from it."""
+
+
+class FrameSimulator:
+    """The frame of a scenario that `isacbench.observe` would see with the same SNR, trial and seed.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    snr_db : float
+        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual
+        element; infinity for no noise.
+    trial, seed : int
+        Which noise.
+    """
+
+    def __init__(self, scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> None:
+        self._scenario = scenario
+        self._trial, self._seed = trial, seed
+        simulator = Simulator(scenario)
+        self._noise_amplitude = np.sqrt(simulator.noise_power(snr_db))
+        self._wanted = simulator.unit_noise(trial, seed) if self._noise_amplitude else None
+        system, gate = scenario.system, simulator.gate
+        self._along_range = range_rows(gate.range_bins, system.n_subcarriers)
+        self._along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Subcarriers, symbols, P and Q."""
+        system, (n_p, n_q) = self._scenario.system, self._scenario.array.shape
+        return system.n_subcarriers, system.n_symbols, n_p, n_q
+
+    def blocks(self) -> Iterator[tuple[int, Complex]]:
+        """Blocks of consecutive subcarriers.
+
+        Yields
+        ------
+        first_subcarrier : int
+        block : ndarray of complex128, shape (n, n_symbols, P, Q)
+        """
+        correction = self._correction()
+
+        def block(subcarriers: slice) -> Complex:
+            grid = resource_grid(self._scenario, self._scenario.array.positions, subcarriers)
+            if correction is not None:
+                noise = self._white_block(subcarriers)
+                noise += self._spread(correction, subcarriers)
+                noise *= self._noise_amplitude
+                grid += noise
+            return grid.reshape(len(grid), *self.shape[1:])
+
+        for subcarriers, made in self._each_block(block):
+            yield subcarriers.start, made
+
+    def _correction(self) -> Complex | None:
+        """Canonical noise of the gate less what the white frame has there; None without noise."""
+        if self._wanted is None:
+            return None
+        n_range, n_doppler = len(self._along_range), len(self._along_doppler)
+        correction = self._wanted.reshape(n_range, n_doppler, -1).copy()
+
+        def share(subcarriers: slice) -> Complex:
+            block = self._white_block(subcarriers)
+            cells: Complex = transform_block(
+                block, self._along_doppler, self._along_range[:, subcarriers]
+            ).astype(np.complex128, copy=False)
+            return cells
+
+        for _, cells in self._each_block(share):
+            correction -= cells
+        return correction
+
+    def _spread(self, cells: Complex, subcarriers: slice) -> Complex:
+        """Cells of the gate as a block (n, n_symbols, e) of the resource grid: the adjoint transform."""
+        n_range, n_doppler, n_elements = cells.shape
+        lines = self._along_range[:, subcarriers].conj().T @ cells.reshape(n_range, n_doppler * n_elements)
+        grid: Complex = self._along_doppler.conj().T @ lines.reshape(-1, n_doppler, n_elements)
+        return grid
+
+    def _white_block(self, subcarriers: slice) -> Complex:
+        """Unit noise (n, n_symbols, e) of a block; the same whenever it is asked for."""
+        stream = random_stream(self._scenario.name, self._trial, self._seed, "frame", str(subcarriers.start))
+        n_elements = len(self._scenario.array.positions)
+        shape = subcarriers.stop - subcarriers.start, self._scenario.system.n_symbols, n_elements
+        return white_gaussian(stream, shape)
+
+    def _each_block(self, work: Callable[[slice], Complex]) -> Iterator[tuple[slice, Complex]]:
+        """Work on all blocks, side by side and in their order, few at a time."""
+        n_subcarriers, n_threads = self.shape[0], available_cores()
+        blocks = [
+            slice(first, min(first + BLOCK_SUBCARRIERS, n_subcarriers))
+            for first in range(0, n_subcarriers, BLOCK_SUBCARRIERS)
+        ]
+        with threadpool_limits(limits=1), ThreadPoolExecutor(n_threads) as threads:
+            for first in range(0, len(blocks), n_threads):
+                together = blocks[first : first + n_threads]
+                yield from zip(together, threads.map(work, together), strict=True)
+
+
+def write_frame(
+    frame: FrameSimulator,
+    path: str | Path,
+    dtype: DTypeLike = np.complex64,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a frame, already divided by the transmitted symbols, as a cube.
+
+    Parameters
+    ----------
+    frame : FrameSimulator
+    path : str or Path
+        New file: ``.npy``, ``.h5``, ``.hdf5`` or ``.zarr``.
+    dtype : {complex64, complex128}
+        Precision of the file.
+    progress : callable, optional
+        Called with the number of subcarriers written and of all.
+
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be written, or its name is of no format.
+    """
+    n_subcarriers = frame.shape[0]
+    with create_cube(path, frame.shape, dtype) as file:
+        # Whole chunks of the file: parts of them would be compressed and written again and again.
+        waiting: list[NDArray[np.complexfloating[Any, Any]]] = []
+        for first, block in frame.blocks():
+            waiting.append(block.astype(dtype))
+            n_waiting, n_done = sum(map(len, waiting)), first + len(block)
+            if n_waiting >= file.block_subcarriers or n_done == n_subcarriers:
+                file.write(n_done - n_waiting, np.concatenate(waiting))
+                waiting.clear()
+            if progress is not None:
+                progress(n_done, n_subcarriers)

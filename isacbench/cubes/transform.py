@@ -1,0 +1,173 @@
+"""From a cube to the cells of a gate, tile by tile and in several threads, without ever holding the cube."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from isacbench.dsp.partialdft import (
+    RangeMethod,
+    doppler_rows,
+    range_bins_by_fft,
+    range_method,
+    range_rows,
+    transform_block,
+)
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from isacbench.cubes.cube import Cube, Tile
+    from isacbench.model.gate import Gate
+    from isacbench.model.numerology import System
+
+__all__ = ["GateTransform", "available_cores"]
+
+Complex = NDArray[np.complexfloating[Any, Any]]
+
+TILES_AHEAD = 1
+"""Tiles that wait beside those being transformed: a source that reads in sequence goes on meanwhile."""
+
+
+def available_cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True, eq=False)
+class GateTransform:
+    """Unitary transforms of cubes to the range-Doppler cells of a gate.
+
+    Attributes
+    ----------
+    gate : Gate
+    system : System
+    """
+
+    gate: Gate
+    system: System
+
+    @property
+    def range_method(self) -> RangeMethod:
+        """How the range bins come about."""
+        return range_method(self.gate.range_bins.size, self.system.n_subcarriers)
+
+    def cells(
+        self,
+        cube: Cube,
+        elements: NDArray[np.intp],
+        transmitted: NDArray[np.complexfloating[Any, Any]] | None = None,
+        workers: int | None = None,
+    ) -> NDArray[np.complex128]:
+        """Transform some elements of a cube.
+
+        Parameters
+        ----------
+        cube : Cube
+        elements : ndarray of int, shape (e, 2)
+            Places (p, q).
+        transmitted : ndarray of complex, shape (n_subcarriers, n_symbols), optional
+            Grid by which the cube is still to be divided.
+        workers : int, optional
+            Threads; by default all cores.
+
+        Returns
+        -------
+        ndarray of complex128, shape (n_range, n_doppler, e)
+            Sums over the symbols of a block are made in the cube's precision,
+            those over subcarriers in double.
+
+        Raises
+        ------
+        InputError
+            If what was read holds NaN or infinity, naming the first, or is too
+            large for its precision.
+        """
+        n_workers = available_cores() if workers is None else workers
+        inverse = None if transmitted is None else (1 / transmitted).astype(cube.dtype)
+        cells = self._summed(cube, elements, inverse, n_workers)
+        if not np.isfinite(cells).all():
+            raise InputError(f"{cube.name}: {_find_fault(cube, elements)}")
+        return cells
+
+    @cached_property
+    def _doppler_rows(self) -> NDArray[np.complex128]:
+        return doppler_rows(self.gate.doppler_bins, self.system.n_symbols)
+
+    @cached_property
+    def _range_rows(self) -> NDArray[np.complex128]:
+        return range_rows(self.gate.range_bins, self.system.n_subcarriers)
+
+    def _summed(
+        self, cube: Cube, elements: NDArray[np.intp], inverse: Complex | None, n_workers: int
+    ) -> NDArray[np.complex128]:
+        """Sum what the tiles give."""
+        along_doppler = self._doppler_rows.astype(cube.dtype)
+        along_range = self._range_rows if self.range_method == "partial" else None
+        n_rows = self.system.n_subcarriers if along_range is None else self.gate.range_bins.size
+        total = np.zeros(
+            (n_rows, self.gate.doppler_bins.size, len(elements)),
+            dtype=cube.dtype if along_range is None else np.complex128,
+        )
+
+        def transform(tile: Tile) -> Complex:
+            block = tile.load()
+            if inverse is not None:
+                block = block * inverse[tile.subcarriers, tile.symbols, None]
+            ranges = None if along_range is None else along_range[:, tile.subcarriers]
+            # What is not finite is looked for at the end, once.
+            with np.errstate(all="ignore"):
+                return transform_block(block, along_doppler[:, tile.symbols], ranges)
+
+        with threadpool_limits(limits=1), ThreadPoolExecutor(n_workers) as threads:
+            for tile, share in _in_order(threads, transform, cube.tiles(elements), n_workers + TILES_AHEAD):
+                rows = tile.subcarriers if along_range is None else slice(None)
+                with np.errstate(all="ignore"):
+                    total[rows, :, _consecutive(tile.elements)] += share
+        if along_range is None:
+            return range_bins_by_fft(total, self.gate.range_bins, n_workers).astype(np.complex128)
+        return total
+
+
+def _consecutive(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Slice in place of consecutive indices, which adds in place."""
+    first, size = int(index[0]), index.size
+    return slice(first, first + size) if np.array_equal(index, np.arange(first, first + size)) else index
+
+
+def _in_order(threads: ThreadPoolExecutor, work: Any, tiles: Iterator[Tile], n_ahead: int) -> Iterator[Any]:
+    """Tiles and what becomes of them, few at a time: sums of floating point do not depend on the threads."""
+    waiting: deque[tuple[Tile, Future[Complex]]] = deque()
+    for tile in tiles:
+        waiting.append((tile, threads.submit(work, tile)))
+        if len(waiting) > n_ahead:
+            first, future = waiting.popleft()
+            yield first, future.result()
+    while waiting:
+        first, future = waiting.popleft()
+        yield first, future.result()
+
+
+def _find_fault(cube: Cube, elements: NDArray[np.intp]) -> str:
+    """Where the first number is that is not finite, or what else is wrong."""
+    for tile in cube.tiles(elements):
+        block = tile.load()
+        faulty = ~np.isfinite(block)
+        if faulty.any():
+            n, m, e = np.unravel_index(int(faulty.argmax()), block.shape)
+            p, q = elements[tile.elements[e]]
+            subcarrier = range(cube.shape[0])[tile.subcarriers][int(n)]
+            symbol = range(cube.shape[1])[tile.symbols][int(m)]
+            return (
+                f"{block[n, m, e]} at subcarrier {subcarrier}, symbol {symbol}, element ({p}, {q}); "
+                "allowed are finite numbers"
+            )
+    return f"sums over the frame overflow {cube.dtype}; allowed are numbers far from its largest"

@@ -1,0 +1,132 @@
+"""Cubes and grids in zarr stores of versions 2 and 3, in a folder or in a zip file."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isacbench.cubes.chunked import ChunkedCube, Stored, as_complex, complex_dtype
+from isacbench.cubes.cube import complex_grid, require_grid
+from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    import zarr
+    from numpy.typing import NDArray
+    from zarr.abc.store import Store
+
+    from isacbench.cubes.cube import ComplexArray
+
+__all__ = ["open_zarr", "read_zarr_grid", "zarr_cube"]
+
+
+def open_zarr(path: Path, tile_bytes: int) -> ChunkedCube:
+    """Open a cube in a zarr store.
+
+    Parameters
+    ----------
+    path : Path
+        A folder or a zip file.
+    tile_bytes : int
+        Memory that a tile may touch.
+
+    Raises
+    ------
+    InputError
+        If it does not tell which of its arrays is a cube, or that lacks chunks.
+    """
+    with ExitStack() as on_failure:
+        store = on_failure.enter_context(closing(_store(path)))
+        arrays = _arrays(store)
+        name = choose(path, _listed(arrays), CUBE)
+        cube = zarr_cube(arrays[name], _called(path, name), tile_bytes, store.close)
+        cube.transmitted = grid_beside(
+            path, _listed(arrays), cube.shape, lambda grid: _grid(_called(path, grid), arrays[grid])
+        )
+        on_failure.pop_all()
+    return cube
+
+
+def zarr_cube(
+    array: zarr.Array[Any], name: str, tile_bytes: int, close: Callable[[], None] = lambda: None
+) -> ChunkedCube:
+    """Make a cube of an open zarr array.
+
+    Parameters
+    ----------
+    array : zarr.Array
+    name : str
+        What messages call it.
+    tile_bytes : int
+        Memory that a tile may touch.
+    close : callable
+        Closes the store.
+
+    Raises
+    ------
+    InputError
+        If it is no cube, or lacks chunks.
+    """
+
+    def read(box: tuple[slice, ...]) -> NDArray[Any]:
+        return as_complex(np.asarray(array[box]))
+
+    cube = ChunkedCube(name, Stored(array.shape, array.chunks, array.dtype, read), tile_bytes, close)
+    present, wanted = array.nchunks_initialized, array.nchunks
+    if present < wanted:
+        raise InputError(
+            f"{name}: lacks {wanted - present} of {wanted} chunks; if they hold zeros, "
+            "write them with the zarr setting write_empty_chunks"
+        )
+    return cube
+
+
+def read_zarr_grid(path: Path) -> ComplexArray:
+    """Read a transmitted grid from a zarr store.
+
+    Raises
+    ------
+    InputError
+        If it does not tell which of its arrays is a grid.
+    """
+    with closing(_store(path)) as store:
+        arrays = _arrays(store)
+        name = choose(path, _listed(arrays), GRID)
+        return _grid(_called(path, name), arrays[name])
+
+
+def _store(path: Path) -> Store:
+    """Open the store of a path."""
+    from zarr.storage import LocalStore, ZipStore
+
+    return LocalStore(path, read_only=True) if path.is_dir() else ZipStore(path, mode="r")
+
+
+def _arrays(store: Store) -> dict[str, zarr.Array[Any]]:
+    """All arrays of a store by their paths in it; the only one of a store that is an array has none."""
+    import zarr
+
+    root = zarr.open(store, mode="r")
+    if isinstance(root, zarr.Array):
+        return {"": root}
+    members = root.members(max_depth=None)
+    return {name: member for name, member in members if isinstance(member, zarr.Array)}
+
+
+def _listed(arrays: dict[str, zarr.Array[Any]]) -> dict[str, Listed]:
+    return {name: Listed(array.shape, complex_dtype(array.dtype)) for name, array in arrays.items()}
+
+
+def _called(path: Path, name: str) -> str:
+    return f"{path}: {name}" if name else str(path)
+
+
+def _grid(name: str, array: zarr.Array[Any]) -> ComplexArray:
+    """Read an array as a transmitted grid."""
+    require_grid(name, array.shape, complex_dtype(array.dtype))
+    return complex_grid(as_complex(np.asarray(array[:])))

@@ -1,0 +1,182 @@
+"""Estimators on one column and one row of the array: what they read, and what they see."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+
+from isacbench.contracts import Needs, needs_of
+from isacbench.metrics.deviation import paper_deviation
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator, observe
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scenario import load_scenario
+from isacbench.model.scene import Scatterers, Scenario
+
+SYSTEM = System(n_subcarriers=256, n_symbols=64)
+BASE_M = np.array([15.0, 100.0, 20.0])
+REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
+ARRAY = VirtualArray((2, 2), (4, 6), 4, 1)
+XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0], [14.0, 36.0, 10.0]])
+VELOCITY = np.array([0.0, 13.3, -8.1, 20.0, -17.7])
+
+SEPARABLE = pytest.mark.parametrize("estimator", [Music2d, Fft4d])
+
+
+class OneCross:
+    """An observation of which no more than one column and one row was computed."""
+
+    def __init__(self, observation):
+        self._observation, self.cross = observation, observation.cross
+
+    def __getattr__(self, name):
+        assert name != "cells", "the whole array was read"
+        return getattr(self._observation, name)
+
+
+def simulator(xyz=XYZ, velocity=VELOCITY, amplitude=None, array=ARRAY):
+    """Simulator of a scene in front of a panel."""
+    amplitude = np.ones(len(velocity)) if amplitude is None else np.array(amplitude)
+    return Simulator(
+        Scenario(
+            name="few",
+            system=SYSTEM,
+            array=array,
+            frame=get_frame("panel"),
+            base_station_m=BASE_M,
+            region=REGION,
+            scatterers=Scatterers(np.reshape(xyz, (-1, 3)), np.array(velocity), amplitude),
+        )
+    )
+
+
+@SEPARABLE
+def test_a_cross_is_declared_where_one_element_detects_and_the_plane_otherwise(estimator):
+    assert needs_of(estimator()) == Needs("plane", "noncoherent", "detected")
+    assert needs_of(estimator(integration="element")) == Needs("cross", "element", "detected")
+
+
+@pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
+def test_planar_methods_declare_the_plane_however_they_detect(estimator):
+    for integration in ("noncoherent", "element"):
+        assert needs_of(estimator(integration=integration)).elements == "plane"
+
+
+@SEPARABLE
+def test_no_more_than_a_column_and_a_row_is_read(estimator):
+    observation = simulator().observe(30.0)
+    cross = OneCross(observation)
+    one = estimator(integration="element")
+    cloud = one.estimate(cross)
+    assert len(cloud) == len(XYZ)
+    np.testing.assert_array_equal(cloud.to_array(), one.estimate(observation).to_array())
+    assert [spectrum.label for spectrum in one.diagnose(cross).spectra] == ["u", "w"]
+    with pytest.raises(AssertionError, match="the whole array was read"):
+        estimator().estimate(cross)
+
+
+@SEPARABLE
+def test_what_other_elements_hold_does_not_matter(estimator):
+    observation = simulator().observe(20.0)
+    cells = observation.cells.copy()
+    cells[:, :, 1:, 1:] = np.nan
+    clouds = [
+        estimator(integration="element").estimate(seen)
+        for seen in (observation, replace(observation, cells=cells))
+    ]
+    assert len(clouds[0]) == len(XYZ)
+    np.testing.assert_array_equal(*(cloud.to_array() for cloud in clouds))
+
+
+@SEPARABLE
+@settings(deadline=None, max_examples=25)
+@given(
+    place=st.tuples(st.floats(2, 28), st.floats(2, 38), st.floats(1, 15)),
+    velocity=st.floats(-24, 24),
+    trial=st.integers(0, 99),
+)
+def test_a_lone_strong_scatterer_is_found_alone_within_a_twentieth_of_a_cell(
+    estimator, place, velocity, trial
+):
+    scene = simulator([place], [velocity])
+    # 40 dB above the noise of one element after the transforms.
+    observation = scene.observe(40 - 10 * np.log10(SYSTEM.processing_gain), trial)
+    cloud = estimator(integration="element").estimate(observation)
+    assert len(cloud) == 1
+    truth = scene.scenario.truth
+    cosines = [np.array(scene.scenario.frame.direction_cosines(seen.xyz - BASE_M)) for seen in (cloud, truth)]
+    ranges_m = [np.linalg.norm(seen.xyz - BASE_M) for seen in (cloud, truth)]
+    assert np.abs((cosines[0] - cosines[1])[:, 0] * np.array(ARRAY.shape) / 2).max() < 0.05
+    assert abs(ranges_m[0] - ranges_m[1]) < 0.05 * SYSTEM.range_bin_m
+    assert abs(cloud.velocity[0] - velocity) < 0.05 * SYSTEM.velocity_bin_mps
+    assert abs(10 * np.log10(cloud.power[0])) < 1
+
+
+@SEPARABLE
+def test_two_of_one_range_and_speed_are_paired_by_what_column_and_row_have_in_common(estimator):
+    offset_m = np.array([[-10.0, -80.0, -15.0], [10.0, -79.0, -4.0]])
+    offset_m *= 40.4 * SYSTEM.range_bin_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
+    scene = simulator(BASE_M + offset_m, [3.1, 3.1], [1.0, 0.6], VirtualArray((2, 2), (8, 16), 8, 1))
+    for trial in range(5):
+        cloud = estimator(integration="element").estimate(scene.observe(20.0, trial))
+        assert len(cloud) == 2
+        strongest = np.argsort(-cloud.power)
+        # A fifth of a Rayleigh cell, which is what unresolved sidelobes cost; a wrong pair is off by 13 m.
+        np.testing.assert_allclose(cloud.xyz[strongest], scene.scenario.truth.xyz, atol=2.5)
+
+
+@SEPARABLE
+def test_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_imaged(estimator):
+    scene, n_trials, pfa = simulator(np.empty((0, 3)), []), 60, 1e-2
+    detected, n_imaged = [], 0
+    for trial in range(n_trials):
+        observation = scene.observe(0.0, trial)
+        one = estimator(pfa=pfa, integration="element")
+        detected.append(one.diagnose(observation).detection.mask.mean())
+        n_imaged += len(one.estimate(observation)) > 0
+    # Tapers colour the noise: up to twice the nominal rate.
+    assert 0.5 * pfa < np.mean(detected) < 2 * pfa
+    assert n_imaged < 0.1 * n_trials
+
+
+@SEPARABLE
+def test_the_unit_of_the_echo_scales_powers_and_nothing_else(estimator):
+    observation = simulator().observe(20.0)
+    one = estimator(integration="element")
+    cloud, scaled = (
+        one.estimate(seen) for seen in (observation, replace(observation, cells=2.0**-30 * observation.cells))
+    )
+    assert len(cloud) == len(XYZ)
+    np.testing.assert_allclose(scaled.xyz, cloud.xyz, atol=1e-6)
+    np.testing.assert_allclose(scaled.power, 4.0**-30 * cloud.power, rtol=1e-6)
+
+
+@SEPARABLE
+def test_a_diagnosis_shows_the_spectra_of_the_column_and_the_row(estimator):
+    amplitude = [1.0, 1.0, 3.0, 1.0, 1.0]
+    scene = simulator(amplitude=amplitude)
+    seen = estimator(integration="element").diagnose(scene.observe(20.0))
+    cosines = scene.scenario.frame.direction_cosines(XYZ - BASE_M)
+    for spectrum, cosine in zip(seen.spectra, cosines, strict=True):
+        assert spectrum.cosine.shape == spectrum.level_db.shape == spectrum.threshold_db.shape
+        np.testing.assert_allclose(spectrum.peaks, [cosine[2]], atol=0.02)
+        highest = spectrum.level_db.argmax()
+        assert spectrum.cosine[highest] == pytest.approx(cosine[2], abs=np.diff(spectrum.cosine).max())
+        assert spectrum.level_db[highest] > spectrum.threshold_db[highest]
+
+
+@pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 8.5), (Fft4d, 15.0)])
+def test_the_street_is_imaged_by_31_of_256_elements(estimator, limit_m):
+    scenario = load_scenario("street")
+    cloud = estimator(integration="element").estimate(OneCross(observe(scenario, 10.0)))
+    found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
+    assert found.hausdorff_sum_m < limit_m
+    assert found.velocity_nmse < 2e-3

@@ -1,0 +1,157 @@
+"""Images of a frame at full size against the plain chain, which transforms all that there is.
+
+The plain chain is what one writes first: both FFTs on every element with two
+threads of `scipy.fft`, the power of the whole map averaged over the array, and
+then the same detection and angles. Ratios are printed and kept in the
+benchmark's ``extra_info``; they decide nothing.
+"""
+
+import statistics
+import time
+
+import numpy as np
+import pytest
+import scipy.fft
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+
+from isacbench import load_scenario, observe_cube
+from isacbench.cubes.simulating import FrameSimulator
+from isacbench.dsp.detection import power_map
+from isacbench.model.echo import Simulator, resource_grid, white_gaussian
+from isacbench.model.gate import build_gate
+from isacbench.model.observation import Observation
+
+N_THREADS = 2
+ROUNDS = 5
+
+pytestmark = pytest.mark.benchmark(group="cube")
+
+
+@pytest.fixture(scope="module")
+def street():
+    """Return the street at the paper's size."""
+    return load_scenario("street")
+
+
+@pytest.fixture(scope="module")
+def frame(street):
+    """Return its frame at 10 dB, complex64, subcarriers outermost."""
+    simulator = FrameSimulator(street, 10.0)
+    cube = np.empty(simulator.shape, dtype=np.complex64)
+    for first, block in simulator.blocks():
+        cube[first : first + len(block)] = block
+    return cube
+
+
+@pytest.fixture(scope="module", params=["subcarriers outermost", "elements outermost"])
+def cube(request, frame):
+    """Return the frame in either memory order."""
+    if request.param == "subcarriers outermost":
+        return frame
+    return np.ascontiguousarray(frame.transpose(2, 3, 1, 0)).transpose(3, 2, 0, 1)
+
+
+def plain_chain(cube, scenario, estimator):
+    """Image by whole transforms on every element."""
+    ranges = scipy.fft.ifft(cube, axis=0, norm="ortho", workers=N_THREADS)
+    cells = scipy.fft.fft(ranges, axis=1, norm="ortho", workers=N_THREADS, overwrite_x=True)
+    power = np.mean(cells.real**2 + cells.imag**2, axis=(2, 3))
+    assert power.shape == cube.shape[:2]
+    gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
+    rows = np.ix_(gate.range_bins % cube.shape[0], gate.doppler_bins % cube.shape[1])
+    observation = Observation(
+        cells[rows],
+        gate,
+        scenario.system,
+        scenario.array,
+        scenario.frame,
+        scenario.base_station_m,
+        scenario.region,
+    )
+    return estimator.estimate(observation)
+
+
+def interleaved_medians_s(*works):
+    """Median time of each of some works, done in turns so that all see the same machine."""
+    times_s = [[] for _ in works]
+    for _ in range(ROUNDS):
+        for work, taken in zip(works, times_s, strict=True):
+            start = time.perf_counter()
+            work()
+            taken.append(time.perf_counter() - start)
+    return [statistics.median(taken) for taken in times_s]
+
+
+def report(benchmark, capsys, title, **numbers):
+    """Keep ratios beside the benchmark's own numbers, and show them."""
+    benchmark.extra_info.update(numbers)
+    with capsys.disabled():
+        print(f"\n{title}: " + ", ".join(f"{name} {value:.3g}" for name, value in numbers.items()))
+
+
+@pytest.mark.parametrize("integration", ["noncoherent", "element"])
+@pytest.mark.parametrize("estimator", [Music2d, Fft4d], ids=lambda one: one.name)
+def test_image_of_a_cube_against_the_plain_chain(
+    benchmark, capsys, street, cube, estimator, integration, request
+):
+    imager = estimator(integration=integration)
+
+    def image():
+        return imager.estimate(observe_cube(cube, street, workers=N_THREADS))
+
+    assert len(benchmark.pedantic(image, rounds=ROUNDS, warmup_rounds=1)) > 20
+    ours_s, plain_s, range_fft_s = interleaved_medians_s(
+        image,
+        lambda: plain_chain(cube, street, imager),
+        lambda: scipy.fft.ifft(cube, axis=0, norm="ortho", workers=N_THREADS),
+    )
+    report(
+        benchmark,
+        capsys,
+        request.node.name,
+        image_s=ours_s,
+        plain_chain_s=plain_s,
+        range_fft_s=range_fft_s,
+        plain_over_image=plain_s / ours_s,
+        image_over_range_fft=ours_s / range_fft_s,
+    )
+
+
+def test_gated_simulation_and_image_against_the_whole_frame(benchmark, capsys, street):
+    imager = Music2d()
+    positions = street.array.positions
+
+    def gated():
+        return imager.estimate(Simulator(street).observe(10.0))
+
+    def plain():
+        shape = street.system.n_subcarriers, street.system.n_symbols, *street.array.shape
+        rng = np.random.default_rng(0)
+        cube = np.empty(shape, dtype=np.complex64)
+        step = 64
+        for first in range(0, shape[0], step):
+            block = resource_grid(street, positions, slice(first, first + step))
+            block += white_gaussian(rng, block.shape)
+            cube[first : first + step] = block.reshape(-1, *shape[1:])
+        return plain_chain(cube, street, imager)
+
+    assert len(benchmark.pedantic(gated, rounds=ROUNDS, warmup_rounds=1)) > 100
+    start = time.perf_counter()
+    assert len(plain()) > 100
+    plain_s = time.perf_counter() - start
+    (gated_s,) = interleaved_medians_s(gated)
+    report(benchmark, capsys, "simulate and image", gated_s=gated_s, plain_s=plain_s, ratio=plain_s / gated_s)
+
+
+@pytest.mark.parametrize("elements", ["cells", "cross"])
+def test_transform_of_a_cube(benchmark, street, cube, elements):
+    def transform():
+        return getattr(observe_cube(cube, street, workers=N_THREADS), elements)
+
+    cells = benchmark.pedantic(transform, rounds=ROUNDS, warmup_rounds=1)
+    assert np.isfinite(power_map(cells.reshape(*cells.shape[:2], -1, 1), "noncoherent")[0]).all()
+
+
+def test_observe_from_scratch(benchmark, street):
+    assert benchmark(lambda: Simulator(street).observe(10.0)).cells.shape[2:] == street.array.shape

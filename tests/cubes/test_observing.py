@@ -1,0 +1,162 @@
+"""Recorded frames: the image is that of the unabridged chain, and nothing is read that nobody asked for."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.oracle import Oracle
+
+from isacbench import observe_cube
+from isacbench.cubes import observing, transform
+from isacbench.dsp.rangedoppler import range_doppler_map
+from isacbench.errors import InputError
+from isacbench.model.gate import build_gate
+from isacbench.model.observation import Observation, cross_elements
+
+ESTIMATORS = [Music2d(), Music2d(integration="element"), Fft4d()]
+ids = ["music2d", "music2d-element", "fft4d"]
+
+
+def unabridged(cube, scenario):
+    """Observation by whole transforms of every element, in the precision of the cube, and then cut out.
+
+    From there on in double precision: in single, an estimator's own rounding exceeds that of the transforms.
+    """
+    gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
+    n, m = cube.shape[:2]
+    rows = np.ix_(gate.range_bins % n, gate.doppler_bins % m)
+    return Observation(
+        range_doppler_map(cube)[rows].astype(np.complex128),
+        gate,
+        scenario.system,
+        scenario.array,
+        scenario.frame,
+        scenario.base_station_m,
+        scenario.region,
+    )
+
+
+def assert_same_cloud(cloud, expected):
+    """Same points to 1e-6 of the coordinates' size."""
+    assert len(expected) > 5
+    assert len(cloud) == len(expected)
+    for values, wanted in zip(cloud.to_array().T, expected.to_array().T, strict=True):
+        np.testing.assert_allclose(values, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=ids)
+@pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_the_image_of_a_cube_is_that_of_the_unabridged_chain(
+    small_street, noisy_cube, estimator, dtype, order
+):
+    cube = np.asarray(noisy_cube.astype(dtype), order=order)
+    expected = estimator.estimate(unabridged(noisy_cube.astype(dtype), small_street))
+    assert_same_cloud(estimator.estimate(observe_cube(cube, small_street)), expected)
+
+
+@pytest.mark.parametrize("method", ["partial", "fft"])
+def test_both_ways_to_the_range_bins_give_the_same_cells(small_street, noisy_cube, monkeypatch, method):
+    monkeypatch.setattr(transform, "range_method", lambda n_bins, n: method)
+    cells = observe_cube(noisy_cube, small_street).cells
+    expected = unabridged(noisy_cube, small_street).cells
+    np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())
+
+
+def test_cells_do_not_depend_on_the_number_of_threads(small_street, noisy_cube):
+    cube = noisy_cube.astype(np.complex64)
+    one, three = (observe_cube(cube, small_street, workers=n).cells for n in (1, 3))
+    assert np.array_equal(one, three)
+
+
+def test_nothing_is_transformed_before_an_estimator_reads_it(small_street, noisy_cube, monkeypatch):
+    monkeypatch.setattr(observing.GateTransform, "cells", lambda *_: pytest.fail("transformed"))
+    observation = observe_cube(noisy_cube, small_street)
+    assert len(Oracle().estimate(observation, small_street.truth)) > 20
+
+
+def test_what_no_estimator_reads_may_be_anything(small_street, noisy_cube):
+    cube = np.full_like(noisy_cube, np.nan)
+    p, q = cross_elements(small_street.array.shape).T
+    cube[:, :, p, q] = noisy_cube[:, :, p, q]
+    estimator = Music2d(integration="element")
+    expected = estimator.estimate(observe_cube(noisy_cube, small_street))
+    assert_same_cloud(estimator.estimate(observe_cube(cube, small_street)), expected)
+
+
+def test_the_cross_is_part_of_the_plane(small_street, noisy_cube):
+    apart, whole = (observe_cube(noisy_cube, small_street) for _ in range(2))
+    p, q = cross_elements(small_street.array.shape).T
+    scale = np.abs(whole.cells).max()
+    np.testing.assert_allclose(apart.cross, whole.cells[:, :, p, q], atol=1e-13 * scale)
+    assert np.array_equal(whole.cross, whole.cells[:, :, p, q])
+    assert not apart.cross.flags.writeable
+    assert not whole.cells.flags.writeable
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_received_frame_is_divided_by_the_transmitted_grid(small_street, noisy_cube, order):
+    rng = np.random.default_rng(3)
+    transmitted = np.exp(2j * np.pi * rng.random(noisy_cube.shape[:2])) * rng.choice([0.5, 1, 2], (512, 56))
+    received = np.asarray(noisy_cube * transmitted[:, :, None, None], order=order)
+    cells = observe_cube(received, small_street, transmitted).cells
+    expected = observe_cube(noisy_cube, small_street).cells
+    np.testing.assert_allclose(cells, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, complex(0, -np.inf)])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_number_that_is_not_finite_is_named_before_anything_is_estimated(
+    small_street, noisy_cube, value, order
+):
+    cube = np.array(noisy_cube, order=order)
+    cube[300, 17, 3, 5] = value
+    observation = observe_cube(cube, small_street)
+    with pytest.raises(InputError, match=r"subcarrier 300, symbol 17, element \(3, 5\); allowed are finite"):
+        Music2d().estimate(observation)
+
+
+def test_numbers_whose_sums_overflow_single_precision_are_told(small_street, noisy_cube):
+    cube = (noisy_cube * (1e38 / np.abs(noisy_cube).max())).astype(np.complex64)
+    with pytest.raises(InputError, match="overflow complex64"):
+        _ = observe_cube(cube, small_street).cells
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda cube: cube[:511], "511"),
+        (lambda cube: cube[..., 0], "shape"),
+        (lambda cube: cube.real, "complex"),
+        (lambda cube: cube.transpose(1, 0, 2, 3), "subcarriers"),
+    ],
+)
+def test_a_wrong_cube_is_refused_at_once(small_street, noisy_cube, change, message):
+    with pytest.raises(InputError, match=message):
+        observe_cube(change(noisy_cube), small_street)
+
+
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        (np.ones((512, 55)), r"\(512, 56\)"),
+        (np.zeros((512, 56)), "subcarrier 0, symbol 0"),
+        (np.full((512, 56), np.nan), "finite"),
+        (np.full((512, 56), "x"), "numbers"),
+    ],
+)
+def test_a_wrong_transmitted_grid_is_refused_at_once(small_street, noisy_cube, grid, message):
+    with pytest.raises(InputError, match=message):
+        observe_cube(noisy_cube, small_street, grid)
+
+
+def test_a_region_that_spans_the_whole_map_is_imaged_too(small_street, noisy_cube):
+    limit = small_street.system.unambiguous_speed_mps
+    region = dataclasses.replace(small_street.region, speed_mps=(-limit, limit))
+    everywhere = dataclasses.replace(small_street, region=region)
+    cells = observe_cube(noisy_cube, everywhere).cells
+    assert cells.shape[1] == 56
+    expected = unabridged(noisy_cube, everywhere).cells
+    np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())

@@ -1,0 +1,334 @@
+"""What is no cube is refused before any work, in words that name the file and what is allowed."""
+
+from __future__ import annotations
+
+import pickle
+import re
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+import zarr
+from scipy.io import savemat
+
+from isacbench.cubes import open_cube, read_grid, require_shape
+from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
+from isacbench.model.numerology import System
+
+from .samples import (
+    FORMATS,
+    OF_SEVERAL,
+    SHAPE,
+    all_elements,
+    random_cube,
+    sum_of_tiles,
+    write_chunked_h5,
+    write_h5,
+    write_mat,
+    write_mat73,
+    write_npz,
+    write_zarr,
+    write_zarr2,
+)
+
+ARRAY = random_cube()
+
+
+def refusal(path, opening=open_cube):
+    """Message with which a file is refused, less its path."""
+    with pytest.raises(InputError) as refused:
+        opening(path)
+    message = str(refused.value)
+    assert message.startswith(f"{path}: ")
+    return message.removeprefix(f"{path}: ")
+
+
+# Arrays
+
+
+@pytest.mark.parametrize(
+    ("array", "reason"),
+    [
+        (ARRAY.real, r"holds real numbers \(float32\); a cube takes complex64 or complex128"),
+        (np.ones(SHAPE, ">i2"), r"holds integers \(int16\); a cube takes complex64 or complex128"),
+        (np.ones(SHAPE, bool), r"holds no numbers \(bool\); a cube takes"),
+        (np.full(SHAPE, None), "holds Python objects, which are never unpickled; a cube takes"),
+        (np.ones(SHAPE, np.clongdouble), "holds complex256; a cube takes complex64 or complex128"),
+        (ARRAY[0], r"has 3 axes, shape \(10, 3, 4\); a cube takes four: \(subcarriers, symbols, P, Q\)"),
+        (ARRAY[0, 0, 0], r"has 1 axis, shape \(4,\); a cube takes four"),
+        (ARRAY[:, :0], r"is empty, shape \(24, 0, 3, 4\); a cube takes at least one"),
+    ],
+)
+def test_an_array_that_is_no_cube_is_refused(tmp_path, array, reason):
+    with pytest.raises(InputError, match=f"^array: {reason}"):
+        open_cube(array)
+    np.save(tmp_path / "cube.npy", array, allow_pickle=True)
+    assert re.match(reason, refusal(tmp_path / "cube.npy"))
+    np.savez(tmp_path / "cube.npz", cube=array, allow_pickle=True)
+    assert re.match(f"cube: {reason}", refusal(tmp_path / "cube.npz"))
+
+
+@pytest.mark.parametrize("kind", [kind for kind in OF_SEVERAL if kind != "npz"])
+@pytest.mark.parametrize(
+    ("array", "reason"),
+    [
+        (ARRAY.real, r"cube: holds real numbers \(float32\)"),
+        (np.ones(SHAPE, np.int16), r"cube: holds integers \(int16\)"),
+        (np.ones((1, 2, 3, 4, 5), np.complex64), "cube: has 5 axes"),
+    ],
+)
+def test_a_named_array_that_is_no_cube_is_refused(tmp_path, kind, array, reason):
+    write, filename = FORMATS[kind]
+    write(tmp_path / filename, cube=array)
+    assert re.match(reason, refusal(tmp_path / filename))
+
+
+@pytest.mark.parametrize("part", ["f2", "i4"])
+def test_records_of_other_numbers_than_single_or_double_are_refused(tmp_path, part):
+    with h5py.File(tmp_path / "cube.h5", "w") as file:
+        file["cube"] = np.ones(SHAPE, [("real", part), ("imag", part)])
+    found = {"f2": "float16", "i4": "int32"}[part]
+    assert refusal(tmp_path / "cube.h5").startswith(f"cube: holds records of real ({found}), imag ({found});")
+
+
+def test_other_things_than_arrays_and_paths_are_refused():
+    with pytest.raises(InputError, match=r"^a cube is a NumPy array, .* or a path, not list$"):
+        open_cube([[1j]])
+
+
+@pytest.mark.parametrize("element", [(3, 0), (0, 4), (-1, 0)])
+def test_an_element_outside_the_array_is_refused(tmp_path, element):
+    for kind, (write, filename) in FORMATS.items():
+        path = tmp_path / kind / filename
+        path.parent.mkdir()
+        write(path, cube=ARRAY)
+        with open_cube(path) as cube, pytest.raises(InputError, match=re.escape(f"has no element {element}")):
+            next(cube.tiles(np.array([(0, 0), element])))
+
+
+# Files
+
+
+@pytest.mark.parametrize("opening", [open_cube, read_grid])
+def test_a_path_that_is_no_file_of_a_known_format_is_refused(tmp_path, opening):
+    allowed = ".npy, .npz, .mat, .h5, .hdf5, .zarr, .zip"
+    assert refusal(tmp_path / "cube.csv", opening) == f"has suffix '.csv'; allowed are {allowed}"
+    assert refusal(tmp_path / "cube", opening) == f"has no suffix; allowed are {allowed}"
+    assert refusal(tmp_path / "cube.npy", opening) == "does not exist"
+    (tmp_path / "cube.h5").mkdir()
+    assert refusal(tmp_path / "cube.h5", opening) == "is a folder, not a file"
+
+
+@pytest.mark.parametrize("opening", [open_cube, read_grid])
+@pytest.mark.parametrize("name", ["c.npy", "c.npz", "c.mat", "c.h5", "c.zarr", "c.zip"])
+@pytest.mark.parametrize("content", [b"", b"neither this nor that", bytes(1000)])
+def test_what_is_not_of_its_format_is_refused(tmp_path, opening, name, content):
+    (tmp_path / name).write_bytes(content)
+    assert re.match(r"cannot be read as \w+: .+|is no mat file of MATLAB", refusal(tmp_path / name, opening))
+
+
+def test_a_folder_that_is_no_zarr_store_is_refused(tmp_path):
+    (tmp_path / "c.zarr").mkdir()
+    assert refusal(tmp_path / "c.zarr").startswith("cannot be read as zarr: ")
+
+
+@pytest.mark.parametrize("compressed", [False, True], ids=["plain", "compressed"])
+@pytest.mark.parametrize("kind", [kind for kind, (_, name) in FORMATS.items() if not name.endswith(".zarr")])
+def test_a_truncated_file_is_refused_at_whatever_byte_it_ends(tmp_path, kind, compressed):
+    write, filename = FORMATS[kind]
+    path = tmp_path / filename
+    write(path, cube=ARRAY, compressed=compressed)
+    whole = path.read_bytes()
+    for size in (1, 100, 130, 200, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        assert re.search("truncated|cannot be read as|no mat file|wanted is", refusal(path))
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_truncated_npy_file_says_how_much_it_lacks(tmp_path, order):
+    path = tmp_path / "cube.npy"
+    np.save(path, random_cube(order=order))
+    size = path.stat().st_size
+    with path.open("r+b") as file:
+        file.truncate(size - 1)
+    wanted = f"is truncated: complex64 of shape {SHAPE} takes {size} bytes, the file has {size - 1}"
+    assert refusal(path) == wanted
+
+
+def test_nothing_is_unpickled(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (pytest.fail, ("was unpickled",))
+
+    array = np.array([[Trap()]])
+    np.save(tmp_path / "c.npy", array, allow_pickle=True)
+    np.savez(tmp_path / "c.npz", cube=array, transmitted=array, allow_pickle=True)
+    (tmp_path / "c.mat").write_bytes(pickle.dumps(array))
+    savemat(tmp_path / "cell.mat", {"cube": np.full(SHAPE, {}), "transmitted": np.full((2, 2), {})})
+    for opening in (open_cube, read_grid):
+        for name in ("c.npy", "c.npz", "c.mat", "cell.mat"):
+            assert refusal(tmp_path / name, opening)
+
+
+@pytest.mark.parametrize("write", [write_npz, write_mat])
+def test_damaged_compression_is_told_when_it_is_met(tmp_path, write):
+    path = tmp_path / f"cube.{'npz' if write is write_npz else 'mat'}"
+    write(path, cube=np.zeros((64, 64, 16, 16), np.complex64) + ARRAY[0, 0, 0, 0], compressed=True)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0x55
+    path.write_bytes(data)
+    with (
+        open_cube(path, tile_bytes=2**20) as cube,
+        pytest.raises(InputError, match="is damaged: ") as refused,
+    ):
+        sum_of_tiles(cube, np.argwhere(np.ones((16, 16))))
+    assert str(refused.value).startswith(f"{path}: ")
+
+
+def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
+    write_h5(tmp_path / "c.h5", cube=ARRAY, compressed=True)
+    with h5py.File(tmp_path / "c.h5") as file:
+        chunk = file["cube"].id.get_chunk_info(0)
+    with (tmp_path / "c.h5").open("r+b") as raw:
+        raw.seek(chunk.byte_offset + chunk.size // 2)
+        raw.write(bytes(100))
+    write_zarr2(tmp_path / "c.zarr", cube=ARRAY)
+    with (tmp_path / "c.zarr" / "cube" / "1.0.1.3").open("r+b") as raw:
+        raw.truncate(100)
+    for name in ("c.h5", "c.zarr"):
+        told = f"^{re.escape(str(tmp_path / name))}: cube: is damaged: "
+        with open_cube(tmp_path / name) as cube, pytest.raises(InputError, match=told):
+            sum_of_tiles(cube, all_elements())
+
+
+def test_the_checksum_of_a_stream_is_compared_at_its_end(tmp_path):
+    write_npz(tmp_path / "c.npz", cube=ARRAY, compressed=True)
+    data = (tmp_path / "c.npz").read_bytes()
+    with zipfile.ZipFile(tmp_path / "c.npz") as archive:
+        crc = archive.getinfo("cube.npy").CRC.to_bytes(4, "little")
+    (tmp_path / "c.npz").write_bytes(data.replace(crc, bytes(4)))
+    with open_cube(tmp_path / "c.npz") as cube, pytest.raises(InputError, match="the checksum differs"):
+        sum_of_tiles(cube, np.array([[0, 0]]))
+    write_mat(tmp_path / "c.mat", cube=ARRAY, compressed=True)
+    data = bytearray((tmp_path / "c.mat").read_bytes())
+    data[-1] ^= 1
+    (tmp_path / "c.mat").write_bytes(data)
+    with open_cube(tmp_path / "c.mat") as cube, pytest.raises(InputError, match="incorrect data check"):
+        sum_of_tiles(cube, np.array([[2, 3]]))
+
+
+def test_an_npz_file_compressed_otherwise_is_refused(tmp_path):
+    np.save(tmp_path / "cube.npy", ARRAY)
+    with zipfile.ZipFile(tmp_path / "c.npz", "w", zipfile.ZIP_BZIP2) as archive:
+        archive.write(tmp_path / "cube.npy", "cube.npy")
+    assert refusal(tmp_path / "c.npz") == (
+        "cube.npy is compressed with method 12; allowed are those of numpy.savez and numpy.savez_compressed"
+    )
+
+
+def test_a_stored_array_that_is_shorter_than_its_header_says_is_refused(tmp_path):
+    np.save(tmp_path / "cube.npy", ARRAY)
+    data = (tmp_path / "cube.npy").read_bytes()
+    for method in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        with zipfile.ZipFile(tmp_path / "c.npz", "w", method) as archive:
+            archive.writestr("cube.npy", data[:-8])
+        assert refusal(tmp_path / "c.npz") == (
+            f"cube is truncated: complex64 of shape {SHAPE} takes {len(data)} bytes, it has {len(data) - 8}"
+        )
+
+
+def test_an_npy_file_of_a_version_that_arrays_of_numbers_do_not_have_is_refused(tmp_path):
+    np.save(tmp_path / "cube.npy", ARRAY)
+    data = bytearray((tmp_path / "cube.npy").read_bytes())
+    data[6] = 3
+    (tmp_path / "cube.npy").write_bytes(data)
+    assert refusal(tmp_path / "cube.npy").startswith("cannot be read as npy: version (3, 0)")
+
+
+def test_a_mat_file_whose_parts_have_another_length_is_refused(tmp_path):
+    write_mat(tmp_path / "c.mat", cube=ARRAY)
+    data = (tmp_path / "c.mat").read_bytes()
+    part = np.array([7, ARRAY.nbytes // 2], "<u4").tobytes()
+    assert data.count(part) == 2
+    for place in (data.index(part), data.rindex(part)):
+        damaged = data[: place + 4] + (16).to_bytes(4, "little") + data[place + 8 :]
+        (tmp_path / "c.mat").write_bytes(damaged)
+        assert refusal(tmp_path / "c.mat").startswith("is damaged: ")
+
+
+def test_datasets_that_were_not_filled_are_refused(tmp_path):
+    with h5py.File(tmp_path / "plain.h5", "w") as file:
+        file.create_dataset("cube", SHAPE, np.complex64)
+    assert refusal(tmp_path / "plain.h5") == "cube: is not complete: 0 of 1 chunks were written"
+    with h5py.File(tmp_path / "chunked.h5", "w") as file:
+        file.create_dataset("cube", SHAPE, np.complex64, chunks=(12, 10, 3, 2))[:12] = 1
+    assert refusal(tmp_path / "chunked.h5") == "cube: is not complete: 2 of 4 chunks were written"
+    with h5py.File(tmp_path / "chunked.h5") as file, pytest.raises(InputError, match="is not complete"):
+        open_cube(file["cube"])
+
+
+def test_a_zarr_store_that_lacks_chunks_is_refused(tmp_path):
+    write_zarr2(tmp_path / "two.zarr", cube=ARRAY)
+    write_zarr(tmp_path / "three.zarr", cube=ARRAY, chunks=(10, 10, 2, 1))
+    for name, chunk in (("two.zarr", "cube/1.0.1.3"), ("three.zarr", "cube/c/1/0/1/3")):
+        (tmp_path / name / chunk).unlink()
+        assert refusal(tmp_path / name).startswith("cube: lacks 1 of 24 chunks; if they hold zeros, ")
+    with pytest.raises(InputError, match="lacks 1 of 24 chunks"):
+        open_cube(zarr.open(tmp_path / "two.zarr", mode="r")["cube"])
+
+
+def test_a_refused_file_is_closed_again(tmp_path):
+    """An open HDF5 file cannot be opened for writing; other open files warn, which is an error here."""
+    write_chunked_h5(tmp_path / "c.h5", cube=ARRAY.real)
+    write_mat73(tmp_path / "c.mat", cube=ARRAY, transmitted=np.ones((2, 2)))
+    for name in ("c.h5", "c.mat"):
+        refusal(tmp_path / name)
+        h5py.File(tmp_path / name, "a").close()
+
+
+# Grids
+
+
+@pytest.mark.parametrize(
+    ("grid", "reason"),
+    [
+        (np.array([["a"]]), "a transmitted grid takes complex64, complex128 or real numbers"),
+        (np.ones(3), r"has shape \(3,\); a transmitted grid takes two axes: \(subcarriers, symbols\)"),
+        (np.ones((0, 4)), r"has shape \(0, 4\); a transmitted grid takes two axes"),
+    ],
+)
+def test_what_is_no_grid_is_refused(tmp_path, grid, reason):
+    np.save(tmp_path / "g.npy", grid)
+    assert re.search(reason, refusal(tmp_path / "g.npy", read_grid))
+    np.savez(tmp_path / "g.npz", transmitted=grid)
+    assert re.search(reason, refusal(tmp_path / "g.npz", read_grid))
+
+
+# The scenario's shape
+
+
+def test_a_cube_that_fits_the_scenario_passes():
+    array = VirtualArray(tx_shape=(1, 2), rx_shape=(3, 2), tx_spacing=2)
+    require_shape(open_cube(ARRAY), System(n_subcarriers=24, n_symbols=10), array)
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        ((3, 2, 1, 0), ". The axes look permuted: numpy.transpose with axes (3, 2, 1, 0) would fit"),
+        ((1, 0, 2, 3), ". The axes look permuted: numpy.transpose with axes (1, 0, 2, 3) would fit"),
+        ((2, 0, 3, 1), ". The axes look permuted: numpy.transpose with axes (1, 3, 0, 2) would fit"),
+        (None, ""),
+    ],
+)
+def test_a_cube_of_another_shape_is_refused_and_permuted_axes_are_named(axes, words):
+    found = ARRAY[1:] if axes is None else ARRAY.transpose(axes)
+    array = VirtualArray(tx_shape=(1, 2), rx_shape=(3, 2), tx_spacing=2)
+    with pytest.raises(InputError) as refused:
+        require_shape(open_cube(found), System(n_subcarriers=24, n_symbols=10), array)
+    assert str(refused.value) == (
+        f"array: has shape {found.shape}; the scenario takes (24, 10, 3, 4): "
+        f"(subcarriers, symbols, P, Q){words}"
+    )

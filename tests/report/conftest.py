@@ -1,0 +1,43 @@
+"""Made-up rows of a timed run."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from isacbench.bench.record import COLUMNS, TIMING_COLUMNS
+
+SCORES = ["density", "velocity_nmse", "chamfer_m", "gospa_m", "precision", "recall"]
+
+
+@pytest.fixture
+def timed():
+    """Rows of a timed run: `timed(fast=(time_s, deviation), ...)`, a number or one a trial each."""
+
+    def rows(n_trials=8, snr_db=10.0, scenario="street", params=None, **estimators):
+        found = []
+        for trial in range(n_trials):
+            for estimator, numbers in estimators.items():
+                time_s, deviation = (
+                    values[trial] if hasattr(values, "__len__") else values for values in numbers
+                )
+                found.append(
+                    {
+                        **dict.fromkeys(SCORES, 0.5),
+                        **{f"hausdorff_{plane}_m": deviation / 3 for plane in ("xy", "xz", "yz")},
+                        "scenario": scenario,
+                        "estimator": estimator,
+                        "params": json.dumps((params or {}).get(estimator, {})),
+                        "snr_db": snr_db,
+                        "trial": trial,
+                        "status": "ok",
+                        "reason": "",
+                        "n_estimated": 10,
+                        "deviation": deviation,
+                        "time_estimate_s": time_s,
+                        "timing": True,
+                    }
+                )
+        return pd.DataFrame(found).reindex(columns=[*COLUMNS, *TIMING_COLUMNS])
+
+    return rows
