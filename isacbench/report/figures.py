@@ -15,7 +15,7 @@ from isacbench.contracts import Diagnoser
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
-from isacbench.registry import build_estimators_of
+from isacbench.registry import build_estimators_of, canonical_params
 from isacbench.report.clouds import Image, draw_clouds, draw_comparison
 from isacbench.report.curves import draw_deviations, draw_scores
 from isacbench.report.maps import draw_map
@@ -60,7 +60,8 @@ CLOUD_SNRS_DB = -20.0, -5.0, 10.0
 DIAGNOSIS_SNR_DB = 10.0
 CLOUDS_A_FIGURE = 4
 MOST_CLOUDS = 16
-"""Estimators of which clouds are drawn: of more, those of least mean deviation, for nobody looks at all."""
+"""Estimators of which clouds, maps and spectra are drawn: of more, those of least mean deviation, for nobody
+looks at all."""
 
 Named = tuple[str, "Figure"]
 
@@ -116,8 +117,8 @@ def draw_diagnoses(folder: Path) -> list[Path]:
     -------
     list of Path
         Of the first scenario and trial, for each estimator that is a
-        `Diagnoser`: ``rdm-*.png`` and, where it detects anything,
-        ``spectrum-*.png``.
+        `Diagnoser`, of the 16 best alone where they are more:
+        ``rdm-*.png`` and, where it detects anything, ``spectrum-*.png``.
 
     Raises
     ------
@@ -342,11 +343,10 @@ def _diagnoses(results: Results) -> Iterator[Named]:
     """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial."""
     if results.suite.kind != "imaging" or results.records.empty:
         return
-    estimators = dict(_built(results.suite.estimators))
-    diagnosers = {spec: plugin for spec, plugin in estimators.items() if isinstance(plugin, Diagnoser)}
+    scenario = results.scenarios[results.records["scenario"].iloc[0]]
+    diagnosers = _best_diagnosers(results, scenario.name)
     if not diagnosers:
         return
-    scenario = results.scenarios[results.records["scenario"].iloc[0]]
     (snr_db,) = _nearest(sorted(results.records["snr_db"].unique()), [DIAGNOSIS_SNR_DB])
     simulator = Simulator(scenario)
     observation = simulator.observe(snr_db, int(results.records["trial"].min()), results.suite.seed)
@@ -361,3 +361,15 @@ def _diagnoses(results: Results) -> Iterator[Named]:
         yield f"rdm-{stem}", draw_map(title, diagnosis, scenario.system, simulator.noise_power(snr_db))
         if diagnosis.spectra:
             yield f"spectrum-{stem}", draw_spectra(title, diagnosis, scenario)
+
+
+def _best_diagnosers(results: Results, scenario: str) -> dict[str, Diagnoser]:
+    """Estimators that show their work, by specification; of many those that image a scenario best."""
+    found = {
+        spec: (plugin, (plugin.name, canonical_params(plugin)))
+        for spec, plugin in _built(results.suite.estimators)
+        if isinstance(plugin, Diagnoser)
+    }
+    records = results.records[results.records["scenario"] == scenario]
+    best = set(_best(records, [variant for _, variant in found.values()]))
+    return {spec: plugin for spec, (plugin, variant) in found.items() if variant in best}

@@ -163,6 +163,20 @@ def test_a_diagnosis_that_fails_costs_its_own_figures_alone(shower, tiny, tmp_pa
     assert drawn["saved"][3:] == ["rdm-shower", "spectrum-shower", "rdm-shower-detects-false"]
 
 
+def test_of_very_many_estimators_the_best_show_their_work(shower, tiny, tmp_path, drawn, monkeypatch):
+    monkeypatch.setattr(figures, "MOST_CLOUDS", 1)
+    folder = run_into(tmp_path / "run", tiny, ["blob", "shower[detects=false]", "shower"], trials=1)
+    stored = figures.read_results(folder)
+    is_better = stored.records["params"].str.contains('"detects":true')
+    stored.records.loc[is_better, "deviation"] = 0.0
+    monkeypatch.setattr(figures, "read_results", lambda _: stored)
+    draw_run(folder)
+    assert [stem for stem in drawn["saved"] if stem.startswith(("rdm", "spectrum"))] == [
+        "rdm-shower",
+        "spectrum-shower",
+    ]
+
+
 def test_an_estimator_that_is_no_longer_installed_is_still_drawn(plugins, tiny, tmp_path, drawn):
     folder = run_into(tmp_path / "run", tiny, ["blob"])
     (plugins.path / "test_plugins-1.0.dist-info" / "entry_points.txt").write_text("")
