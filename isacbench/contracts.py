@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
+from isacbench.errors import require
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -39,11 +41,25 @@ class Needs:
         one. None where it detects on no map.
     cells : {"gate", "detected", "none"}
         Range-Doppler cells whose directions it looks into.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
     """
 
     elements: Literal["plane", "cross", "none"] = "plane"
     integration: Literal["noncoherent", "element"] | None = "noncoherent"
     cells: Literal["gate", "detected", "none"] = "gate"
+
+    def __post_init__(self) -> None:
+        for name, allowed in (
+            ("elements", ("plane", "cross", "none")),
+            ("integration", ("noncoherent", "element", None)),
+            ("cells", ("gate", "detected", "none")),
+        ):
+            value = getattr(self, name)
+            require(value in allowed, f"needs.{name}", value, f"one of {', '.join(map(str, allowed))}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,10 @@ from isacbench.conformance.conduct import (
 )
 from isacbench.conformance.findings import BrokenContractError, Check, DoubtfulError
 from isacbench.conformance.scenes import Shot
+from isacbench.contracts import needs_of
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.model.observation import REGION_TOLERANCE_M, Observation
+from isacbench.model.observation import REGION_TOLERANCE_M, Observation, cross_elements
 
 __all__ = ["ESTIMATOR_CHECKS", "EstimatorSubject"]
 
@@ -147,6 +149,28 @@ def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
         )
     distance_m = float(np.linalg.norm(cloud.xyz[nearest] - truth.xyz[0]))
     return f"{distance_m:.2g} m off"
+
+
+def _reads_what_it_declares(subject: EstimatorSubject) -> str:
+    try:
+        needs = needs_of(subject.plugin)
+    except TypeError as error:
+        raise BrokenContractError(f"{error}") from error
+    if needs.elements == "plane":
+        return "all elements"
+    shot = scenes.ordinary()
+    seen = shot.observation()
+    withheld = np.zeros_like(seen.cells)
+    if needs.elements == "cross":
+        p, q = cross_elements(seen.array.shape).T
+        withheld[:, :, p, q] = seen.cells[:, :, p, q]
+    _require_equal(
+        subject.look(shot, seen),
+        subject.look(shot, dataclasses.replace(seen, cells=withheld)),
+        f"its image hangs on elements that needs.elements = {needs.elements!r} leaves out, so that nobody "
+        "transforms them for it: declare what it reads",
+    )
+    return {"cross": "one column and one row", "none": "no echo"}[needs.elements]
 
 
 def _leaves_the_observation(subject: EstimatorSubject) -> str:
@@ -289,6 +313,7 @@ ESTIMATOR_CHECKS: tuple[Check[Any], ...] = (
     Check("velocity", _has_possible_speeds, ("shapes",)),
     Check("power", _has_possible_powers, ("shapes",)),
     Check("lone scatterer", _finds_a_lone_scatterer, ("region", "velocity", "power")),
+    Check("needs", _reads_what_it_declares, ("shapes",)),
     Check("observation unchanged", _leaves_the_observation, (IMAGED,)),
     Check("repeatable", _repeats, ("shapes",)),
     Check("no memory", _forgets, ("repeatable",)),

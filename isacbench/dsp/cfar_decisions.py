@@ -89,10 +89,15 @@ def detect_by_sums(
     cells: Cells | None,
     estimate: Callable[[Windows, Floats], Estimate],
     factor_of: Callable[[int], float],
+    map_cost: int = 1,
 ) -> Detection:
-    """Test a whole map, or listed cells, against noise from sums axis by axis."""
-    # A whole map costs about as much a cell as windows that are gathered do a cell of theirs.
-    if cells is not None and cells[0].size * prod(axis.n_window for axis in axes) <= power.size:
+    """Test a whole map, or listed cells, against noise from sums axis by axis.
+
+    `map_cost` is how many cells of windows are gathered and summed in the time
+    that a cell of a whole map takes: about one, and more where cells are sorted.
+    """
+    n_window = prod(axis.n_window for axis in axes)
+    if cells is not None and cells[0].size * n_window <= map_cost * power.size:
         noise, key = estimate_listed(
             power, axes, cells, lambda windows: estimate(windows, windows.gathered(power))
         )

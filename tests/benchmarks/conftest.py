@@ -171,6 +171,7 @@ class Scene:
         estimator = self.estimator
         return pair_directions(
             self.snapshots,
+            self.gated.aperture,
             self.peaks,
             self.w_peaks,
             self.min_power,

@@ -13,6 +13,7 @@ import warnings
 
 import numpy as np
 
+from isacbench.contracts import Needs
 from isacbench.model.cloud import PointCloud
 
 LAST = []
@@ -61,7 +62,15 @@ def setting(attribute, value):
     return put(AFTER, f"object.__setattr__(cloud, {attribute!r}, {value})")
 
 
+def declaring(needs):
+    """Declare needs beside the name."""
+    return "    n: int = 1\n", f"    needs = {needs}\n    n: int = 1\n"
+
+
 BROKEN = [
+    ("needs", declaring("Needs('cross')"), "declare what it reads"),
+    ("needs", declaring("Needs('none')"), "declare what it reads"),
+    ("needs", declaring("'cross'"), "must be a Needs, not str"),
     (
         "frozen dataclass",
         ("@dataclass(frozen=True)", "@dataclass"),

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
 from isacbench.dsp.rangedoppler import range_doppler_map
+from isacbench.model import echo
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import (
     Simulator,
@@ -374,3 +375,22 @@ def test_every_purpose_has_a_stream_of_its_own_beside_the_noise():
     assert np.abs(correlation).max() < SIGMAS / math.sqrt(1000)
     noise = random_stream("few", 0, 0).standard_normal((3, 2)) * math.sqrt(0.5)
     np.testing.assert_array_equal(unit_noise("few", 0, 0, (3,)), noise[:, 0] + 1j * noise[:, 1])
+
+
+@pytest.mark.parametrize("scatterers_a_speed", [1, 3, 20])
+def test_summing_the_echoes_of_each_speed_first_changes_nothing(monkeypatch, scatterers_a_speed):
+    street = load_scenario("street")
+    rng = np.random.default_rng(scatterers_a_speed)
+    n = 60
+    scatterers = Scatterers(
+        rng.uniform(street.region.lower_m, street.region.upper_m, (n, 3)),
+        np.repeat(rng.uniform(-15, 15, n // scatterers_a_speed), scatterers_a_speed),
+        rng.uniform(0.1, 1, n),
+        rng.uniform(0, 6, n),
+    )
+    scenario = dataclasses.replace(street, scatterers=scatterers)
+    monkeypatch.setattr(echo, "FEW_SPEEDS", n + 1)
+    apart = clean_echo(scenario, gate_of(scenario))
+    monkeypatch.setattr(echo, "FEW_SPEEDS", 0)
+    together = clean_echo(scenario, gate_of(scenario))
+    assert np.abs(together - apart).max() <= 1e-13 * np.abs(apart).max()

@@ -1,0 +1,61 @@
+"""A frame at the paper's size: written and imaged in bounded memory, with the image of the closed form."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+
+from isacbench import load_scenario, observe, observe_cube
+from isacbench.cubes.simulating import FrameSimulator, write_frame
+
+MOST_MIB = 512
+"""Of 896 MiB that the frame has: interpreter and libraries take about 150."""
+
+FRESH_PROCESS = """
+import json, resource, sys
+from isacbench import get_estimator, load_scenario, observe_cube
+cloud = get_estimator("music2d").estimate(observe_cube(sys.argv[1], load_scenario("street")))
+peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(json.dumps({"points": cloud.to_array().tolist(), "peak_mib": peak_kib / 1024}))
+"""
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def street():
+    return load_scenario("street")
+
+
+@pytest.fixture(scope="module", params=[".npy", ".h5", ".zarr"])
+def frame(request, street, tmp_path_factory):
+    """Path of the street's frame at 10 dB, complex64."""
+    path = tmp_path_factory.mktemp("frame") / f"frame{request.param}"
+    write_frame(FrameSimulator(street, 10.0), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [Music2d(), Music2d(integration="element"), Fft4d()],
+    ids=["music2d", "music2d-element", "fft4d"],
+)
+def test_the_image_of_the_frame_is_that_of_the_closed_form(street, frame, estimator):
+    expected = estimator.estimate(observe(street, 10.0)).to_array()
+    cloud = estimator.estimate(observe_cube(frame, street)).to_array()
+    assert cloud.shape == expected.shape
+    assert (np.abs(cloud - expected).max(axis=0) < 1e-6 * np.abs(expected).max(axis=0)).all()
+
+
+def test_a_frame_is_imaged_without_being_held(street, frame):
+    made = subprocess.run(
+        [sys.executable, "-c", FRESH_PROCESS, str(frame)], capture_output=True, text=True, check=True
+    )
+    found = json.loads(made.stdout)
+    assert found["peak_mib"] < MOST_MIB
+    expected = Music2d().estimate(observe(street, 10.0)).to_array()
+    np.testing.assert_allclose(found["points"], expected, rtol=1e-5, atol=1e-4)
