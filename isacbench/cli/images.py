@@ -57,6 +57,8 @@ def image(
     plugin: PluginFiles = None,
 ) -> None:
     """Take one image, of a simulated or of a recorded frame; score, write or draw its cloud."""
+    from threadpoolctl import threadpool_limits
+
     from isacbench.bench.runner import estimate_cloud
     from isacbench.cubes.observing import observe_cube
     from isacbench.metrics.score import score
@@ -82,7 +84,9 @@ def image(
         observation = observe_cube(cube, scene, transmitted)
     start = time.perf_counter()
     try:
-        cloud = estimate_cloud(imager, observation, scene.truth)
+        # Small batched algebra is slower on several threads, and much so where others use the cores.
+        with threadpool_limits(limits=1):
+            cloud = estimate_cloud(imager, observation, scene.truth)
     except InputError:
         raise
     except Exception as error:
