@@ -69,16 +69,20 @@ class DenseMusic:
 def test_music_against_a_dense_grid(against, street):
     observation, snapshots, floor = street.observation, street.snapshots, street.detected.floor
     dense = DenseMusic(observation.cosine_limits, snapshots.shape[1], floor)
-    seen = []
+    kept = {}
+
+    def by_grid():
+        kept["peaks"] = dense.peaks(snapshots)
+
     along_u, along_w = against(
         lambda: Music2d()._line_spectra(observation, snapshots, floor),
-        {"dense 300 x 150 grid": lambda: seen.append(dense.peaks(snapshots))},
+        {"dense 300 x 150 grid": by_grid},
         rounds=5,
     )
     steps = np.array([np.ptp(dense.u) / DENSE_SHAPE[0], np.ptp(dense.w) / DENSE_SHAPE[1]])
     near = [
         (np.abs(peaks - [u, w]) < 2 * steps).all(axis=1).any()
-        for cell, peaks in enumerate(seen[0])
+        for cell, peaks in enumerate(kept["peaks"])
         for u in along_u.peaks.place[cell, along_u.peaks.found[cell]]
         for w in along_w.peaks.place[cell, along_w.peaks.found[cell]]
         if dense.u.min() < u < dense.u.max() and dense.w.min() < w < dense.w.max()
@@ -89,21 +93,23 @@ def test_music_against_a_dense_grid(against, street):
 def test_os_mask_against_a_rank_filter(against, noise_map):
     footprint = np.ones((9, 9), dtype=bool)
     footprint[3:6, 3:6] = False
-    orders = []
+    kept = {}
+
+    def by_sorting():
+        kept["order"] = rank_filter(noise_map, 53, footprint=footprint)
+
     mask = against(
-        lambda: os_mask(noise_map, 3, 1, 1e-3),
-        {"scipy.ndimage.rank_filter": lambda: orders.append(rank_filter(noise_map, 53, footprint=footprint))},
-        rounds=7,
+        lambda: os_mask(noise_map, 3, 1, 1e-3), {"scipy.ndimage.rank_filter": by_sorting}, rounds=7
     )
-    by_sorting = noise_map > osca_factor(1e-3, ((54, 72),)) * orders[0]
-    assert np.array_equal(by_sorting[INSIDE], mask[INSIDE])
+    expected = noise_map > osca_factor(1e-3, ((54, 72),)) * kept["order"]
+    assert np.array_equal(expected[INSIDE], mask[INSIDE])
 
 
 def test_ca_against_uniform_filters(against, noise_map):
-    sums = []
+    kept = {}
 
     def window_and_guard():
-        sums.append(81 * uniform_filter(noise_map, 9) - 9 * uniform_filter(noise_map, 3))
+        kept["sum"] = 81 * uniform_filter(noise_map, 9) - 9 * uniform_filter(noise_map, 3)
 
     found = against(
         lambda: ca_cfar(noise_map, 3, 1, 1e-3),
@@ -113,5 +119,5 @@ def test_ca_against_uniform_filters(against, noise_map):
         },
         rounds=30,
     )
-    threshold = ca_factor(1e-3, 72) * sums[0][INSIDE] / 72
+    threshold = ca_factor(1e-3, 72) * kept["sum"][INSIDE] / 72
     np.testing.assert_allclose(found.threshold[INSIDE], threshold, rtol=1e-9)
