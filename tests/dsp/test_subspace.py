@@ -162,3 +162,17 @@ def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cel
             noise = vectors[cell, :, order[cell] :]
             expected = sum((noise[:, k] @ a) ** 2 for k in range(noise.shape[1]))
             assert found[cell, i] == pytest.approx(expected, abs=1e-11)
+
+
+def test_covariance_and_null_spectrum_have_the_precision_of_the_snapshots():
+    snapshots = random_snapshots(3, 16, 5)
+    order, towards = np.array([1, 2, 3]), real_steering(10, np.linspace(-0.5, 0.5, 21))
+    results = []
+    for dtype in (np.complex64, np.complex128):
+        covariance = smoothed_covariance(snapshots.astype(dtype), 10)
+        vectors = np.linalg.eigh(covariance)[1][:, :, ::-1]
+        null = music_null_spectrum(vectors, order, towards)
+        assert covariance.dtype == null.dtype == np.zeros(0, dtype).real.dtype
+        results.append((covariance, null))
+    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-5)
+    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-3)
