@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +46,22 @@ __all__ = ["CellwiseEstimator", "Levels", "Look", "middle"]
 
 Snapshots = NDArray[np.complexfloating[Any, Any]]
 
+Stage = Literal["detection", "directions", "subspace", "selection"]
+"""What is done with cells: the map and its test; snapshots, their Fourier spectra and amplitudes;
+covariances, their eigenvectors and null spectra; the joint explanation."""
+
 DETECTION_WINDOW: Window = "hann"
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
+
+
+class _Maps(NamedTuple):
+    """One map, in the precision of each stage."""
+
+    detection: GatedMap
+    directions: GatedMap
+    selection: GatedMap
 
 
 class Levels(NamedTuple):
@@ -94,6 +106,9 @@ class CellwiseEstimator(ABC):
     separable : bool
         Class attribute: whether directions are sought along u and along w
         apart, so that one column and one row of the array show them.
+    single_stages : frozenset of {"detection", "directions", "subspace", "selection"}
+        Class attribute: what `precision` "single" computes in single
+        precision.
     detector : Detector
         Of range-Doppler cells.
     pfa : float or None
@@ -112,6 +127,10 @@ class CellwiseEstimator(ABC):
         Below the strongest cells, what is neither detected nor modelled.
     local_dynamic_range_db : float
         Below the strongest scatterer nearby, what is not told from its leakage.
+    precision : {"double", "single"}
+        Of the cells. "single" halves the memory of the stages that it does not
+        harm (``docs/precision.md``); the others are computed in double either
+        way.
 
     Raises
     ------
@@ -120,6 +139,7 @@ class CellwiseEstimator(ABC):
     """
 
     separable: ClassVar[bool] = False
+    single_stages: ClassVar[frozenset[Stage]] = frozenset({"detection", "directions", "selection"})
 
     detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
     pfa: float | None = None
@@ -130,12 +150,14 @@ class CellwiseEstimator(ABC):
     angle_pfa: float = 1e-5
     dynamic_range_db: float = 28.0
     local_dynamic_range_db: float = 16.5
+    precision: Literal["double", "single"] = "double"
 
     def __post_init__(self) -> None:
         require(self.max_sources >= 1, "max_sources", self.max_sources, "1 and more")
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")
         for name in ("dynamic_range_db", "local_dynamic_range_db"):
             require(getattr(self, name) > 0, name, getattr(self, name), "above 0")
+        require(self.precision in ("double", "single"), "precision", self.precision, "single or double")
         self.cell_detector()
 
     @property
@@ -147,6 +169,10 @@ class CellwiseEstimator(ABC):
     def aperture(self, observation: Observation) -> Aperture:
         """Elements that are read of an observation."""
         return (Cross if self.needs.elements == "cross" else Plane)(*observation.array.shape)
+
+    def dtype_in(self, stage: Stage) -> type[np.complexfloating[Any, Any]]:
+        """Precision in which a stage reads cells."""
+        return np.complex64 if self.precision == "single" and stage in self.single_stages else np.complex128
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -161,16 +187,17 @@ class CellwiseEstimator(ABC):
         """
         system = observation.system
         with stage("rdm"):
-            gated = self._read(observation)
+            maps = self._read(observation)
+            gated = maps.selection
         with stage("detection"):
-            detected = self._detect(gated)
-            levels = _levels(gated, detected)
+            detected = self._detect(maps.detection)
+            levels = _levels(maps.detection, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         chosen = Scatterers.empty()
         for look in self.looks():
             with stage("peaks"):
                 candidates = self._candidates(
-                    observation, gated, detected.bins, look, levels, min_power, chosen.next_family
+                    observation, maps.directions, detected.bins, look, levels, min_power, chosen.next_family
                 )
             with stage("refinement"):
                 chosen = select_jointly(
@@ -223,18 +250,23 @@ class CellwiseEstimator(ABC):
         -------
         Diagnosis
         """
-        gated = self._read(observation)
-        detected = self._detect(gated)
-        seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
+        maps = self._read(observation)
+        detected = self._detect(maps.detection)
+        seen = maps.detection.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
         look = self.looks()[-1]
-        tapered = gated.tapered(look.range_window, look.doppler_window)
+        tapered = maps.directions.tapered(look.range_window, look.doppler_window)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
-            spectra = self.spectra(observation, snapshots, _levels(gated, detected))
+            spectra = self.spectra(observation, snapshots, _levels(maps.detection, detected))
         return Diagnosis(
-            detected.power, detected.detection, seen.range_bins, seen.doppler_bins, spectra, cell
+            detected.power.astype(np.float64, copy=False),
+            detected.detection,
+            seen.range_bins,
+            seen.doppler_bins,
+            spectra,
+            cell,
         )
 
     @abstractmethod
@@ -252,7 +284,7 @@ class CellwiseEstimator(ABC):
         ----------
         observation : Observation
         look : Look
-        snapshots : ndarray of complex128, shape (n, s, *elements)
+        snapshots : ndarray of complex, shape (n, s, *elements)
             Of each cell and its neighbours in range, the cell in the middle,
             on the elements of `aperture`.
         levels : Levels
@@ -279,11 +311,14 @@ class CellwiseEstimator(ABC):
             return self.detector
         return cast("Detector", replace(cast("Any", self.detector), pfa=self.pfa))
 
-    def _read(self, observation: Observation) -> GatedMap:
+    def _read(self, observation: Observation) -> _Maps:
         """Map of the elements that are needed; the others may never have been computed."""
         aperture = self.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
-        return GatedMap(cells, observation.gate, aperture)
+        gated = GatedMap(cells, observation.gate, aperture)
+        stages: tuple[Stage, ...] = ("detection", "directions", "selection")
+        maps = {dtype: gated.astype(dtype) for dtype in {self.dtype_in(stage) for stage in stages}}
+        return _Maps(*(maps[self.dtype_in(stage)] for stage in stages))
 
     def _detect(self, gated: GatedMap) -> DetectedCells:
         seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW)

@@ -113,7 +113,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`. `max_sources` is
         also the largest dimension of a signal subspace.
-    dynamic_range_db, local_dynamic_range_db : float
+    dynamic_range_db, local_dynamic_range_db, precision
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
 
     Raises
@@ -151,9 +151,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
             waves = self.directions(observation, subspaces)
             if self.polish:
                 with stage("refinement"):
-                    waves = resolve_directions(
-                        cells[:, None], waves, levels.white, self.angle_pfa, self.polish
-                    )
+                    data = cells[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
+                    waves = resolve_directions(data, waves, levels.white, self.angle_pfa, self.polish)
             unexplained = waves.unexplained(cells, plane)
             resolved = unexplained < MOST_UNEXPLAINED * levels.white
             resolved &= np.mean(np.abs(cells) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
@@ -249,7 +248,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
         n_cells, n_snapshots = snapshots.shape[:2]
         shape = snapshots.shape[2], snapshots.shape[3]
         subarray = self.subarray(shape)
-        each = planar_covariance(snapshots.reshape(-1, *shape), subarray)
+        data = snapshots.astype(self.dtype_in("subspace"), copy=False)
+        each = planar_covariance(data.reshape(-1, *shape), subarray)
         covariance = each.reshape(n_cells, n_snapshots, *each.shape[1:]).mean(axis=1)
         n_sensors = covariance.shape[1]
         largest = max(min(self.max_sources, most_sources(subarray), n_sensors - 1), 1)

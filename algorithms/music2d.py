@@ -115,7 +115,7 @@ class Music2d(CellwiseEstimator):
         Of peaks in a stack of spectra (cells, grid).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db : float
+    dynamic_range_db, local_dynamic_range_db, precision
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
 
     Raises
@@ -181,7 +181,8 @@ class Music2d(CellwiseEstimator):
         self, observation: Observation, snapshots: Snapshots, noise: float
     ) -> tuple[_LineSpectra, _LineSpectra]:
         u_limits, w_limits = observation.cosine_limits
-        along_u, along_w = self.aperture(observation).lines(snapshots)
+        lines = snapshots.astype(self.dtype_in("subspace"), copy=False)
+        along_u, along_w = self.aperture(observation).lines(lines)
         return self._music(along_u, u_limits, noise), self._music(along_w, w_limits, noise)
 
     def _music(self, lines: Snapshots, limits: tuple[float, float], noise: float) -> _LineSpectra:

@@ -30,6 +30,9 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 class Responses(ABC):
     """How the elements respond to plane waves from directions, cosines u and w apart.
 
+    Products with snapshots have the precision of the snapshots; products of
+    responses with each other are always double.
+
     Attributes
     ----------
     along_u : ndarray of complex128, shape (..., i, P)
@@ -122,6 +125,11 @@ class Responses(ABC):
     def _joined(self, along_u: Complex, along_w: Complex) -> Complex:
         """Mean products over all elements from the products over each line."""
 
+    def _filters(self, snapshots: Complex) -> tuple[Complex, Complex]:
+        """Conjugate responses in the precision of snapshots."""
+        a, b = (line.conj().astype(snapshots.dtype, copy=False) for line in (self.along_u, self.along_w))
+        return a, b
+
     def _line_products(self) -> tuple[Complex, Complex]:
         a, b = self.along_u, self.along_w
         return a.conj() @ a.swapaxes(-1, -2), b.conj() @ b.swapaxes(-1, -2)
@@ -131,20 +139,23 @@ class _PlaneResponses(Responses):
     """On all P x Q elements, which are touched along one axis and then along the other."""
 
     def matched(self, snapshots: Complex) -> Complex:
-        matched: Complex = np.sum((self.along_u.conj() @ snapshots) * self.along_w.conj(), axis=3)
+        a, b = self._filters(snapshots)
+        matched: Complex = np.sum((a @ snapshots) * b, axis=3)
         matched /= self.n_elements
         return matched
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
-        matched: Complex = self.along_u.conj() @ snapshots @ self.along_w.conj().transpose(0, 2, 1)
+        a, b = self._filters(snapshots)
+        matched: Complex = a @ snapshots @ b.transpose(0, 2, 1)
         matched /= self.n_elements
         return matched
 
     def beams(self, snapshots: Complex) -> Complex:
         n, n_snapshots, n_p, n_q = snapshots.shape
         # Two products of large matrices with vectors, and none of as many small ones.
-        columns = snapshots.reshape(n, n_snapshots * n_p, n_q) @ self.along_w.conj()[:, :, None]
-        outputs = columns.reshape(n, n_snapshots, n_p) @ self.along_u.conj()[:, :, None]
+        a, b = self._filters(snapshots)
+        columns = snapshots.reshape(n, n_snapshots * n_p, n_q) @ b[:, :, None]
+        outputs = columns.reshape(n, n_snapshots, n_p) @ a[:, :, None]
         beams: Complex = outputs[:, :, 0] / self.n_elements
         return beams
 
@@ -162,27 +173,26 @@ class _CrossResponses(Responses):
     """On one column, and on the rest of one row."""
 
     def matched(self, snapshots: Complex) -> Complex:
-        outputs = self._along_both().conj() @ snapshots[..., None]
+        outputs = np.concatenate(self._filters(snapshots), axis=-1) @ snapshots[..., None]
         matched: Complex = outputs[..., 0] / self.n_elements
         return matched
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
-        n_p = self.along_u.shape[-1]
-        along_u = self.along_u.conj() @ snapshots[:, :n_p, None]
-        along_w = self.along_w.conj() @ snapshots[:, n_p:, None]
-        return self._joined(along_u, along_w.transpose(0, 2, 1))
+        a, b = self._filters(snapshots)
+        n_p = a.shape[-1]
+        along_w = b @ snapshots[:, n_p:, None]
+        return self._joined(a @ snapshots[:, :n_p, None], along_w.transpose(0, 2, 1))
 
     def beams(self, snapshots: Complex) -> Complex:
-        outputs = snapshots @ self._along_both().conj()[:, :, None]
+        filters: Complex = np.concatenate(self._filters(snapshots), axis=-1)
+        outputs = snapshots @ filters[:, :, None]
         beams: Complex = outputs[:, :, 0] / self.n_elements
         return beams
 
     def synthesis(self, amplitude: Complex) -> Complex:
-        waves: Complex = (amplitude[:, None, :] @ self._along_both())[:, 0]
+        both = np.concatenate([self.along_u, self.along_w], axis=-1)
+        waves: Complex = (amplitude[:, None, :] @ both)[:, 0]
         return waves
-
-    def _along_both(self) -> Complex:
-        return np.concatenate([self.along_u, self.along_w], axis=-1)
 
     def _joined(self, along_u: Complex, along_w: Complex) -> Complex:
         joined: Complex = along_u + along_w

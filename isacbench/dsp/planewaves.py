@@ -26,6 +26,11 @@ DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""
 
 
+TIE = 1e-5
+"""Difference of two residuals, relative to the strongest wave, that is rounding: on a cross, one more cosine
+of the column explains as much with either of two of the row whose own echoes are explained already."""
+
+
 @dataclass(frozen=True, eq=False)
 class PlaneWaves:
     """Plane waves found in each of n cells; rows are filled up to the same length k.
@@ -132,10 +137,11 @@ def pair_directions(
     residual = matched
     for k in range(chosen.shape[1]):
         power = np.where(eligible, residual.real**2 + residual.imag**2, 0)
-        best = power.argmax(axis=1)
-        best_power = power[cell[:, 0], best]
+        best_power = power.max(axis=1)
         if k == 0:
             strongest = best_power
+        # Of equals the first, which pairs the stronger peaks.
+        best = np.argmax(power >= (best_power - TIE * np.sqrt(best_power * strongest))[:, None], axis=1)
         growing = (best_power > min_power) & (best_power > strongest * 10 ** (-dynamic_range_db / 10))
         growing &= found[:, k - 1] if k else True
         if not growing.any():

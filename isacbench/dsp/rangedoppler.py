@@ -75,6 +75,12 @@ class GatedMap:
         """Virtual elements that the cells hold."""
         return self.aperture.n_elements
 
+    def astype(self, dtype: type[np.complexfloating[Any, Any]]) -> GatedMap:
+        """Map in another precision; itself where it has that already."""
+        if self.cells.dtype == dtype:
+            return self
+        return GatedMap(self.cells.astype(dtype), self.gate, self.elements)
+
     def tapered(self, range_window: Window, doppler_window: Window) -> GatedMap:
         """Map behind windows along range and Doppler, without the outermost bins that lack neighbours."""
         with stage("rdm"):

@@ -51,15 +51,15 @@ def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_suba
     Returns
     -------
     ndarray of float64, shape (n, n_subarray, n_subarray)
-        Real, symmetric, non-negative definite. Mean eigenvalue in noise of
-        power σ² is σ².
+        Real, symmetric, non-negative definite, in the precision of the
+        snapshots. Mean eigenvalue in noise of power σ² is σ².
     """
     n_shifts = snapshots.shape[1] - n_subarray + 1
     whole = snapshots @ snapshots.conj().transpose(0, 2, 1)
     # The covariance of a subarray is a diagonal block of the whole array's.
     blocks = (whole[:, k : k + n_subarray, k : k + n_subarray] for k in range(n_shifts))
-    forward = sum(blocks, start=np.zeros((), dtype=np.complex128)) / (n_shifts * snapshots.shape[2])
-    transform = unitary_transform(n_subarray)
+    forward = sum(blocks, start=np.zeros((), dtype=whole.dtype)) / (n_shifts * snapshots.shape[2])
+    transform = unitary_transform(n_subarray).astype(whole.dtype, copy=False)
     # The real part is the forward-backward average: the backward half adds the conjugate.
     covariance: Floats = (transform.conj().T @ forward @ transform).real
     return covariance
@@ -156,7 +156,7 @@ def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering
     n_signal = int(order.max(initial=1))
     in_signal = np.arange(n_signal) < order[:, None]
     basis = eigenvectors[:, :, :n_signal] * in_signal[:, None, :]
-    projection = basis.transpose(0, 2, 1) @ steering
+    projection = basis.transpose(0, 2, 1) @ steering.astype(basis.dtype, copy=False)
     null: Floats = n_sensors - np.einsum("nkg,nkg->ng", projection, projection)
     return np.maximum(null, 0.0)
 

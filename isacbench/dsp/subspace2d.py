@@ -63,12 +63,13 @@ def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
     Returns
     -------
     ndarray of float64, shape (n, L M, L M)
-        Real, symmetric, non-negative definite. Mean eigenvalue in noise of
-        power σ² is σ².
+        Real, symmetric, non-negative definite, in the precision of the
+        snapshots. Mean eigenvalue in noise of power σ² is σ².
     """
     n_u, n_w = subarray
-    along_u = sliding_window_view(snapshots, n_u, axis=1) @ unitary_transform(n_u).conj()
-    both = sliding_window_view(along_u, n_w, axis=2) @ unitary_transform(n_w).conj()
+    into_u, into_w = (unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in subarray)
+    along_u = sliding_window_view(snapshots, n_u, axis=1) @ into_u
+    both = sliding_window_view(along_u, n_w, axis=2) @ into_w
     subarrays = both.reshape(len(snapshots), both.shape[1] * both.shape[2], n_u * n_w)
     # Real and imaginary parts are the forward-backward average: the backward half adds the conjugate.
     real = np.concatenate([subarrays.real, subarrays.imag], axis=1)
@@ -100,7 +101,8 @@ def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats
     if 2 * n_basis >= n_sensors:
         values, vectors = np.linalg.eigh(covariance)
         return values[:, ::-1][:, :n_pairs], vectors[:, :, ::-1][:, :, :n_pairs]
-    basis = np.broadcast_to(_start_basis(n_sensors, n_basis), (len(covariance), n_sensors, n_basis))
+    start = _start_basis(n_sensors, n_basis).astype(covariance.dtype, copy=False)
+    basis = np.broadcast_to(start, (len(covariance), n_sensors, n_basis))
     for _ in range(ITERATIONS):
         basis = np.linalg.qr(covariance @ basis)[0]
     values, vectors = np.linalg.eigh(basis.transpose(0, 2, 1) @ covariance @ basis)
@@ -131,9 +133,10 @@ def planar_null_spectrum(basis: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
         0 on a source, L M in empty directions.
     """
     n, n_u, n_w, k = basis.shape
-    towards_u, towards_w = real_steering(n_u, u).T, real_steering(n_w, w)
+    towards_u, towards_w = (real_steering(*line).astype(basis.dtype) for line in ((n_u, u), (n_w, w)))
+    towards_u = towards_u.T
     columns = np.ascontiguousarray(basis.transpose(0, 3, 1, 2))
-    null = np.empty((n, len(towards_u), towards_w.shape[1]))
+    null = np.empty((n, len(towards_u), towards_w.shape[1]), dtype=basis.dtype)
     n_cells = max(CHUNK_VALUES // max(k * null[:1].size, 1), 1)
     for first in range(0, n, n_cells):
         projection = towards_u @ (columns[first : first + n_cells] @ towards_w)

@@ -120,6 +120,24 @@ def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape
 
 
 @APERTURES
+@given(shape=SHAPES, seed=SEEDS)
+def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_double(kind, shape, seed):
+    aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 2))
+    data = snapshots_of(aperture, rng, 2, 2)
+    for dtype, tolerance in ((np.complex64, 1e-5), (np.complex128, 0)):
+        cells = data.astype(dtype)
+        cosines = aperture.towards(u, w), aperture.towards(u[:, 0], w[:, 0])
+        for single, double in (
+            (cosines[0].matched(cells), cosines[0].matched(data)),
+            (cosines[0].matched_intersections(cells[0]), cosines[0].matched_intersections(data[0])),
+            (cosines[1].beams(cells), cosines[1].beams(data)),
+        ):
+            assert single.dtype == dtype
+            np.testing.assert_allclose(single, double, atol=tolerance)
+        assert cosines[0].gram().dtype == np.complex128
+
+
+@APERTURES
 @settings(deadline=None)
 @given(shape=SHAPES, seed=SEEDS)
 def test_a_synthesis_is_the_sum_of_waves_at_every_element(kind, shape, seed):

@@ -1,5 +1,7 @@
 """Pairing of direction cosines: sources kept, intersections that are none left out."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -139,6 +141,22 @@ def test_on_a_cross_what_is_of_one_amplitude_on_column_and_row_is_a_pair(scene, 
     amplitude = np.abs(waves.amplitudes(cells[None], Cross(N_P, N_Q))[0, 0])
     true = [(a, b) in set(zip(u, w, strict=True)) for a, b in zip(waves.u[0], waves.w[0], strict=True)]
     assert amplitude[~np.array(true)].max(initial=0) < 1e-3
+
+
+@pytest.mark.parametrize("w_amplitudes", [(1.0, 0.5), (1.0, 0.3)])
+def test_which_of_equal_pairs_a_cross_takes_does_not_depend_on_rounding(w_amplitudes):
+    # The column sees a strong and a weak wave, the row two whose amplitudes are those of neither.
+    u, w, cross = np.array([0.1, -0.5]), np.array([-0.2, 0.6]), Cross(N_P, N_Q)
+    column = steering(N_P, u).T @ np.array([1.2, 0.02])
+    row = steering(N_Q, w).T @ np.array(w_amplitudes)
+    pairs = set()
+    for phase, dtype in product(np.linspace(0, 6, 20), (np.complex64, np.complex128)):
+        cells = (np.exp(1j * phase) * np.concatenate([column, row[1:]])[None]).astype(dtype)
+        peaks = (Peaks(line[None], np.ones((1, 2), dtype=bool)) for line in (u, w))
+        waves = pair_directions(cells, cross, *peaks, **LIMITS)
+        assert waves.found.sum() == 3
+        pairs.add(tuple(pairs_of(waves)))
+    assert pairs == {((-0.5, -0.2), (0.1, -0.2), (0.1, 0.6))}
 
 
 def test_exact_waves_leave_nothing_unexplained_and_no_waves_leave_all():

@@ -68,6 +68,16 @@ def test_a_tapered_map_keeps_cells_bins_and_reachable_ones_together():
     assert tapered.aperture == Plane(2, 3)
 
 
+def test_a_map_in_another_precision_keeps_all_else_and_in_its_own_is_itself():
+    gate = Gate(np.arange(12), np.arange(20), slice(0, 12), slice(0, 20))
+    gated = GatedMap(random_cells((12, 20, 4)), gate, Cross(2, 3))
+    single = gated.astype(np.complex64)
+    assert gated.astype(np.complex128) is gated
+    assert (single.cells.dtype, single.gate, single.aperture) == (np.complex64, gate, Cross(2, 3))
+    assert single.tapered("hann", "soft").cells.dtype == np.complex64
+    np.testing.assert_array_equal(single.cells, gated.cells.astype(np.complex64))
+
+
 def test_a_tapered_map_of_a_cross_is_one():
     gate = Gate(np.arange(12), np.arange(20), slice(0, 12), slice(0, 20))
     tapered = GatedMap(random_cells((12, 20, 4)), gate, Cross(2, 3)).tapered("hann", "hann")

@@ -150,3 +150,16 @@ def test_shallow_minima_are_no_sources_but_the_deepest_always_counts():
 def test_without_cells_there_are_no_nulls():
     nulls = null_minima(np.empty((0, 8, 8, 1)), GRID, GRID, np.empty(0, dtype=int))
     assert nulls.found.shape[0] == 0
+
+
+def test_planar_covariance_eigenvectors_and_null_spectrum_have_the_precision_of_the_snapshots():
+    snapshots, u = random_snapshots(2, 8, 8), np.linspace(-0.5, 0.5, 11)
+    results = []
+    for dtype in (np.complex64, np.complex128):
+        covariance = planar_covariance(snapshots.astype(dtype), (5, 5))
+        vectors = leading_eigenpairs(covariance, 2)[1]
+        null = planar_null_spectrum(vectors.reshape(2, 5, 5, 2), u, u)
+        assert covariance.dtype == vectors.dtype == null.dtype == np.zeros(0, dtype).real.dtype
+        results.append((covariance, null))
+    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-4)
+    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-2)

@@ -1,0 +1,111 @@
+"""Single precision: where it flows, what it leaves as it is, and that points stay where they are."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from isacbench_algorithms.cellwise import Stage
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+
+from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
+
+SYSTEM = System(n_subcarriers=256, n_symbols=64)
+BASE_M = np.array([15.0, 100.0, 20.0])
+XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0], [14.0, 36.0, 10.0]])
+VELOCITY = np.array([0.0, 13.3, -8.1, 20.0, -17.7])
+
+ALL = pytest.mark.parametrize("estimator", [Music2d, Fft4d, Esprit2d, Music2dJoint])
+STAGES: tuple[Stage, ...] = ("detection", "directions", "subspace", "selection")
+
+
+@cache
+def observation():
+    """Few scatterers in front of a panel, 30 dB."""
+    scenario = Scenario(
+        name="few",
+        system=SYSTEM,
+        array=VirtualArray((2, 2), (4, 4), 4, 1),
+        frame=get_frame("panel"),
+        base_station_m=BASE_M,
+        region=Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0)),
+        scatterers=Scatterers(XYZ, VELOCITY, np.ones(5)),
+    )
+    return Simulator(scenario).observe(30.0)
+
+
+def rows(cloud):
+    """Points sorted by y."""
+    return cloud.to_array()[np.argsort(cloud.xyz[:, 1])]
+
+
+@ALL
+def test_single_precision_moves_no_point_by_more_than_a_millimetre(estimator):
+    clouds = [
+        rows(estimator(precision=precision).estimate(observation())) for precision in ("single", "double")
+    ]
+    assert len(clouds[0]) == len(clouds[1]) == len(XYZ)
+    assert np.any(clouds[0] != clouds[1])
+    np.testing.assert_allclose(clouds[0], clouds[1], atol=1e-3)
+
+
+@ALL
+def test_in_double_cells_of_single_precision_are_what_they_are(estimator):
+    rounded = observation().cells.astype(np.complex64)
+    clouds = [
+        estimator(precision="double").estimate(replace(observation(), cells=cells))
+        for cells in (rounded, rounded.astype(np.complex128))
+    ]
+    assert len(clouds[0]) == len(XYZ)
+    np.testing.assert_array_equal(*(cloud.to_array() for cloud in clouds))
+
+
+@ALL
+def test_in_single_cells_of_double_precision_are_rounded_first(estimator):
+    rounded = observation().cells.astype(np.complex64)
+    clouds = [
+        estimator(precision="single").estimate(replace(observation(), cells=cells))
+        for cells in (rounded, observation().cells)
+    ]
+    np.testing.assert_array_equal(*(cloud.to_array() for cloud in clouds))
+
+
+@ALL
+def test_every_stage_reads_cells_in_the_precision_it_declares(estimator, monkeypatch):
+    seen = {}
+    plane_waves = estimator.plane_waves
+
+    def spied(self, observed, look, snapshots, *others):
+        seen["directions"] = snapshots.dtype
+        return plane_waves(self, observed, look, snapshots, *others)
+
+    monkeypatch.setattr(estimator, "plane_waves", spied)
+    for precision in ("single", "double"):
+        one = estimator(precision=precision)
+        one.estimate(observation())
+        assert seen["directions"] == one.dtype_in("directions")
+        for stage in STAGES:
+            single = precision == "single" and stage in estimator.single_stages
+            assert one.dtype_in(stage) == (np.complex64 if single else np.complex128)
+
+
+@ALL
+def test_a_diagnosis_is_double_whatever_the_precision(estimator):
+    seen = estimator(precision="single").diagnose(observation())
+    assert seen.power.dtype == seen.detection.threshold.dtype == np.float64
+    assert seen.detection.mask.shape == seen.power.shape
+
+
+@ALL
+def test_another_precision_is_refused_with_what_is_allowed(estimator):
+    with pytest.raises(InputError, match=r"precision = 'half': allowed is single or double"):
+        estimator(precision="half")
