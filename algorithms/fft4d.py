@@ -45,7 +45,7 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.stages import stage
 
-from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
+from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
 from .detectors import CaCfar
 
 __all__ = ["Fft4d"]
@@ -111,6 +111,7 @@ class Fft4d(CellwiseEstimator):
     name: ClassVar[str] = "fft4d"
     separable: ClassVar[bool] = True
 
+    precision: Precision = "single"
     angle_points: int = 48
     angle_detector: Detector = field(
         default_factory=lambda: CaCfar(pfa=1e-3, training=(0, 4, 4), guard=(0, 3, 3))

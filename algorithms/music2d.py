@@ -62,7 +62,7 @@ from isacbench.errors import require
 from isacbench.model.observation import Observation
 from isacbench.stages import stage
 
-from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
+from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
 from .detectors import CaCfar
 
 __all__ = ["Music2d"]
@@ -134,6 +134,7 @@ class Music2d(CellwiseEstimator):
     name: ClassVar[str] = "music2d"
     separable: ClassVar[bool] = True
 
+    precision: Precision = "single"
     subarray_fraction: float = 0.625
     grid_points: int = 201
     model_order: ModelOrder = "noise"

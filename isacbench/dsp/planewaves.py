@@ -128,7 +128,8 @@ def pair_directions(
     n, n_w = len(snapshots), w.place.shape[1]
     n_pairs = u.place.shape[1] * n_w
     responses = aperture.towards(u.place, w.place)
-    matched = responses.matched_intersections(snapshots).reshape(n, n_pairs)
+    # Few numbers from here on, whatever the precision of the snapshots.
+    matched = responses.matched_intersections(snapshots).reshape(n, n_pairs).astype(np.complex128, copy=False)
     gram = responses.intersections_gram().reshape(n, n_pairs, n_pairs)
     eligible = (u.found[:, :, None] & w.found[:, None, :]).reshape(n, n_pairs)
     cell = np.arange(n)[:, None]
