@@ -26,7 +26,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.contracts import Detector, Diagnosis, Needs, Spectrum
+from isacbench.contracts import Detection, Detector, Diagnosis, Needs, Spectrum
 from isacbench.dsp.aperture import Aperture, Cross, Plane
 from isacbench.dsp.detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.joint import refine_jointly, select_jointly
@@ -54,16 +54,20 @@ covariances, their eigenvectors and null spectra; the joint explanation."""
 
 DETECTION_WINDOW: Window = "hann"
 
+MOST_EXPONENT = 40
+"""Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision does not hold their squares."""
+
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
 
 
 class _Maps(NamedTuple):
-    """One map, in the precision of each stage."""
+    """One map, in the precision of each stage, its amplitudes in units of a power of two."""
 
     detection: GatedMap
     directions: GatedMap
     selection: GatedMap
+    unit: float
 
 
 class Levels(NamedTuple):
@@ -213,7 +217,7 @@ class CellwiseEstimator(ABC):
         with stage("refinement"):
             found = self.refine(chosen, gated, system, levels, min_power)
         with stage("peaks"):
-            unit_power = found.power / system.processing_gain
+            unit_power = found.power / system.processing_gain * maps.unit**2
             return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
 
     def looks(self) -> tuple[Look, ...]:
@@ -262,9 +266,10 @@ class CellwiseEstimator(ABC):
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
             spectra = self.spectra(observation, snapshots, _levels(maps.detection, detected))
+        power, detection, unit_power = detected.power.astype(np.float64), detected.detection, maps.unit**2
         return Diagnosis(
-            detected.power.astype(np.float64, copy=False),
-            detected.detection,
+            power * unit_power,
+            Detection(detection.mask, detection.threshold * unit_power, detection.noise * unit_power),
             seen.range_bins,
             seen.doppler_bins,
             spectra,
@@ -317,10 +322,18 @@ class CellwiseEstimator(ABC):
         """Map of the elements that are needed; the others may never have been computed."""
         aperture = self.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
-        gated = GatedMap(cells, observation.gate, aperture)
-        stages: tuple[Stage, ...] = ("detection", "directions", "selection")
-        maps = {dtype: gated.astype(dtype) for dtype in {self.dtype_in(stage) for stage in stages}}
-        return _Maps(*(maps[self.dtype_in(stage)] for stage in stages))
+        unit = _unit(cells)
+        gated = GatedMap(cells if unit == 1 else cells / unit, observation.gate, aperture)
+        maps = {
+            dtype: gated.astype(dtype)
+            for dtype in {self.dtype_in(stage) for stage in ("detection", "directions", "selection")}
+        }
+        return _Maps(
+            detection=maps[self.dtype_in("detection")],
+            directions=maps[self.dtype_in("directions")],
+            selection=maps[self.dtype_in("selection")],
+            unit=unit,
+        )
 
     def _detect(self, gated: GatedMap) -> DetectedCells:
         seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW)
@@ -357,6 +370,12 @@ class CellwiseEstimator(ABC):
             look.one_doppler,
         )
         return merge_duplicates(located)
+
+
+def _unit(cells: Snapshots) -> float:
+    """Power of two near the largest amplitude of the array's first row or element; 1 where all is well."""
+    _, exponent = np.frexp(np.abs(cells[:, :, 0]).max(initial=0))
+    return 1.0 if abs(exponent) <= MOST_EXPONENT else 2.0 ** int(exponent)
 
 
 def middle(snapshots: Snapshots) -> Snapshots:

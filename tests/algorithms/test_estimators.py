@@ -151,7 +151,7 @@ def test_the_observation_is_not_written_to_and_the_answer_repeats(estimator):
 
 
 @BOTH
-@pytest.mark.parametrize("exponent", [-40, 3, 40])
+@pytest.mark.parametrize("exponent", [-490, -40, 3, 40, 490])
 def test_the_unit_of_the_echo_scales_powers_and_nothing_else(estimator, exponent):
     observation = simulator(beside_the_bins(XYZ, 0.1)).observe(20.0)
     cloud = estimator().estimate(observation)

@@ -154,7 +154,7 @@ def permuted(scatterers, order):
 
 @BOTH
 @SCENES
-@pytest.mark.parametrize("exponent", [-40, 1, 40])
+@pytest.mark.parametrize("exponent", [-490, -40, 1, 40, 490])
 def test_a_power_of_two_on_the_echo_scales_powers_and_nothing_else(estimator, xyz, exponent):
     observation = simulator(xyz).observe(20.0)
     scaled = replace(observation, cells=2.0**exponent * observation.cells)
