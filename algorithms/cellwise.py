@@ -55,7 +55,7 @@ covariances, their eigenvectors and null spectra; the joint explanation."""
 DETECTION_WINDOW: Window = "hann"
 
 MOST_EXPONENT = 40
-"""Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision does not hold their squares."""
+"""Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision lacks their squares."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
