@@ -42,13 +42,13 @@ from isacbench.stages import stage
 
 from .detectors import OscaCfar
 
-__all__ = ["CellwiseEstimator", "Levels", "Look", "Precision", "Stage", "middle"]
+__all__ = ["CellwiseEstimator", "Levels", "Look", "Precision", "PrecisionStage", "middle"]
 
 Snapshots = NDArray[np.complexfloating[Any, Any]]
 
 Precision = Literal["double", "single"]
 
-Stage = Literal["detection", "directions", "subspace", "selection"]
+PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
 """What is done with cells: the map and its test; snapshots, their Fourier spectra and amplitudes;
 covariances, their eigenvectors and null spectra; the joint explanation."""
 
@@ -145,7 +145,8 @@ class CellwiseEstimator(ABC):
     """
 
     separable: ClassVar[bool] = False
-    single_stages: ClassVar[frozenset[Stage]] = frozenset({"detection", "directions", "selection"})
+    # Directions hang on the last digits of the snapshots: points would move by more than 1e-6 of their size.
+    single_stages: ClassVar[frozenset[PrecisionStage]] = frozenset({"detection"})
 
     detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
     pfa: float | None = None
@@ -176,7 +177,7 @@ class CellwiseEstimator(ABC):
         """Elements that are read of an observation."""
         return (Cross if self.needs.elements == "cross" else Plane)(*observation.array.shape)
 
-    def dtype_in(self, stage: Stage) -> type[np.complexfloating[Any, Any]]:
+    def dtype_in(self, stage: PrecisionStage) -> type[np.complexfloating[Any, Any]]:
         """Precision in which a stage reads cells."""
         return np.complex64 if self.precision == "single" and stage in self.single_stages else np.complex128
 

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
 from isacbench.stages import stage
 
-from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, Stage, middle
+from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 
 __all__ = ["JointSubspaceEstimator", "Subspaces"]
 
@@ -121,9 +121,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
     InputError
         If a parameter is out of range.
     """
-
-    # Whether a cell is resolved, and how many sources it holds, turns on the last digits of its snapshots.
-    single_stages: ClassVar[frozenset[Stage]] = frozenset({"detection"})
 
     local_dynamic_range_db: float = 18.0
     subarray_fraction: float = 0.5

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from isacbench.dsp.partialdft import (
+    DopplerSums,
     RangeMethod,
-    doppler_rows,
+    doppler_sums,
     range_bins_by_fft,
     range_method,
     range_rows,
@@ -93,14 +94,15 @@ class GateTransform:
         """
         n_workers = available_cores() if workers is None else workers
         inverse = None if transmitted is None else (1 / transmitted).astype(cube.dtype)
-        cells = self._summed(cube, elements, inverse, n_workers)
+        sums = self._summed(cube, elements, inverse, n_workers)
+        cells = self._doppler_sums.bins(sums).astype(np.complex128, copy=False)
         if not np.isfinite(cells).all():
             raise InputError(f"{cube.name}: {_find_fault(cube, elements)}")
         return cells
 
     @cached_property
-    def _doppler_rows(self) -> NDArray[np.complex128]:
-        return doppler_rows(self.gate.doppler_bins, self.system.n_symbols)
+    def _doppler_sums(self) -> DopplerSums:
+        return doppler_sums(self.gate.doppler_bins, self.system.n_symbols)
 
     @cached_property
     def _range_rows(self) -> NDArray[np.complex128]:
@@ -110,11 +112,11 @@ class GateTransform:
         self, cube: Cube, elements: NDArray[np.intp], inverse: Complex | None, n_workers: int
     ) -> NDArray[np.complex128]:
         """Sum what the tiles give."""
-        along_doppler = self._doppler_rows.astype(cube.dtype)
+        along_doppler = self._doppler_sums.rows_in(cube.dtype)
         along_range = self._range_rows if self.range_method == "partial" else None
         n_rows = self.system.n_subcarriers if along_range is None else self.gate.range_bins.size
         total = np.zeros(
-            (n_rows, self.gate.doppler_bins.size, len(elements)),
+            (n_rows, len(along_doppler), len(elements)),
             dtype=cube.dtype if along_range is None else np.complex128,
         )
 

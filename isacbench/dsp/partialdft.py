@@ -9,7 +9,9 @@ few bins are a product with a few rows of the DFT matrix, which
   FFT per operation.
 
 Doppler goes first, because speeds span a smaller part of their axis than ranges
-do. Where the gate has so many range bins that an FFT is faster for all the same,
+do. The rows of two opposite bins are sums and differences of a cosine and a
+sine: of a gate that holds both, a real product with half the operations yields
+both (`DopplerSums`). Where the gate has so many range bins that an FFT is faster for all the same,
 Doppler bins of all subcarriers are collected and transformed by FFT
 (`isacbench.dsp.partialdft.range_method`).
 
@@ -21,15 +23,18 @@ input or output points", IEEE Trans. SP 41 (1993).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import scipy.fft
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 __all__ = [
+    "DopplerSums",
     "RangeMethod",
     "doppler_rows",
+    "doppler_sums",
     "range_bins_by_fft",
     "range_method",
     "range_rows",
@@ -38,6 +43,9 @@ __all__ = [
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 RangeMethod = Literal["partial", "fft"]
+
+MOST_SUMS = 1.25
+"""Real rows a Doppler bin up to which they pay: half the work over symbols, some more over subcarriers."""
 
 FFT_OPERATION_COST = 16.0
 """Time of an operation of a strided FFT over that of a matrix product, measured (docs/performance.md)."""
@@ -87,6 +95,74 @@ def _rows(bins: ArrayLike, n: int) -> NDArray[np.complex128]:
     return rows
 
 
+@dataclass(frozen=True, eq=False)
+class DopplerSums:
+    """Sums over symbols from which the Doppler bins of a gate follow, after whatever linear steps.
+
+    Attributes
+    ----------
+    rows : ndarray of float64 or complex128, shape (k, n_symbols)
+        Cosines and then sines of every distinct absolute Doppler bin; or, where
+        few bins have their opposite, the rows of the DFT themselves.
+    absolute : ndarray of int64, shape (d,)
+        Which of the cosines each bin of the gate has.
+    sign : ndarray of int64, shape (d,), or None
+        Sign of each bin; None where the rows are the bins themselves.
+    """
+
+    rows: NDArray[np.float64] | NDArray[np.complex128]
+    absolute: NDArray[np.int64]
+    sign: NDArray[np.int64] | None
+
+    def rows_in(self, dtype: DTypeLike) -> NDArray[Any]:
+        """Rows in the precision of a complex dtype, real ones in its real part's."""
+        return self.rows.astype(dtype if np.iscomplexobj(self.rows) else np.empty(0, dtype).real.dtype)
+
+    def bins(self, sums: Complex) -> Complex:
+        """Doppler bins of sums.
+
+        Parameters
+        ----------
+        sums : ndarray of complex, shape (r, k, e)
+
+        Returns
+        -------
+        ndarray of complex, shape (r, d, e)
+        """
+        if self.sign is None:
+            return sums
+        cosines, sines = np.split(sums, 2, axis=1)
+        quadrature = sines[:, self.absolute] * (1j * self.sign[:, None]).astype(sums.dtype)
+        bins: Complex = np.subtract(cosines[:, self.absolute], quadrature, out=quadrature)
+        return bins
+
+
+def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
+    """Sums over symbols for the Doppler bins of a gate.
+
+    Parameters
+    ----------
+    bins : array_like of int, shape (d,)
+        Doppler bins, positive when approaching.
+    n_symbols : int
+
+    Returns
+    -------
+    DopplerSums
+
+    Examples
+    --------
+    >>> doppler_sums([-2, -1, 0, 1, 2], 8).rows.shape
+    (6, 8)
+    """
+    index = np.asarray(bins, dtype=np.int64)
+    distinct, absolute = np.unique(np.abs(index), return_inverse=True)
+    if 2 * distinct.size > MOST_SUMS * index.size:
+        return DopplerSums(doppler_rows(index, n_symbols), absolute, None)
+    rows = doppler_rows(distinct, n_symbols)
+    return DopplerSums(np.concatenate([rows.real, -rows.imag]), absolute, np.sign(index))
+
+
 def range_method(n_bins: int, n_subcarriers: int) -> RangeMethod:
     """Which way to so many range bins takes less time.
 
@@ -109,7 +185,9 @@ def range_method(n_bins: int, n_subcarriers: int) -> RangeMethod:
     return "partial" if 8 * n_bins <= FFT_OPERATION_COST * 5 * np.log2(max(n_subcarriers, 2)) else "fft"
 
 
-def transform_block(block: Complex, along_doppler: Complex, along_range: Complex | None = None) -> Complex:
+def transform_block(
+    block: Complex, along_doppler: NDArray[Any], along_range: Complex | None = None
+) -> Complex:
     """Share of a block of the resource grid in the cells of a gate.
 
     Parameters
@@ -117,29 +195,40 @@ def transform_block(block: Complex, along_doppler: Complex, along_range: Complex
     block : ndarray of complex, shape (n, m, e)
         Some subcarriers, symbols and elements. Fast where elements or
         subcarriers are contiguous.
-    along_doppler : ndarray of complex, shape (d, m)
-        Columns of `doppler_rows`, those of the block's symbols.
+    along_doppler : ndarray of complex or float, shape (k, m)
+        Columns of `doppler_rows` or of the rows of `DopplerSums`, those of the
+        block's symbols.
     along_range : ndarray of complex, shape (r, n), optional
         Columns of `range_rows`, those of the block's subcarriers; without it
         only the symbols are transformed.
 
     Returns
     -------
-    ndarray of complex, shape (r, d, e), or (n, d, e) without `along_range`
+    ndarray of complex, shape (r, k, e), or (n, k, e) without `along_range`
         In the precision of the last matrix; the cells are the sum over all blocks.
     """
     if block.strides[0] >= block.strides[2]:
-        at_doppler = along_doppler @ block
+        at_doppler = _product(along_doppler, block)
         if along_range is None:
             return at_doppler
         n, d, e = at_doppler.shape
         lines = at_doppler.reshape(n, d * e).astype(along_range.dtype, copy=False)
         cells: Complex = (along_range @ lines).reshape(-1, d, e)
         return cells
-    by_element = along_doppler @ block.transpose(2, 1, 0)
+    by_element = _product(along_doppler, block.transpose(2, 1, 0))
     if along_range is not None:
         by_element = by_element.astype(along_range.dtype, copy=False) @ along_range.T
     return by_element.transpose(2, 1, 0)
+
+
+def _product(rows: NDArray[Any], blocks: Complex) -> Complex:
+    """Product of rows (k, m) with blocks (..., m, x); of real rows with real and imaginary parts."""
+    if np.iscomplexobj(rows):
+        complex_product: Complex = rows @ blocks
+        return complex_product
+    columns = blocks if blocks.strides[-1] == blocks.itemsize else np.ascontiguousarray(blocks)
+    product: Complex = (rows @ columns.view(rows.dtype)).view(blocks.dtype)
+    return product
 
 
 def range_bins_by_fft(at_doppler: Complex, bins: ArrayLike, workers: int = 1) -> Complex:

@@ -20,15 +20,12 @@ ids = ["music2d", "music2d-element", "fft4d"]
 
 
 def unabridged(cube, scenario):
-    """Observation by whole transforms of every element, in the precision of the cube, and then cut out.
-
-    From there on in double precision: in single, an estimator's own rounding exceeds that of the transforms.
-    """
+    """Observation by whole transforms of every element in double precision, and then cut out."""
     gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
     n, m = cube.shape[:2]
     rows = np.ix_(gate.range_bins % n, gate.doppler_bins % m)
     return Observation(
-        range_doppler_map(cube)[rows].astype(np.complex128),
+        range_doppler_map(cube.astype(np.complex128))[rows],
         gate,
         scenario.system,
         scenario.array,

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.partialdft import (
     doppler_rows,
+    doppler_sums,
     range_bins_by_fft,
     range_method,
     range_rows,
@@ -69,6 +70,24 @@ def test_cells_are_the_sum_over_any_blocks_of_the_grid(data, n, m):
         for rows, columns in blocks
     )
     np.testing.assert_allclose(total, transform_block(grid, along_doppler, along_range), atol=1e-12)
+
+
+@given(
+    bins=st.lists(st.integers(-30, 30), min_size=1, max_size=12, unique=True),
+    m=st.integers(1, 24),
+    order=st.sampled_from(["C", "F"]),
+)
+def test_sums_yield_the_doppler_bins_whatever_bins_have_their_opposite(bins, m, order):
+    grid = np.asarray(random_grid((6, m, 3), seed=m), order=order)
+    sums = doppler_sums(bins, m)
+    found = sums.bins(transform_block(grid, sums.rows_in(np.complex128), range_rows([0, 1], 6)))
+    expected = transform_block(grid, doppler_rows(bins, m), range_rows([0, 1], 6))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_a_gate_of_both_signs_takes_real_sums_and_one_of_a_single_sign_does_not():
+    assert doppler_sums(range(-16, 17), 224).rows_in(np.complex64).dtype == np.float32
+    assert doppler_sums(range(5, 20), 224).rows_in(np.complex64).dtype == np.complex64
 
 
 def test_range_bins_by_fft_are_those_by_rows():
