@@ -18,10 +18,13 @@ from isacbench.dsp.partialdft import (
     DopplerSums,
     RangeMethod,
     doppler_sums,
+    is_element_major,
     range_bins_by_fft,
     range_method,
     range_rows,
     transform_block,
+    transform_lines,
+    with_few_elements_outermost,
 )
 from isacbench.errors import InputError
 
@@ -58,7 +61,7 @@ class GateTransform:
 
     @property
     def range_method(self) -> RangeMethod:
-        """How the range bins come about."""
+        """How the range bins come about where subcarriers are not side by side."""
         return range_method(self.gate.range_bins.size, self.system.n_subcarriers)
 
     def cells(
@@ -110,33 +113,46 @@ class GateTransform:
 
     def _summed(
         self, cube: Cube, elements: NDArray[np.intp], inverse: Complex | None, n_workers: int
-    ) -> NDArray[np.complex128]:
-        """Sum what the tiles give."""
+    ) -> Complex:
+        """Sum what the tiles give: range bins, or lines whose range bins one FFT yields in the end."""
         along_doppler = self._doppler_sums.rows_in(cube.dtype)
-        along_range = self._range_rows if self.range_method == "partial" else None
-        n_rows = self.system.n_subcarriers if along_range is None else self.gate.range_bins.size
-        total = np.zeros(
-            (n_rows, len(along_doppler), len(elements)),
-            dtype=cube.dtype if along_range is None else np.complex128,
-        )
+        n_sums = len(along_doppler)
+        cells = np.zeros((self.gate.range_bins.size, n_sums, len(elements)), dtype=np.complex128)
+        lines = np.zeros(0, dtype=cube.dtype)
+        if self.range_method == "fft":
+            lines = np.zeros((self.system.n_subcarriers, n_sums, len(elements)), dtype=cube.dtype)
 
-        def transform(tile: Tile) -> Complex:
-            block = tile.load()
+        def transform(tile: Tile) -> tuple[bool, Complex]:
+            """Share of a tile, and whether it is lines."""
+            block = with_few_elements_outermost(tile.load())
             if inverse is not None:
                 block = block * inverse[tile.subcarriers, tile.symbols, None]
-            ranges = None if along_range is None else along_range[:, tile.subcarriers]
+            rows = along_doppler[:, tile.symbols]
             # What is not finite is looked for at the end, once.
             with np.errstate(all="ignore"):
-                return transform_block(block, along_doppler[:, tile.symbols], ranges)
+                if self._has_fast_lines(block):
+                    return False, transform_lines(block, rows, self.gate.range_bins)
+                if lines.size:
+                    return True, transform_block(block, rows)
+                return False, transform_block(block, rows, self._range_rows[:, tile.subcarriers])
 
         with threadpool_limits(limits=1), ThreadPoolExecutor(n_workers) as threads:
-            for tile, share in _in_order(threads, transform, cube.tiles(elements), n_workers + TILES_AHEAD):
-                rows = tile.subcarriers if along_range is None else slice(None)
+            done = _in_order(threads, transform, cube.tiles(elements), n_workers + TILES_AHEAD)
+            for tile, (is_lines, share) in done:
                 with np.errstate(all="ignore"):
-                    total[rows, :, _consecutive(tile.elements)] += share
-        if along_range is None:
-            return range_bins_by_fft(total, self.gate.range_bins, n_workers).astype(np.complex128)
-        return total
+                    if is_lines:
+                        lines[tile.subcarriers, :, _consecutive(tile.elements)] += share
+                    else:
+                        cells[:, :, _consecutive(tile.elements)] += share
+        if lines.size:
+            cells += range_bins_by_fft(lines, self.gate.range_bins, n_workers)
+        return cells
+
+    def _has_fast_lines(self, block: Complex) -> bool:
+        """Whether an FFT yields the range bins of a block fastest."""
+        n_subcarriers = self.system.n_subcarriers
+        method = range_method(self.gate.range_bins.size, n_subcarriers, "contiguous")
+        return len(block) == n_subcarriers and is_element_major(block) and method == "fft"
 
 
 def _consecutive(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
@@ -147,7 +163,7 @@ def _consecutive(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
 
 def _in_order(threads: ThreadPoolExecutor, work: Any, tiles: Iterator[Tile], n_ahead: int) -> Iterator[Any]:
     """Tiles and what becomes of them, few at a time: sums of floating point do not depend on the threads."""
-    waiting: deque[tuple[Tile, Future[Complex]]] = deque()
+    waiting: deque[tuple[Tile, Future[Any]]] = deque()
     for tile in tiles:
         waiting.append((tile, threads.submit(work, tile)))
         if len(waiting) > n_ahead:

@@ -11,9 +11,10 @@ few bins are a product with a few rows of the DFT matrix, which
 Doppler goes first, because speeds span a smaller part of their axis than ranges
 do. The rows of two opposite bins are sums and differences of a cosine and a
 sine: of a gate that holds both, a real product with half the operations yields
-both (`DopplerSums`). Where the gate has so many range bins that an FFT is faster for all the same,
-Doppler bins of all subcarriers are collected and transformed by FFT
-(`isacbench.dsp.partialdft.range_method`).
+both (`DopplerSums`). Range bins come from an FFT where that is faster for all
+the same (`range_method`): of subcarriers that lie side by side in memory soon,
+of others where the gate has many range bins; their lines are then collected
+first.
 
 References
 ----------
@@ -35,10 +36,13 @@ __all__ = [
     "RangeMethod",
     "doppler_rows",
     "doppler_sums",
+    "is_element_major",
     "range_bins_by_fft",
     "range_method",
     "range_rows",
     "transform_block",
+    "transform_lines",
+    "with_few_elements_outermost",
 ]
 
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -47,8 +51,11 @@ RangeMethod = Literal["partial", "fft"]
 MOST_SUMS = 1.25
 """Real rows a Doppler bin up to which they pay: half the work over symbols, some more over subcarriers."""
 
-FFT_OPERATION_COST = 16.0
-"""Time of an operation of a strided FFT over that of a matrix product, measured (docs/performance.md)."""
+FFT_OPERATION_COST = {"contiguous": 6.0, "strided": 16.0}
+"""Time of an operation of an FFT over that of a matrix product, by how its lines lie in memory (measured)."""
+
+FEW_ELEMENTS = 16
+"""Columns below which products of small matrices are slow: elements are then moved outermost first."""
 
 
 def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
@@ -163,13 +170,17 @@ def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
     return DopplerSums(np.concatenate([rows.real, -rows.imag]), absolute, np.sign(index))
 
 
-def range_method(n_bins: int, n_subcarriers: int) -> RangeMethod:
+def range_method(
+    n_bins: int, n_subcarriers: int, lines: Literal["contiguous", "strided"] = "strided"
+) -> RangeMethod:
     """Which way to so many range bins takes less time.
 
     Parameters
     ----------
     n_bins, n_subcarriers : int
         Range bins of the gate, and of the whole map.
+    lines : {"contiguous", "strided"}
+        Whether the subcarriers of a symbol and element lie side by side.
 
     Returns
     -------
@@ -182,7 +193,20 @@ def range_method(n_bins: int, n_subcarriers: int) -> RangeMethod:
     >>> range_method(89, 2048), range_method(400, 2048)
     ('partial', 'fft')
     """
-    return "partial" if 8 * n_bins <= FFT_OPERATION_COST * 5 * np.log2(max(n_subcarriers, 2)) else "fft"
+    fft_cost = FFT_OPERATION_COST[lines] * 5 * np.log2(max(n_subcarriers, 2))
+    return "partial" if 8 * n_bins <= fft_cost else "fft"
+
+
+def is_element_major(block: Complex) -> bool:
+    """Whether subcarriers of a block (n, m, e) are closer in memory than its elements."""
+    return block.strides[0] < block.strides[2]
+
+
+def with_few_elements_outermost(block: Complex) -> Complex:
+    """Block (n, m, e), copied where products with so few elements side by side would be slow."""
+    if is_element_major(block) or block.shape[2] >= min(FEW_ELEMENTS, block.shape[0]):
+        return block
+    return np.ascontiguousarray(block.transpose(2, 1, 0)).transpose(2, 1, 0)
 
 
 def transform_block(
@@ -207,7 +231,7 @@ def transform_block(
     ndarray of complex, shape (r, k, e), or (n, k, e) without `along_range`
         In the precision of the last matrix; the cells are the sum over all blocks.
     """
-    if block.strides[0] >= block.strides[2]:
+    if not is_element_major(block):
         at_doppler = _product(along_doppler, block)
         if along_range is None:
             return at_doppler
@@ -219,6 +243,28 @@ def transform_block(
     if along_range is not None:
         by_element = by_element.astype(along_range.dtype, copy=False) @ along_range.T
     return by_element.transpose(2, 1, 0)
+
+
+def transform_lines(block: Complex, along_doppler: NDArray[Any], bins: ArrayLike) -> Complex:
+    """Share of whole lines of subcarriers in the cells of a gate, by FFTs in double precision.
+
+    Parameters
+    ----------
+    block : ndarray of complex, shape (n_subcarriers, m, e)
+        All subcarriers of some symbols and elements, element-major.
+    along_doppler : ndarray of complex or float, shape (k, m)
+        As for `transform_block`.
+    bins : array_like of int, shape (r,)
+        Range bins.
+
+    Returns
+    -------
+    ndarray of complex128, shape (r, k, e)
+    """
+    lines = _product(along_doppler, block.transpose(2, 1, 0)).astype(np.complex128, copy=False)
+    ranges = scipy.fft.ifft(lines, axis=2, norm="ortho", overwrite_x=True)
+    cells: Complex = ranges[:, :, np.asarray(bins, dtype=np.int64) % len(block)].transpose(2, 1, 0)
+    return cells
 
 
 def _product(rows: NDArray[Any], blocks: Complex) -> Complex:

@@ -9,10 +9,13 @@ from hypothesis import strategies as st
 from isacbench.dsp.partialdft import (
     doppler_rows,
     doppler_sums,
+    is_element_major,
     range_bins_by_fft,
     range_method,
     range_rows,
     transform_block,
+    transform_lines,
+    with_few_elements_outermost,
 )
 from isacbench.dsp.rangedoppler import range_doppler_map
 
@@ -98,6 +101,25 @@ def test_range_bins_by_fft_are_those_by_rows():
     np.testing.assert_allclose(range_bins_by_fft(at_doppler, bins), expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
+def test_whole_lines_have_the_cells_of_any_block(dtype):
+    grid = np.asarray(random_grid((40, 6, 3), seed=3, dtype=dtype), order="F")
+    bins, sums = np.arange(-3, 17), doppler_sums(range(-2, 3), 6)
+    found = transform_lines(grid, sums.rows_in(dtype), bins)
+    expected = transform_block(grid, sums.rows_in(dtype), range_rows(bins, 40))
+    np.testing.assert_allclose(found, expected, atol=1e-5 if dtype is np.complex64 else 1e-12)
+    assert found.dtype == np.complex128
+
+
+@pytest.mark.parametrize("shape", [(40, 6, 3), (40, 6, 20), (2, 6, 3), (1, 1, 1)])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_moving_few_elements_outermost_changes_no_number(shape, order):
+    grid = np.asarray(random_grid(shape, seed=4), order=order)
+    moved = with_few_elements_outermost(grid)
+    assert np.array_equal(moved, grid)
+    assert is_element_major(moved) == ((order == "F" and min(shape) > 1) or shape == (40, 6, 3))
+
+
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_single_precision_stays_single_and_errs_by_its_rounding(order):
     grid = np.asarray(random_grid((512, 56, 4), seed=2, dtype=np.complex64), order=order)
@@ -108,7 +130,7 @@ def test_single_precision_stays_single_and_errs_by_its_rounding(order):
     assert np.sqrt(np.mean(np.abs(cells - exact) ** 2) / np.mean(np.abs(exact) ** 2)) < 1e-6
 
 
-@given(n=st.integers(1, 4096))
-def test_an_fft_takes_over_where_bins_are_many_and_never_goes_back(n):
-    methods = [range_method(bins, n) for bins in range(1, n + 1)]
+@given(n=st.integers(1, 4096), lines=st.sampled_from(["contiguous", "strided"]))
+def test_an_fft_takes_over_where_bins_are_many_and_never_goes_back(n, lines):
+    methods = [range_method(bins, n, lines) for bins in range(1, n + 1)]
     assert methods == sorted(methods, reverse=True)
