@@ -6,8 +6,9 @@ from the region (gate), from what the estimator declares to read (elements,
 cells) and from the sizes (which transform).
 
 Operations are real additions and multiplications: 5 N log2 N for an FFT, 8 for
-a complex product and its addition. Those of a matrix product take a sixteenth
-of the time of those of a strided FFT (`isacbench.dsp.partialdft`).
+a complex product and its addition, 4 where one factor is real. Those of a
+matrix product take a sixteenth of the time of those of a strided FFT
+(`isacbench.dsp.partialdft`). The subcarriers are taken to be outermost.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isacbench.contracts import needs_of
-from isacbench.dsp.partialdft import RangeMethod, range_method
+from isacbench.dsp.partialdft import RangeMethod, doppler_sums, range_method
 from isacbench.model.gate import Gate, build_gate
 
 if TYPE_CHECKING:
@@ -156,6 +157,8 @@ class _Sizes:
         self.e, self.all = n_elements, self.shape[0] * self.shape[1]
         self.gate, self.needs, self.itemsize = gate, needs, itemsize
         self.range_method = range_method(self.r, self.n)
+        rows = doppler_sums(gate.doppler_bins, self.m).rows
+        self.k, self.operations_a_row = len(rows), 8 if np.iscomplexobj(rows) else 4
 
     def read(self) -> Step:
         """Numbers of the frame that are touched, once."""
@@ -168,13 +171,17 @@ class _Sizes:
 
     def doppler(self) -> Step:
         """Transform over symbols of blocks in the cache: what has been read is not written again."""
-        n_cells = self.n * self.d * self.e
-        lines = self.n * self.d * self.e if self.range_method == "fft" else 0
+        n_sums = self.n * self.k * self.e
+        lines = n_sums if self.range_method == "fft" else 0
         n_all = self.n * self.m * self.all
         return Step(
             "Doppler",
             f"partial DFT, {self.d} of {self.m} bins",
-            Work(n_cells, 2 * lines * self.itemsize, 8 * self.m * n_cells),
+            Work(
+                self.n * self.d * self.e,
+                2 * lines * self.itemsize,
+                self.operations_a_row * self.m * n_sums,
+            ),
             Work(n_all, 2 * n_all * self.itemsize, n_all * _fft_operations(self.m)),
         )
 
@@ -182,9 +189,9 @@ class _Sizes:
         """Transform over subcarriers."""
         n_cells, n_all = self.r * self.d * self.e, self.n * self.m * self.all
         if self.range_method == "partial":
-            method, operations = "partial DFT", 8 * self.n * n_cells
+            method, operations = "partial DFT", 8 * self.n * self.r * self.k * self.e
         else:
-            method, operations = "FFT", self.n * self.d * self.e * _fft_operations(self.n)
+            method, operations = "FFT", self.n * self.k * self.e * _fft_operations(self.n)
         return Step(
             "range",
             f"{method}, {self.r} of {self.n} bins",
