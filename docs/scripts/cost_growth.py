@@ -17,6 +17,7 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from matplotlib.axes import Axes
 from threadpoolctl import threadpool_limits
 
 from isacbench import Scenario, get_estimator, load_scenario
@@ -81,7 +82,7 @@ def all_series() -> Iterator[Series]:
         return replace(street, system=replace(street.system, n_symbols=int(n)))
 
     yield Series(
-        "subcarriers, and with them range bins",
+        "subcarriers, and range bins",
         "subcarriers",
         (512, 1024, 2048, 4096, 8192),
         with_subcarriers,
@@ -203,8 +204,8 @@ def lines_of(costs: list[Cost]) -> dict[str, list[float]]:
 def draw(measured: list[tuple[Series, list[Cost]]]) -> None:
     """Draw a panel a series: times on the left scale, memory on the right."""
     with styled():
-        figure = new_figure(13.0, 10.0)
-        axes = figure.subplots(3, 3)
+        figure = new_figure(16.0, 7.5)
+        axes = figure.subplots(2, 4)
         for panel, (series, costs) in zip(axes.flat, measured, strict=False):
             memory = panel.twinx()
             for name, line in lines_of(costs).items():
@@ -216,14 +217,30 @@ def draw(measured: list[tuple[Series, list[Cost]]]) -> None:
             panel.set(title=series.title, xlabel=series.label, ylabel="time in ms", yscale="log")
             memory.set(ylabel="memory in MiB", yscale="log")
             if series.logarithmic:
-                panel.set(xscale="log", xticks=series.values, xticklabels=[f"{v:g}" for v in series.values])
-                panel.minorticks_off()
+                panel.set(xscale="log", xticks=series.values, xticklabels=map(short, series.values))
+            for axis in (panel, memory):
+                widen(axis)
+                axis.minorticks_off()
             handles = [*panel.get_lines(), *memory.get_lines()]
             panel.legend(handles=handles, fontsize="x-small")
         for panel in axes.flat[len(measured) :]:
             panel.remove()
-        figure.subplots_adjust(left=0.06, right=0.94, bottom=0.05, top=0.96, wspace=0.5, hspace=0.4)
+        figure.subplots_adjust(left=0.05, right=0.95, bottom=0.07, top=0.95, wspace=0.5, hspace=0.35)
         save(figure, FIGURE)
+
+
+def widen(axis: Axes) -> None:
+    """Show a factor of 30 at least, so that noise does not look like growth."""
+    lowest, highest = axis.get_ylim()
+    middle, half = np.sqrt(lowest * highest), max(np.sqrt(highest / lowest), np.sqrt(30.0))
+    axis.set_ylim(middle / half, middle * half)
+
+
+def short(value: float) -> str:
+    """Tick label of few characters."""
+    return (
+        f"{value / 1e6:.2g} M" if value >= 1e6 else f"{value / 1e3:.3g} k" if value >= 1e4 else f"{value:g}"
+    )
 
 
 def table(measured: list[tuple[Series, list[Cost]]]) -> str:
