@@ -96,9 +96,11 @@ class GateTransform:
             large for its precision.
         """
         n_workers = available_cores() if workers is None else workers
-        inverse = None if transmitted is None else (1 / transmitted).astype(cube.dtype)
-        sums = self._summed(cube, elements, inverse, n_workers)
-        cells = self._doppler_sums.bins(sums).astype(np.complex128, copy=False)
+        # What is not finite is looked for at the end, once.
+        with np.errstate(all="ignore"):
+            inverse = None if transmitted is None else (1 / transmitted).astype(cube.dtype)
+            sums = self._summed(cube, elements, inverse, n_workers)
+            cells = self._doppler_sums.bins(sums).astype(np.complex128, copy=False)
         if not np.isfinite(cells).all():
             raise InputError(f"{cube.name}: {_find_fault(cube, elements)}")
         return cells
@@ -124,27 +126,26 @@ class GateTransform:
 
         def transform(tile: Tile) -> tuple[bool, Complex]:
             """Share of a tile, and whether it is lines."""
-            block = with_few_elements_outermost(tile.load())
-            if inverse is not None:
-                block = block * inverse[tile.subcarriers, tile.symbols, None]
-            rows = along_doppler[:, tile.symbols]
-            # What is not finite is looked for at the end, once.
-            with np.errstate(all="ignore"):
+            block, rows = with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
+            with np.errstate(all="ignore"):  # a thread has its own
+                if inverse is not None:
+                    block = block * inverse[tile.subcarriers, tile.symbols, None]
                 if self._has_fast_lines(block):
                     return False, transform_lines(block, rows, self.gate.range_bins)
                 if lines.size:
                     return True, transform_block(block, rows)
                 return False, transform_block(block, rows, self._range_rows[:, tile.subcarriers])
 
+        has_lines = False
         with threadpool_limits(limits=1), ThreadPoolExecutor(n_workers) as threads:
             done = _in_order(threads, transform, cube.tiles(elements), n_workers + TILES_AHEAD)
             for tile, (is_lines, share) in done:
-                with np.errstate(all="ignore"):
-                    if is_lines:
-                        lines[tile.subcarriers, :, _consecutive(tile.elements)] += share
-                    else:
-                        cells[:, :, _consecutive(tile.elements)] += share
-        if lines.size:
+                if is_lines:
+                    lines[tile.subcarriers, :, _consecutive(tile.elements)] += share
+                    has_lines = True
+                else:
+                    cells[:, :, _consecutive(tile.elements)] += share
+        if has_lines:
             cells += range_bins_by_fft(lines, self.gate.range_bins, n_workers)
         return cells
 
