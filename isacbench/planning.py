@@ -206,7 +206,9 @@ class _Sizes:
         n_all = self.n * self.m
         return Step(
             "detection",
-            "no map" if self.needs.integration is None else f"power of {averaged} elements",
+            "no map"
+            if self.needs.integration is None
+            else f"power of {averaged} element{'s' * (averaged > 1)}",
             Work(n_cells, 16 * n_cells * averaged, 4 * n_cells * averaged),
             Work(n_all, self.itemsize * n_all * self.all, 4 * n_all * self.all),
         )

@@ -26,7 +26,7 @@ def plan_lines(plan: ImagePlan, system: System) -> list[str]:
     near, far = (int(bin_) for bin_ in gate.range_bins[[0, -1]])
     slow, fast = (int(bin_) for bin_ in gate.doppler_bins[[0, -1]])
     n_range, n_doppler = gate.shape
-    integration = {"noncoherent": "the power of all of them", "element": "one of them", None: "no map"}
+    integration = {"noncoherent": "the power of all of them", "element": "one of them", None: "no power map"}
     return [
         f"  elements:      {plan.n_elements} of {plan.n_all_elements}, {ELEMENTS[needs.elements]}",
         f"  range bins:    {n_range} of {system.n_subcarriers}, {near * system.range_bin_m:.1f} to "
