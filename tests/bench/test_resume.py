@@ -485,8 +485,11 @@ def test_a_table_that_cannot_be_written_leaves_the_journal(suite, folder, undist
     assert table(folder) == undisturbed
 
 
-def test_rows_to_be_made_again_stay_until_there_is_somebody_to_make_them(suite, folder, undisturbed):
+def test_rows_to_be_made_again_stay_until_there_is_somebody_to_make_them(
+    suite, folder, undisturbed, monkeypatch
+):
     run_suite(suite, folder)
+    monkeypatch.setattr("isacbench.bench.cluster.WAIT_S", 1.0)
     nowhere = Execution(dask="tcp://127.0.0.1:1", rerun=("all",))
     with pytest.raises(InputError, match="dask"):
         run_suite(suite, folder, execution=nowhere)
