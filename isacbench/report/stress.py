@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from isacbench.stress.running import Examined
 
-__all__ = ["HEADER", "describe_stress", "family_grid", "line", "summary"]
+__all__ = ["HEADER", "describe_stress", "family_grid", "line", "searched", "summary"]
 
 CASE_WIDTH, TARGET_WIDTH = 64, 16
 
@@ -69,6 +69,13 @@ def summary(examined: Sequence[Examined]) -> str:
     """Counts of outcomes in one line."""
     counts = Counter(one.outcome for one in examined)
     return f"{len(examined)} cases: {', '.join(f'{n} {outcome}' for outcome, n in sorted(counts.items()))}"
+
+
+def searched(found: Sequence[Examined], n_examples: int, n_targets: int) -> str:
+    """Say in one line what a search came to."""
+    targets = "1 target" if n_targets == 1 else f"{n_targets} targets"
+    findings = "no finding" if not found else "1 finding" if len(found) == 1 else f"{len(found)} findings"
+    return f"searched {n_examples} cases a family for {targets}: {findings}"
 
 
 def describe_stress(examined: Sequence[Examined]) -> dict[str, Any]:
