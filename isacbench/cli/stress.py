@@ -56,10 +56,11 @@ def stress(
     from isacbench.process_server import start_process_server
 
     start_process_server()
+    from isacbench.bench.folder import default_folder
     from isacbench.registry import detector_names, estimator_names
     from isacbench.report.stress import HEADER, describe_stress, family_grid, line, searched, summary
     from isacbench.stress.running import find_targets
-    from isacbench.stress.table import default_folder, write_tables
+    from isacbench.stress.table import write_tables
 
     register(plugin)
     everything = estimator is None and detector is None
@@ -79,7 +80,7 @@ def stress(
                 typer.echo(line(one))
     except KeyboardInterrupt:
         interrupted = True
-    folder = default_folder() if out is None else out
+    folder = default_folder("stress") if out is None else out
     paths = write_tables(folder, examined, timeout_s=timeout) if examined else []
     if as_json:
         print_json(describe_stress(examined))

@@ -191,28 +191,34 @@ def test_an_error_that_rises_with_the_snr_is_a_bump():
 POINTS = arrays(np.float64, st.tuples(st.integers(1, 6), st.just(5)), elements=st.floats(0.0, 10.0))
 
 
+SCENARIO = observed(RESOLVED).scenario
+
+
 @given(POINTS, st.randoms())
 def test_drift_does_not_hang_on_the_order_of_points(points, random):
-    scenario = observed(RESOLVED).scenario
     order = random.sample(range(len(points)), len(points))
     cloud, shuffled = (PointCloud(one[:, :3], one[:, 3], one[:, 4] + 1) for one in (points, points[order]))
-    assert cloud_drift(scenario, cloud, shuffled) <= 1e-6
+    assert cloud_drift(SCENARIO, cloud, shuffled) <= 1e-6
 
 
 @given(POINTS, st.floats(1e-4, 1.0))
 def test_drift_is_the_largest_relative_move(points, moved_m):
-    scenario = observed(RESOLVED).scenario
-    farthest_m = scenario.region.range_limits_m(scenario.base_station_m)[1]
+    farthest_m = SCENARIO.region.range_limits_m(SCENARIO.base_station_m)[1]
     cloud = PointCloud(points[:1, :3], points[:1, 3], points[:1, 4] + 1)
     moved = PointCloud(cloud.xyz + np.array([0, moved_m, 0]), cloud.velocity, 4 * cloud.power)
-    assert cloud_drift(scenario, cloud, moved, 2.0) == pytest.approx(moved_m / farthest_m, rel=1e-6)
+    assert cloud_drift(SCENARIO, cloud, moved, 2.0) == pytest.approx(moved_m / farthest_m, rel=1e-6)
 
 
 def test_other_numbers_of_points_are_no_drift_but_a_broken_promise():
-    scenario, cloud = observed(RESOLVED).scenario, observed(RESOLVED).scenario.truth
     with pytest.raises(BrokenPromiseError, match="3 points, then 0"):
-        cloud_drift(scenario, cloud, PointCloud.empty())
-    assert cloud_drift(scenario, PointCloud.empty(), PointCloud.empty()) == 0
+        cloud_drift(SCENARIO, SCENARIO.truth, PointCloud.empty())
+    assert cloud_drift(SCENARIO, PointCloud.empty(), PointCloud.empty()) == 0
+
+
+def test_powers_on_another_scale_drift():
+    cloud = SCENARIO.truth
+    louder = PointCloud(cloud.xyz, cloud.velocity, 1.5 * cloud.power)
+    assert cloud_drift(SCENARIO, cloud, louder) == pytest.approx(0.5)
 
 
 def test_directions_a_period_apart_are_the_same():
