@@ -263,7 +263,7 @@ class CellwiseEstimator(ABC):
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
         look = self.looks()[-1]
-        tapered = maps.directions.tapered(look.range_window, look.doppler_window)
+        tapered = maps.directions.tapered(look.range_window, look.doppler_window, neighbours=1)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
             spectra = self.spectra(observation, snapshots, _levels(maps.detection, detected))
@@ -351,8 +351,8 @@ class CellwiseEstimator(ABC):
         first_family: int,
     ) -> Scatterers:
         """Scatterers that the cells show in one look."""
-        tapered = gated.tapered(look.range_window, look.doppler_window)
-        # Only where region or speeds span the whole map do detected cells lie at its edge.
+        tapered = gated.tapered(look.range_window, look.doppler_window, neighbours=1)
+        # Cells at the map's edge are detected only where the gate has no room for margins.
         inside = tapered.surrounds(detected)
         bins = detected[0][inside], detected[1][inside]
         if not inside.any():

@@ -54,7 +54,7 @@ class FrameSimulator:
         self._scenario = scenario
         self._trial, self._seed = trial, seed
         simulator = Simulator(scenario)
-        self._noise_amplitude = np.sqrt(simulator.noise_power(snr_db))
+        self._noise_amplitude = simulator.noise_amplitude(snr_db)
         self._wanted = simulator.unit_noise(trial, seed) if self._noise_amplitude else None
         system, gate = scenario.system, simulator.gate
         self._along_range = range_rows(gate.range_bins, system.n_subcarriers)

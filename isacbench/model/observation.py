@@ -78,7 +78,8 @@ class Observation:
         Parameters
         ----------
         range_bin, doppler_bin : array_like, shape (n,)
-            Absolute, possibly fractional bins.
+            Absolute, possibly fractional bins. Bins a whole transform apart
+            are one; that nearest to the region's ranges and speeds counts.
         u, w : array_like, shape (n,)
             Direction cosines; those outside the visible region are dropped.
         power : array_like, shape (n,)
@@ -89,11 +90,22 @@ class Observation:
         PointCloud
             Points at most 0.5 m outside the region.
         """
-        range_m = np.asarray(range_bin, dtype=np.float64) * self.system.range_bin_m
-        velocity = np.asarray(doppler_bin, dtype=np.float64) * self.system.velocity_bin_mps
-        xyz = self.base_station_m + self.frame.offsets(range_m, u, w)
-        keep = self.region.contains(xyz, REGION_TOLERANCE_M)
+        system, range_limits_m = self.system, self.region.range_limits_m(self.base_station_m)
+        range_m = _unfolded(range_bin, range_limits_m, system.range_bin_m, system.n_subcarriers)
+        velocity = _unfolded(doppler_bin, self.region.speed_mps, system.velocity_bin_mps, system.n_symbols)
+        # Up to half a bin before the array is an error of the estimate, beyond that no place at all.
+        ahead = range_m >= -system.range_bin_m / 2
+        xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), u, w)
+        keep = ahead & self.region.contains(xyz, REGION_TOLERANCE_M)
         return PointCloud(xyz[keep], velocity[keep], np.asarray(power, dtype=np.float64)[keep])
+
+
+def _unfolded(bins: ArrayLike, limits: Interval, size: float, n_bins: int) -> NDArray[np.float64]:
+    """What bins of some size stand for: of all that fold to one place that nearest to the limits' middle."""
+    places = np.asarray(bins, dtype=np.float64)
+    turns = np.rint((places - sum(limits) / 2 / size) / n_bins)
+    unfolded: NDArray[np.float64] = (places - n_bins * turns) * size
+    return unfolded
 
 
 def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:
