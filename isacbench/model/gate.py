@@ -74,7 +74,7 @@ class Gate:
         )
 
     def extend(self, n_range: int, n_doppler: int) -> Gate:
-        """Gate with so many bins more at either end, as margins: of axes that wrap the bins of the other end."""
+        """Gate with so many bins more at either end as margins; of axes that wrap, those of the other end."""
         return Gate(
             _extend(self.range_bins, n_range),
             _extend(self.doppler_bins, n_doppler),

@@ -7,7 +7,8 @@ could be said: that is refused where it comes in.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import operator
+from typing import TYPE_CHECKING, SupportsIndex, cast
 
 import numpy as np
 
@@ -29,7 +30,7 @@ __all__ = [
 ]
 
 LARGEST_AMPLITUDE = 1e151
-"""Of all echoes of a scene together; the largest power of a range-Doppler cell is some 1e6 times its square."""
+"""Of all echoes of a scene together; the power of a range-Doppler cell is up to some 1e6 times its square."""
 
 SMALLEST_AMPLITUDE = 1e-151
 """Of a scene that is not silent; single echoes may be weaker."""
@@ -38,7 +39,7 @@ LARGEST_NOISE_AMPLITUDE = 1e153
 """Root of the noise power per resource element: noise has no gain."""
 
 LARGEST_PLACE_M = 1e9
-"""Farthest coordinate: a million kilometres, where neighbouring doubles are 30 wavelengths' thousandths apart."""
+"""Farthest coordinate: a million kilometres, where neighbouring doubles are a tenth of a micrometre apart."""
 
 LARGEST_COUNT = 2**31
 """Most subcarriers, symbols or elements along an axis."""
@@ -98,6 +99,6 @@ def require_count(name: str, value: object) -> None:
     InputError
         Naming it.
     """
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    fits = whole and 1 <= int(value) <= LARGEST_COUNT  # type: ignore[call-overload]
+    fits = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    fits = fits and 1 <= operator.index(cast("SupportsIndex", value)) <= LARGEST_COUNT
     require(fits, name, value, f"a whole number from 1 to {LARGEST_COUNT}")

@@ -67,8 +67,8 @@ class Scatterers:
         self._require_shapes()
         require_places("scatterers.xyz", self.xyz)
         limit_mps = SPEED_OF_LIGHT_MPS
-        fits = np.abs(self.velocity) <= limit_mps
-        require_all("scatterers.velocity", self.velocity, fits, f"speeds in m/s, at most {limit_mps:g}")
+        is_slow = np.abs(self.velocity) <= limit_mps
+        require_all("scatterers.velocity", self.velocity, is_slow, f"speeds in m/s, at most {limit_mps:g}")
         for name in ("amplitude", "phase_rad"):
             values = getattr(self, name)
             require_all(f"scatterers.{name}", values, np.isfinite(values), "finite numbers")
@@ -96,9 +96,8 @@ class Scatterers:
 
     @property
     def power_in_units(self) -> tuple[float, float]:
-        """Unit of amplitude, a power of two, and the power of all echoes in its square: no square overflows."""
+        """A unit of amplitude, a power of two, and the power of all echoes in its square, which is near 1."""
         _, exponent = np.frexp(np.abs(self.amplitude).max(initial=0))
-        # Half of the largest exponents, so that the unit itself is an ordinary number.
         unit = 2.0 ** int(np.clip(exponent, -MOST_EXPONENT, MOST_EXPONENT))
         return unit, float(np.sum((self.amplitude / unit) ** 2))
 
@@ -182,9 +181,7 @@ class Scenario:
                 f"region: it lies where the array is blind; allowed are places {self.frame.half_space}"
             )
         offset_m = self.scatterers.xyz - self.base_station_m
-        blind = ~self.frame.in_half_space(offset_m) | (
-            np.linalg.norm(offset_m, axis=1) <= AT_BASE_STATION_M
-        )
+        blind = ~self.frame.in_half_space(offset_m) | (np.linalg.norm(offset_m, axis=1) <= AT_BASE_STATION_M)
         if blind.any():
             x, y, z = self.scatterers.xyz[np.argmax(blind)]
             raise InputError(
