@@ -1,0 +1,114 @@
+"""The command that puts estimators and detectors under stress."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
+from isacbench.cli.options import SEED_HELP, AsJson, EstimatorSpecs, PluginFiles, register
+from isacbench.cli.printing import print_grid, print_json
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from isacbench.stress.running import Examined, Target
+
+__all__ = ["stress"]
+
+TIMEOUT_S = 120.0
+
+
+@app.command()
+def stress(
+    estimator: EstimatorSpecs = None,
+    detector: Annotated[
+        list[str] | None,
+        typer.Option(
+            "-d", "--detector", metavar="NAME[param=value,...]", help="Detector, likewise; repeats."
+        ),
+    ] = None,
+    case: Annotated[
+        list[str] | None,
+        typer.Option("--case", metavar="FAMILY[param=value,...]", help="Case, or all of a family; repeats."),
+    ] = None,
+    search: Annotated[
+        int | None,
+        typer.Option(
+            "--search", metavar="N", min=1, help="Draw N cases a family at random, instead of the table."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="Folder; default results/stress-<time>."),
+    ] = None,
+    jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes.")] = 1,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="SECONDS", min=0.001, help="Longest time of a case.")
+    ] = TIMEOUT_S,
+    plugin: PluginFiles = None,
+    as_json: AsJson = False,
+) -> None:
+    """Put estimators and detectors through hostile but finite input, and say what breaks."""
+    from isacbench.process_server import start_process_server
+
+    start_process_server()
+    from isacbench.registry import detector_names, estimator_names
+    from isacbench.report.stress import HEADER, describe_stress, family_grid, line, summary
+    from isacbench.stress.running import find_targets
+    from isacbench.stress.table import default_folder, write_tables
+
+    register(plugin)
+    everything = estimator is None and detector is None
+    targets = [
+        *find_targets("estimator", estimator_names() if everything else estimator or ()),
+        *find_targets("detector", detector_names() if everything else detector or ()),
+    ]
+    examined: list[Examined] = []
+    if not as_json:
+        typer.echo(HEADER)
+    for one in _examined(targets, case or [], search, seed, jobs, timeout):
+        examined.append(one)
+        if not as_json:
+            typer.echo(line(one))
+    paths = (
+        write_tables(default_folder() if out is None else out, examined, timeout_s=timeout)
+        if examined
+        else []
+    )
+    if as_json:
+        print_json(describe_stress(examined))
+    else:
+        if search is None:
+            print_grid(family_grid(examined))
+        typer.echo(summary(examined))
+        if paths:
+            typer.echo(f"{paths[0].parent}: {', '.join(path.name for path in paths)}")
+    broken = [one for one in examined if one.is_broken]
+    if broken:
+        fail(f"{len(broken)} findings; the first one: {broken[0].reproduce}", EXIT_FAILED_CELLS)
+
+
+def _examined(
+    targets: list[Target], cases: list[str], n_examples: int | None, seed: int, jobs: int, timeout_s: float
+) -> Iterator[Examined]:
+    """Cases of the table, or findings of a search."""
+    from contextlib import closing
+
+    from isacbench.stress.families import find_families
+    from isacbench.stress.running import Examiner, Examiners, tasks_of
+
+    if n_examples is None:
+        yield from Examiners(jobs, timeout_s).examine(tasks_of(targets, cases, seed))
+        return
+    from isacbench.stress.search import search as search_cases
+
+    with closing(Examiner(timeout_s)) as examiner:
+        yield from search_cases(targets, find_families(cases), n_examples, seed, examiner, _tell)
+
+
+def _tell(target: Target, family: type[object]) -> None:
+    typer.echo(f"searching {getattr(family, 'name', '')} for {target.spec}", err=True)
