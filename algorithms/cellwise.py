@@ -57,6 +57,9 @@ DETECTION_WINDOW: Window = "hann"
 MOST_EXPONENT = 40
 """Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision lacks their squares."""
 
+LEAST_AMPLITUDE = 2.0**-510
+"""Largest amplitude of a map, and its reciprocal, beyond which powers are no ordinary numbers: 3e-154."""
+
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
 
@@ -218,7 +221,8 @@ class CellwiseEstimator(ABC):
         with stage("refinement"):
             found = self.refine(chosen, gated, system, levels, min_power)
         with stage("peaks"):
-            unit_power = found.power / system.processing_gain * maps.unit**2
+            # Unit by unit: its square may overflow where the power does not.
+            unit_power = found.power / system.processing_gain * maps.unit * maps.unit
             return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
 
     def looks(self) -> tuple[Look, ...]:
@@ -263,14 +267,14 @@ class CellwiseEstimator(ABC):
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
         look = self.looks()[-1]
-        tapered = maps.directions.tapered(look.range_window, look.doppler_window)
+        tapered = maps.directions.tapered(look.range_window, look.doppler_window, neighbours=1)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
             spectra = self.spectra(observation, snapshots, _levels(maps.detection, detected))
-        power, detection, unit_power = detected.power.astype(np.float64), detected.detection, maps.unit**2
+        power, detection, unit = detected.power.astype(np.float64), detected.detection, maps.unit
         return Diagnosis(
-            power * unit_power,
-            Detection(detection.mask, detection.threshold * unit_power, detection.noise * unit_power),
+            power * unit * unit,
+            Detection(detection.mask, detection.threshold * unit * unit, detection.noise * unit * unit),
             seen.range_bins,
             seen.doppler_bins,
             spectra,
@@ -351,8 +355,8 @@ class CellwiseEstimator(ABC):
         first_family: int,
     ) -> Scatterers:
         """Scatterers that the cells show in one look."""
-        tapered = gated.tapered(look.range_window, look.doppler_window)
-        # Only where region or speeds span the whole map do detected cells lie at its edge.
+        tapered = gated.tapered(look.range_window, look.doppler_window, neighbours=1)
+        # Cells at the map's edge are detected only where the gate has no room for margins.
         inside = tapered.surrounds(detected)
         bins = detected[0][inside], detected[1][inside]
         if not inside.any():
@@ -375,7 +379,11 @@ class CellwiseEstimator(ABC):
 
 def _unit(cells: Snapshots) -> float:
     """Power of two near the largest amplitude of the array's first row or element; 1 where all is well."""
-    _, exponent = np.frexp(np.abs(cells[:, :, 0]).max(initial=0))
+    largest = float(np.abs(cells[:, :, 0]).max(initial=0))
+    fits = largest == 0 or LEAST_AMPLITUDE <= largest <= 1 / LEAST_AMPLITUDE
+    limits = f"0 and from {LEAST_AMPLITUDE:g} to {1 / LEAST_AMPLITUDE:g}"
+    require(fits, "observation: its largest amplitude", largest, limits)
+    _, exponent = np.frexp(largest)
     return 1.0 if abs(exponent) <= MOST_EXPONENT else 2.0 ** int(exponent)
 
 

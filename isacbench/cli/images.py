@@ -44,7 +44,7 @@ def image(
         typer.Option("--transmitted", metavar="FILE", help="Grid that the cube is to be divided by."),
     ] = None,
     snr: Annotated[
-        str | None, typer.Option("--snr", metavar="DB", help="SNR in dB; default 10, none with a cube.")
+        str | None, typer.Option("--snr", metavar="DB|inf", help="SNR in dB; default 10, none with a cube.")
     ] = None,
     trial: Annotated[int | None, TRIAL] = None,
     seed: Annotated[int | None, SEED] = None,
@@ -111,7 +111,7 @@ def simulate(
         Path, typer.Option("-o", "--out", metavar="FILE", help="New file: .npy, .h5, .hdf5 or .zarr.")
     ],
     scenario: Annotated[str, SCENARIO] = "street",
-    snr: Annotated[str, typer.Option("--snr", metavar="DB", help="SNR in dB.")] = DEFAULT_SNR,
+    snr: Annotated[str, typer.Option("--snr", metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
     trial: Annotated[int, TRIAL] = 0,
     seed: Annotated[int, SEED] = 0,
     precision: Annotated[
@@ -201,9 +201,11 @@ def _dtype(precision: str) -> np.dtype[Any]:
 
 
 def _one_snr(text: str) -> float:
-    """Parse a single SNR."""
+    """Parse a single SNR; without noise it is infinite."""
     from isacbench.bench.suite import parse_snr
 
+    if text.strip() == "inf":
+        return math.inf
     values = parse_snr(text)
     if len(values) != 1:
         raise InputError(f"SNR {text!r}: allowed is one number, an image has one SNR")

@@ -114,11 +114,14 @@ def plane_peaks(
     row, column = np.divmod(index, n_columns)
     spectrum = np.arange(n)[:, None]
 
-    def level(row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
-        # A mainlobe is nearer to a parabola in its logarithm.
-        return np.log(np.maximum(power[spectrum, row, column], np.finfo(np.float64).tiny))
+    tiny = np.finfo(np.float64).tiny
+    highest = np.maximum(power[spectrum, row, column], tiny)
 
-    middle = level(row, column)
+    def level(row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
+        # A mainlobe is nearer to a parabola in its logarithm; of ratios, which depend on no unit.
+        return np.log(np.maximum(power[spectrum, row, column] / highest, tiny))
+
+    middle = np.zeros(highest.shape)
     row_offset = vertex(level(row - 1, column), middle, level((row + 1) % n_rows, column))
     column_offset = vertex(level(row, column - 1), middle, level(row, (column + 1) % n_columns))
     return row + row_offset, column + column_offset, found
