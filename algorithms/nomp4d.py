@@ -53,6 +53,7 @@ from isacbench.dsp.pursuit import (
     strongest_around,
 )
 from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.dsp.units import amplitude_exponent, in_unit
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.gate import Gate
@@ -178,7 +179,8 @@ class Nomp4d:
         PointCloud
         """
         with stage("rdm"):
-            gated = GatedMap(observation.cells, observation.gate)
+            exponent = amplitude_exponent(observation.cells)
+            gated = GatedMap(in_unit(observation.cells, exponent), observation.gate)
             atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
         with stage("detection"):
             noise = white_noise(gated)
@@ -188,6 +190,7 @@ class Nomp4d:
         with stage("peaks"):
             range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
             unit_power = fit.power / (gated.n_elements * observation.system.processing_gain)
+            unit_power *= np.ldexp(1.0, exponent) ** 2
             return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
 
     def _pursue(self, atom_map: AtomMap, observation: Observation, noise: float) -> AtomFit | None:
