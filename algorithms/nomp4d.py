@@ -48,6 +48,7 @@ from isacbench.dsp.pursuit import (
     BeamSpace,
     noise_maximum,
     redundant,
+    sidelobe_energy,
     sidelobe_envelope,
     split_gains,
     strongest_around,
@@ -91,6 +92,9 @@ BOX_CELLS = 0.5
 
 CALM, CALM_NOISE = 1e-3, 3.0
 """Residual around an atom, relative to it or to the noise, below which it is not bent to a crowd."""
+
+MOST_LEFT = 64
+"""Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
 
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
@@ -239,6 +243,10 @@ class Nomp4d:
         eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
         if fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, fit))
+        # What no move explains stays in the residual, and so do its sidelobes.
+        left = np.flatnonzero(~eligible)
+        left = left[np.argsort(-gain[left], kind="stable")[:MOST_LEFT]]
+        eligible[eligible] = gain[eligible] >= sidelobe_energy(places[eligible], places[left], gain[left])
         places, gain = places[eligible], gain[eligible]
         n_new = len(places)
         offsets = np.zeros_like(places)

@@ -30,6 +30,7 @@ __all__ = [
     "Splits",
     "noise_maximum",
     "redundant",
+    "sidelobe_energy",
     "sidelobe_envelope",
     "split_gains",
     "strongest_around",
@@ -269,6 +270,25 @@ def sidelobe_envelope(distance: Floats) -> Floats:
     for axis in range(N_COORDINATES):
         envelope /= np.maximum(np.pi * np.abs(distance[..., axis]), 1)
     return envelope
+
+
+def sidelobe_energy(places: Floats, others: Floats, energy: Floats) -> Floats:
+    """Most that echoes at other places show of their sidelobes, all in phase.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        In Rayleigh cells.
+    others : ndarray of float64, shape (m, 4)
+    energy : ndarray of float64, shape (m,)
+        Of the echoes at the other places.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+    """
+    amplitude = sidelobe_envelope(places[:, None, :] - others) @ np.sqrt(energy)
+    return amplitude**2
 
 
 def strongest_around(places: Floats, fit: AtomFit) -> Floats:
