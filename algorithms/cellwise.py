@@ -33,6 +33,7 @@ from isacbench.dsp.joint import refine_jointly, select_jointly
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scatterers import Scatterers, locate, merge_duplicates
+from isacbench.dsp.units import amplitude_exponent, in_unit
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
@@ -53,12 +54,6 @@ PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
 covariances, their eigenvectors and null spectra; the joint explanation."""
 
 DETECTION_WINDOW: Window = "hann"
-
-MOST_EXPONENT = 40
-"""Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision lacks their squares."""
-
-LEAST_AMPLITUDE = 2.0**-510
-"""Largest amplitude of a map, and its reciprocal, beyond which powers are no ordinary numbers: 3e-154."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
@@ -327,8 +322,8 @@ class CellwiseEstimator(ABC):
         """Map of the elements that are needed; the others may never have been computed."""
         aperture = self.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
-        unit = _unit(cells)
-        gated = GatedMap(cells if unit == 1 else cells / unit, observation.gate, aperture)
+        exponent = amplitude_exponent(cells)
+        gated = GatedMap(in_unit(cells, exponent), observation.gate, aperture)
         maps = {
             dtype: gated.astype(dtype)
             for dtype in {self.dtype_in(stage) for stage in ("detection", "directions", "selection")}
@@ -337,7 +332,7 @@ class CellwiseEstimator(ABC):
             detection=maps[self.dtype_in("detection")],
             directions=maps[self.dtype_in("directions")],
             selection=maps[self.dtype_in("selection")],
-            unit=unit,
+            unit=float(np.ldexp(1.0, exponent)),
         )
 
     def _detect(self, gated: GatedMap) -> DetectedCells:
@@ -375,16 +370,6 @@ class CellwiseEstimator(ABC):
             look.one_doppler,
         )
         return merge_duplicates(located)
-
-
-def _unit(cells: Snapshots) -> float:
-    """Power of two near the largest amplitude of the array's first row or element; 1 where all is well."""
-    largest = float(np.abs(cells[:, :, 0]).max(initial=0))
-    fits = largest == 0 or LEAST_AMPLITUDE <= largest <= 1 / LEAST_AMPLITUDE
-    limits = f"0 and from {LEAST_AMPLITUDE:g} to {1 / LEAST_AMPLITUDE:g}"
-    require(fits, "observation: its largest amplitude", largest, limits)
-    _, exponent = np.frexp(largest)
-    return 1.0 if abs(exponent) <= MOST_EXPONENT else 2.0 ** int(exponent)
 
 
 def middle(snapshots: Snapshots) -> Snapshots:

@@ -48,11 +48,13 @@ from isacbench.dsp.pursuit import (
     BeamSpace,
     noise_maximum,
     redundant,
+    sidelobe_energy,
     sidelobe_envelope,
     split_gains,
     strongest_around,
 )
 from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.dsp.units import amplitude_exponent, in_unit
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.gate import Gate
@@ -90,6 +92,9 @@ BOX_CELLS = 0.5
 
 CALM, CALM_NOISE = 1e-3, 3.0
 """Residual around an atom, relative to it or to the noise, below which it is not bent to a crowd."""
+
+MOST_LEFT = 64
+"""Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
 
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
@@ -178,7 +183,8 @@ class Nomp4d:
         PointCloud
         """
         with stage("rdm"):
-            gated = GatedMap(observation.cells, observation.gate)
+            exponent = amplitude_exponent(observation.cells)
+            gated = GatedMap(in_unit(observation.cells, exponent), observation.gate)
             atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
         with stage("detection"):
             noise = white_noise(gated)
@@ -188,6 +194,9 @@ class Nomp4d:
         with stage("peaks"):
             range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
             unit_power = fit.power / (gated.n_elements * observation.system.processing_gain)
+            unit = float(np.ldexp(1.0, exponent))
+            unit_power *= unit
+            unit_power *= unit
             return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
 
     def _pursue(self, atom_map: AtomMap, observation: Observation, noise: float) -> AtomFit | None:
@@ -236,6 +245,10 @@ class Nomp4d:
         eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
         if fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, fit))
+        # What no move explains stays in the residual, and so do its sidelobes.
+        left = np.flatnonzero(~eligible)
+        left = left[np.argsort(-gain[left], kind="stable")[:MOST_LEFT]]
+        eligible[eligible] = gain[eligible] >= sidelobe_energy(places[eligible], places[left], gain[left])
         places, gain = places[eligible], gain[eligible]
         n_new = len(places)
         offsets = np.zeros_like(places)
