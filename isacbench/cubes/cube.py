@@ -160,6 +160,8 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
         raise InputError(f"{name}: holds {_kind(dtype)}; a cube takes complex64 or complex128")
     if len(shape) != 4:
         raise InputError(f"{name}: has {_axes(len(shape))}, shape {shape}; a cube takes four: {AXES}")
+    if min(shape) < 0:
+        raise InputError(f"{name}: has shape {shape}; no axis of a cube is negative")
     if 0 in shape:
         raise InputError(f"{name}: is empty, shape {shape}; a cube takes at least one of {AXES} each")
     n_subcarriers, n_symbols, n_p, n_q = (int(length) for length in shape)
@@ -185,7 +187,7 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
         raise InputError(
             f"{name}: holds {_kind(dtype)}; a transmitted grid takes complex64, complex128 or real numbers"
         )
-    if len(shape) != 2 or 0 in shape:
+    if len(shape) != 2 or min(shape) < 1:
         raise InputError(
             f"{name}: has shape {shape}; a transmitted grid takes two axes: (subcarriers, symbols)"
         )
