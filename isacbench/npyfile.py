@@ -1,4 +1,4 @@
-"""Arrays as npy files hold them: the header is held against the file before anything is reserved for numbers."""
+"""Arrays as npy files hold them: headers are held against files before room is made for numbers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SUFFIX = ".npy"
 
 MAGIC_BYTES = 8
 LENGTH_BYTES = {(1, 0): 2, (2, 0): 4}
-"""Bytes of the header's length. Version 3 differs in the names of fields, which arrays of numbers do not have."""
+"""Bytes of the header's length, by version; 3 differs in names of fields, which arrays of numbers lack."""
 
 HEADER_BYTES = 10_000
 """More than a header of numbers ever takes, and few enough to be parsed in no time."""
@@ -119,11 +119,11 @@ def read_array(file: IO[bytes], held_bytes: int, limit_bytes: int) -> NDArray[An
         )
     if header.end > held_bytes:
         raise ValueError(
-            f"is truncated: {header.dtype} of shape {header.shape} takes {header.end} bytes, it has {held_bytes}"
+            f"truncated: {header.dtype} of shape {header.shape} takes {header.end} bytes, it has {held_bytes}"
         )
     data = file.read(header.n_bytes)
     if len(data) < header.n_bytes:
-        raise ValueError(f"is truncated: {len(data)} of {header.n_bytes} bytes of numbers")
+        raise ValueError(f"truncated: {len(data)} of {header.n_bytes} bytes of numbers")
     return np.ndarray(header.shape, header.dtype, data, order=header.order)
 
 
@@ -151,8 +151,8 @@ def read_members(archive: zipfile.ZipFile, path: Path, limit_bytes: int) -> dict
         if member.filename.endswith(SUFFIX):
             if member.file_size > left_bytes + HEADER_BYTES:
                 raise InputError(
-                    f"{path}: {member.filename} takes {binary_size(member.file_size)} decompressed; allowed are "
-                    f"at most {binary_size(limit_bytes)} for all arrays together"
+                    f"{path}: {member.filename} takes {binary_size(member.file_size)} decompressed; "
+                    f"allowed are at most {binary_size(limit_bytes)} for all arrays together"
                 )
             with archive.open(member) as file:
                 array = read_array(file, member.file_size, left_bytes)

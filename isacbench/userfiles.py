@@ -23,11 +23,12 @@ __all__ = [
     "SOURCE_BYTES",
     "TOML_BYTES",
     "binary_size",
+    "is_there",
+    "make_own_folder",
     "open_own",
     "read_text",
     "require_file",
     "require_inside",
-    "require_own_folder",
     "require_writable",
 ]
 
@@ -54,7 +55,7 @@ KINDS: dict[str, Callable[[int], bool]] = {
 }
 
 
-def require_file(path: Path, limit_bytes: int | None = None) -> int:
+def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
     """Refuse what is no file that can be read to its end: reading a pipe or a device may never come back.
 
     Parameters
@@ -63,6 +64,8 @@ def require_file(path: Path, limit_bytes: int | None = None) -> int:
         Symbolic links are followed.
     limit_bytes : int, optional
         Most that it may hold.
+    missing : str
+        What to say of a file that is not there.
 
     Returns
     -------
@@ -76,13 +79,24 @@ def require_file(path: Path, limit_bytes: int | None = None) -> int:
     """
     found = _looked_at(path)
     if found is None:
-        raise InputError(f"{path}: does not exist")
+        raise InputError(f"{path}: {missing}")
     _require_regular(path, found)
     if limit_bytes is not None and found.st_size > limit_bytes:
         raise InputError(
             f"{path}: has {binary_size(found.st_size)}; allowed are at most {binary_size(limit_bytes)}"
         )
     return found.st_size
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is anything under a name, if only a symbolic link that leads nowhere."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be looked at: {_reason(error)}") from error
+    return True
 
 
 def require_writable(path: Path) -> None:
@@ -98,41 +112,42 @@ def require_writable(path: Path) -> None:
         _require_regular(path, found, "cannot be written: ")
 
 
-def read_text(path: Path, limit_bytes: int) -> str:
+def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> str:
     """Read a file of UTF-8 text, with or without a byte order mark, up to a limit.
 
     Parameters
     ----------
     path : Path
     limit_bytes : int
+    missing : str
+        What to say of a file that is not there.
 
     Raises
     ------
     InputError
         As `require_file` does; or if it cannot be read or is no such text.
     """
-    require_file(path, limit_bytes)
+    require_file(path, limit_bytes, missing)
     try:
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+        raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def require_inside(path: Path, owner: Path) -> None:
-    """Refuse a file that another one names, but that lies outside its folder.
+def require_inside(path: Path, *folders: Path) -> None:
+    """Refuse a file that a file or folder of somebody else's leads to, but that lies outside.
 
-    A file from a stranger must not make anybody read, and quote in messages,
-    files that the stranger does not have.
+    What comes from a stranger must not make anybody read, and quote in
+    messages, files that the stranger does not have.
 
     Parameters
     ----------
     path : Path
-        What is named.
-    owner : Path
-        The file that names it. Where it is a symbolic link, the folder of
-        the file that it stands for counts as its own, too.
+        What is named, or found.
+    *folders : Path
+        Where it may lie, the first one for messages.
 
     Raises
     ------
@@ -140,16 +155,14 @@ def require_inside(path: Path, owner: Path) -> None:
         If the path, or what it stands for as a symbolic link, lies elsewhere.
     """
     try:
-        inside = any(
-            path.resolve().is_relative_to(folder)
-            for folder in (owner.parent.resolve(), owner.resolve().parent)
-        )
+        target = path.resolve()
+        inside = any(target.is_relative_to(folder.resolve()) for folder in folders)
     except (OSError, RuntimeError, ValueError) as error:  # a name that is too long, links in a circle, NUL
         raise InputError(f"{path}: cannot be looked at: {_reason(error)}") from error
     if not inside:
         raise InputError(
-            f"{path}: lies outside the folder of {owner.name}; allowed is a file in it or in a folder below, "
-            "and no symbolic link that leads elsewhere"
+            f"{path}: leads out of the folder {folders[0]}; allowed is a file in it or in a folder below it, "
+            "and no symbolic link to elsewhere"
         )
 
 
@@ -181,16 +194,20 @@ def open_own(path: Path, flags: int) -> int:
     return os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
 
 
-def require_own_folder(path: Path) -> None:
-    """Refuse a folder that is a symbolic link: what is written into it would end elsewhere.
+def make_own_folder(path: Path) -> None:
+    """Make a folder in one that somebody else may have filled, unless it is there: never a link to elsewhere.
 
     Raises
     ------
     InputError
-        If it is one.
+        If it is a symbolic link, or cannot be made.
     """
     if path.is_symlink():
         raise _elsewhere(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made: {error.strerror or error}") from error
 
 
 def binary_size(n_bytes: int) -> str:

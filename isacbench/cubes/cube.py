@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import permutations
+from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
+from isacbench.userfiles import GRID_BYTES, binary_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -181,7 +183,8 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
     Raises
     ------
     InputError
-        If it holds no numbers, the axes are not two, or one of them is empty.
+        If it holds no numbers, the axes are not two, or one of them is empty,
+        or it takes more than 256 MiB.
     """
     if not (is_complex(dtype) or dtype.kind in "iuf"):
         raise InputError(
@@ -190,6 +193,12 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
     if len(shape) != 2 or min(shape) < 1:
         raise InputError(
             f"{name}: has shape {shape}; a transmitted grid takes two axes: (subcarriers, symbols)"
+        )
+    takes = prod(shape) * np.dtype(np.complex128).itemsize
+    if takes > GRID_BYTES:
+        raise InputError(
+            f"{name}: has shape {shape}, which takes {binary_size(takes)}; a transmitted grid takes at most "
+            f"{binary_size(GRID_BYTES)}"
         )
 
 

@@ -28,7 +28,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-__all__ = ["MatArray", "imaginary_part", "is_level_5", "list_arrays", "open_bytes", "real_part", "require_at_most"]
+__all__ = [
+    "MatArray",
+    "imaginary_part",
+    "is_level_5",
+    "list_arrays",
+    "open_bytes",
+    "real_part",
+    "require_at_most",
+]
 
 ByteOrder = Literal["<", ">"]
 Shape = tuple[int, int, int, int]

@@ -145,7 +145,9 @@ def _split_at_vertex(path: Path, elements: list[_Element]) -> tuple[list[_Elemen
     """Separate the element ``vertex`` from those before it."""
     names = [element.name for element in elements]
     if "vertex" not in names:
-        raise InputError(f"{path}: has no element 'vertex'; its elements: {shortened(', '.join(names)) or 'none'}")
+        raise InputError(
+            f"{path}: has no element 'vertex'; its elements: {shortened(', '.join(names)) or 'none'}"
+        )
     place = names.index("vertex")
     return elements[:place], elements[place]
 
