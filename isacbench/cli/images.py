@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
 from isacbench.cli.options import SEED_HELP, AsJson, PluginFiles, register
 from isacbench.cli.printing import print_grid, print_json, print_scores, progress_bar
 from isacbench.errors import InputError
@@ -99,7 +99,7 @@ def image(
         from isacbench.report.figures import draw_image
 
         draw_image(plot, observation, scene.truth, cloud, title)
-    typer.echo(f"{title}: {len(cloud)} points in {1e3 * elapsed_s:.1f} ms")
+    say(f"{title}: {len(cloud)} points in {1e3 * elapsed_s:.1f} ms")
     if len(scene.truth):  # a scene of noise alone can be looked at, not scored
         velocity_bin_mps = scene.system.velocity_bin_mps
         print_scores(score(scene.truth, cloud, region=scene.region, velocity_bin_mps=velocity_bin_mps))
@@ -129,7 +129,7 @@ def simulate(
         write_frame(frame, out, dtype, show)
     size = " x ".join(map(str, frame.shape))
     n_bytes = math.prod(frame.shape) * dtype.itemsize
-    typer.echo(f"{out}: {size}, {dtype}, {n_bytes / 1e6:.0f} MB in {time.perf_counter() - start:.1f} s")
+    say(f"{out}: {size}, {dtype}, {n_bytes / 1e6:.0f} MB in {time.perf_counter() - start:.1f} s")
 
 
 @app.command()
@@ -154,14 +154,12 @@ def plan(
     if as_json:
         print_json(describe_plan(planned))
         return
-    typer.echo(f"{scene.name}, {estimator}")
+    say(f"{scene.name}, {estimator}")
     for line in plan_lines(planned, scene.system):
-        typer.echo(line)
+        say(line)
     for grid in plan_grids(planned):
         print_grid(grid)
-    typer.echo(
-        "Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT."
-    )
+    say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
 
 
 @app.command()

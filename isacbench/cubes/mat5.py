@@ -18,16 +18,25 @@ from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from isacbench.cubes.files import Listed
-from isacbench.cubes.inflated import ZLIB, InflatedBytes
+from isacbench.cubes.inflated import OUTPUT_BYTES, ZLIB, InflatedBytes
 from isacbench.cubes.mapped import Bytes, MappedBytes
 from isacbench.cubes.raw import RawArray
 from isacbench.errors import InputError
+from isacbench.userfiles import binary_size
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-__all__ = ["MatArray", "imaginary_part", "list_arrays", "open_bytes", "real_part"]
+__all__ = [
+    "MatArray",
+    "imaginary_part",
+    "is_level_5",
+    "list_arrays",
+    "open_bytes",
+    "real_part",
+    "require_at_most",
+]
 
 ByteOrder = Literal["<", ">"]
 Shape = tuple[int, int, int, int]
@@ -119,6 +128,53 @@ def list_arrays(path: Path) -> dict[str, MatArray]:
         return dict(_arrays(path, file, byte_order))
 
 
+def is_level_5(path: Path) -> bool:
+    """Whether a file says that it is of versions 5 to 7."""
+    with path.open("rb") as file:
+        return _level_5_order(file.read(FILE_HEADER_BYTES)) is not None
+
+
+def require_at_most(path: Path, arrays: Mapping[str, MatArray], limit_bytes: int) -> None:
+    """Refuse arrays that take more memory than is allowed, whatever the file says of their sizes.
+
+    Parameters
+    ----------
+    path : Path
+    arrays : mapping of str to MatArray
+    limit_bytes : int
+        Most that all of them may take, decompressed.
+
+    Raises
+    ------
+    InputError
+        If they take more.
+    """
+    left_bytes = limit_bytes
+    with path.open("rb") as file:
+        for array in arrays.values():
+            left_bytes -= _taken(file, array, left_bytes)
+            if left_bytes < 0:
+                raise InputError(
+                    f"{path}: its arrays take more than {binary_size(limit_bytes)}, which is what is allowed"
+                )
+
+
+def _taken(file: IO[bytes], array: MatArray, most: int) -> int:
+    """Bytes of an element, decompressed as far as they are not more than so many."""
+    if not array.compressed:
+        return array.stop - array.start
+    file.seek(array.start)
+    decompressor, taken, data = zlib.decompressobj(), 0, b""
+    while taken <= most and not decompressor.eof:
+        if not data:
+            data = file.read(min(HEAD_BYTES * 16, array.stop - file.tell()))
+        if not data:
+            break
+        taken += len(decompressor.decompress(data, OUTPUT_BYTES))
+        data = decompressor.unconsumed_tail
+    return taken
+
+
 def open_bytes(path: Path, array: MatArray) -> Bytes:
     """Bytes of the element of an array, decompressed."""
     if array.compressed:
@@ -165,9 +221,16 @@ def _part(path: Path, source: Bytes, array: MatArray, shape: Shape, at: int) -> 
 
 def _byte_order(path: Path, header: bytes) -> ByteOrder:
     """Byte order of a file by its header."""
+    byte_order = _level_5_order(header)
+    if byte_order is None:
+        raise InputError(f"{path}: is no mat file of MATLAB's save options -v6, -v7 or -v7.3")
+    return byte_order
+
+
+def _level_5_order(header: bytes) -> ByteOrder | None:
     byte_order = BYTE_ORDERS.get(header[126:128])
     if byte_order is None or struct.unpack(f"{byte_order}H", header[124:126]) != (LEVEL_5,):
-        raise InputError(f"{path}: is no mat file of MATLAB's save options -v6, -v7 or -v7.3")
+        return None
     return byte_order
 
 

@@ -125,7 +125,7 @@ class AtomFit:
     def blurred(self) -> NDArray[np.bool_]:
         """Atoms (n,) with a coordinate whose variance is one of rounding: the true one may be any larger."""
         share = self._inverse_information.diagonal() * self.rounding
-        known: NDArray[np.bool_] = ((share >= 0) & (share <= BLURRED)).reshape(N_COORDINATES, -1).all(axis=0)
+        known = np.asarray(((share >= 0) & (share <= BLURRED)).reshape(N_COORDINATES, -1).all(axis=0))
         return ~known
 
     @cached_property
