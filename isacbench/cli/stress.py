@@ -58,7 +58,15 @@ def stress(
     start_process_server()
     from isacbench.bench.folder import default_folder
     from isacbench.registry import detector_names, estimator_names
-    from isacbench.report.stress import HEADER, describe_stress, family_grid, line, searched, summary
+    from isacbench.report.stress import (
+        HEADER,
+        describe_stress,
+        family_grid,
+        line,
+        promise_grid,
+        searched,
+        summary,
+    )
     from isacbench.stress.running import find_targets
     from isacbench.stress.table import write_tables
 
@@ -86,6 +94,7 @@ def stress(
         print_json(describe_stress(examined))
     else:
         if search is None and examined:
+            print_grid(promise_grid(examined))
             print_grid(family_grid(examined))
         typer.echo(summary(examined) if search is None else searched(examined, search, len(targets)))
         if paths:

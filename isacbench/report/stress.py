@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from isacbench.stress.running import Examined
 
-__all__ = ["HEADER", "describe_stress", "family_grid", "line", "searched", "summary"]
+__all__ = ["HEADER", "describe_stress", "family_grid", "line", "promise_grid", "searched", "summary"]
 
 CASE_WIDTH, TARGET_WIDTH = 64, 16
 
@@ -63,6 +63,28 @@ def family_grid(examined: Sequence[Examined]) -> Grid:
         for family in families
     ]
     return Grid("cases that keep their promises", ["case", *targets], rows)
+
+
+def promise_grid(examined: Sequence[Examined]) -> Grid:
+    """Largest drift of every promise over all cases that it was kept on, beside its bound, by target."""
+    targets = list(dict.fromkeys(one.task.target.spec for one in examined))
+    bounds: dict[str, float] = {}
+    worst: dict[tuple[str, str], float] = {}
+    for one in examined:
+        for verdict in one.verdicts:
+            if verdict.outcome == "ok":
+                key = verdict.promise, one.task.target.spec
+                bounds[verdict.promise] = max(verdict.bound, bounds.get(verdict.promise, 0.0))
+                worst[key] = max(verdict.drift, worst.get(key, 0.0))
+    rows = [
+        [promise, _drift(bound), *(_drift(worst.get((promise, target))) for target in targets)]
+        for promise, bound in bounds.items()
+    ]
+    return Grid("largest drift where the promise is kept", ["promise", "bound", *targets], rows)
+
+
+def _drift(drift: float | None) -> str:
+    return "" if drift is None else f"{drift:.0e}" if drift else "0"
 
 
 def summary(examined: Sequence[Examined]) -> str:

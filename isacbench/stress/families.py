@@ -11,7 +11,15 @@ from isacbench.stress.crowds import Close, Coherent, Crowd, Nothing, Pair
 from isacbench.stress.ladders import SnrLadder
 from isacbench.stress.levels import Amplitude, DynamicRange, Precision, Snr
 from isacbench.stress.places import Beyond, Bin, Direction
-from isacbench.stress.radios import ArrayShape, Chunks, FalseAlarms, Frames, Numerology, Subarray
+from isacbench.stress.radios import (
+    ArrayShape,
+    Chunks,
+    DetectorWindow,
+    FalseAlarms,
+    Frames,
+    Numerology,
+    Subarray,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence, Set
@@ -41,6 +49,7 @@ FAMILIES: dict[str, type[Case[Any]]] = {
         Numerology,
         Frames,
         FalseAlarms,
+        DetectorWindow,
         Precision,
         Chunks,
         SnrLadder,
