@@ -68,7 +68,7 @@ def stress(
         summary,
     )
     from isacbench.stress.running import find_targets
-    from isacbench.stress.table import write_tables
+    from isacbench.stress.table import case_table, promise_table, write_tables
 
     register(plugin)
     everything = estimator is None and detector is None
@@ -94,8 +94,8 @@ def stress(
         print_json(describe_stress(examined))
     else:
         if search is None and examined:
-            print_grid(promise_grid(examined))
-            print_grid(family_grid(examined))
+            print_grid(promise_grid(promise_table(examined)))
+            print_grid(family_grid(case_table(examined)))
         typer.echo(summary(examined) if search is None else searched(examined, search, len(targets)))
         if paths:
             typer.echo(f"{folder}: {', '.join(path.name for path in paths)}")
