@@ -28,7 +28,7 @@ MAGIC_BYTES = 8
 LENGTH_BYTES = {(1, 0): 2, (2, 0): 4}
 """Bytes of the header's length, by version; 3 differs in names of fields, which arrays of numbers lack."""
 
-HEADER_BYTES = 10_000
+HEADER_BYTES = 1024
 """More than a header of numbers ever takes, and few enough to be parsed in no time."""
 
 

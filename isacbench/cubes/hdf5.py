@@ -158,7 +158,7 @@ def _grid(name: str, dataset: h5py.Dataset) -> ComplexArray:
 
 
 def _require_own(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse numbers that lie in other files: HDF5 opens whatever is named, and gives zeros for what is not."""
+    """Refuse numbers that lie in other files: HDF5 opens whatever they name, and gives zeros otherwise."""
     if dataset.is_virtual or dataset.external:
         raise InputError(
             f"{name}: keeps its numbers in other files; allowed is a file that holds them itself"

@@ -149,8 +149,6 @@ def _cube_shape(path: Path, name: str, array: MatArray) -> tuple[int, int, int, 
 
 def _grid(path: Path, name: str, array: MatArray) -> ComplexArray:
     """Read one array as a transmitted grid."""
-    from scipy.io import loadmat
-
     require_grid(f"{path}: {name}", *array.listed)
     mat5.require_at_most(path, {name: array}, GRID_BYTES)
-    return complex_grid(loadmat(path, variable_names=[name], appendmat=False)[name])
+    return complex_grid(mat5.read_numbers(path, array))

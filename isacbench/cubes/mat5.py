@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from contextlib import closing
 from math import prod
 from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -28,12 +29,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
 __all__ = [
     "MatArray",
     "imaginary_part",
-    "is_level_5",
     "list_arrays",
     "open_bytes",
+    "read_numbers",
     "real_part",
     "require_at_most",
 ]
@@ -128,12 +131,6 @@ def list_arrays(path: Path) -> dict[str, MatArray]:
         return dict(_arrays(path, file, byte_order))
 
 
-def is_level_5(path: Path) -> bool:
-    """Whether a file says that it is of versions 5 to 7."""
-    with path.open("rb") as file:
-        return _level_5_order(file.read(FILE_HEADER_BYTES)) is not None
-
-
 def require_at_most(path: Path, arrays: Mapping[str, MatArray], limit_bytes: int) -> None:
     """Refuse arrays that take more memory than is allowed, whatever the file says of their sizes.
 
@@ -208,29 +205,69 @@ def imaginary_part(path: Path, source: Bytes, array: MatArray, shape: Shape) -> 
     return _part(path, source, array, shape, real.following)
 
 
+def read_numbers(path: Path, array: MatArray) -> NDArray[Any]:
+    """Read an array of numbers whole.
+
+    Parameters
+    ----------
+    path : Path
+    array : MatArray
+        Of real or complex numbers, and not too large, see `require_at_most`.
+
+    Returns
+    -------
+    ndarray
+        Of the array's shape and type.
+
+    Raises
+    ------
+    InputError
+        If its parts are no such array.
+    """
+    shape, dtype = array.listed
+    with closing(open_bytes(path, array)) as source:
+        real = _read_tag(source, array.parts, array.byte_order)
+        numbers = _numbers(path, source, array, real).astype(dtype, order="F")
+        if dtype.kind == "c":
+            numbers.imag = _numbers(path, source, array, _read_tag(source, real.following, array.byte_order))
+    return numbers.reshape(shape)
+
+
+def _numbers(path: Path, source: Bytes, array: MatArray, tag: _Tag) -> NDArray[Any]:
+    """Numbers of a part, as they are stored."""
+    shape = array.listed.shape
+    dtype = _stored_type(path, array, shape, tag)
+    if not tag.size:
+        return np.empty(shape, dtype, order="F")
+    return np.ndarray(shape, dtype, source.read(tag.start, tag.start + tag.size), order="F")
+
+
 def _part(path: Path, source: Bytes, array: MatArray, shape: Shape, at: int) -> RawArray:
     """Part of an array whose tag stands at some byte of the element."""
     tag = _read_tag(source, at, array.byte_order)
+    return RawArray(source, tag.start, shape, _stored_type(path, array, shape, tag), "F")
+
+
+def _stored_type(path: Path, array: MatArray, shape: tuple[int, ...], tag: _Tag) -> np.dtype[Any]:
+    """Type that a part is stored in, whose length has to be that of the array."""
     dtype = np.dtype(array.byte_order + PART_TYPES.get(tag.kind, "V1"))
-    if tag.size != prod(shape) * dtype.itemsize or tag.start + tag.size > array.end:
+    if (
+        dtype.kind == "V"
+        or min(shape) < 0
+        or tag.size != prod(shape) * dtype.itemsize
+        or tag.start + tag.size > array.end
+    ):
         raise InputError(
             f"{path}: is damaged: {tag.size} bytes of type {tag.kind} are no part of an array {shape}"
         )
-    return RawArray(source, tag.start, shape, dtype, "F")
+    return dtype
 
 
 def _byte_order(path: Path, header: bytes) -> ByteOrder:
     """Byte order of a file by its header."""
-    byte_order = _level_5_order(header)
-    if byte_order is None:
-        raise InputError(f"{path}: is no mat file of MATLAB's save options -v6, -v7 or -v7.3")
-    return byte_order
-
-
-def _level_5_order(header: bytes) -> ByteOrder | None:
     byte_order = BYTE_ORDERS.get(header[126:128])
     if byte_order is None or struct.unpack(f"{byte_order}H", header[124:126]) != (LEVEL_5,):
-        return None
+        raise InputError(f"{path}: is no mat file of MATLAB's save options -v6, -v7 or -v7.3")
     return byte_order
 
 

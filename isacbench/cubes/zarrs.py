@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["open_zarr", "read_zarr_grid", "zarr_cube"]
 
+MOST_CHUNKS = 2**22
+"""Of a cube: more would hold less than thirty numbers each at the paper's size."""
+
 
 def open_zarr(path: Path, tile_bytes: int) -> ChunkedCube:
     """Open a cube in a zarr store.
@@ -78,6 +81,8 @@ def zarr_cube(
     def read(box: tuple[slice, ...]) -> NDArray[Any]:
         return as_complex(np.asarray(array[box]))
 
+    if array.nchunks > MOST_CHUNKS:  # which would be looked for one by one
+        raise InputError(f"{name}: has {array.nchunks} chunks; allowed are at most {MOST_CHUNKS}")
     cube = ChunkedCube(name, Stored(array.shape, array.chunks, array.dtype, read), tile_bytes, close)
     present, wanted = array.nchunks_initialized, array.nchunks
     if present < wanted:

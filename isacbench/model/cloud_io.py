@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import zipfile
 from contextlib import contextmanager, suppress
 from itertools import chain
@@ -26,6 +27,11 @@ __all__ = ["Points", "read_cloud", "read_points_csv", "write_cloud"]
 
 Floats = NDArray[np.float64]
 T = TypeVar("T")
+
+_MAT4_HEAD = struct.Struct("<5i")
+_MAT4_TYPES = 5000
+_MAT4_BYTES = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}
+"""Head of a matrix of MATLAB's version 4: its type in four digits, of which the third one tells the size."""
 
 _POINT = ("x", "y", "z", "v")
 _CLOUD = (*_POINT, "power")
@@ -257,21 +263,50 @@ def _write_npz(cloud: PointCloud, path: Path) -> None:
 
 
 def _read_mat(path: Path) -> PointCloud:
+    with _parsing(path, "mat (of MATLAB's save option -v7 or older)"):
+        arrays = _arrays_of_mat4(path) if _is_mat4(path) else _arrays_of_mat5(path)
+    return _cloud_from_arrays(path, arrays)
+
+
+def _is_mat4(path: Path) -> bool:
+    """Whether a file begins with a number, where later ones have text."""
+    with path.open("rb") as file:
+        return 0 in file.read(4)
+
+
+def _arrays_of_mat4(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
+    _require_mat4_to_fit(path)
+    return {name: value for name, value in loadmat(path, appendmat=False).items() if name[:2] != "__"}
+
+
+def _require_mat4_to_fit(path: Path) -> None:
+    """Refuse a file whose matrices take more bytes than it has: the parser would make room for them first."""
+    size, at = path.stat().st_size, 0
+    with path.open("rb") as file:
+        while at < size:
+            file.seek(at)
+            head = file.read(_MAT4_HEAD.size)
+            order = "<" if int.from_bytes(head[:4], "little") < _MAT4_TYPES else ">"
+            kind, rows, columns, is_complex, name_length = struct.unpack(f"{order}5i", head)
+            if min(rows, columns, name_length) < 0:
+                raise ValueError(f"a matrix of {rows} x {columns} numbers at byte {at}")
+            takes = rows * columns * _MAT4_BYTES[kind // 10 % 10] * (2 if is_complex else 1)
+            at += _MAT4_HEAD.size + name_length + takes
+    if at > size:
+        raise ValueError(f"truncated: its matrices take {at} bytes, it has {size}")
+
+
+def _arrays_of_mat5(path: Path) -> dict[str, Any]:
+    """Arrays of numbers, and what is said of all others: cells in cells in cells are not looked into."""
     from isacbench.cubes import mat5  # which knows of models
 
-    listed, wanted = {}, None
-    with _parsing(path, "mat (of MATLAB's save option -v7 or older)"):
-        if mat5.is_level_5(path):
-            # Cells in cells in cells end the process: only what can be a cloud is given to the parser.
-            found = mat5.list_arrays(path)
-            numbers = {name: array for name, array in found.items() if array.listed.dtype.kind in "fiu"}
-            mat5.require_at_most(path, numbers, CLOUD_BYTES)
-            listed, wanted = {name: array.listed for name, array in found.items()}, list(numbers)
-        contents = loadmat(path, variable_names=wanted, appendmat=False)
-    arrays = {name: value for name, value in contents.items() if not name.startswith("__")}
-    return _cloud_from_arrays(path, {**listed, **arrays})
+    found = mat5.list_arrays(path)
+    numbers = {name: array for name, array in found.items() if array.listed.dtype.kind in "fiu"}
+    mat5.require_at_most(path, numbers, CLOUD_BYTES)
+    listed = {name: array.listed for name, array in found.items()}
+    return {**listed, **{name: mat5.read_numbers(path, array) for name, array in numbers.items()}}
 
 
 def _write_mat(cloud: PointCloud, path: Path) -> None:
