@@ -143,6 +143,9 @@ class Nomp4d:
         Below the strongest atom nearby, what is not told from its misfit.
     max_rounds : int
         Most rounds of moves.
+    max_scatterers : int
+        Most atoms: no more are tried once there are as many, the strongest
+        moves first. Time grows with the cube of their number.
 
     Raises
     ------
@@ -163,13 +166,15 @@ class Nomp4d:
     pfa: float = 1e-2
     local_dynamic_range_db: float = 16.5
     max_rounds: int = 12
+    max_scatterers: int = 500
 
     def __post_init__(self) -> None:
         require(0 < self.pfa < 1, "pfa", self.pfa, "between 0 and 1")
         require(
             self.local_dynamic_range_db > 0, "local_dynamic_range_db", self.local_dynamic_range_db, "above 0"
         )
-        require(self.max_rounds >= 1, "max_rounds", self.max_rounds, "1 and more")
+        for name in ("max_rounds", "max_scatterers"):
+            require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -259,7 +264,8 @@ class Nomp4d:
             places = np.concatenate([places, fit.places])
             offsets = np.concatenate([offsets, splits.offsets])
             gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
-        chosen = _choose(places, gain, np.arange(len(places)) < n_new)
+        room = self.max_scatterers - (0 if fit is None else len(fit))
+        chosen = _choose(places, gain, np.arange(len(places)) < n_new)[: max(room, 0)]
         split = chosen[chosen >= n_new]
         return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 

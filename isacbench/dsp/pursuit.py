@@ -48,6 +48,9 @@ MARGIN_BINS = 2
 NEIGHBOURHOOD_BINS = 2.0
 """Range and Doppler bins in which weaker atoms are held against the strongest, whatever their direction."""
 
+MOST_PAIRS = 1 << 20
+"""Pairs of a place and an atom that are looked at together: 32 MiB of distances."""
+
 SPLIT_OFFSETS_CELLS = (0.15, 0.5)
 """Least and most distance of the two starts from the atom that is split."""
 
@@ -298,6 +301,9 @@ def strongest_around(places: Floats, fit: AtomFit) -> Floats:
     one within two bins in range and Doppler, whose misfit has every direction.
     Atoms do not count at their own place.
     """
+    if len(places) > (most := MOST_PAIRS // len(fit)):
+        parts = np.split(places, range(most, len(places), most))
+        return np.concatenate([strongest_around(part, fit) for part in parts])
     distance = places[:, None, :] - fit.places
     along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
     near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
@@ -374,8 +380,8 @@ def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
     drop : ndarray of bool, shape (n,)
         The weaker half of the atoms without a place; where there are none, the
         weaker one of each pair that is not told apart, be it by noise or by
-        rounding: without noise two atoms are one from 0.005 Rayleigh cells in
-        phase, from 0.0005 in quadrature (`AtomFit.blurred`).
+        rounding: without noise two atoms are one from 0.01 Rayleigh cells in
+        phase, from 0.001 in quadrature (`AtomFit.blurred`).
     places : ndarray of float64, shape (n, 4)
         Those of the atoms that stay, each moved to the mean of its pair.
     """
