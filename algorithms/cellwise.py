@@ -38,6 +38,7 @@ from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.remarks import Remarks
 from isacbench.stages import stage
 
 from .detectors import OscaCfar
@@ -56,6 +57,9 @@ DETECTION_WINDOW: Window = "hann"
 
 MOST_EXPONENT = 40
 """Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision lacks their squares."""
+
+ROUNDING_UNITS = 4
+"""Last digits of the strongest cell that sums over a few of them lose: noise, where there is no other."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
@@ -198,7 +202,7 @@ class CellwiseEstimator(ABC):
             gated = maps.selection
         with stage("detection"):
             detected = self._detect(maps.detection)
-            levels = _levels(maps.detection, detected)
+            levels = _levels(maps, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         chosen = Scatterers.empty()
         for look in self.looks():
@@ -262,11 +266,14 @@ class CellwiseEstimator(ABC):
         seen = maps.detection.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
+        separated = None
         look = self.looks()[-1]
         tapered = maps.directions.tapered(look.range_window, look.doppler_window)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
-            spectra = self.spectra(observation, snapshots, _levels(maps.detection, detected))
+            with Remarks() as remarks:
+                spectra = self.spectra(observation, snapshots, _levels(maps, detected))
+            separated = _separated(remarks)
         power, detection, unit_power = detected.power.astype(np.float64), detected.detection, maps.unit**2
         return Diagnosis(
             power * unit_power,
@@ -275,6 +282,7 @@ class CellwiseEstimator(ABC):
             seen.doppler_bins,
             spectra,
             cell,
+            separated,
         )
 
     @abstractmethod
@@ -384,9 +392,17 @@ def middle(snapshots: Snapshots) -> Snapshots:
     return snapshots[:, snapshots.shape[1] // 2]
 
 
-def _levels(gated: GatedMap, detected: DetectedCells) -> Levels:
-    """Levels of a map; white noise is never above the floor that was detected with."""
-    return Levels(min(white_noise(gated), detected.floor), detected.floor)
+def _levels(maps: _Maps, detected: DetectedCells) -> Levels:
+    """Levels of a map; white noise is never above the floor that was detected with, nor below rounding."""
+    last_digit = float(np.finfo(maps.directions.cells.dtype).eps)
+    rounding = (ROUNDING_UNITS * last_digit) ** 2 * float(detected.power.max())
+    return Levels(min(max(white_noise(maps.detection), rounding), detected.floor), detected.floor)
+
+
+def _separated(remarks: Remarks) -> bool | None:
+    """Whether signal and noise were separated in all subspaces; None where there were none."""
+    count = remarks.counts.get("unseparated")
+    return None if count is None else count.n == 0
 
 
 def _snapshots(tapered: GatedMap, bins: Bins, n_range: int) -> Snapshots:
