@@ -39,6 +39,7 @@ from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.remarks import Remarks
 from isacbench.stages import stage
 
 from .detectors import OscaCfar
@@ -54,6 +55,9 @@ PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
 covariances, their eigenvectors and null spectra; the joint explanation."""
 
 DETECTION_WINDOW: Window = "hann"
+
+ROUNDING_UNITS = 4
+"""Last digits of the strongest cell that sums over a few of them lose: noise, where there is no other."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
@@ -196,7 +200,7 @@ class CellwiseEstimator(ABC):
             gated = maps.selection
         with stage("detection"):
             detected = self._detect(maps.detection)
-            levels = _levels(maps.detection, detected)
+            levels = _levels(maps, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         chosen = Scatterers.empty()
         for look in self.looks():
@@ -261,11 +265,14 @@ class CellwiseEstimator(ABC):
         seen = maps.detection.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
+        separated = None
         look = self.looks()[-1]
         tapered = maps.directions.tapered(look.range_window, look.doppler_window, neighbours=1)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
-            spectra = self.spectra(observation, snapshots, _levels(maps.detection, detected))
+            with Remarks() as remarks:
+                spectra = self.spectra(observation, snapshots, _levels(maps, detected))
+            separated = _separated(remarks)
         power, detection, unit = detected.power.astype(np.float64), detected.detection, maps.unit
         return Diagnosis(
             power * unit * unit,
@@ -274,6 +281,7 @@ class CellwiseEstimator(ABC):
             seen.doppler_bins,
             spectra,
             cell,
+            separated,
         )
 
     @abstractmethod
@@ -377,9 +385,17 @@ def middle(snapshots: Snapshots) -> Snapshots:
     return snapshots[:, snapshots.shape[1] // 2]
 
 
-def _levels(gated: GatedMap, detected: DetectedCells) -> Levels:
-    """Levels of a map; white noise is never above the floor that was detected with."""
-    return Levels(min(white_noise(gated), detected.floor), detected.floor)
+def _levels(maps: _Maps, detected: DetectedCells) -> Levels:
+    """Levels of a map; white noise is never above the floor that was detected with, nor below rounding."""
+    last_digit = float(np.finfo(maps.directions.cells.dtype).eps)
+    rounding = (ROUNDING_UNITS * last_digit) ** 2 * float(detected.power.max())
+    return Levels(min(max(white_noise(maps.detection), rounding), detected.floor), detected.floor)
+
+
+def _separated(remarks: Remarks) -> bool | None:
+    """Whether signal and noise were separated in all subspaces; None where there were none."""
+    count = remarks.counts.get("unseparated")
+    return None if count is None else count.n == 0
 
 
 def _snapshots(tapered: GatedMap, bins: Bins, n_range: int) -> Snapshots:

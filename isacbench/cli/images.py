@@ -66,6 +66,7 @@ def image(
     from isacbench.model.echo import observe
     from isacbench.model.scenario import load_scenario
     from isacbench.registry import build_estimator
+    from isacbench.remarks import Remarks
 
     if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
@@ -85,7 +86,7 @@ def image(
     start = time.perf_counter()
     try:
         # Small batched algebra is slower on several threads, and much so where others use the cores.
-        with threadpool_limits(limits=1):
+        with threadpool_limits(limits=1), Remarks() as remarks:
             cloud = estimate_cloud(imager, observation, scene.truth)
     except InputError:
         raise
@@ -100,6 +101,8 @@ def image(
 
         draw_image(plot, observation, scene.truth, cloud, title)
     say(f"{title}: {len(cloud)} points in {1e3 * elapsed_s:.1f} ms")
+    for sentence in remarks.sentences():
+        typer.echo(sentence)
     if len(scene.truth):  # a scene of noise alone can be looked at, not scored
         velocity_bin_mps = scene.system.velocity_bin_mps
         print_scores(score(scene.truth, cloud, region=scene.region, velocity_bin_mps=velocity_bin_mps))
