@@ -57,8 +57,8 @@ DETECTION_WINDOW: Window = "hann"
 MOST_EXPONENT = 40
 """Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision lacks their squares."""
 
-LEAST_AMPLITUDE = 2.0**-510
-"""Largest amplitude of a map, and its reciprocal, beyond which powers are no ordinary numbers: 3e-154."""
+LARGEST_AMPLITUDE = 2.0**510
+"""Of a map, 3e153: powers beyond its square are no numbers; those of the smallest amplitudes are 0."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
@@ -378,13 +378,14 @@ class CellwiseEstimator(ABC):
 
 
 def _unit(cells: Snapshots) -> float:
-    """Power of two near the largest amplitude of the array's first row or element; 1 where all is well."""
-    largest = float(np.abs(cells[:, :, 0]).max(initial=0))
-    fits = largest == 0 or LEAST_AMPLITUDE <= largest <= 1 / LEAST_AMPLITUDE
-    limits = f"0 and from {LEAST_AMPLITUDE:g} to {1 / LEAST_AMPLITUDE:g}"
-    require(fits, "observation: its largest amplitude", largest, limits)
+    """Power of two near the largest real or imaginary part; 1 where all is well."""
+    parts = np.ascontiguousarray(cells).view(cells.real.dtype)
+    largest = float(max(parts.max(initial=0), -parts.min(initial=0)))
+    limits = f"at most {LARGEST_AMPLITUDE:g}"
+    require(largest <= LARGEST_AMPLITUDE, "observation: its largest amplitude", largest, limits)
     _, exponent = np.frexp(largest)
-    return 1.0 if abs(exponent) <= MOST_EXPONENT else 2.0 ** int(exponent)
+    # The unit of subnormal numbers is the least that has a reciprocal.
+    return 1.0 if abs(exponent) <= MOST_EXPONENT else 2.0 ** max(int(exponent), np.finfo(np.float64).minexp)
 
 
 def middle(snapshots: Snapshots) -> Snapshots:

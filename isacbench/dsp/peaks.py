@@ -115,7 +115,7 @@ def plane_peaks(
     spectrum = np.arange(n)[:, None]
 
     tiny = np.finfo(np.float64).tiny
-    highest = np.maximum(power[spectrum, row, column], tiny)
+    highest = np.where(found, np.maximum(power[spectrum, row, column], tiny), np.inf)
 
     def level(row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
         # A mainlobe is nearer to a parabola in its logarithm; of ratios, which depend on no unit.
