@@ -112,7 +112,8 @@ class AtomFit:
         """Error of the information's diagonal by rounding, shape (4 n,)."""
         # The elimination divides by the part of an atom that the others do not explain.
         own = 1 / np.maximum(self._eliminated.diagonal(), 1)
-        rounding: Floats = LEVERAGE * ROUNDING * self._slopes.diagonal() * np.tile(self.power / own, N_COORDINATES)
+        spread = np.tile(self.power / own, N_COORDINATES)
+        rounding: Floats = LEVERAGE * ROUNDING * self._slopes.diagonal() * spread
         return rounding
 
     def covariance(self, noise: float) -> Floats:
@@ -158,7 +159,8 @@ class AtomFit:
         scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
         loaded = self.information * scale[:, None] * scale
         loaded[np.diag_indices(size)] += self.rounding * scale**2
-        return _inverse(loaded) * scale[:, None] * scale
+        inverse: Floats = _inverse(loaded) * scale[:, None] * scale
+        return inverse
 
 
 def _inverse(matrix: Floats) -> Floats:
