@@ -5,21 +5,23 @@ from __future__ import annotations
 import fcntl
 import os
 import platform
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, TextIO
 
 from isacbench.errors import InputError
+from isacbench.userfiles import open_own
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from collections.abc import Set as AbstractSet
 
 __all__ = ["cannot_be_written", "default_folder", "open_folder", "replacing"]
 
 LOCK = ".lock"
-RUN_FILES = {LOCK, "manifest.json", "results.parquet", "journal.jsonl"}
+RUN_FILES = frozenset({LOCK, "manifest.json", "results.parquet", "journal.jsonl"})
 """A folder with one of them is the folder of a run."""
 
 
@@ -29,7 +31,9 @@ def default_folder(suite_name: str) -> Path:
 
 
 @contextmanager
-def open_folder(folder: Path | None) -> Iterator[Path]:
+def open_folder(
+    folder: Path | None, files: AbstractSet[str] = RUN_FILES, what: str = "a run"
+) -> Iterator[Path]:
     """Create the folder of a run or enter an existing one, and keep other runs out of it.
 
     Parameters
@@ -37,6 +41,10 @@ def open_folder(folder: Path | None) -> Iterator[Path]:
     folder : Path or None
         None for a temporary one. A folder that is new and left without a
         file is taken away again.
+    files : set of str
+        Names of which an existing folder must have one.
+    what : str
+        Whose folder it then is, in words.
 
     Raises
     ------
@@ -48,7 +56,7 @@ def open_folder(folder: Path | None) -> Iterator[Path]:
         with TemporaryDirectory(prefix="isacbench-") as temporary:
             yield Path(temporary)
         return
-    is_new = _create(folder)
+    is_new = _create(folder, files, what)
     with _locked(folder):
         try:
             yield folder
@@ -69,6 +77,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     temporary = path.with_name(f".{path.name}.part")
     try:
+        temporary.unlink(missing_ok=True)  # somebody may have left a symbolic link of that name
         yield temporary
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())
@@ -76,7 +85,8 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise cannot_be_written(path, error) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # what could not be made cannot be in the way
+            temporary.unlink(missing_ok=True)
 
 
 def cannot_be_written(path: Path, error: OSError) -> InputError:
@@ -87,21 +97,31 @@ def cannot_be_written(path: Path, error: OSError) -> InputError:
     )
 
 
-def _create(folder: Path) -> bool:
+def _create(folder: Path, files: AbstractSet[str], what: str) -> bool:
     """Create a folder unless it exists; whether it is new."""
     try:
         folder.mkdir(parents=True)
     except FileExistsError as error:
-        names = {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}
-        if names and not names & RUN_FILES:
+        names = _names(folder)
+        if names and not names & files:
             raise InputError(
-                f"{folder}: exists and is not the folder of a run; allowed are a new folder, an empty one, "
-                "or that of a run to go on with; nothing was overwritten"
+                f"{folder}: exists and is not the folder of {what}; allowed are a new folder, an empty one, "
+                f"or that of {what} to go on with; nothing was overwritten"
             ) from error
         return False
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be created: {error.strerror}") from error
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{folder}: cannot be created: {getattr(error, 'strerror', None) or error}"
+        ) from error
     return True
+
+
+def _names(folder: Path) -> set[str]:
+    """What is in a folder; of what is none, its own name."""
+    try:
+        return {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be looked into: {error.strerror or error}") from error
 
 
 @contextmanager
@@ -127,7 +147,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def _lock_file(folder: Path) -> TextIO:
     try:
-        return (folder / LOCK).open("a+", encoding="utf-8")
+        return os.fdopen(open_own(folder / LOCK, os.O_RDWR | os.O_APPEND), "a+", encoding="utf-8")
     except OSError as error:
         raise _cannot_be_locked(folder, error) from error
 
