@@ -54,7 +54,7 @@ ODD = 1.7
 """A factor that rounds."""
 
 LIMITS = -900, 900
-"""Exponents of the weakest and the strongest cell of scaled maps: none is subnormal, no threshold overflows."""
+"""Exponents of the weakest and the strongest cell of scaled maps: nothing is subnormal or overflows."""
 
 SMALLEST = 5e-324
 SINGLE_LIMITS = 2.0**-100, 2.0**100
@@ -165,7 +165,7 @@ def _layout(tested: TestedMap) -> float:
 
 
 def _two_power_scale(tested: TestedMap) -> float:
-    """To both ends of what float64 holds in full, as far as that rounds no cell; thresholds are scaled back."""
+    """To both ends of what float64 holds in full, as far as that rounds no cell, and back."""
     strongest, weakest = _exponents(tested)
     exponents = [
         exponent
