@@ -234,7 +234,7 @@ def _parsing(path: Path, kind: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:  # Damaged files surface as anything, tokenize.TokenError included.
-        raise InputError(f"{path}: cannot be read as {kind}: {error}") from error
+        raise InputError(f"{path}: cannot be read as {kind}: {shortened(str(error))}") from error
 
 
 def _read_npy(path: Path) -> PointCloud:
