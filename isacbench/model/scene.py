@@ -52,7 +52,7 @@ class Scatterers:
     InputError
         If the shapes disagree; if a number is not finite, a position beyond a
         million kilometres or a velocity beyond that of light; or if the power
-        of all echoes, unless it is 0, is beyond 1e302 or its reciprocal.
+        of all echoes, unless it is 0, is beyond 1e304 or its reciprocal.
     """
 
     xyz: NDArray[np.float64]
