@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,7 +95,7 @@ class Scatterers:
         unit, power = self.power_in_units
         return unit * float(np.sqrt(power))
 
-    @property
+    @cached_property
     def power_in_units(self) -> tuple[float, float]:
         """A unit of amplitude, a power of two, and the power of all echoes in its square, which is near 1."""
         _, exponent = np.frexp(np.abs(self.amplitude).max(initial=0))
