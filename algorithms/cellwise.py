@@ -33,11 +33,13 @@ from isacbench.dsp.joint import refine_jointly, select_jointly
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scatterers import Scatterers, locate, merge_duplicates
+from isacbench.dsp.units import amplitude_exponent, in_unit
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.remarks import Remarks
 from isacbench.stages import stage
 
 from .detectors import OscaCfar
@@ -54,11 +56,8 @@ covariances, their eigenvectors and null spectra; the joint explanation."""
 
 DETECTION_WINDOW: Window = "hann"
 
-MOST_EXPONENT = 40
-"""Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision lacks their squares."""
-
-LARGEST_AMPLITUDE = 2.0**510
-"""Of a map, 3e153: powers beyond its square are no numbers; those of the smallest amplitudes are 0."""
+ROUNDING_UNITS = 4
+"""Last digits of the strongest cell that sums over a few of them lose: noise, where there is no other."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
@@ -201,7 +200,7 @@ class CellwiseEstimator(ABC):
             gated = maps.selection
         with stage("detection"):
             detected = self._detect(maps.detection)
-            levels = _levels(maps.detection, detected)
+            levels = _levels(maps, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         chosen = Scatterers.empty()
         for look in self.looks():
@@ -266,11 +265,14 @@ class CellwiseEstimator(ABC):
         seen = maps.detection.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
+        separated = None
         look = self.looks()[-1]
         tapered = maps.directions.tapered(look.range_window, look.doppler_window, neighbours=1)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
-            spectra = self.spectra(observation, snapshots, _levels(maps.detection, detected))
+            with Remarks() as remarks:
+                spectra = self.spectra(observation, snapshots, _levels(maps, detected))
+            separated = _separated(remarks)
         power, detection, unit = detected.power.astype(np.float64), detected.detection, maps.unit
         return Diagnosis(
             power * unit * unit,
@@ -279,6 +281,7 @@ class CellwiseEstimator(ABC):
             seen.doppler_bins,
             spectra,
             cell,
+            separated,
         )
 
     @abstractmethod
@@ -327,8 +330,8 @@ class CellwiseEstimator(ABC):
         """Map of the elements that are needed; the others may never have been computed."""
         aperture = self.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
-        unit = _unit(cells)
-        gated = GatedMap(cells if unit == 1 else cells / unit, observation.gate, aperture)
+        exponent = amplitude_exponent(cells)
+        gated = GatedMap(in_unit(cells, exponent), observation.gate, aperture)
         maps = {
             dtype: gated.astype(dtype)
             for dtype in {self.dtype_in(stage) for stage in ("detection", "directions", "selection")}
@@ -337,7 +340,7 @@ class CellwiseEstimator(ABC):
             detection=maps[self.dtype_in("detection")],
             directions=maps[self.dtype_in("directions")],
             selection=maps[self.dtype_in("selection")],
-            unit=unit,
+            unit=float(np.ldexp(1.0, exponent)),
         )
 
     def _detect(self, gated: GatedMap) -> DetectedCells:
@@ -377,25 +380,22 @@ class CellwiseEstimator(ABC):
         return merge_duplicates(located)
 
 
-def _unit(cells: Snapshots) -> float:
-    """Power of two near the largest real or imaginary part; 1 where all is well."""
-    parts = np.ascontiguousarray(cells).view(cells.real.dtype)
-    largest = float(max(parts.max(initial=0), -parts.min(initial=0)))
-    limits = f"at most {LARGEST_AMPLITUDE:g}"
-    require(largest <= LARGEST_AMPLITUDE, "observation: its largest amplitude", largest, limits)
-    _, exponent = np.frexp(largest)
-    # The unit of subnormal numbers is the least that has a reciprocal.
-    return 1.0 if abs(exponent) <= MOST_EXPONENT else 2.0 ** max(int(exponent), np.finfo(np.float64).minexp)
-
-
 def middle(snapshots: Snapshots) -> Snapshots:
     """Snapshots (n, *elements) of the cells themselves, out of those (n, s, *elements) with neighbours."""
     return snapshots[:, snapshots.shape[1] // 2]
 
 
-def _levels(gated: GatedMap, detected: DetectedCells) -> Levels:
-    """Levels of a map; white noise is never above the floor that was detected with."""
-    return Levels(min(white_noise(gated), detected.floor), detected.floor)
+def _levels(maps: _Maps, detected: DetectedCells) -> Levels:
+    """Levels of a map; white noise is never above the floor that was detected with, nor below rounding."""
+    last_digit = float(np.finfo(maps.directions.cells.dtype).eps)
+    rounding = (ROUNDING_UNITS * last_digit) ** 2 * float(detected.power.max())
+    return Levels(min(max(white_noise(maps.detection), rounding), detected.floor), detected.floor)
+
+
+def _separated(remarks: Remarks) -> bool | None:
+    """Whether signal and noise were separated in all subspaces; None where there were none."""
+    count = remarks.counts.get("unseparated")
+    return None if count is None else count.n == 0
 
 
 def _snapshots(tapered: GatedMap, bins: Bins, n_range: int) -> Snapshots:

@@ -47,7 +47,7 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.stages import stage
 
-from .cellwise import CellwiseEstimator, Levels, Look, Precision, PrecisionStage, Snapshots, middle
+from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
 from .detectors import CaCfar
 
 __all__ = ["Fft4d"]
@@ -112,7 +112,6 @@ class Fft4d(CellwiseEstimator):
 
     name: ClassVar[str] = "fft4d"
     separable: ClassVar[bool] = True
-    single_stages: ClassVar[frozenset[PrecisionStage]] = frozenset({"detection", "selection"})
 
     precision: Precision = "single"
     angle_points: int = 48

@@ -15,11 +15,14 @@ from types import ModuleType
 from typing import Any
 
 from isacbench.errors import InputError
+from isacbench.userfiles import SOURCE_BYTES, read_text, require_file
 
 __all__ = ["METHODS", "PluginFile", "forget_module", "import_plugins"]
 
 METHODS = {"estimator": "estimate", "detector": "detect"}
 """What makes a class with a name a plugin."""
+
+MISSING = "there is no such file"
 
 DIGEST_SHOWN = 8
 """Digits of the digest that tell files of one name apart in tracebacks."""
@@ -53,11 +56,12 @@ class PluginFile:
         if path.suffix != ".py":
             raise InputError(f"plugin {path}: allowed is a Python file that ends in .py")
         try:
-            return cls(path.name, path.read_text(encoding="utf-8-sig"))
-        except FileNotFoundError:
-            raise InputError(f"plugin {path}: there is no such file") from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"plugin {path}: cannot be read: {error}") from error
+            require_file(path, missing=MISSING)
+            return cls(path.name, read_text(path, SOURCE_BYTES))
+        except InputError as error:
+            reason = str(error).removeprefix(f"{path}: ")
+            told = reason if reason == MISSING else f"cannot be read: {reason}"
+            raise InputError(f"plugin {path}: {told}") from error
 
     @property
     def digest(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from isacbench.errors import InputError, did_you_mean, unknown_name
+from isacbench.userfiles import TOML_BYTES, read_text, require_file
+from isacbench.visible import quoted
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -19,6 +22,12 @@ __all__ = ["builtin_names", "describe_mistake", "find_toml", "read_toml"]
 Table = TypeVar("Table", bound=BaseModel)
 Location = tuple[int | str, ...]
 PACKAGE = "isacbench_scenarios"
+
+MOST_PARTS = 100
+"""Of a dotted key: the parser keeps every beginning of it, which of twenty thousand parts takes gigabytes."""
+
+BETWEEN_KEYS = re.compile(r"[=,{}\[\]#]")
+DOT_IN_KEY = re.compile(r"[\w\"'-][ \t]*\.[ \t]*(?=[\w\"'-])")
 
 
 def builtin_names(folder: str = ".") -> list[str]:
@@ -44,8 +53,10 @@ def find_toml(name_or_path: str | Path, what: str, folder: str = ".") -> Path:
     """
     path = Path(name_or_path)
     if path.suffix == ".toml":
-        if not path.is_file():
-            raise InputError(f"{what} {path}: no such file")
+        try:
+            require_file(path, missing="no such file")
+        except InputError as error:
+            raise InputError(f"{what} {error}") from error
         return path
     names = builtin_names(folder)
     if str(name_or_path) in names:
@@ -60,20 +71,33 @@ def read_toml(path: Path, model: type[Table]) -> Table:
     Raises
     ------
     InputError
-        Naming the file, an offending key, its value and what is allowed.
+        Naming the file, an offending key, its value and what is allowed; or
+        if it is larger than 1 MiB, or nested deeper than anything that is
+        meant.
     """
+    text = read_text(path, TOML_BYTES, missing="cannot be read: No such file or directory")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from error
-    try:
-        return model.model_validate(content)
+        _require_short_keys(path, text)
+        return model.model_validate(tomllib.loads(text))
     except ValidationError as error:
         raise InputError(f"{path}: {describe_mistake(error, model)}") from error
+    except InputError:
+        raise
+    except ValueError as error:  # also an integer of more digits than Python converts
+        raise InputError(f"{path}: not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deeply; allowed are a few levels") from error
+
+
+def _require_short_keys(path: Path, text: str) -> None:
+    """Refuse dotted keys of more parts than the parser can bear."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") > MOST_PARTS and any(
+            len(DOT_IN_KEY.findall(part)) >= MOST_PARTS for part in BETWEEN_KEYS.split(line)
+        ):
+            raise InputError(
+                f"{path}: line {number}: a key of more than {MOST_PARTS} parts; allowed are a few"
+            )
 
 
 def describe_mistake(error: ValidationError, model: type[BaseModel]) -> str:
@@ -99,9 +123,9 @@ def describe_mistake(error: ValidationError, model: type[BaseModel]) -> str:
         return f"missing key {key}.{_tag_key(mistake)}"
     if kind == "union_tag_invalid":
         tag, allowed = mistake["ctx"]["tag"], _union_tags(model, location)
-        return f"{key}.{_tag_key(mistake)} = {tag!r}: {did_you_mean(tag, allowed)}"
+        return f"{key}.{_tag_key(mistake)} = {quoted(tag)}: {did_you_mean(tag, allowed)}"
     message = mistake["msg"].removeprefix("Value error, ")
-    return f"{key} = {mistake['input']!r}: {message[0].lower()}{message[1:]}"
+    return f"{key} = {quoted(mistake['input'])}: {message[0].lower()}{message[1:]}"
 
 
 def _builtin_folder(folder: str) -> Path:

@@ -11,15 +11,14 @@ import io
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pandas as pd
-
-__all__ = ["write_csv_table"]
+__all__ = ["without_formulas", "write_csv_table"]
 
 ROWS_AT_ONCE = 100_000
 """So many rows are turned into text before they are written: a bound on memory."""
@@ -31,6 +30,12 @@ WHOLE = r"^(-?\d+)$"
 
 SPECIAL = r"[,\"\r\n]"
 """What a text must be quoted for."""
+
+FORMULA = r"^[=+\-@\t\r]"
+"""How a text begins that a spreadsheet takes for a formula, and computes: names come from anywhere."""
+
+GUARD = "'"
+"""What spreadsheets take for the beginning of a text, whatever follows."""
 
 
 def write_csv_table(table: pd.DataFrame, path: Path) -> None:
@@ -94,6 +99,23 @@ def _text(column: pa.Array) -> pa.Array:
         return text
     quoted = _joined('"', "", pc.replace_substring(text, '"', '""'), "")
     return pc.if_else(pc.match_substring_regex(text, SPECIAL), quoted, text)
+
+
+def without_formulas(table: pd.DataFrame) -> pd.DataFrame:
+    """Put an apostrophe before text that a spreadsheet would compute; for tables that are opened in one.
+
+    Examples
+    --------
+    >>> without_formulas(pd.DataFrame({"scenario": ["street", "=1+1"]}))["scenario"].tolist()
+    ['street', "'=1+1"]
+    """
+    guarded = {}
+    for name in table.columns:
+        if pd.api.types.is_string_dtype(table[name]):
+            is_formula = table[name].str.match(FORMULA).fillna(False).astype(bool)
+            if is_formula.any():
+                guarded[name] = table[name].mask(is_formula, GUARD + table[name])
+    return table.assign(**guarded)
 
 
 def _joined(separator: str, *parts: pa.Array | str) -> pa.Array:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import fcntl
 import os
 import platform
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, TextIO
 
 from isacbench.errors import InputError
+from isacbench.userfiles import open_own
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -76,6 +77,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     temporary = path.with_name(f".{path.name}.part")
     try:
+        temporary.unlink(missing_ok=True)  # somebody may have left a symbolic link of that name
         yield temporary
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())
@@ -83,7 +85,8 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise cannot_be_written(path, error) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # what could not be made cannot be in the way
+            temporary.unlink(missing_ok=True)
 
 
 def cannot_be_written(path: Path, error: OSError) -> InputError:
@@ -99,16 +102,26 @@ def _create(folder: Path, files: AbstractSet[str], what: str) -> bool:
     try:
         folder.mkdir(parents=True)
     except FileExistsError as error:
-        names = {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}
+        names = _names(folder)
         if names and not names & files:
             raise InputError(
                 f"{folder}: exists and is not the folder of {what}; allowed are a new folder, an empty one, "
                 f"or that of {what} to go on with; nothing was overwritten"
             ) from error
         return False
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be created: {error.strerror}") from error
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{folder}: cannot be created: {getattr(error, 'strerror', None) or error}"
+        ) from error
     return True
+
+
+def _names(folder: Path) -> set[str]:
+    """What is in a folder; of what is none, its own name."""
+    try:
+        return {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be looked into: {error.strerror or error}") from error
 
 
 @contextmanager
@@ -134,7 +147,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def _lock_file(folder: Path) -> TextIO:
     try:
-        return (folder / LOCK).open("a+", encoding="utf-8")
+        return os.fdopen(open_own(folder / LOCK, os.O_RDWR | os.O_APPEND), "a+", encoding="utf-8")
     except OSError as error:
         raise _cannot_be_locked(folder, error) from error
 

@@ -10,9 +10,11 @@ import pandas as pd
 
 from isacbench.bench.record import CLOUD_KEYS
 from isacbench.bench.resume import differing_versions
+from isacbench.bench.sound import require_sound_records
 from isacbench.bench.statuses import SCORED
 from isacbench.bench.store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
 from isacbench.errors import InputError
+from isacbench.userfiles import is_there
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -108,17 +110,18 @@ def read_run(folder: Path) -> RunTable:
         If the folder does not hold them, or they lack what tells runs apart.
     """
     manifest = read_manifest(folder)
-    if (folder / JOURNAL).exists():
+    if is_there(folder / JOURNAL):
         raise InputError(
             f"{folder}: the run has not come to its end; allowed is one that has, and the same "
             "isacbench run into the folder goes on"
         )
-    if not (folder / RECORDS).is_file():
+    if not is_there(folder / RECORDS):
         raise InputError(
             f"{folder}: not the folder of a run, {RECORDS} missing; allowed is one that isacbench run wrote"
         )
     try:
         records = read_table(folder / RECORDS)
+        require_sound_records(records)
     except ValueError as error:
         raise InputError(f"{folder}: damaged run: {error}") from error
     _require(folder / MANIFEST, SECTIONS, manifest)

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import pandas as pd
 import pyarrow as pa
+from pydantic import ValidationError
 
 import isacbench
 from isacbench.bench.content import describe_scenario, digest, restore_scenario, scenario_digest, truth_table
-from isacbench.bench.csv_table import write_csv_table
+from isacbench.bench.csv_table import without_formulas, write_csv_table
 from isacbench.bench.folder import replacing
 from isacbench.bench.journal import read_journal
 from isacbench.bench.outline import outline
@@ -31,11 +32,14 @@ from isacbench.bench.record import (
     typed,
 )
 from isacbench.bench.rows import Rows
+from isacbench.bench.sound import Manifest, require_rows_that_fit, require_sound_records
 from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import restore_suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.score import METRIC_VERSION
 from isacbench.plugin_versions import plugin_version
+from isacbench.tomlfile import describe_mistake
+from isacbench.userfiles import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -79,9 +83,12 @@ T = TypeVar("T")
 DAMAGE = (
     ValueError,
     TypeError,
-    KeyError,
+    LookupError,
     AttributeError,
+    ArithmeticError,
     OSError,
+    RecursionError,
+    MemoryError,
     pa.ArrowException,
     pd.errors.InvalidIndexError,
 )
@@ -171,7 +178,9 @@ def write_manifest(
 def save_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     """Put a manifest in place of an older one."""
     with replacing(folder / MANIFEST) as path:
-        path.write_text(json.dumps(manifest, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
+        # Names of files that are no UTF-8 have halves of characters, which JSON spells as Python does.
+        path.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_results(results: Results, folder: Path) -> None:
@@ -188,7 +197,7 @@ def write_results(results: Results, folder: Path) -> None:
         _write_parquet(results.draws, folder / DRAWS)
     write_rows(folder, results.records, results.clouds)
     with replacing(folder / RECORDS_CSV) as path:
-        write_csv_table(results.records, path)
+        write_csv_table(without_formulas(results.records), path)
 
 
 def write_rows(folder: Path, records: pd.DataFrame, clouds: pd.DataFrame) -> None:
@@ -211,14 +220,19 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     InputError
         If there is none, or it is damaged.
     """
+    path = folder / MANIFEST
+    if not is_there(path):
+        raise _no_run(folder, MANIFEST)
     try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        require_inside(path, folder)
+        manifest = json.loads(read_text(path, MANIFEST_BYTES))
         if not isinstance(manifest, dict):
             raise ValueError("not a table")
-    except FileNotFoundError as error:
-        raise _no_run(folder, MANIFEST) from error
+        Manifest.model_validate(manifest)
+    except ValidationError as error:
+        raise _damaged(folder, f"{MANIFEST}: {describe_mistake(error, Manifest)}") from error
     except DAMAGE as error:
-        raise InputError(f"{folder}: damaged run: {MANIFEST}: {type(error).__name__}: {error}") from error
+        raise _damaged(folder, f"{MANIFEST}: {_told(error)}") from error
     return manifest
 
 
@@ -270,7 +284,7 @@ def read_rows(folder: Path) -> Rows:
         folder / RECORDS,
     )
     parts = [] if found is None else [found]
-    if (folder / JOURNAL).exists():
+    if is_there(folder / JOURNAL):
         parts.append(_read_journal(folder / JOURNAL))
     return Rows.joined(parts)
 
@@ -289,18 +303,19 @@ def read_results(folder: Path) -> Results:
         If lines of the journal of a run that was killed are damaged.
     """
     manifest, journal = read_manifest(folder), folder / JOURNAL
-    if not journal.exists() and not (folder / RECORDS).is_file():
+    if not is_there(journal) and not is_there(folder / RECORDS):
         raise _no_run(folder, RECORDS)
     try:
         suite = restore_suite(manifest["suite"])
         parts = []
-        if (folder / RECORDS).exists():
+        if is_there(folder / RECORDS):
             parts.append(
                 Rows.of_tables(_read_records(folder), _read_clouds(folder), manifest["environments"])
             )
-        if journal.exists():
+        if is_there(journal):
             parts.append(_read_journal(journal))
         rows = Rows.joined(parts)
+        require_sound_records(rows.records)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
         truth = read_table(folder / TRUTH)
         return Results(
@@ -318,7 +333,16 @@ def read_results(folder: Path) -> Results:
             interrupted=manifest["interrupted"],
         )
     except DAMAGE as error:
-        raise InputError(f"{folder}: damaged run: {type(error).__name__}: {error}") from error
+        raise _damaged(folder, _told(error)) from error
+
+
+def _damaged(folder: Path, what: str) -> InputError:
+    return InputError(f"{folder}: damaged run: {what}")
+
+
+def _told(error: BaseException) -> str:
+    """What is wrong, in words; of what nobody has worded, the type as well."""
+    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
 def _read_journal(path: Path) -> Rows:
@@ -346,7 +370,7 @@ def _read_records(folder: Path) -> pd.DataFrame:
 
 
 def _read_clouds(folder: Path) -> pd.DataFrame:
-    return read_table(folder / CLOUDS) if (folder / CLOUDS).exists() else _no_clouds()
+    return read_table(folder / CLOUDS) if is_there(folder / CLOUDS) else _no_clouds()
 
 
 def _no_clouds() -> pd.DataFrame:
@@ -359,9 +383,15 @@ def read_table(path: Path) -> pd.DataFrame:
     Raises
     ------
     ValueError
-        If it is damaged.
+        If it is damaged, or says that it has far more rows than its file can
+        hold.
+    InputError
+        If it is no file, or a symbolic link out of its folder.
     """
+    require_inside(path, path.parent)
+    require_file(path)
     try:
+        require_rows_that_fit(path)
         table = pd.read_parquet(path, page_checksum_verification=True)
     except Exception as error:  # a damaged description of a table may end in anything
         raise ValueError(f"{path.name}: {type(error).__name__}: {error}") from error
@@ -380,17 +410,17 @@ def _table_digest(table: pd.DataFrame) -> str:
 
 def _read_draws(path: Path) -> pd.DataFrame:
     """Scatterers that a study drew; most draw none, and write no file."""
-    return read_table(path) if path.exists() else pd.DataFrame(columns=DRAW_COLUMNS)
+    return read_table(path) if is_there(path) else pd.DataFrame(columns=DRAW_COLUMNS)
 
 
 def _lenient(read: Callable[[], T], path: Path) -> T | None:
     """Read what is there; None where it is not, or damaged, which is told."""
-    if not path.exists():
+    if not is_there(path):
         return None
     try:
         return read()
     except DAMAGE as error:
-        _warn_of_damage(path, f"{type(error).__name__}: {error}")
+        _warn_of_damage(path, _told(error))
         return None
 
 

@@ -33,6 +33,9 @@ FOLDER = "suites"
 MAX_GRID_POINTS = 1000
 """More SNRs than any curve needs: a larger grid is a slip of the pen."""
 
+MAX_NAME = 200
+"""Characters of a name, which becomes a part of the name of a folder."""
+
 MAX_SNR_DB = 300.0
 """Beyond it, of either sign, double precision holds the noise alone or the echo alone."""
 
@@ -76,7 +79,7 @@ class Suite(BaseModel):
     KINDS: ClassVar[tuple[Kind, ...]] = ("imaging", "efficiency")
 
     kind: Kind = "imaging"
-    name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
+    name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
     scenarios: Names
     estimators: Names
     snr_gain_db: Snrs | None = None

@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
+from isacbench.visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,6 +25,7 @@ __all__ = [
     "app",
     "fail",
     "main",
+    "say",
 ]
 
 EXIT_USAGE = 2
@@ -48,7 +50,7 @@ def _plain_input_warnings() -> Iterator[None]:
             line: str | None = None,
         ) -> None:
             if issubclass(category, InputWarning):
-                typer.echo(f"isacbench: warning: {message}", err=True)
+                say(f"isacbench: warning: {message}", err=True)
             else:
                 show_with_source(message, category, filename, lineno, file, line)
 
@@ -98,7 +100,12 @@ def _options(
     pass
 
 
+def say(message: str, err: bool = False) -> None:
+    """Print one line; what has come from files and names has no power over the terminal."""
+    typer.echo(visible(message), err=err)
+
+
 def fail(message: str, code: int) -> NoReturn:
     """End with one line on stderr and an exit code."""
-    typer.echo(f"isacbench: {message}", err=True)
+    say(f"isacbench: {message}", err=True)
     raise typer.Exit(code)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from isacbench.cli.app import EXIT_FAILED_CELLS, app
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, say
 from isacbench.cli.options import AsJson, PluginFiles, register
 from isacbench.cli.printing import print_json
 
@@ -25,12 +25,12 @@ def list_(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
         print_json(content)
         return
     for section, entries in content.items():
-        typer.echo(f"{section}:")
+        say(f"{section}:")
         for entry in entries:
-            typer.echo(f"  {entry['name']:<16} {entry['description']}")
+            say(f"  {entry['name']:<16} {entry['description']}")
             for name, parameter in entry.get("parameters", {}).items():
                 default = f" = {json.dumps(parameter['default'])}" if "default" in parameter else ""
-                typer.echo(f"      {name}: {parameter['type']}{default}")
+                say(f"      {name}: {parameter['type']}{default}")
 
 
 @app.command()

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from isacbench.cli.app import say
+from isacbench.visible import visible, visible_json
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
@@ -34,7 +37,7 @@ def report_run(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside | N
     tables = write_tables(folder, records, kind)
     with Aside() if aside is None else nullcontext(aside) as hand:
         figures = hand.draw_run(folder)
-    typer.echo(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
+    say(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
 
 
 def print_grid(grid: Grid) -> None:
@@ -58,7 +61,12 @@ def progress_bar(title: str, is_idle: bool = False) -> Iterator[Progress]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(
         *columns,
         console=console,
@@ -66,16 +74,16 @@ def progress_bar(title: str, is_idle: bool = False) -> Iterator[Progress]:
         transient=True,
         auto_refresh=not is_idle,
     ) as bar:
-        task = bar.add_task(title, total=None)
+        task = bar.add_task(visible(title), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total, refresh=is_idle)
 
 
 def print_scores(scores: Mapping[str, float]) -> None:
     """Print scores, a line each."""
     for name, value in scores.items():
-        typer.echo(f"  {name:<16} {value:.6g}")
+        say(f"  {name:<16} {value:.6g}")
 
 
 def print_json(content: object) -> None:
     """Print JSON, NaN refused."""
-    typer.echo(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False))
+    typer.echo(visible_json(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)))

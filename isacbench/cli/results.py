@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail
+from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
 from isacbench.cli.options import AsJson, PluginFiles, register
 from isacbench.cli.printing import print_grid, print_json, report_run
 
@@ -49,15 +49,15 @@ def merge(
     merged = merge_runs(folders, out, mix_versions)
     if not merged.records.empty:
         report_run(out, merged.records, merged.kind)
-    typer.echo(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
+    say(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
     made = zip(merged.records["estimator"], merged.records["params"], strict=True)
     labels = estimator_labels([*made, *((gap.estimator, gap.params) for gap in merged.gaps)])
     for gap in merged.gaps[:GAPS_SHOWN]:
         trials = f"trial{'s' if len(gap.trials) > 1 else ''} {', '.join(map(str, gap.trials))}"
         label = labels[gap.estimator, gap.params]
-        typer.echo(f"missing: {gap.n_cells} cells of {label} on {gap.scenario}, {trials}")
+        say(f"missing: {gap.n_cells} cells of {label} on {gap.scenario}, {trials}")
     if len(merged.gaps) > GAPS_SHOWN:
-        typer.echo(f"missing: and of {len(merged.gaps) - GAPS_SHOWN} more")
+        say(f"missing: and of {len(merged.gaps) - GAPS_SHOWN} more")
 
 
 @app.command()
@@ -68,9 +68,9 @@ def rescore(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder o
     rescored = rescore_run(folder)
     if not rescored.records.empty:
         report_run(folder, rescored.records, rescored.kind)
-    typer.echo(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")
+    say(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")
     for change in rescored.changes:
-        typer.echo(f"{change.column}: {change.n_rows} rows, by at most {change.largest:.6g}")
+        say(f"{change.column}: {change.n_rows} rows, by at most {change.largest:.6g}")
 
 
 @app.command()
@@ -113,17 +113,17 @@ def compare(
     if as_json:
         print_json(tables.comparison_content(found))
     else:
-        typer.echo(f"base {found.base}: isacbench {found.base_version}")
-        typer.echo(f"new  {found.new}: isacbench {found.new_version}")
+        say(f"base {found.base}: isacbench {found.base_version}")
+        say(f"new  {found.new}: isacbench {found.new_version}")
         for grid in tables.comparison_grids(found):
             print_grid(grid)
         for line in tables.comparison_lines(found):
-            typer.echo(line)
+            say(line)
     if plot is not None or not as_json:
         figures = draw_comparison_files(found, new, plot)
         if figures and not as_json:
-            typer.echo(f"figures: {', '.join(map(str, figures))}")
+            say(f"figures: {', '.join(map(str, figures))}")
     if not as_json:
-        typer.echo(tables.comparison_summary(found))
+        say(tables.comparison_summary(found))
     if found.is_regression:
         raise typer.Exit(EXIT_REGRESSION)

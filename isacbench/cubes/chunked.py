@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from isacbench.cubes.cube import Cube, Tile, require_cube, require_elements
 from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, Extent, box_lengths, extents, native, pick
 from isacbench.errors import InputError
+from isacbench.userfiles import binary_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,7 +21,10 @@ if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray
     from isacbench.cubes.tiling import Indices
 
-__all__ = ["PAIRS", "ChunkedCube", "Stored", "as_complex", "complex_dtype"]
+__all__ = ["PAIRS", "ChunkedCube", "Stored", "as_complex", "complex_dtype", "require_chunk"]
+
+CHUNK_BYTES = 2**30
+"""A chunk that any array may have, however small it is itself."""
 
 PAIRS = (("real", "imag"), ("r", "i"))
 """Names of the two fields by which files without complex numbers spell them."""
@@ -81,6 +86,7 @@ class ChunkedCube(Cube):
         self.dtype = complex_dtype(stored.dtype)
         self.shape = require_cube(name, self._in_order(stored.shape, stored), self.dtype)
         self.transmitted: ComplexArray | None = None
+        require_chunk(name, stored.chunks, stored.dtype, stored.shape)
         self._stored = stored
         self._chunk = self._in_order(stored.chunks, stored)
         self._tile_cells = tile_bytes // self.dtype.itemsize
@@ -134,6 +140,32 @@ class ChunkedCube(Cube):
         if self._stored.is_reversed:
             values = values.T
         return native(pick(values, elements - first))
+
+
+def require_chunk(name: str, chunks: tuple[int, ...], dtype: np.dtype[Any], shape: tuple[int, ...]) -> None:
+    """Refuse chunks that take more memory than any need: a chunk is decompressed as a whole.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the array.
+    chunks : tuple of int
+        Lengths of a chunk, which may be larger than the array.
+    dtype : dtype
+    shape : tuple of int
+        Of the array.
+
+    Raises
+    ------
+    InputError
+        If a chunk takes more than 1 GiB and more than the array.
+    """
+    takes = prod(chunks) * dtype.itemsize
+    if takes > max(CHUNK_BYTES, prod(shape) * dtype.itemsize):
+        raise InputError(
+            f"{name}: has chunks of {binary_size(takes)}; allowed are at most {binary_size(CHUNK_BYTES)}, or "
+            "one that holds the whole array"
+        )
 
 
 def complex_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:

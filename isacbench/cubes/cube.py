@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import permutations
+from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
+from isacbench.userfiles import GRID_BYTES, binary_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -160,6 +162,8 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
         raise InputError(f"{name}: holds {_kind(dtype)}; a cube takes complex64 or complex128")
     if len(shape) != 4:
         raise InputError(f"{name}: has {_axes(len(shape))}, shape {shape}; a cube takes four: {AXES}")
+    if min(shape) < 0:
+        raise InputError(f"{name}: has shape {shape}; no axis of a cube is negative")
     if 0 in shape:
         raise InputError(f"{name}: is empty, shape {shape}; a cube takes at least one of {AXES} each")
     n_subcarriers, n_symbols, n_p, n_q = (int(length) for length in shape)
@@ -179,15 +183,22 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
     Raises
     ------
     InputError
-        If it holds no numbers, the axes are not two, or one of them is empty.
+        If it holds no numbers, the axes are not two, or one of them is empty,
+        or it takes more than 256 MiB.
     """
     if not (is_complex(dtype) or dtype.kind in "iuf"):
         raise InputError(
             f"{name}: holds {_kind(dtype)}; a transmitted grid takes complex64, complex128 or real numbers"
         )
-    if len(shape) != 2 or 0 in shape:
+    if len(shape) != 2 or min(shape) < 1:
         raise InputError(
             f"{name}: has shape {shape}; a transmitted grid takes two axes: (subcarriers, symbols)"
+        )
+    takes = prod(shape) * np.dtype(np.complex128).itemsize
+    if takes > GRID_BYTES:
+        raise InputError(
+            f"{name}: has shape {shape}, which takes {binary_size(takes)}; a transmitted grid takes at most "
+            f"{binary_size(GRID_BYTES)}"
         )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.cubes.cube import describe
 from isacbench.errors import InputError
+from isacbench.userfiles import require_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -126,6 +127,6 @@ def require_size(path: Path, wanted: int, what: str) -> None:
     what : str
         The array, in words.
     """
-    size = path.stat().st_size
+    size = require_file(path)
     if size < wanted:
         raise InputError(f"{path}: is truncated: {what} takes {wanted} bytes, the file has {size}")

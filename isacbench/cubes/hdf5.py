@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.cubes.chunked import ChunkedCube, Stored, as_complex, complex_dtype
+from isacbench.cubes.chunked import ChunkedCube, Stored, as_complex, complex_dtype, require_chunk
 from isacbench.cubes.cube import complex_grid, require_grid
 from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside
 from isacbench.errors import InputError
@@ -60,6 +60,7 @@ def open_hdf5(path: Path, tile_bytes: int) -> ChunkedCube:
         file = on_failure.enter_context(h5py.File(path, "r"))
         datasets = _datasets(file)
         name = choose(path, _listed(datasets), CUBE)
+        _require_own(f"{path}: {name}", datasets[name])
         cube = dataset_cube(datasets[name], f"{path}: {name}", tile_bytes, file.close)
         cube.transmitted = grid_beside(
             path, _listed(datasets), cube.shape, lambda grid: _grid(f"{path}: {grid}", datasets[grid])
@@ -150,8 +151,18 @@ def _read(dataset: h5py.Dataset, missing: int, box: tuple[slice, ...]) -> NDArra
 def _grid(name: str, dataset: h5py.Dataset) -> ComplexArray:
     """Read a dataset as a transmitted grid."""
     require_grid(name, dataset.shape, complex_dtype(dataset.dtype))
+    _require_own(name, dataset)
+    require_chunk(name, dataset.chunks or (), dataset.dtype, dataset.shape)
     values = complex_grid(as_complex(dataset[:]))
     return np.ascontiguousarray(values.T) if MATLAB_ATTRIBUTE in dataset.attrs else values
+
+
+def _require_own(name: str, dataset: h5py.Dataset) -> None:
+    """Refuse numbers that lie in other files: HDF5 opens whatever they name, and gives zeros otherwise."""
+    if dataset.is_virtual or dataset.external:
+        raise InputError(
+            f"{name}: keeps its numbers in other files; allowed is a file that holds them itself"
+        )
 
 
 def _require_filled(name: str, dataset: h5py.Dataset) -> None:

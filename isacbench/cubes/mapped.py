@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import mmap
+import os
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Protocol
 
 import numpy as np
+
+from isacbench.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,8 +56,19 @@ class MappedBytes(Bytes):
         self._offset = offset
 
     def read(self, start: int, stop: int) -> NDArray[np.uint8]:
-        """Map bytes from `start` to before `stop`."""
+        """Map bytes from `start` to before `stop`.
+
+        Raises
+        ------
+        InputError
+            If the file ends before.
+        """
         first = self._offset + start
+        size = os.fstat(self._file.fileno()).st_size
+        if self._offset + stop > size:
+            raise InputError(
+                f"{self._file.name}: is truncated: byte {self._offset + stop} is wanted, it has {size}"
+            )
         page = first - first % mmap.ALLOCATIONGRANULARITY
         length = self._offset + stop - page
         mapped = mmap.mmap(self._file.fileno(), length, access=mmap.ACCESS_READ, offset=page)

@@ -13,6 +13,7 @@ from isacbench.cubes.cube import Cube, Tile, complex_grid, require_cube, require
 from isacbench.cubes.files import CUBE, GRID, choose, grid_beside
 from isacbench.cubes.hdf5 import is_hdf5, open_hdf5, read_hdf5_grid
 from isacbench.cubes.raw import raw_extents
+from isacbench.userfiles import GRID_BYTES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -148,7 +149,6 @@ def _cube_shape(path: Path, name: str, array: MatArray) -> tuple[int, int, int, 
 
 def _grid(path: Path, name: str, array: MatArray) -> ComplexArray:
     """Read one array as a transmitted grid."""
-    from scipy.io import loadmat
-
     require_grid(f"{path}: {name}", *array.listed)
-    return complex_grid(loadmat(path, variable_names=[name], appendmat=False)[name])
+    mat5.require_at_most(path, {name: array}, GRID_BYTES)
+    return complex_grid(mat5.read_numbers(path, array))

@@ -12,22 +12,34 @@ from __future__ import annotations
 
 import struct
 import zlib
+from contextlib import closing
 from math import prod
 from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from isacbench.cubes.files import Listed
-from isacbench.cubes.inflated import ZLIB, InflatedBytes
+from isacbench.cubes.inflated import OUTPUT_BYTES, ZLIB, InflatedBytes
 from isacbench.cubes.mapped import Bytes, MappedBytes
 from isacbench.cubes.raw import RawArray
 from isacbench.errors import InputError
+from isacbench.userfiles import binary_size
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-__all__ = ["MatArray", "imaginary_part", "list_arrays", "open_bytes", "real_part"]
+    from numpy.typing import NDArray
+
+__all__ = [
+    "MatArray",
+    "imaginary_part",
+    "list_arrays",
+    "open_bytes",
+    "read_numbers",
+    "real_part",
+    "require_at_most",
+]
 
 ByteOrder = Literal["<", ">"]
 Shape = tuple[int, int, int, int]
@@ -119,6 +131,47 @@ def list_arrays(path: Path) -> dict[str, MatArray]:
         return dict(_arrays(path, file, byte_order))
 
 
+def require_at_most(path: Path, arrays: Mapping[str, MatArray], limit_bytes: int) -> None:
+    """Refuse arrays that take more memory than is allowed, whatever the file says of their sizes.
+
+    Parameters
+    ----------
+    path : Path
+    arrays : mapping of str to MatArray
+    limit_bytes : int
+        Most that all of them may take, decompressed.
+
+    Raises
+    ------
+    InputError
+        If they take more.
+    """
+    left_bytes = limit_bytes
+    with path.open("rb") as file:
+        for array in arrays.values():
+            left_bytes -= _taken(file, array, left_bytes)
+            if left_bytes < 0:
+                raise InputError(
+                    f"{path}: its arrays take more than {binary_size(limit_bytes)}, which is what is allowed"
+                )
+
+
+def _taken(file: IO[bytes], array: MatArray, most: int) -> int:
+    """Bytes of an element, decompressed as far as they are not more than so many."""
+    if not array.compressed:
+        return array.stop - array.start
+    file.seek(array.start)
+    decompressor, taken, data = zlib.decompressobj(), 0, b""
+    while taken <= most and not decompressor.eof:
+        if not data:
+            data = file.read(min(HEAD_BYTES * 16, array.stop - file.tell()))
+        if not data:
+            break
+        taken += len(decompressor.decompress(data, OUTPUT_BYTES))
+        data = decompressor.unconsumed_tail
+    return taken
+
+
 def open_bytes(path: Path, array: MatArray) -> Bytes:
     """Bytes of the element of an array, decompressed."""
     if array.compressed:
@@ -152,15 +205,62 @@ def imaginary_part(path: Path, source: Bytes, array: MatArray, shape: Shape) -> 
     return _part(path, source, array, shape, real.following)
 
 
+def read_numbers(path: Path, array: MatArray) -> NDArray[Any]:
+    """Read an array of numbers whole.
+
+    Parameters
+    ----------
+    path : Path
+    array : MatArray
+        Of real or complex numbers, and not too large, see `require_at_most`.
+
+    Returns
+    -------
+    ndarray
+        Of the array's shape and type.
+
+    Raises
+    ------
+    InputError
+        If its parts are no such array.
+    """
+    shape, dtype = array.listed
+    with closing(open_bytes(path, array)) as source:
+        real = _read_tag(source, array.parts, array.byte_order)
+        numbers = _numbers(path, source, array, real).astype(dtype, order="F")
+        if dtype.kind == "c":
+            numbers.imag = _numbers(path, source, array, _read_tag(source, real.following, array.byte_order))
+    return numbers.reshape(shape)
+
+
+def _numbers(path: Path, source: Bytes, array: MatArray, tag: _Tag) -> NDArray[Any]:
+    """Numbers of a part, as they are stored."""
+    shape = array.listed.shape
+    dtype = _stored_type(path, array, shape, tag)
+    if not tag.size:
+        return np.empty(shape, dtype, order="F")
+    return np.ndarray(shape, dtype, source.read(tag.start, tag.start + tag.size), order="F")
+
+
 def _part(path: Path, source: Bytes, array: MatArray, shape: Shape, at: int) -> RawArray:
     """Part of an array whose tag stands at some byte of the element."""
     tag = _read_tag(source, at, array.byte_order)
+    return RawArray(source, tag.start, shape, _stored_type(path, array, shape, tag), "F")
+
+
+def _stored_type(path: Path, array: MatArray, shape: tuple[int, ...], tag: _Tag) -> np.dtype[Any]:
+    """Type that a part is stored in, whose length has to be that of the array."""
     dtype = np.dtype(array.byte_order + PART_TYPES.get(tag.kind, "V1"))
-    if tag.size != prod(shape) * dtype.itemsize or tag.start + tag.size > array.end:
+    if (
+        dtype.kind == "V"
+        or min(shape) < 0
+        or tag.size != prod(shape) * dtype.itemsize
+        or tag.start + tag.size > array.end
+    ):
         raise InputError(
             f"{path}: is damaged: {tag.size} bytes of type {tag.kind} are no part of an array {shape}"
         )
-    return RawArray(source, tag.start, shape, dtype, "F")
+    return dtype
 
 
 def _byte_order(path: Path, header: bytes) -> ByteOrder:

@@ -6,15 +6,14 @@ import struct
 import zipfile
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from isacbench.cubes.cube import complex_grid, describe, require_cube, require_grid
 from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside
 from isacbench.cubes.inflated import RAW_DEFLATE, InflatedBytes
 from isacbench.cubes.mapped import Bytes, MappedBytes
-from isacbench.cubes.npy import Header, read_header
 from isacbench.cubes.raw import RawArray, RawCube
 from isacbench.errors import InputError
+from isacbench.npyfile import SUFFIX, Header, read_array, read_header
+from isacbench.userfiles import GRID_BYTES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["open_npz", "read_npz_grid"]
 
-SUFFIX = ".npy"
 LOCAL_HEADER = struct.Struct("<4s22xHH")
 
 
@@ -87,7 +85,7 @@ def _grid(path: Path, archive: zipfile.ZipFile, name: str) -> ComplexArray:
         header = read_header(file)
     require_grid(f"{path}: {name}", header.shape, header.dtype)
     with archive.open(name + SUFFIX) as file:
-        return complex_grid(np.lib.format.read_array(file, allow_pickle=False))
+        return complex_grid(read_array(file, archive.getinfo(name + SUFFIX).file_size, GRID_BYTES))
 
 
 def _require_whole(path: Path, name: str, header: Header, member: zipfile.ZipInfo) -> None:

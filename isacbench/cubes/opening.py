@@ -18,6 +18,7 @@ from isacbench.cubes.npy import open_npy, read_npy_grid
 from isacbench.cubes.npz import open_npz, read_npz_grid
 from isacbench.cubes.zarrs import open_zarr, read_zarr_grid, zarr_cube
 from isacbench.errors import InputError
+from isacbench.userfiles import require_file
 
 if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray, Cube
@@ -100,10 +101,8 @@ def _format_of(path: Path) -> _Format:
     if suffix not in _FORMATS:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
         raise InputError(f"{path}: has {found}; allowed are {', '.join(_FORMATS)}")
-    if not path.exists():
-        raise InputError(f"{path}: does not exist")
-    if path.is_dir() and suffix not in FOLDERS:
-        raise InputError(f"{path}: is a folder, not a file")
+    if suffix not in FOLDERS or not path.is_dir():
+        require_file(path)
     return _FORMATS[suffix]
 
 

@@ -15,6 +15,7 @@ from isacbench.cubes.cube import ComplexArray, describe, require_cube
 from isacbench.cubes.files import CUBE
 from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
 from isacbench.errors import InputError
+from isacbench.userfiles import is_there
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -258,7 +259,7 @@ def _format_of(path: Path) -> Callable[[Path, Shape, np.dtype[Any]], AbstractCon
 
 def _require_new(path: Path) -> None:
     """Refuse to overwrite, and to write where no folder is."""
-    if path.exists():
+    if is_there(path):
         raise InputError(f"{path}: exists already and is not overwritten")
     if not path.parent.is_dir():
         raise InputError(f"{path}: its folder {path.parent} does not exist")

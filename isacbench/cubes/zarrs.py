@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack, closing
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.cubes.chunked import ChunkedCube, Stored, as_complex, complex_dtype
+from isacbench.cubes.chunked import ChunkedCube, Stored, as_complex, complex_dtype, require_chunk
 from isacbench.cubes.cube import complex_grid, require_grid
 from isacbench.cubes.files import CUBE, GRID, Listed, choose, grid_beside
 from isacbench.errors import InputError
+from isacbench.userfiles import require_file, require_inside
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     import zarr
     from numpy.typing import NDArray
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray
 
 __all__ = ["open_zarr", "read_zarr_grid", "zarr_cube"]
+
+MOST_CHUNKS = 2**22
+"""Of a cube: more would hold less than thirty numbers each at the paper's size."""
 
 
 def open_zarr(path: Path, tile_bytes: int) -> ChunkedCube:
@@ -76,6 +81,8 @@ def zarr_cube(
     def read(box: tuple[slice, ...]) -> NDArray[Any]:
         return as_complex(np.asarray(array[box]))
 
+    if array.nchunks > MOST_CHUNKS:  # which would be looked for one by one
+        raise InputError(f"{name}: has {array.nchunks} chunks; allowed are at most {MOST_CHUNKS}")
     cube = ChunkedCube(name, Stored(array.shape, array.chunks, array.dtype, read), tile_bytes, close)
     present, wanted = array.nchunks_initialized, array.nchunks
     if present < wanted:
@@ -104,7 +111,21 @@ def _store(path: Path) -> Store:
     """Open the store of a path."""
     from zarr.storage import LocalStore, ZipStore
 
-    return LocalStore(path, read_only=True) if path.is_dir() else ZipStore(path, mode="r")
+    if not path.is_dir():
+        return ZipStore(path, mode="r")
+    _require_files(path, path)
+    return LocalStore(path, read_only=True)
+
+
+def _require_files(folder: Path, store: Path) -> None:
+    """Refuse what is neither file nor folder of the store's own: links to elsewhere, pipes without an end."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                _require_files(Path(entry), store)
+            elif not entry.is_file(follow_symlinks=False):
+                require_inside(Path(entry), store)
+                require_file(Path(entry))
 
 
 def _arrays(store: Store) -> dict[str, zarr.Array[Any]]:
@@ -129,4 +150,5 @@ def _called(path: Path, name: str) -> str:
 def _grid(name: str, array: zarr.Array[Any]) -> ComplexArray:
     """Read an array as a transmitted grid."""
     require_grid(name, array.shape, complex_dtype(array.dtype))
+    require_chunk(name, array.shards or array.chunks, array.dtype, array.shape)
     return complex_grid(as_complex(np.asarray(array[:])))

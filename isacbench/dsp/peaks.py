@@ -114,14 +114,15 @@ def plane_peaks(
     row, column = np.divmod(index, n_columns)
     spectrum = np.arange(n)[:, None]
 
-    tiny = np.finfo(np.float64).tiny
-    highest = np.where(found, np.maximum(power[spectrum, row, column], tiny), np.inf)
+    peak = power[spectrum, row, column]
+    top = np.where(found & (peak > 0), peak, 1.0)
 
     def level(row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
-        # A mainlobe is nearer to a parabola in its logarithm; of ratios, which depend on no unit.
-        return np.log(np.maximum(power[spectrum, row, column] / highest, tiny))
+        # A mainlobe is nearer to a parabola in its logarithm; of a ratio, which no unit changes.
+        ratio = power[spectrum, row, column] / top
+        return np.log(np.maximum(ratio, np.finfo(np.float64).tiny))
 
-    middle = np.zeros(highest.shape)
+    middle = np.zeros_like(top)
     row_offset = vertex(level(row - 1, column), middle, level((row + 1) % n_rows, column))
     column_offset = vertex(level(row, column - 1), middle, level(row, (column + 1) % n_columns))
     return row + row_offset, column + column_offset, found

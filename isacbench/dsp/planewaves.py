@@ -59,7 +59,10 @@ class PlaneWaves:
     def unexplained(self, snapshots: Complex, aperture: Aperture) -> Floats:
         """Power per element (n,) that the waves leave of snapshots (n, *elements), amplitudes fitted."""
         responses = aperture.towards(self.u, self.w)
-        residual = snapshots - responses.synthesis(self._fit(snapshots[None], responses)[0])
+        residual = snapshots
+        # Twice: of snapshots without noise the loading of the first fit would be all that is left.
+        for _ in range(2):
+            residual = residual - responses.synthesis(self._fit(residual[None], responses)[0])
         axes = tuple(range(1, residual.ndim))
         power: Floats = np.mean(residual.real**2 + residual.imag**2, axis=axes)
         return power

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+import struct
+import zipfile
+from contextlib import contextmanager, suppress
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -13,14 +16,22 @@ from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.ply import read_ply, write_ply
 from isacbench.model.text_table import Line, check_finite, format_rows, is_number, parse_rows, read_lines
+from isacbench.npyfile import read_array, read_members
+from isacbench.userfiles import CLOUD_BYTES, require_file, require_writable
+from isacbench.visible import quoted, shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 __all__ = ["Points", "read_cloud", "read_points_csv", "write_cloud"]
 
 Floats = NDArray[np.float64]
 T = TypeVar("T")
+
+_MAT4_HEAD = struct.Struct("<5i")
+_MAT4_TYPES = 5000
+_MAT4_BYTES = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}
+"""Head of a matrix of MATLAB's version 4: its type in four digits, of which the third one tells the size."""
 
 _POINT = ("x", "y", "z", "v")
 _CLOUD = (*_POINT, "power")
@@ -70,8 +81,9 @@ def read_cloud(path: str | Path) -> PointCloud:
     Raises
     ------
     InputError
-        If the file is missing, damaged, of another kind, or holds a value
-        that is not finite; the message names the file and the place.
+        If the file is missing, damaged, of another kind or larger than 256
+        MiB, or holds a value that is not finite; the message names the file
+        and the place.
 
     Examples
     --------
@@ -105,6 +117,8 @@ def write_cloud(cloud: PointCloud, path: str | Path) -> None:
     """
     path = Path(path)
     write = _by_extension(path, _WRITERS)
+    _refuse_folder(path, "cannot be written: Is a directory")
+    require_writable(path)
     try:
         write(cloud, path)
     except OSError as error:
@@ -132,13 +146,13 @@ def read_points_csv(path: str | Path) -> Points:
     """
     path = Path(path)
     _require_file(path)
-    header, *rows = _csv_lines(path)
+    header, rows = _csv_lines(path)
     columns = _header_columns(path, header, (*_POINT, "amplitude"))
-    if not rows:
-        raise InputError(f"{path}: holds no points below its header")
     table = _csv_columns(path, rows, columns)
+    if not table["v"].size:
+        raise InputError(f"{path}: holds no points below its header")
     xyz = np.column_stack([table[name] for name in "xyz"])
-    return Points(xyz, table["v"], table.get("amplitude", np.ones(len(rows))))
+    return Points(xyz, table["v"], table.get("amplitude", np.ones(len(xyz))))
 
 
 def _by_extension(path: Path, handlers: Mapping[str, T]) -> T:
@@ -151,19 +165,24 @@ def _by_extension(path: Path, handlers: Mapping[str, T]) -> T:
 
 
 def _require_file(path: Path) -> None:
-    """Refuse what is not a file."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a directory, not a file")
-    if not path.exists():
-        raise InputError(f"{path}: does not exist")
+    """Refuse what is not a file, or larger than any cloud."""
+    _refuse_folder(path, "is a directory, not a file")
+    require_file(path, CLOUD_BYTES)
 
 
-def _csv_lines(path: Path) -> list[Line]:
-    """Lines of a csv file, at least one."""
+def _refuse_folder(path: Path, reason: str) -> None:
+    with suppress(OSError):  # which others tell in their words
+        if path.is_dir():
+            raise InputError(f"{path}: {reason}")
+
+
+def _csv_lines(path: Path) -> tuple[Line, Iterator[Line]]:
+    """First line of a csv file, and the others."""
     lines = read_lines(path)
-    if not lines:
+    first = next(lines, None)
+    if first is None:
         raise InputError(f"{path}: is empty; a header {','.join(_POINT)} is wanted at least")
-    return lines
+    return first, lines
 
 
 def _header_columns(path: Path, header: Line, allowed: Sequence[str]) -> list[str]:
@@ -173,7 +192,7 @@ def _header_columns(path: Path, header: Line, allowed: Sequence[str]) -> list[st
     takes = f"takes the columns {', '.join(_POINT)} and optionally {allowed[-1]}"
     for name in columns:
         if name not in allowed:
-            raise InputError(f"{place}: unknown column {name!r}; the file {takes}")
+            raise InputError(f"{place}: unknown column {quoted(name)}; the file {takes}")
         if columns.count(name) > 1:
             raise InputError(f"{place}: column {name} appears twice; the file {takes}")
     for name in _POINT:
@@ -182,22 +201,23 @@ def _header_columns(path: Path, header: Line, allowed: Sequence[str]) -> list[st
     return columns
 
 
-def _csv_columns(path: Path, rows: Sequence[Line], columns: Sequence[str]) -> dict[str, Floats]:
+def _csv_columns(path: Path, rows: Iterable[Line], columns: Sequence[str]) -> dict[str, Floats]:
     """Columns of the rows of a csv file by name."""
     return dict(zip(columns, parse_rows(path, rows, columns, delimiter=",").T, strict=True))
 
 
 def _read_csv(path: Path) -> PointCloud:
-    lines = _csv_lines(path)
-    fields = lines[0].text.split(",")
+    first, others = _csv_lines(path)
+    fields = first.text.split(",")
     if any(map(is_number, fields)):
         if len(fields) not in (4, 5):
             raise InputError(
-                f"{path}: row {lines[0].number}: {len(fields)} fields; without a header a cloud takes "
+                f"{path}: row {first.number}: {len(fields)} fields; without a header a cloud takes "
                 f"4 or 5 ({', '.join(_CLOUD)})"
             )
-        return PointCloud.from_array(parse_rows(path, lines, _CLOUD[: len(fields)], delimiter=","))
-    table = _csv_columns(path, lines[1:], _header_columns(path, lines[0], _CLOUD))
+        rows = chain([first], others)
+        return PointCloud.from_array(parse_rows(path, rows, _CLOUD[: len(fields)], delimiter=","))
+    table = _csv_columns(path, others, _header_columns(path, first, _CLOUD))
     return PointCloud.from_array(np.column_stack([table[name] for name in _CLOUD if name in table]))
 
 
@@ -211,13 +231,15 @@ def _parsing(path: Path, kind: str) -> Iterator[None]:
     """Name the file and its kind in whatever the parser of a binary format raises."""
     try:
         yield
+    except InputError:
+        raise
     except Exception as error:  # Damaged files surface as anything, tokenize.TokenError included.
         raise InputError(f"{path}: cannot be read as {kind}: {error}") from error
 
 
 def _read_npy(path: Path) -> PointCloud:
     with _parsing(path, "npy"), path.open("rb") as file:
-        array = np.lib.format.read_array(file, allow_pickle=False)
+        array = read_array(file, path.stat().st_size, CLOUD_BYTES)
     if not _is_table(array):
         raise InputError(f"{path}: takes real numbers of shape (n, 4) or (n, 5), not {_describe(array)}")
     return _cloud_from_table(path, array)
@@ -230,9 +252,8 @@ def _write_npy(cloud: PointCloud, path: Path) -> None:
 
 
 def _read_npz(path: Path) -> PointCloud:
-    with _parsing(path, "npz"), path.open("rb") as file:
-        archive = np.lib.npyio.NpzFile(file, allow_pickle=False)
-        arrays = {name: archive[name] for name in archive.files}
+    with _parsing(path, "npz"), zipfile.ZipFile(path) as archive:
+        arrays = read_members(archive, path, CLOUD_BYTES)
     return _cloud_from_arrays(path, arrays)
 
 
@@ -242,12 +263,50 @@ def _write_npz(cloud: PointCloud, path: Path) -> None:
 
 
 def _read_mat(path: Path) -> PointCloud:
+    with _parsing(path, "mat (of MATLAB's save option -v7 or older)"):
+        arrays = _arrays_of_mat4(path) if _is_mat4(path) else _arrays_of_mat5(path)
+    return _cloud_from_arrays(path, arrays)
+
+
+def _is_mat4(path: Path) -> bool:
+    """Whether a file begins with a number, where later ones have text."""
+    with path.open("rb") as file:
+        return 0 in file.read(4)
+
+
+def _arrays_of_mat4(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
-    with _parsing(path, "mat (of MATLAB's save option -v7 or older)"):
-        contents = loadmat(path, appendmat=False)
-    arrays = {name: value for name, value in contents.items() if not name.startswith("__")}
-    return _cloud_from_arrays(path, arrays)
+    _require_mat4_to_fit(path)
+    return {name: value for name, value in loadmat(path, appendmat=False).items() if name[:2] != "__"}
+
+
+def _require_mat4_to_fit(path: Path) -> None:
+    """Refuse a file whose matrices take more bytes than it has: the parser would make room for them first."""
+    size, at = path.stat().st_size, 0
+    with path.open("rb") as file:
+        while at < size:
+            file.seek(at)
+            head = file.read(_MAT4_HEAD.size)
+            order = "<" if int.from_bytes(head[:4], "little") < _MAT4_TYPES else ">"
+            kind, rows, columns, is_complex, name_length = struct.unpack(f"{order}5i", head)
+            if min(rows, columns, name_length) < 0:
+                raise ValueError(f"a matrix of {rows} x {columns} numbers at byte {at}")
+            takes = rows * columns * _MAT4_BYTES[kind // 10 % 10] * (2 if is_complex else 1)
+            at += _MAT4_HEAD.size + name_length + takes
+    if at > size:
+        raise ValueError(f"truncated: its matrices take {at} bytes, it has {size}")
+
+
+def _arrays_of_mat5(path: Path) -> dict[str, Any]:
+    """Arrays of numbers, and what is said of all others: cells in cells in cells are not looked into."""
+    from isacbench.cubes import mat5  # which knows of models
+
+    found = mat5.list_arrays(path)
+    numbers = {name: array for name, array in found.items() if array.listed.dtype.kind in "fiu"}
+    mat5.require_at_most(path, numbers, CLOUD_BYTES)
+    listed = {name: array.listed for name, array in found.items()}
+    return {**listed, **{name: mat5.read_numbers(path, array) for name, array in numbers.items()}}
 
 
 def _write_mat(cloud: PointCloud, path: Path) -> None:
@@ -267,6 +326,7 @@ def _cloud_from_arrays(path: Path, arrays: Mapping[str, Any]) -> PointCloud:
     if len(tables) != 1:
         held = ", ".join(f"{name} ({_describe(array)})" for name, array in arrays.items()) or "nothing"
         found = f"several could be the cloud: {', '.join(tables)}" if tables else f"it holds {held}"
+        found = shortened(found)
         raise InputError(
             f"{path}: takes xyz (n, 3) and velocity (n), optionally power (n), "
             f"or exactly one array of shape (n, 4) or (n, 5); {found}"
@@ -314,7 +374,7 @@ def _is_table(value: Any) -> bool:
 
 def _describe(value: Any) -> str:
     """Shape and type of an array, for messages."""
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "dtype"):
         return f"{value.dtype} of shape {value.shape}"
     return type(value).__name__
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from io import BytesIO
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +13,18 @@ from numpy.typing import NDArray
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.text_table import Line, check_finite, format_rows, parse_rows
+from isacbench.visible import shortened
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 __all__ = ["read_ply", "write_ply"]
 
 Floats = NDArray[np.float64]
+
+MOST_DIGITS = 18
+"""Of a count: what has more is no number of anything."""
 
 _PROPERTIES = ("x", "y", "z", "v", "power")
 _BYTE_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -117,7 +123,7 @@ def _parse_header(path: Path, data: bytes) -> _Header:
                 return _Header(byte_order, elements, n_lines=number, n_bytes=n_bytes)
             case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as name, "1.0"]:
                 byte_order = _BYTE_ORDER[name]
-            case ["element", name, count] if count.isdecimal():
+            case ["element", name, count] if count.isdecimal() and len(count) <= MOST_DIGITS:
                 elements.append(_Element(name, int(count)))
             case ["property", "list", _, _, _] if elements:
                 elements[-1].has_list = True
@@ -139,7 +145,9 @@ def _split_at_vertex(path: Path, elements: list[_Element]) -> tuple[list[_Elemen
     """Separate the element ``vertex`` from those before it."""
     names = [element.name for element in elements]
     if "vertex" not in names:
-        raise InputError(f"{path}: has no element 'vertex'; its elements: {', '.join(names) or 'none'}")
+        raise InputError(
+            f"{path}: has no element 'vertex'; its elements: {shortened(', '.join(names)) or 'none'}"
+        )
     place = names.index("vertex")
     return elements[:place], elements[place]
 
@@ -153,7 +161,7 @@ def _wanted_properties(path: Path, vertex: _Element) -> list[str]:
     if missing or len(speeds) != 1:
         raise InputError(
             f"{path}: element vertex: takes properties x, y, z and either v or velocity, optionally power; "
-            f"it has {', '.join(vertex.codes) or 'none'}"
+            f"it has {shortened(', '.join(vertex.codes)) or 'none'}"
         )
     return ["x", "y", "z", *speeds, *(name for name in ("power",) if name in vertex.codes)]
 
@@ -162,14 +170,22 @@ def _ascii_vertices(
     path: Path, data: bytes, header: _Header, before: list[_Element], vertex: _Element
 ) -> Floats:
     """All properties (n, k) of the vertices of an ASCII file, one line each."""
-    text = data[header.n_bytes :].decode("latin-1")
-    numbered = (Line(number, line) for number, line in enumerate(text.split("\n"), header.n_lines + 1))
-    lines = [line for line in numbered if line.text.strip()]
     start = sum(element.count for element in before)
-    rows = lines[start : start + vertex.count]
-    if len(rows) < vertex.count:
-        raise _truncated(path, len(rows), vertex.count)
+    n_lines = sum(1 for _ in _text_lines(data, header))
+    held = max(n_lines - start, 0)
+    if held < vertex.count:
+        raise _truncated(path, held, vertex.count)
+    rows = islice(_text_lines(data, header), min(start, n_lines), min(start + vertex.count, n_lines))
     return parse_rows(path, rows, list(vertex.codes), delimiter=None)
+
+
+def _text_lines(data: bytes, header: _Header) -> Iterator[Line]:
+    """Lines below the header that are not blank."""
+    file = BytesIO(data)
+    file.seek(header.n_bytes)
+    for number, line in enumerate(file, start=header.n_lines + 1):
+        if line.strip():
+            yield Line(number, line.decode("latin-1"))
 
 
 def _binary_vertices(

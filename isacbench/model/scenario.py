@@ -18,6 +18,7 @@ from isacbench.model.objects import car, green_belt, lamp_post, pedestrian
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.tomlfile import builtin_names, find_toml, read_toml
+from isacbench.userfiles import require_inside
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,7 +56,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     path = find_toml(name_or_path, "scenario")
     table = read_toml(path, _ScenarioTable)
     try:
-        return table.scenario(path.parent)
+        return table.scenario(path)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -65,6 +66,9 @@ def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
         raise ValueError("must ascend, lower limit first")
     return limits
 
+
+MAX_NAME = 200
+"""Characters of a name: it stands in every row and above every picture."""
 
 # Strict, because a number in quotes or a `true` for a number is a slip of the pen.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -127,8 +131,8 @@ class _ObjectTable(_Table):
     velocity_mps: Finite = 0.0
     amplitude: Positive = 1.0
 
-    def scatterers(self, folder: Path) -> Scatterers:
-        """Scatterers of the object; `folder` is where its files are looked up."""
+    def scatterers(self, source: Path) -> Scatterers:
+        """Scatterers of the object; `source` is the scenario's file, beside which its own are looked up."""
         xyz = np.array(self.position_m) + self.outline()
         return Scatterers(xyz, np.full(len(xyz), self.velocity_mps), np.full(len(xyz), self.amplitude))
 
@@ -182,15 +186,18 @@ class _PointsTable(_Table):
     velocity_mps: Finite = 0.0
     amplitude: Positive = 1.0
 
-    def scatterers(self, folder: Path) -> Scatterers:
-        xyz, velocity, amplitude = read_points_csv(folder / self.file)
+    def scatterers(self, source: Path) -> Scatterers:
+        path = source.parent / self.file
+        # Where the scenario is a symbolic link, its files may lie beside what it stands for.
+        require_inside(path, source.parent, source.resolve().parent)
+        xyz, velocity, amplitude = read_points_csv(path)
         return Scatterers(
             np.array(self.position_m) + xyz, self.velocity_mps + velocity, self.amplitude * amplitude
         )
 
 
 class _ScenarioTable(_Table):
-    name: Annotated[str, Field(min_length=1)]
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
     system: _SystemTable = _SystemTable()
     array: _ArrayTable
     base_station: _BaseStationTable
@@ -203,9 +210,9 @@ class _ScenarioTable(_Table):
         ...,
     ] = ()
 
-    def scenario(self, folder: Path) -> Scenario:
-        """Build the scenario; `folder` is the one of its file."""
-        parts = [entry.scatterers(folder) for entry in self.objects]
+    def scenario(self, source: Path) -> Scenario:
+        """Build the scenario; `source` is its file."""
+        parts = [entry.scatterers(source) for entry in self.objects]
         scatterers = Scatterers(
             np.concatenate([np.empty((0, 3)), *(part.xyz for part in parts)]),
             np.concatenate([np.empty(0), *(part.velocity for part in parts)]),

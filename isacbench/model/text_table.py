@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from array import array
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
+from isacbench.userfiles import CLOUD_BYTES, require_file
+from isacbench.visible import quoted, shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
 __all__ = ["Line", "check_finite", "format_rows", "is_number", "parse_rows", "read_lines"]
@@ -25,32 +28,34 @@ class Line(NamedTuple):
     text: str
 
 
-def read_lines(path: Path) -> list[Line]:
-    """Read the lines of a UTF-8 text file that are not blank.
+def read_lines(path: Path) -> Iterator[Line]:
+    """Read the lines of a UTF-8 text file that are not blank, one after the other.
 
     Raises
     ------
     InputError
-        If the file cannot be read or is not text.
+        If the file cannot be read, is too large or is not text.
     """
+    require_file(path, CLOUD_BYTES)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open(encoding="utf-8-sig") as file:
+            for number, text in enumerate(file, start=1):
+                if text.strip():
+                    yield Line(number, text.removesuffix("\n"))
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+        raise InputError(f"{path}: is not UTF-8 text (byte {_first_fault(path, error)})") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    lines = (Line(number, line) for number, line in enumerate(text.split("\n"), start=1))
-    return [line for line in lines if line.text.strip()]
 
 
-def parse_rows(path: Path, lines: Sequence[Line], columns: Sequence[str], delimiter: str | None) -> Floats:
+def parse_rows(path: Path, lines: Iterable[Line], columns: Sequence[str], delimiter: str | None) -> Floats:
     """Turn lines of numbers into an array.
 
     Parameters
     ----------
     path : Path
         File to name in messages.
-    lines : sequence of Line
+    lines : iterable of Line
         One row each.
     columns : sequence of str
         Names of the columns, for messages and their number.
@@ -68,23 +73,25 @@ def parse_rows(path: Path, lines: Sequence[Line], columns: Sequence[str], delimi
         On a row with too few or too many fields, a field that is no number,
         or one that is not finite.
     """
-    rows = []
+    values, numbers = array("d"), array("q")
     for number, text in lines:
         fields = text.split(delimiter)
         if len(fields) != len(columns):
             raise InputError(
-                f"{path}: row {number}: {len(fields)} fields instead of {len(columns)} ({', '.join(columns)})"
+                f"{path}: row {number}: {len(fields)} fields instead of {len(columns)} "
+                f"({shortened(', '.join(columns))})"
             )
         try:
-            rows.append(list(map(float, fields)))
+            values.extend(map(float, fields))
         except ValueError:
             column, field = _first_non_number(columns, fields)
             raise InputError(
-                f"{path}: row {number}: column {column} is {field.strip()!r}; a number is wanted"
+                f"{path}: row {number}: column {column} is {quoted(field.strip())}; a number is wanted"
             ) from None
-    values = np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
-    check_finite(path, values, columns, [line.number for line in lines])
-    return values
+        numbers.append(number)
+    table = np.array(values, dtype=np.float64).reshape(len(numbers), len(columns))
+    check_finite(path, table, columns, numbers)
+    return table
 
 
 def _first_non_number(columns: Sequence[str], fields: Sequence[str]) -> tuple[str, str]:
@@ -92,6 +99,15 @@ def _first_non_number(columns: Sequence[str], fields: Sequence[str]) -> tuple[st
     return next(
         (column, field) for column, field in zip(columns, fields, strict=True) if not is_number(field)
     )
+
+
+def _first_fault(path: Path, error: UnicodeDecodeError) -> int:
+    """Byte at which a file is no text any more; the error counts from the piece that was decoded."""
+    try:
+        path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as whole:
+        return whole.start
+    return error.start
 
 
 def is_number(field: str) -> bool:

@@ -12,6 +12,7 @@ from isacbench.errors import InputError
 from isacbench.report.comparison_tables import comparison_labels
 from isacbench.report.panels import MAX_SNR_TICKS, draw_line, panel_grid
 from isacbench.report.style import Look, drawable, file_stems, save, styled
+from isacbench.userfiles import make_own_folder
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -54,13 +55,13 @@ def comparison_paths(comparison: Comparison, folder: Path, plot: Path | None = N
         If the file has no extension of a picture.
     """
     metrics = list(dict.fromkeys(_drawn(comparison.curves)["metric"]))
+    stems = file_stems(metrics)
     if plot is None:
-        stems = file_stems(metrics)
         return {metric: folder / FOLDER / f"compare-{stems[metric]}.png" for metric in metrics}
     if plot.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
     return {
-        metric: plot if not number else plot.with_stem(f"{plot.stem}-{metric}")
+        metric: plot if not number else plot.with_stem(f"{plot.stem}-{stems[metric]}")
         for number, metric in enumerate(metrics)
     }
 
@@ -80,13 +81,20 @@ def draw_comparison_files(comparison: Comparison, folder: Path, plot: Path | Non
     """
     found = []
     for metric, path in comparison_paths(comparison, folder, plot).items():
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        if plot is None:
+            make_own_folder(path.parent)
+        else:
+            _make_folder(path)
         with styled():
             found.append(save(draw_changes(comparison, metric), path))
     return found
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def draw_changes(comparison: Comparison, metric: str) -> Figure:

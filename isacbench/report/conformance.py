@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from isacbench.registry import distribution
+from isacbench.visible import visible, visible_lines
 
 if TYPE_CHECKING:
     from isacbench.conformance import Finding, Status
@@ -66,11 +67,16 @@ def print_checks(found: Findings) -> None:
     """
     console = Console(soft_wrap=False, highlight=False)
     for (kind, name), findings in found.items():
-        console.print(Text(f"{kind} {name} ({distribution(kind, name)})", style="bold"))
+        console.print(Text(visible(f"{kind} {name} ({distribution(kind, name)})"), style="bold"))
         table = Table.grid(padding=(0, 2))
         for finding in findings:
             word, colour = SHOWN[finding.status]
-            table.add_row("", Text(word, style=colour), Text(finding.check), Text(finding.message))
+            table.add_row(
+                "",
+                Text(word, style=colour),
+                Text(visible(finding.check)),
+                Text(visible_lines(finding.message)),
+            )
         console.print(table)
     counts = ", ".join(f"{n} {SHOWN[status][0]}" for status, n in _counts(found).items() if n)
     plugins = "1 plugin" if len(found) == 1 else f"{len(found)} plugins"

@@ -39,6 +39,7 @@ from isacbench.report.style import (
     styled,
 )
 from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, batched, estimator_labels, summarise
+from isacbench.userfiles import make_own_folder
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -138,7 +139,7 @@ def _drawn(folder: Path, results: Results, figures: Iterator[Named]) -> list[Pat
     if results.records.empty:
         return []
     target = folder / FOLDER
-    target.mkdir(exist_ok=True)
+    make_own_folder(target)
     with styled(), older_objects_uncollected():
         return [save(figure, target / f"{stem}.png") for stem, figure in figures]
 

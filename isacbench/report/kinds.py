@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import pandas as pd
 
 from isacbench.bench import detection, efficiency, resolution
-from isacbench.bench.folder import replacing
+from isacbench.bench.csv_table import without_formulas
+from isacbench.bench.folder import cannot_be_written, replacing
 from isacbench.report import budgets, pareto, study_tables, tables
 from isacbench.report.stage_tables import is_timed, stage_grids, summarise_stages
 from isacbench.report.tables import Grid, markdown
@@ -83,9 +84,13 @@ def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") ->
         if stem in made:
             summary, grids = made[stem].summarise(records), made[stem].grids(records)
         text = "\n".join(map(markdown, grids))
-        written += _write(folder / f"{stem}.csv", "" if summary.empty else summary.to_csv(index=False))
+        written += _write(folder / f"{stem}.csv", _csv(summary))
         written += _write(folder / f"{stem}.md", text)
     return written
+
+
+def _csv(summary: pd.DataFrame) -> str:
+    return "" if summary.empty else without_formulas(summary).to_csv(index=False)
 
 
 def _by_stem(records: pd.DataFrame, kind: Kind) -> dict[str, Tables]:
@@ -96,7 +101,10 @@ def _by_stem(records: pd.DataFrame, kind: Kind) -> dict[str, Tables]:
 def _write(path: Path, content: str) -> list[Path]:
     """Replace a file, or remove an earlier one where there is nothing to write; what was written."""
     if not content:
-        path.unlink(missing_ok=True)
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise cannot_be_written(path, error) from error
         return []
     with replacing(path) as temporary:
         temporary.write_text(content, encoding="utf-8", newline="")

@@ -6,14 +6,17 @@ import math
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from isacbench.report.tables import Grid
+import pandas as pd
+
+from isacbench.report.tables import Grid, estimator_labels
+from isacbench.stress.examine import BROKEN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from isacbench.stress.running import Examined
 
-__all__ = ["HEADER", "describe_stress", "family_grid", "line", "summary"]
+__all__ = ["HEADER", "describe_stress", "family_grid", "line", "promise_grid", "searched", "summary"]
 
 CASE_WIDTH, TARGET_WIDTH = 64, 16
 
@@ -41,34 +44,72 @@ def _time(time_s: float) -> str:
     return "" if math.isnan(time_s) else f"{time_s:.2f} s" if time_s >= 1 else f"{1e3 * time_s:.1f} ms"
 
 
-def family_grid(examined: Sequence[Examined]) -> Grid:
-    """Cases that kept their promises, of all, by family and target."""
-    families = list(dict.fromkeys(one.task.case.name for one in examined))
-    targets = list(dict.fromkeys(one.task.target.spec for one in examined))
-    kept: Counter[tuple[str, str]] = Counter()
-    total: Counter[tuple[str, str]] = Counter()
-    for one in examined:
-        if one.outcome != "skipped":
-            key = one.task.case.name, one.task.target.spec
-            total[key] += 1
-            kept[key] += not one.is_broken
+def family_grid(cases: pd.DataFrame) -> Grid:
+    """Cases that kept their promises, of all that say something, by family and target.
+
+    Parameters
+    ----------
+    cases : DataFrame
+        From `isacbench.stress.table.case_table`.
+    """
+    told = cases[cases["outcome"] != "skipped"]
+    families = told["case"].str.partition("[")[0]
+    is_kept = pd.Series(~told["outcome"].isin(BROKEN), index=told.index)
+    by_target = is_kept.groupby([families, _labels(told)], sort=False)
+    kept, total = by_target.sum().unstack(), by_target.size().unstack()
     rows = [
-        [
-            family,
-            *(
-                f"{kept[family, target]}/{total[family, target]}" if total[family, target] else ""
-                for target in targets
-            ),
-        ]
-        for family in families
+        [str(family), *(_share(*counts) for counts in zip(kept.loc[family], total.loc[family], strict=True))]
+        for family in total.index
     ]
-    return Grid("cases that keep their promises", ["case", *targets], rows)
+    return Grid("cases that keep their promises", ["case", *map(str, total.columns)], rows)
+
+
+def _share(kept: float, total: float) -> str:
+    return f"{kept:.0f}/{total:.0f}" if total > 0 else ""
+
+
+def promise_grid(promises: pd.DataFrame) -> Grid:
+    """Largest drift of every promise over all cases that it was kept on, beside its bound, by target.
+
+    Parameters
+    ----------
+    promises : DataFrame
+        From `isacbench.stress.table.promise_table`.
+    """
+    kept = promises[promises["outcome"] == "ok"]
+    bounds = kept.groupby("promise", sort=False)["bound"].max()
+    worst = kept["drift"].groupby([kept["promise"], _labels(kept)], sort=False).max().unstack()
+    rows = [
+        [str(promise), _drift(bounds[promise]), *(_drift(drift) for drift in worst.loc[promise])]
+        for promise in bounds.index
+    ]
+    return Grid(
+        "largest drift where the promise is kept", ["promise", "bound", *map(str, worst.columns)], rows
+    )
+
+
+def _labels(table: pd.DataFrame) -> pd.Series[Any]:
+    """Name of every row's target, for people."""
+    variants = list(zip(table["estimator"], table["params"], strict=True))
+    labels = estimator_labels(variants)
+    return pd.Series([labels[variant] for variant in variants], index=table.index, dtype=object)
+
+
+def _drift(drift: float) -> str:
+    return "" if math.isnan(drift) else f"{drift:.0e}" if drift else "0"
 
 
 def summary(examined: Sequence[Examined]) -> str:
     """Counts of outcomes in one line."""
     counts = Counter(one.outcome for one in examined)
     return f"{len(examined)} cases: {', '.join(f'{n} {outcome}' for outcome, n in sorted(counts.items()))}"
+
+
+def searched(found: Sequence[Examined], n_examples: int, n_targets: int) -> str:
+    """Say in one line what a search came to."""
+    targets = "1 target" if n_targets == 1 else f"{n_targets} targets"
+    findings = "no finding" if not found else "1 finding" if len(found) == 1 else f"{len(found)} findings"
+    return f"searched {n_examples} cases a family for {targets}: {findings}"
 
 
 def describe_stress(examined: Sequence[Examined]) -> dict[str, Any]:

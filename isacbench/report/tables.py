@@ -10,6 +10,7 @@ import pandas as pd
 from scipy.special import stdtrit
 
 from isacbench.bench.statuses import failed
+from isacbench.visible import in_markdown, visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -160,13 +161,19 @@ def rich_table(grid: Grid) -> Table:
     from rich.text import Text
 
     table = Table(
-        title=Text(grid.title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True
+        title=Text(visible(grid.title)),
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
     )
     for index, name in enumerate(grid.header):
         # Text, not a string: brackets are parameters and units here, never markup.
-        table.add_column(Text(_stacked(name)), justify="left" if index == 0 else "right", no_wrap=True)
+        table.add_column(
+            Text(_stacked(visible(name))), justify="left" if index == 0 else "right", no_wrap=True
+        )
     for row in grid.rows:
-        table.add_row(*map(Text, row))
+        table.add_row(*(Text(visible(cell)) for cell in row))
     return table
 
 
@@ -242,5 +249,6 @@ def _differing(own: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -> s
 def markdown(grid: Grid) -> str:
     """Grid as a Markdown table below its title."""
     rule = ["---"] + ["--:"] * (len(grid.header) - 1)
-    lines = [f"| {' | '.join(cells)} |" for cells in (grid.header, rule, *grid.rows)]
-    return "\n".join([f"**{grid.title}**", "", *lines, ""])
+    header, *rows = ([in_markdown(cell) for cell in cells] for cells in (grid.header, *grid.rows))
+    lines = [f"| {' | '.join(cells)} |" for cells in (header, rule, *rows)]
+    return "\n".join([f"**{in_markdown(grid.title)}**", "", *lines, ""])

@@ -52,7 +52,10 @@ def cloud_drift(
         raise BrokenPromiseError(f"{len(first)} points, then {len(second)}")
     if not len(first):
         return 0.0
-    one, two = _relative(scenario, first, 1.0), _relative(scenario, second, amplitude_scale)
+    largest = float(first.power.max()) or 1.0
+    # In turn: the square of the scale may not be a number.
+    power = second.power / amplitude_scale / amplitude_scale
+    one, two = _relative(scenario, first, first.power / largest), _relative(scenario, second, power / largest)
     drift = float(np.abs(one - two).max())
     if drift > SAME_ORDER:
         pairs = linear_sum_assignment(cdist(one, two, "chebyshev"))
@@ -60,15 +63,11 @@ def cloud_drift(
     return drift
 
 
-def _relative(scenario: Scenario, cloud: PointCloud, amplitude_scale: float) -> NDArray[np.float64]:
-    """Points (n, 5) in units of what the scene and the radio span."""
+def _relative(scenario: Scenario, cloud: PointCloud, power: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 5) in units of what the scene and the radio span, with powers that are so already."""
     farthest_m = scenario.region.range_limits_m(scenario.base_station_m)[1]
     xyz = (cloud.xyz - scenario.base_station_m) / farthest_m
-    velocity = cloud.velocity / scenario.system.unambiguous_speed_mps
-    # Once and again: the square of the scale may not be a number.
-    power = cloud.power / amplitude_scale / amplitude_scale
-    largest = power.max()
-    return np.column_stack([xyz, velocity, power / largest if largest > 0 else power])
+    return np.column_stack([xyz, cloud.velocity / scenario.system.unambiguous_speed_mps, power])
 
 
 def cells_apart(scenario: Scenario, cloud: PointCloud, others: PointCloud) -> NDArray[np.float64]:

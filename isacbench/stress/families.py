@@ -4,22 +4,30 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from isacbench.errors import unknown_name
+from isacbench.errors import InputError, unknown_name
 from isacbench.spec import parse_spec
 from isacbench.stress.blanks import Blank
 from isacbench.stress.crowds import Close, Coherent, Crowd, Nothing, Pair
 from isacbench.stress.ladders import SnrLadder
 from isacbench.stress.levels import Amplitude, DynamicRange, Precision, Snr
 from isacbench.stress.places import Beyond, Bin, Direction
-from isacbench.stress.radios import ArrayShape, Chunks, FalseAlarms, Frames, Numerology, Subarray
+from isacbench.stress.radios import (
+    ArrayShape,
+    Chunks,
+    DetectorWindow,
+    FalseAlarms,
+    Frames,
+    Numerology,
+    Subarray,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Sequence, Set
 
     from isacbench.entries import Kind
     from isacbench.stress.case import Case
 
-__all__ = ["FAMILIES", "families_of", "find_cases", "find_families", "table_of"]
+__all__ = ["FAMILIES", "families_of", "find_cases", "find_families", "require_kind", "table_of"]
 
 FAMILIES: dict[str, type[Case[Any]]] = {
     family.name: family
@@ -41,6 +49,7 @@ FAMILIES: dict[str, type[Case[Any]]] = {
         Numerology,
         Frames,
         FalseAlarms,
+        DetectorWindow,
         Precision,
         Chunks,
         SnrLadder,
@@ -91,15 +100,37 @@ def find_cases(text: str) -> list[Case[Any]]:
     return [family.of(spec)] if "[" in text else family.table()
 
 
-def find_families(names: Sequence[str]) -> list[type[Case[Any]]] | None:
-    """Families by name, None for all where there are no names.
+def find_families(names: Sequence[str], kinds: Set[Kind]) -> list[type[Case[Any]]]:
+    """Families by name, all where there are no names.
+
+    Parameters
+    ----------
+    names : sequence of str
+    kinds : set of {"estimator", "detector"}
+        What they may be meant for.
 
     Raises
     ------
     InputError
-        If one is unknown, or a case where a family is meant.
+        If one is unknown, a case where a family is meant, or meant for
+        something else.
     """
     for name in names:
         if name not in FAMILIES:
             raise unknown_name("family of cases", name, FAMILIES)
-    return [FAMILIES[name] for name in names] or None
+        require_kind(name, FAMILIES[name], kinds)
+    return [FAMILIES[name] for name in names] or [
+        family for family in FAMILIES.values() if family.kind in kinds
+    ]
+
+
+def require_kind(text: str, family: type[Case[Any]], kinds: Set[Kind]) -> None:
+    """Refuse a case that is meant for none of the kinds.
+
+    Raises
+    ------
+    InputError
+        Saying what it is meant for.
+    """
+    if family.kind not in kinds:
+        raise InputError(f"case {text!r} is meant for {family.kind}s; asked for are {' and '.join(kinds)}s")

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from isacbench.cubes.observing import observe_cube
+from isacbench.cubes.opening import open_cube
+from isacbench.cubes.transform import GateTransform
 from isacbench.model.echo import resource_grid
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
+from isacbench.registry import get_detector
 from isacbench.stress.case import Promise
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.imaging import EVERY, FINITE, FOUND, INVARIANCE, INVARIANT, NO_FALSE_POINT, REPEAT
@@ -25,14 +28,15 @@ if TYPE_CHECKING:
     from isacbench.conformance.scenes import Shot
     from isacbench.stress.imaging import Imaging
 
-__all__ = ["ArrayShape", "Chunks", "FalseAlarms", "Frames", "Numerology", "Subarray"]
+__all__ = ["ArrayShape", "Chunks", "DetectorWindow", "FalseAlarms", "Frames", "Numerology", "Subarray"]
 
 NARROW = Region((5.0, 15.0), (25.0, 35.0), (7.0, 17.0), (-20.0, 20.0))
 """Small, so that little is to be transformed and hardly any radio is too coarse for it."""
 
 LONE_DB = 20.0
-FEWEST_RESOLVING = 4
-"""Elements along an axis from which directions inside the region are told apart at all."""
+
+TILE_BYTES = 2**10, 2**14, 2**24
+"""From less than a line of the cube to all of it."""
 
 
 @dataclass(frozen=True)
@@ -183,22 +187,46 @@ class FalseAlarms(EstimatorCase):
         return observed(RESOLVED, math.inf if self.noise == "none" else LONE_DB, seed)
 
 
+@dataclass(frozen=True)
+class DetectorWindow(EstimatorCase):
+    """Resolved echoes, detected with training cells from one to more than the map has: refused, or imaged."""
+
+    name: ClassVar[str] = "window"
+    may_refuse: ClassVar[bool] = True
+    fixed: ClassVar = tuple({"training": training} for training in (1, 2, 5, 8, 12, 40))
+
+    training: int = whole(1, 64, 4)
+
+    @property
+    def promises(self) -> tuple[Promise[Imaging], ...]:
+        """A cloud, the same whatever happens."""
+        return *EVERY, *INVARIANT
+
+    def parameters(self) -> Mapping[str, Any]:
+        """Detector of range-Doppler cells."""
+        return {"detector": get_detector("osca", training=self.training, order_axis=1)}
+
+    def shot(self, seed: int) -> Shot:
+        """Observe them."""
+        return observed(RESOLVED, LONE_DB, seed)
+
+
 def _chunk_drift(imaging: Imaging) -> float:
-    """Images of the recorded frame, in any order and by any number of threads, against the closed form."""
-    scenario = imaging.shot.scenario
-    n_p, n_q = scenario.array.shape
-    grid = resource_grid(scenario, scenario.array.positions)
-    cube = grid.reshape(*grid.shape[:2], n_p, n_q)
-    layouts = (
-        cube,
-        np.asfortranarray(cube),
-        np.ascontiguousarray(cube.transpose(2, 3, 0, 1)).transpose(2, 3, 0, 1),
+    """Images of the recorded frame, in any order and in tiles of any size, against the closed form."""
+    scenario, gate = imaging.shot.scenario, imaging.shot.seen.gate
+    elements = scenario.array.positions
+    cube = resource_grid(scenario, elements).reshape(
+        scenario.system.n_subcarriers, scenario.system.n_symbols, *scenario.array.shape
     )
-    return max(
-        imaging.drift(imaging.image(observe_cube(laid, scenario, workers=workers)))
-        for laid in layouts
-        for workers in (1, 2)
-    )
+    elements_first = np.ascontiguousarray(cube.transpose(2, 3, 0, 1)).transpose(2, 3, 0, 1)
+    drifts = []
+    for laid in (cube, np.asfortranarray(cube), elements_first):
+        drifts.append(imaging.drift(imaging.image(observe_cube(laid, scenario, workers=1))))
+        for tile_bytes in TILE_BYTES:
+            with open_cube(laid, tile_bytes=tile_bytes) as opened:
+                cells = GateTransform(gate, scenario.system).cells(opened, elements, None, 2)
+            drifts.append(imaging.drift(imaging.image_of(cells.reshape(imaging.shot.seen.cells.shape))))
+    return max(drifts)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from isacbench.bench.isolation import process_state_kept, seed_global_generators
 from isacbench.entries import local_plugins, register_plugin
-from isacbench.errors import InputError
 from isacbench.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.registry import (
     build_estimators_of,
@@ -22,7 +21,7 @@ from isacbench.registry import (
     spec_variants,
 )
 from isacbench.stress.examine import BROKEN, Verdict, examine
-from isacbench.stress.families import find_cases, table_of
+from isacbench.stress.families import find_cases, require_kind, table_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -142,10 +141,7 @@ def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list
     found = {text: find_cases(text) for text in cases}
     kinds = {target.kind for target in targets}
     for text, members in found.items():
-        if members[0].kind not in kinds:
-            raise InputError(
-                f"case {text!r} is meant for {members[0].kind}s; asked for are {' and '.join(kinds)}s"
-            )
+        require_kind(text, type(members[0]), kinds)
     wanted = {
         kind: [case for members in found.values() for case in members if case.kind == kind]
         if cases

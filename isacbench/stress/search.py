@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import singledispatch
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import seed as seeded
 from hypothesis import strategies as st
 
-from isacbench.stress.families import families_of
 from isacbench.stress.running import Examiner, Task
 from isacbench.stress.spaces import Choice, Real, Whole
 
@@ -25,24 +24,15 @@ if TYPE_CHECKING:
 __all__ = ["cases_from", "search"]
 
 
-@singledispatch
 def _drawn(space: Space) -> SearchStrategy[Any]:
-    raise TypeError(f"no strategy for {space!r}")
-
-
-@_drawn.register
-def _(space: Whole) -> SearchStrategy[int]:
-    return st.integers(space.low, space.high)
-
-
-@_drawn.register
-def _(space: Real) -> SearchStrategy[float]:
-    return st.floats(space.low, space.high, allow_subnormal=False)
-
-
-@_drawn.register
-def _(space: Choice) -> SearchStrategy[str | int | float]:
-    return st.sampled_from(space.values)
+    """Strategy of all values of a space."""
+    match space:
+        case Whole(low, high):
+            return st.integers(low, high)
+        case Real(low, high):
+            return st.floats(low, high, allow_subnormal=False)
+        case Choice(values):
+            return st.sampled_from(values)
 
 
 def cases_from(family: type[Case[Any]]) -> SearchStrategy[Case[Any]]:
@@ -63,10 +53,10 @@ class _FoundError(Exception):
 
 def search(
     targets: Sequence[Target],
-    families: Sequence[type[Case[Any]]] | None,
+    families: Sequence[type[Case[Any]]],
     n_examples: int,
     seed: int,
-    examiner: Examiner,
+    timeout_s: float,
     progress: Callable[[Target, type[Case[Any]]], None] = lambda target, family: None,
 ) -> Iterator[Examined]:
     """Look for cases that break a promise.
@@ -74,13 +64,13 @@ def search(
     Parameters
     ----------
     targets : sequence of Target
-    families : sequence of Case classes or None
-        None for all that are meant for a target.
+    families : sequence of Case classes
     n_examples : int
         Cases drawn a target and family.
     seed : int
         Of the search, and of what is random in the cases.
-    examiner : Examiner
+    timeout_s : float
+        Longest time of a case in s.
     progress : callable
         Told which target and family come next.
 
@@ -90,13 +80,14 @@ def search(
         One a target and family of which a case breaks a promise: the simplest
         such case that was found.
     """
-    for target in targets:
-        for family in families_of(target.kind) if families is None else families:
-            if family.kind == target.kind and family.spaces():
-                progress(target, family)
-                found = _simplest_broken(target, family, n_examples, seed, examiner)
-                if found is not None:
-                    yield found
+    with closing(Examiner(timeout_s)) as examiner:
+        for target in targets:
+            for family in families:
+                if family.kind == target.kind:
+                    progress(target, family)
+                    found = _simplest_broken(target, family, n_examples, seed, examiner)
+                    if found is not None:
+                        yield found
 
 
 def _simplest_broken(

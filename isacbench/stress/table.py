@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import platform
 import sys
-from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -17,10 +15,11 @@ from isacbench.bench.provenance import git_state, machine, package_versions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from isacbench.stress.running import Examined
 
-__all__ = ["PROMISES", "TABLE", "case_table", "default_folder", "promise_table", "write_tables"]
+__all__ = ["PROMISES", "TABLE", "case_table", "promise_table", "write_tables"]
 
 TABLE, PROMISES, ABOUT = "stress.csv", "promises.csv", "stress.json"
 
@@ -66,11 +65,6 @@ def _key(one: Examined) -> dict[str, Any]:
         "params": target.params,
         "seed": seed,
     }
-
-
-def default_folder() -> Path:
-    """Folder ``results/stress-<time>`` of what starts now."""
-    return Path("results") / f"stress-{datetime.now():%Y%m%d-%H%M%S}"
 
 
 def write_tables(folder: Path, examined: Sequence[Examined], *, timeout_s: float) -> list[Path]:

@@ -1,0 +1,251 @@
+"""Files that users name: looked at before they are opened, read up to a limit, written where they belong.
+
+Whatever comes from disk may be a mistake, or somebody's trap: a pipe that
+nobody writes to, a device without an end, a link to a file elsewhere.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from typing import TYPE_CHECKING
+
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+__all__ = [
+    "CLOUD_BYTES",
+    "GRID_BYTES",
+    "MANIFEST_BYTES",
+    "SOURCE_BYTES",
+    "TOML_BYTES",
+    "binary_size",
+    "is_there",
+    "make_own_folder",
+    "open_own",
+    "read_text",
+    "require_file",
+    "require_inside",
+    "require_writable",
+]
+
+TOML_BYTES = 2**20
+"""A scenario or a suite: ten thousand objects."""
+
+SOURCE_BYTES = 2**24
+"""The source of a plugin."""
+
+CLOUD_BYTES = 2**28
+"""A point cloud, in its file and as an array of it: 6.7 million points of five doubles."""
+
+GRID_BYTES = 2**28
+"""A transmitted grid as complex128: 16.8 million resource elements, 36 times the paper's."""
+
+MANIFEST_BYTES = 2**28
+"""The manifest of a run: some hundred thousand scenes."""
+
+KINDS: dict[str, Callable[[int], bool]] = {
+    "a folder": stat.S_ISDIR,
+    "a pipe": stat.S_ISFIFO,
+    "a socket": stat.S_ISSOCK,
+    "a device": lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode),
+}
+
+
+def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
+    """Refuse what is no file that can be read to its end: reading a pipe or a device may never come back.
+
+    Parameters
+    ----------
+    path : Path
+        Symbolic links are followed.
+    limit_bytes : int, optional
+        Most that it may hold.
+    missing : str
+        What to say of a file that is not there.
+
+    Returns
+    -------
+    int
+        Bytes that it holds.
+
+    Raises
+    ------
+    InputError
+        If it does not exist, is no regular file or is too large.
+    """
+    found = _looked_at(path)
+    if found is None:
+        raise InputError(f"{path}: {missing}")
+    _require_regular(path, found)
+    if limit_bytes is not None and found.st_size > limit_bytes:
+        raise InputError(
+            f"{path}: has {binary_size(found.st_size)}; allowed are at most {binary_size(limit_bytes)}"
+        )
+    return found.st_size
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is anything under a name, if only a symbolic link that leads nowhere."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be looked at: {_reason(error)}") from error
+    return True
+
+
+def require_writable(path: Path) -> None:
+    """Refuse to write where something else than a file is: a pipe would wait for its reader for ever.
+
+    Raises
+    ------
+    InputError
+        If it is a folder, a pipe or a device.
+    """
+    found = _looked_at(path)
+    if found is not None:
+        _require_regular(path, found, "cannot be written: ")
+
+
+def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> str:
+    """Read a file of UTF-8 text, with or without a byte order mark, up to a limit.
+
+    Parameters
+    ----------
+    path : Path
+    limit_bytes : int
+    missing : str
+        What to say of a file that is not there.
+
+    Raises
+    ------
+    InputError
+        As `require_file` does; or if it cannot be read or is no such text.
+    """
+    require_file(path, limit_bytes, missing)
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def require_inside(path: Path, *folders: Path) -> None:
+    """Refuse a file that a file or folder of somebody else's leads to, but that lies outside.
+
+    What comes from a stranger must not make anybody read, and quote in
+    messages, files that the stranger does not have.
+
+    Parameters
+    ----------
+    path : Path
+        What is named, or found.
+    *folders : Path
+        Where it may lie, the first one for messages.
+
+    Raises
+    ------
+    InputError
+        If the path, or what it stands for as a symbolic link, lies elsewhere.
+    """
+    try:
+        target = path.resolve()
+        inside = any(target.is_relative_to(folder.resolve()) for folder in folders)
+    except (OSError, RuntimeError, ValueError) as error:  # a name that is too long, links in a circle, NUL
+        raise InputError(f"{path}: cannot be looked at: {_reason(error)}") from error
+    if not inside:
+        raise InputError(
+            f"{path}: leads out of the folder {folders[0]}; allowed is a file in it or in a folder below it, "
+            "and no symbolic link to elsewhere"
+        )
+
+
+def open_own(path: Path, flags: int) -> int:
+    """Open a file of our own in a folder that somebody else may have filled: never through a symbolic link.
+
+    Parameters
+    ----------
+    path : Path
+        Created, if it does not exist.
+    flags : int
+        As `os.open` takes them: how to write.
+
+    Returns
+    -------
+    int
+        File descriptor.
+
+    Raises
+    ------
+    InputError
+        If it is a symbolic link, a pipe or a device.
+    OSError
+        If the system does not let it.
+    """
+    if path.is_symlink():
+        raise _elsewhere(path)
+    if not path.is_dir():  # of which the system tells
+        require_writable(path)
+    return os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+
+
+def make_own_folder(path: Path) -> None:
+    """Make a folder in one that somebody else may have filled, unless it is there: never a link to elsewhere.
+
+    Raises
+    ------
+    InputError
+        If it is a symbolic link, or cannot be made.
+    """
+    if path.is_symlink():
+        raise _elsewhere(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made: {error.strerror or error}") from error
+
+
+def binary_size(n_bytes: int) -> str:
+    """Write a number of bytes for people.
+
+    Examples
+    --------
+    >>> binary_size(2**20), binary_size(100), binary_size(3 * 2**29)
+    ('1 MiB', '100 bytes', '1.5 GiB')
+    """
+    for unit, size in (("GiB", 2**30), ("MiB", 2**20), ("KiB", 2**10)):
+        if n_bytes >= size:
+            return f"{n_bytes / size:.4g} {unit}"
+    return f"{n_bytes} bytes"
+
+
+def _looked_at(path: Path) -> os.stat_result | None:
+    """What the system says of a path; None where there is nothing."""
+    try:
+        return path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError) as error:  # too long, no permission, links in a circle, NUL
+        raise InputError(f"{path}: cannot be looked at: {_reason(error)}") from error
+
+
+def _require_regular(path: Path, found: os.stat_result, prefix: str = "") -> None:
+    if not stat.S_ISREG(found.st_mode):
+        kind = next((kind for kind, holds in KINDS.items() if holds(found.st_mode)), "something else")
+        raise InputError(f"{path}: {prefix}is {kind}, not a file")
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _elsewhere(path: Path) -> InputError:
+    return InputError(
+        f"{path}: is a symbolic link, and what is written would end elsewhere; allowed is a folder of its own"
+    )

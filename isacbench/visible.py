@@ -1,0 +1,76 @@
+"""Text from outside as it is shown: on one line, and without power over the terminal or the page."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["in_markdown", "quoted", "shortened", "visible", "visible_json", "visible_lines"]
+
+MOST_QUOTED = 200
+"""Characters of somebody's text that a message repeats."""
+
+# Control characters (escape sequences begin with them), what turns the direction of text, ends of lines
+# that are none to a terminal, halves of characters, and what no alphabet has.
+HIDDEN = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufff9-\ufffb\ud800-\udfff]"
+)
+
+MARKDOWN = str.maketrans(
+    {"\\": r"\\", "|": r"\|", "`": r"\`", "*": r"\*", "$": r"\$", "<": "&lt;", "&": "&amp;"}
+)
+
+
+def visible(text: str) -> str:
+    r"""Spell what would not be seen as Python does, so that a terminal shows it instead of obeying it.
+
+    Examples
+    --------
+    >>> visible("a\x1b[31mb\n")
+    'a\\x1b[31mb\\n'
+    """
+    return HIDDEN.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def visible_lines(text: str) -> str:
+    """Same of a text that may have several lines."""
+    return "\n".join(map(visible, text.split("\n")))
+
+
+def visible_json(text: str) -> str:
+    """Same of JSON, whose meaning stays."""
+    lines = text.split("\n")
+    return "\n".join(HIDDEN.sub(lambda match: f"\\u{ord(match[0]):04x}", line) for line in lines)
+
+
+def quoted(value: object, most: int = MOST_QUOTED) -> str:
+    """Write a value from outside as Python does, without its middle where it is too long for a message.
+
+    Examples
+    --------
+    >>> quoted("a" * 1000, most=11)
+    "'aaaa…aaaa'"
+    """
+    return shortened(repr(value), most)
+
+
+def shortened(text: str, most: int = MOST_QUOTED) -> str:
+    """Text without its middle, where it is too long.
+
+    Examples
+    --------
+    >>> shortened("abcdefgh", most=5)
+    'ab…gh'
+    """
+    half = most // 2
+    return text if len(text) <= most else f"{text[:half]}…{text[-half:]}"
+
+
+def in_markdown(text: str) -> str:
+    r"""Write text so that Markdown shows it as it is: no tags, no links, no code, no end of a cell.
+
+    Examples
+    --------
+    >>> in_markdown("a|b <script> [x](y) z[n=1]")
+    'a\\|b &lt;script> [x]\\(y) z[n=1]'
+    """
+    return visible(text).translate(MARKDOWN).replace("](", r"]\(")

@@ -1,0 +1,70 @@
+"""What every hostile file is read under: a clock against hanging, and a limit of memory."""
+
+from __future__ import annotations
+
+import resource
+import signal
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from isacbench.errors import InputError
+
+HANGS_S = 120
+"""Nobody waits longer; whatever is slow on a busy machine is far from it."""
+
+ROOM_BYTES = 3 * 2**29
+"""Memory that a reader may add: a few times what its limits allow, far from what the files claim."""
+
+LONGEST = 2000
+"""Characters of a message that a person reads."""
+
+
+@contextmanager
+def limited():
+    """Turn hanging into a failure, and more memory than allowed into an error."""
+
+    def hang(_signal, _frame):
+        pytest.fail("hangs")
+
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    handler = signal.signal(signal.SIGALRM, hang)
+    signal.alarm(HANGS_S)
+    resource.setrlimit(resource.RLIMIT_AS, (used + ROOM_BYTES, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, handler)
+
+
+def chain_of(error):
+    while error is not None:
+        yield error
+        error = error.__cause__
+
+
+@pytest.fixture
+def refused():
+    """Return a function that reads what must be refused, and returns the words."""
+
+    def read(reader, path):
+        with limited(), pytest.raises(InputError) as found:
+            reader(path)
+        message = str(found.value)
+        assert str(path) in message
+        assert len(message.replace(str(path), "")) < LONGEST
+        # Memory that ran out is no refusal: it was taken before.
+        assert not any(isinstance(error, MemoryError) for error in chain_of(found.value))
+        return message
+
+    return read
+
+
+@pytest.fixture
+def bounded():
+    """Return the guard alone, for what may be read as well."""
+    return limited

@@ -1,0 +1,521 @@
+"""Hostile files, each written by a function of its path: what a mistake or a stranger may leave on a disk."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import struct
+import zipfile
+import zlib
+from functools import cache
+
+import h5py
+import numpy as np
+import zarr
+from scipy.io import savemat
+
+HUGE = 10**18
+TABLE = np.arange(12.0).reshape(3, 4)
+CUBE = np.ones((4, 3, 2, 2), np.complex64)
+GRID = np.ones((4, 3), np.complex64)
+
+
+class Trap:
+    """What creates a file where it is unpickled."""
+
+    def __init__(self, folder):
+        self.bait = str(folder / "UNPICKLED")
+
+    def __reduce__(self):
+        return (open, (self.bait, "w"))
+
+
+# Not of any format
+
+
+def fifo(path):
+    os.mkfifo(path)
+
+
+def device(path):
+    path.symlink_to("/dev/zero")
+
+
+def folder(path):
+    path.mkdir()
+
+
+def dangling(path):
+    path.symlink_to(path.with_name("nothing"))
+
+
+def circle(path):
+    path.symlink_to(path)
+
+
+def empty(path):
+    path.touch()
+
+
+def sparse(n_bytes):
+    """So many bytes that take no room."""
+
+    def write(path):
+        with path.open("wb") as file:
+            file.truncate(n_bytes)
+
+    return write
+
+
+def content(data):
+    def write(path):
+        path.write_bytes(data)
+
+    return write
+
+
+ANY = {
+    "a pipe": fifo,
+    "a device": device,
+    "a folder": folder,
+    "a link to nothing": dangling,
+    "a link to itself": circle,
+    "nothing in it": empty,
+    "a terabyte": sparse(2**40),
+    "a page of zeros": sparse(4096),
+    "pickled": lambda path: path.write_bytes(pickle.dumps(Trap(path.parent))),
+    "UTF-16": content("x,y,z,v\n1,2,3,4\n".encode("utf-16")),
+    "no text": content(bytes(range(256)) * 16),
+    "zip signature": content(b"PK\x03\x04" + bytes(200)),
+    "HDF5 signature": content(b"\x89HDF\r\n\x1a\n" + bytes(200)),
+    "npy signature": content(b"\x93NUMPY\x01\x00"),
+    "mat signature": content(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + bytes(200)),
+}
+"""What no reader of whatever format takes."""
+
+
+# npy
+
+
+def npy_bytes(shape, descr="<f8", order=False, data=b"", version=1):
+    """An npy file whose header says what it likes."""
+    header = f"{{'descr': {descr!r}, 'fortran_order': {order}, 'shape': {shape!r}}}\n".encode("latin-1")
+    length = struct.pack("<H" if version == 1 else "<I", len(header))
+    return b"\x93NUMPY" + bytes([version, 0]) + length + header + data
+
+
+def npy(*args, **options):
+    return content(npy_bytes(*args, **options))
+
+
+def long_header(path):
+    with path.open("wb") as file:
+        file.write(b"\x93NUMPY\x02\x00" + struct.pack("<I", 100 * 2**20) + b"{")
+        file.truncate(100 * 2**20 + 12)
+
+
+def pickled_npy(path):
+    np.save(path, np.array([[Trap(path.parent)] * 4], dtype=object), allow_pickle=True)
+
+
+def saved(array):
+    def write(path):
+        with path.open("wb") as file:
+            np.save(file, array)
+
+    return write
+
+
+NPY = {
+    "1e18 rows": npy((HUGE, 4)),
+    "1e18 cells": npy((HUGE, 1, 1, 1), "<c8"),
+    "1e18 columns": npy((1, HUGE)),
+    "product beyond 64 bits": npy((2**40, 2**40, 2, 2), "<c8"),
+    "negative rows": npy((-1, 4), data=bytes(64)),
+    "negative cells": npy((-4, -3, 2, 2), "<c8", data=bytes(4000)),
+    "one number short": npy((2, 4), data=bytes(63)),
+    "a shape of text": npy("ab"),
+    "a shape of floats": npy((2.0, 4.0), data=bytes(64)),
+    "a header of code": content(
+        b"\x93NUMPY\x01\x00" + struct.pack("<H", 40) + b"__import__('os').mkdir('UNPICKLED')".ljust(40)
+    ),
+    "a header of brackets": content(b"\x93NUMPY\x01\x00" + struct.pack("<H", 1000) + b"(" * 1000),
+    "a header of signs": content(b"\x93NUMPY\x01\x00" + struct.pack("<H", 1000) + b"-" * 999 + b"1"),
+    "a header of 100 MB": long_header,
+    "a header of 4 GB": content(b"\x93NUMPY\x02\x00" + struct.pack("<I", 2**32 - 1) + b"{"),
+    "Python objects": pickled_npy,
+    "Python objects by header": npy((2, 4), "|O", data=bytes(64)),
+    "text": saved(np.array([["a"] * 4])),
+    "truths": saved(np.ones((2, 4), bool)),
+    "times": saved(np.zeros((2, 4), "datetime64[s]")),
+    "records": saved(np.zeros(4, [("x", "f8"), ("y", "f8")])),
+    "records in records": npy((2,), [("a", [("b", "<f8", (2, 2))])], data=bytes(64)),
+    "nothing a number": npy((HUGE, 4), "|V0"),
+    "empty text": npy((HUGE, 4), "<U0"),
+    "an unknown type": npy((2, 4), "<q9"),
+    "a type of 1e9 bytes": npy((1,), "|V1000000000"),
+}
+
+
+# npz
+
+
+def npz(members, method=zipfile.ZIP_DEFLATED):
+    """An npz file of members by name, their bytes given."""
+
+    def write(path):
+        with zipfile.ZipFile(path, "w", method) as archive:
+            for name, data in members.items():
+                archive.writestr(name, data)
+
+    return write
+
+
+def bomb(header, n_mib, names=("xyz.npy",)):
+    """Zeros that take a thousandth of their size."""
+
+    @cache
+    def data():
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            for name in names:
+                with archive.open(name, "w", force_zip64=True) as member:
+                    member.write(header)
+                    for _ in range(n_mib):
+                        member.write(bytes(2**20))
+        return file.getvalue()
+
+    return lambda path: path.write_bytes(data())
+
+
+def lying_directory(path):
+    """A member that has more bytes in the directory than in the archive, so that its header is believed."""
+    data = npy_bytes((4, 3, 2, 2), "<c8", data=bytes(8))
+    np_size = struct.pack("<I", len(data))
+    npz({"cube.npy": data}, zipfile.ZIP_STORED)(path)
+    raw = path.read_bytes()
+    path.write_bytes(raw.replace(np_size, struct.pack("<I", 10**6)))
+
+
+def pickled_npz(path):
+    np.savez(path, xyz=np.array([[Trap(path.parent)] * 3], dtype=object), velocity=np.ones(1))
+
+
+NPZ = {
+    "pickled": pickled_npz,
+    "1e18 rows": npz({"xyz.npy": npy_bytes((HUGE, 3)), "velocity.npy": npy_bytes((HUGE,))}),
+    "a bomb of one": bomb(npy_bytes((2**24, 3)), 300),
+    "a bomb of many": bomb(npy_bytes((2**20, 3)), 24, names=[f"a{index}.npy" for index in range(12)]),
+    "a bomb of a header": bomb(b"\x93NUMPY\x02\x00" + struct.pack("<I", 100 * 2**20), 100),
+    "a directory that lies": lying_directory,
+    "names out of the archive": npz({"../../xyz.npy": npy_bytes((0, 3)), "/velocity.npy": b""}),
+    "no member": npz({}),
+    "no array": npz({"xyz.npy": b"neither"}),
+}
+
+
+# mat
+
+
+def mat_elements(*elements):
+    return content(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(elements))
+
+
+def nested_cells(depth):
+    """Cells in cells, as deep as one likes."""
+    sizes = [8]
+    for _ in range(depth):
+        sizes.append(sizes[-1] + 48)
+    cell = struct.pack("<IIIIIIiiII", 6, 8, 1, 0, 5, 8, 1, 1, 1, 0)
+    first = struct.pack("<IIIIIIii", 6, 8, 1, 0, 5, 8, 1, 1) + struct.pack("<HH", 1, 3) + b"xyz\0"
+    heads = [struct.pack("<II", 14, size - 8 + 40) for size in reversed(sizes[:-1])]
+    inner = b"".join(head + cell for head in heads[1:]) + struct.pack("<II", 14, 0)
+    return mat_elements(struct.pack("<II", 14, len(first) + len(inner)) + first + inner)
+
+
+def mat_array(shape, numbers, name=b"xyz\0", kind=6, stored=9, claimed=None):
+    """An array of a class and a shape, and a part that claims so many bytes."""
+    claimed = len(numbers) if claimed is None else claimed
+    body = struct.pack("<IIII", 6, 8, kind, 0)
+    body += struct.pack("<II", 5, 4 * len(shape)) + struct.pack(f"<{len(shape)}i", *shape)
+    body += bytes(-len(body) % 8)
+    body += struct.pack("<HH", 1, 3) + name + struct.pack("<II", stored, claimed) + numbers
+    return struct.pack("<II", 14, len(body)) + body
+
+
+def mat_of(**arrays):
+    return lambda path: savemat(path, arrays)
+
+
+def compressed_mat(n_mib):
+    """An array of so many MiB of zeros."""
+
+    def write(path):
+        packer = zlib.compressobj(1)
+        n_bytes = n_mib * 2**20
+        head = mat_array((n_bytes // 24, 3), b"", claimed=n_bytes)
+        data = packer.compress(struct.pack("<II", 14, len(head) - 8 + n_bytes) + head[8:])
+        for _ in range(n_mib):
+            data += packer.compress(bytes(2**20))
+        data += packer.flush()
+        mat_elements(struct.pack("<II", 15, len(data)) + data)(path)
+
+    return write
+
+
+MAT = {
+    "cells in cells": nested_cells(200_000),
+    "a structure": mat_of(xyz={"a": TABLE}, velocity=TABLE[:, 3]),
+    "cells": mat_of(xyz=np.array([TABLE, "a"], dtype=object), velocity=TABLE[:, 3]),
+    "text": mat_of(xyz="abc", velocity="def"),
+    "a sparse matrix": lambda path: savemat(
+        path, {"xyz": __import__("scipy.sparse").sparse.csc_array(TABLE[:, :3]), "velocity": TABLE[:, 3]}
+    ),
+    "a function": mat_elements(mat_array((1, 1), b"", kind=16)),
+    "an object": mat_elements(mat_array((1, 1), b"", kind=3)),
+    "an opaque object": mat_elements(mat_array((1, 1), b"", kind=17)),
+    "1e9 rows": mat_elements(mat_array((10**9, 3), bytes(24))),
+    "negative rows": mat_elements(mat_array((-1, -3), bytes(24))),
+    "more axes than there are": mat_elements(mat_array((1,) * 60, bytes(8))),
+    "a part of 4 GB": mat_elements(mat_array((1, 3), bytes(24), claimed=2**32 - 8)),
+    "an unknown class": mat_elements(mat_array((1, 3), bytes(24), kind=200)),
+    "an unknown storage": mat_elements(mat_array((1, 3), bytes(24), stored=99)),
+    "a stream of nothing": mat_elements(struct.pack("<II", 15, 8) + bytes(8)),
+    "a bomb": compressed_mat(300),
+    "version 4, 1e9 rows": content(struct.pack("<5i", 0, 10**9, 10**9, 0, 4) + b"xyz\0"),
+}
+
+
+# ply
+
+
+def ply(count, body=b"", form="ascii", extra=""):
+    header = f"ply\nformat {form} 1.0\n{extra}element vertex {count}\n"
+    header += "".join(f"property double {name}\n" for name in "xyzv") + "end_header\n"
+    return content(header.encode() + body)
+
+
+PLY = {
+    "too many": ply(3, b"1 2 3 4\n1 2 3 4\n"),
+    "1e18, ascii": ply(HUGE - 1, b"1 2 3 4\n"),
+    "1e18, binary": ply(HUGE - 1, bytes(32), "binary_little_endian"),
+    "5000 digits": ply("9" * 5000, b"1 2 3 4\n"),
+    "negative": ply(-1, b"1 2 3 4\n"),
+    "a fraction": ply("1.5", b"1 2 3 4\n"),
+    "too many, binary": ply(2, bytes(63), "binary_big_endian"),
+    "1e18 before": ply(1, b"1 2 3 4\n", extra=f"element a {HUGE - 1}\nproperty double x\n"),
+    "1e18 before, binary": ply(
+        1, bytes(32), "binary_little_endian", f"element a {HUGE - 1}\nproperty int x\n"
+    ),
+    "a list before": ply(1, bytes(64), "binary_little_endian", "element face 1\nproperty list uchar int i\n"),
+    "a list in it": content(
+        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 2\n"
+    ),
+    "a header of one line": content(b"ply" + b" " * 10**6),
+    "a header without end": content(b"ply\n" + b"comment\n" * 10**5),
+    "properties without end": content(
+        b"ply\nformat ascii 1.0\nelement vertex 1\n"
+        + b"".join(b"property double p%d\n" % index for index in range(20_000))
+        + b"end_header\n"
+    ),
+    "NaN": ply(1, b"1 2 nan 4\n"),
+}
+
+
+# csv
+
+CSV = {
+    "a million columns": content(b"x," * 10**6 + b"\n"),
+    "a million unnamed columns": content(b"1," * 10**6 + b"1\n"),
+    "a million fields": content(b"x,y,z,v\n" + b"1," * 10**6 + b"\n"),
+    "an open quote": content(b'x,y,z,v\n"1,2,3,4\n'),
+    "an open quote in the header": content(b'"x,y,z,v\n1,2,3,4\n'),
+    "zeros": content(b"x,y,z,v\n1,2,3,4\n\0\0\0\0"),
+    "a gigabyte of zeros": sparse(2**30),
+    "one long field": content(b"x,y,z,v\n1,2,3," + b"a" * 10**6 + b"\n"),
+    "one long name": content(b"x" * 10**6 + b"\n1\n"),
+    "a long number": content(b"x,y,z,v\n1,2,3," + b"9" * 10**5 + b"\n"),
+    "a formula": content(b"x,y,z,v\n1,2,3,=1+1\n"),
+    "an escape sequence": content(b"x,y,z,\x1b[31mv\n1,2,3,4\n"),
+    "passwords": content(b"root:x:0:0:root:/root:/bin/bash\n"),
+    "Latin-1": content("x,y,z,v\n1,2,3,4 µ\n".encode("latin-1")),
+}
+
+CLOUDS = {".csv": CSV, ".npy": NPY, ".npz": NPZ, ".mat": MAT, ".ply": PLY}
+"""By extension: what `read_cloud` refuses beside `ANY`."""
+
+
+# toml
+
+TOML = {
+    "100 MB": sparse(100 * 2**20),
+    "arrays in arrays": content(b"name = " + b"[" * 100_000),
+    "tables in tables": content(b"name = " + b"{a=" * 100_000),
+    "a key of many parts": content(b"a" + b".a" * 100_000 + b" = 1\n"),
+    "a quoted key of many parts": content(b"'a'" + b" . 'a'" * 50_000 + b" = 1\n"),
+    "a table of many parts": content(b"[a" + b".a" * 100_000 + b"]\n"),
+    "an inline key of many parts": content(b"x = {a" + b".a" * 100_000 + b" = 1}\n"),
+    "many tables": content(b"".join(b"[t%d]\n" % index for index in range(20_000))),
+    "a number of many digits": content(b"name = " + b"9" * 5000 + b"\n"),
+    "a long name": content(b'name = "' + b"x" * 10**5 + b'"\n'),
+    "a long value": content(b'trials = "' + b"x" * 10**5 + b'"\n'),
+    "zeros": content(b'name = "a"\n\0\0\0\n'),
+    "Latin-1": content('name = "µ"\n'.encode("latin-1")),
+    "an open text": content(b'name = """' + b"x" * 1000),
+    "twice": content(b'name = "a"\nname = "b"\n'),
+}
+
+
+# Cubes
+
+
+def h5(change):
+    def write(path):
+        with h5py.File(path, "w") as file:
+            change(file, path)
+
+    return write
+
+
+def elsewhere(file, path):
+    """Numbers in a file that is named inside."""
+    other = path.with_name("secret.bin")
+    other.write_bytes(bytes(CUBE.nbytes))
+    file.create_dataset("cube", CUBE.shape, CUBE.dtype, external=[(str(other), 0, CUBE.nbytes)])
+
+
+def elsewhere_in_a_pipe(file, path):
+    os.mkfifo(path.with_name("pipe"))
+    file.create_dataset(
+        "cube", CUBE.shape, CUBE.dtype, external=[(str(path.with_name("pipe")), 0, CUBE.nbytes)]
+    )
+
+
+def virtual(file, path):
+    layout = h5py.VirtualLayout(CUBE.shape, CUBE.dtype)
+    layout[:] = h5py.VirtualSource(str(path.with_name("gone.h5")), "cube", CUBE.shape)
+    file.create_virtual_dataset("cube", layout)
+
+
+def linked(file, path):
+    with h5py.File(path.with_name("other.h5"), "w") as other:
+        other["cube"] = CUBE
+    file["cube"] = h5py.ExternalLink("other.h5", "cube")
+    file["again"] = h5py.SoftLink("/cube")
+
+
+def unlimited(file, _path):
+    file.create_dataset("cube", (HUGE, 1, 1, 1), "c8", chunks=(2**20, 1, 1, 1), maxshape=(None, 1, 1, 1))
+
+
+def huge_grid(file, _path):
+    file["cube"] = CUBE
+    file.create_dataset("transmitted", (2**20, 2**20), "c8", chunks=(2**10, 2**10), compression="gzip")
+
+
+H5 = {
+    "numbers in another file": h5(elsewhere),
+    "numbers in a pipe": h5(elsewhere_in_a_pipe),
+    "numbers of others": h5(virtual),
+    "a link to another file": h5(linked),
+    "1e18 cells": h5(unlimited),
+    "a huge grid": h5(huge_grid),
+    "no dataset": h5(lambda file, _path: file.create_group("cube")),
+    "text": h5(lambda file, _path: file.create_dataset("cube", data="text")),
+    "references": h5(lambda file, _path: file.create_dataset("cube", (2,), h5py.ref_dtype)),
+}
+
+
+def zarr_store(change):
+    def write(path):
+        zarr.open_group(path, mode="w", zarr_format=2).create_array("cube", data=CUBE, chunks=CUBE.shape)
+        change(path)
+
+    return write
+
+
+def with_metadata(**changes):
+    import json
+
+    def change(path):
+        place = path / "cube" / ".zarray"
+        place.write_text(json.dumps({**json.loads(place.read_text()), **changes}))
+
+    return zarr_store(change)
+
+
+def chunk_is(make):
+    def change(path):
+        chunk = path / "cube" / "0.0.0.0"
+        chunk.unlink()
+        make(chunk)
+
+    return zarr_store(change)
+
+
+def metadata_is(make):
+    def change(path):
+        place = path / "cube" / ".zarray"
+        place.unlink()
+        make(place)
+
+    return zarr_store(change)
+
+
+def unpickling(place):
+    """A chunk that is to be unpickled, in one of the places where a store can say so."""
+
+    def change(path):
+        (path / "cube" / "0.0.0.0").write_bytes(pickle.dumps(Trap(path.parent)))
+
+    def write(path):
+        with_metadata(**place)(path)
+        change(path)
+
+    return write
+
+
+def secret_link(path):
+    secret = path.parents[2] / "secret"
+    secret.write_bytes(bytes(CUBE.nbytes))
+    path.symlink_to(secret)
+
+
+ZARR = {
+    "a pipe for a chunk": chunk_is(fifo),
+    "a device for a chunk": chunk_is(device),
+    "a link out of the store": chunk_is(secret_link),
+    "a pipe for its description": metadata_is(fifo),
+    "a link to a pipe": zarr_store(
+        lambda path: (os.mkfifo(path / "pipe"), (path / "cube" / "a").symlink_to(path / "pipe"))
+    ),
+    "1e18 cells": with_metadata(shape=[HUGE, 1, 1, 1]),
+    "negative cells": with_metadata(shape=[-4, -3, 2, 2]),
+    "chunks of 1e18 cells": with_metadata(chunks=[10**5, 10**5, 10**4, 10**4]),
+    "no chunks": with_metadata(chunks=[0, 0, 0, 0]),
+    "deep metadata": metadata_is(content(b"[" * 100_000)),
+    "unpickling compressor": unpickling({"compressor": {"id": "pickle"}}),
+    "unpickling filter": unpickling({"filters": [{"id": "pickle"}]}),
+    "unpickling filter behind another": unpickling(
+        {"filters": [{"id": "delta", "dtype": "<f4"}, {"id": "pickle"}]}
+    ),
+    "unpickling objects": unpickling({"dtype": "|O", "filters": [{"id": "pickle"}]}),
+}
+
+
+def zip_of_zarr(path):
+    """A zip file in which the store's description is a bomb."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("zarr.json", b"[" * 10**6)
+
+
+CUBES = {
+    ".npy": NPY,
+    ".npz": NPZ,
+    ".mat": {name: write for name, write in MAT.items() if name != "version 4, 1e9 rows"},
+    ".h5": H5,
+    ".zarr": ZARR,
+    ".zip": {"a bomb": zip_of_zarr},
+}
+"""By extension: what `open_cube` refuses beside `ANY`."""

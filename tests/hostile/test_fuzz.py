@@ -1,0 +1,161 @@
+"""Valid files with bytes changed, lost and repeated: they are read, or refused in words, and nothing else."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from isacbench.bench.suite import load_suite
+from isacbench.cubes import open_cube, read_grid
+from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud_io import read_cloud, read_points_csv, write_cloud
+from isacbench.model.scenario import load_scenario
+
+from .files import CUBE, GRID, TABLE
+
+SUITE = b"""name = "mine"
+scenarios = ["street"]
+estimators = ["music2d[pfa=1e-3]"]
+snr_db = {start = -10, stop = 10, step = 5}
+trials = 2
+"""
+
+
+def cloud_file(suffix):
+    def write(path):
+        write_cloud(PointCloud.from_array(TABLE), path)
+
+    return suffix, write
+
+
+def big_endian_ply(path):
+    header = "ply\nformat binary_big_endian 1.0\nelement sensor 1\nproperty short id\nelement vertex 3\n"
+    header += "".join(f"property float {name}\n" for name in "xyzv") + "end_header\n"
+    path.write_bytes(header.encode() + bytes(2) + TABLE.astype(">f4").tobytes())
+
+
+def load_cube(path):
+    with open_cube(path) as cube:
+        for tile in cube.tiles(np.argwhere(np.ones(cube.shape[2:], dtype=bool))):
+            tile.load()
+
+
+def mat(**options):
+    return lambda path: savemat(path, {"p": TABLE}, **options)
+
+
+def cube_mat(is_compressed):
+    return lambda path: savemat(path, {"cube": CUBE, "transmitted": GRID}, do_compression=is_compressed)
+
+
+def cube_npz(save):
+    return lambda path: save(path, cube=CUBE, transmitted=GRID)
+
+
+SEEDS = {
+    "cloud csv": (read_cloud, *cloud_file(".csv")),
+    "cloud npy": (read_cloud, *cloud_file(".npy")),
+    "cloud npz": (read_cloud, *cloud_file(".npz")),
+    "cloud mat": (read_cloud, *cloud_file(".mat")),
+    "cloud ply": (read_cloud, *cloud_file(".ply")),
+    "cloud, compressed mat": (read_cloud, ".mat", mat(do_compression=True)),
+    "cloud, mat 4": (read_cloud, ".mat", mat(format="4")),
+    "cloud, compressed npz": (read_cloud, ".npz", lambda path: np.savez_compressed(path, p=TABLE)),
+    "cloud, binary ply": (read_cloud, ".ply", big_endian_ply),
+    "points": (read_points_csv, ".csv", lambda path: path.write_text("x,y,z,v,amplitude\n1,2,3,4,5\n")),
+    "suite": (load_suite, ".toml", lambda path: path.write_bytes(SUITE)),
+    "grid npy": (read_grid, ".npy", lambda path: np.save(path, GRID)),
+    "grid mat": (read_grid, ".mat", lambda path: savemat(path, {"g": GRID}, do_compression=True)),
+    "cube npy": (load_cube, ".npy", lambda path: np.save(path, CUBE)),
+    "cube npz": (load_cube, ".npz", cube_npz(np.savez)),
+    "cube npz, compressed": (load_cube, ".npz", cube_npz(np.savez_compressed)),
+    "cube mat": (load_cube, ".mat", cube_mat(False)),
+    "cube mat, compressed": (load_cube, ".mat", cube_mat(True)),
+}
+"""Reader, extension, and what writes a valid file."""
+
+
+@st.composite
+def mutations(draw):
+    """A function of bytes that damages them in a few places."""
+    changes = draw(
+        st.lists(
+            st.tuples(
+                st.sampled_from(["set", "flip", "cut", "drop", "repeat", "number"]),
+                st.floats(0, 1, exclude_max=True),
+                st.integers(0, 2**32 - 1),
+            ),
+            min_size=1,
+            max_size=4,
+        )
+    )
+
+    def mutate(data):
+        data = bytearray(data)
+        for kind, where, value in changes:
+            at = int(where * len(data))
+            match kind:
+                case "set":
+                    data[at : at + 1] = [value % 256]
+                case "flip":
+                    data[at : at + 1] = bytes(byte ^ (1 << value % 8) for byte in data[at : at + 1])
+                case "cut":
+                    del data[at:]
+                case "drop":
+                    del data[at : at + value % 9]
+                case "repeat":
+                    data[at:at] = data[at : at + value % 99]
+                case "number":
+                    data[at : at + 4] = value.to_bytes(4, "little")
+        return bytes(data)
+
+    return mutate
+
+
+def read_or_refuse(bounded, reader, path):
+    told = str(path)
+    with bounded(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            reader(path)
+        except InputError as error:
+            told = str(error)
+    assert str(path) in told
+
+
+@pytest.mark.parametrize("name", SEEDS)
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(mutate=mutations())
+def test_a_damaged_file_is_read_or_refused(tmp_path, bounded, name, mutate):
+    reader, suffix, write = SEEDS[name]
+    path, valid = tmp_path / f"damaged{suffix}", tmp_path / f"valid{suffix}"
+    if not valid.exists():
+        write(valid)
+        reader(valid)
+    path.write_bytes(mutate(valid.read_bytes()))
+    read_or_refuse(bounded, reader, path)
+
+
+@pytest.mark.parametrize("name", SEEDS)
+def test_a_file_that_ends_anywhere_is_read_or_refused(tmp_path, bounded, name):
+    reader, suffix, write = SEEDS[name]
+    path = tmp_path / f"cut{suffix}"
+    write(path)
+    data = path.read_bytes()
+    for size in range(0, len(data), max(1, len(data) // 200)):
+        path.write_bytes(data[:size])
+        read_or_refuse(bounded, reader, path)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(mutate=mutations())
+def test_a_damaged_scenario_is_read_or_refused(tiny, bounded, mutate):
+    damaged = tiny.with_name("damaged.toml")
+    damaged.write_bytes(mutate(tiny.read_bytes()))
+    read_or_refuse(bounded, load_scenario, damaged)
