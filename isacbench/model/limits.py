@@ -29,10 +29,10 @@ __all__ = [
     "require_places",
 ]
 
-LARGEST_AMPLITUDE = 1e151
-"""Of all echoes of a scene together; the power of a range-Doppler cell is up to some 1e6 times its square."""
+LARGEST_AMPLITUDE = 1e152
+"""Of all echoes of a scene together, the root of their power: thousands of 1e150 each."""
 
-SMALLEST_AMPLITUDE = 1e-151
+SMALLEST_AMPLITUDE = 1e-152
 """Of a scene that is not silent; single echoes may be weaker."""
 
 LARGEST_NOISE_AMPLITUDE = 1e153

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,7 +53,7 @@ class Scatterers:
     InputError
         If the shapes disagree; if a number is not finite, a position beyond a
         million kilometres or a velocity beyond that of light; or if the power
-        of all echoes, unless it is 0, is beyond 1e302 or its reciprocal.
+        of all echoes, unless it is 0, is beyond 1e304 or its reciprocal.
     """
 
     xyz: NDArray[np.float64]
@@ -94,7 +95,7 @@ class Scatterers:
         unit, power = self.power_in_units
         return unit * float(np.sqrt(power))
 
-    @property
+    @cached_property
     def power_in_units(self) -> tuple[float, float]:
         """A unit of amplitude, a power of two, and the power of all echoes in its square, which is near 1."""
         _, exponent = np.frexp(np.abs(self.amplitude).max(initial=0))
