@@ -156,7 +156,8 @@ def bound_by_qr(atom_map, places, amplitude):
     return 0.5 * (root @ root.T).reshape(4, n, 4, n)
 
 
-@pytest.mark.parametrize("axis", range(4))
+# Three elements along w see three waves: a pair in phase has no place there, however far apart.
+@pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize(
     ("turn", "known_from"),
     [(1.0, 0.05), (1j, 2e-3), (np.exp(0.3j), 5e-3)],
