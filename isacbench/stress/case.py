@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from isacbench.spec import Spec
     from isacbench.stress.spaces import Space
 
-__all__ = ["BrokenPromiseError", "Case", "NotApplicableError", "Promise", "Subject"]
+__all__ = ["BrokenPromiseError", "Case", "NotApplicableError", "Promise", "Subject", "adapted"]
 
 Subject = TypeVar("Subject")
 """A plugin together with the input of a case; what its promises are measured on."""
@@ -55,6 +55,20 @@ class Promise(Generic[Subject]):
     name: str
     bound: float
     drift: Callable[[Subject], float]
+
+
+def adapted(plugin: Any, parameters: Mapping[str, Any]) -> Any:
+    """Plugin with other parameters.
+
+    Raises
+    ------
+    NotApplicableError
+        If it lacks one of them.
+    """
+    fields = {field.name for field in dataclasses.fields(plugin)}
+    if missing := sorted(set(parameters) - fields):
+        raise NotApplicableError(f"it has no parameter {missing[0]}")
+    return dataclasses.replace(plugin, **parameters)
 
 
 @dataclass(frozen=True)
@@ -127,6 +141,10 @@ class Case(ABC, Generic[Subject]):
     @abstractmethod
     def promises(self) -> tuple[Promise[Subject], ...]:
         """What must hold; where the first is broken, the others are not looked at."""
+
+    def parameters(self) -> Mapping[str, Any]:
+        """Parameters that a plugin must have and take, none by default."""
+        return {}
 
     @abstractmethod
     def subject(self, plugin: Any, seed: int) -> Subject:

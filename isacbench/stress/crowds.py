@@ -24,6 +24,9 @@ __all__ = ["Close", "Coherent", "Crowd", "Nothing", "Pair"]
 RAYLEIGH_COSINE = 0.25
 """Of the array of 8 x 8 elements."""
 
+UNEQUAL = 0.9
+"""Amplitude of an echo over the one before it: which of equal ones in phase comes first, nothing decides."""
+
 
 @dataclass(frozen=True)
 class Nothing(EstimatorCase):
@@ -107,8 +110,9 @@ class Close(EstimatorCase):
             "w": {"w": one.w + cells * RAYLEIGH_COSINE},
         }
         everywhere = {key: value for change in moved.values() for key, value in change.items()}
+        other = one._replace(**(everywhere if self.along == "all" else moved[self.along]), amplitude=UNEQUAL)
         return observed(
-            in_phase([one, one._replace(**(everywhere if self.along == "all" else moved[self.along]))]),
+            in_phase([one, other]),
             seed=seed,
         )
 
@@ -138,7 +142,7 @@ class Coherent(EstimatorCase):
         step = self.separation * RAYLEIGH_COSINE
         middle = (self.n_echoes - 1) / 2
         echoes = [
-            Echo(9.2, 1.3, (k - middle) * step * 0.8, 0.1 + (k - middle) * step * 0.6)
+            Echo(9.2, 1.3, (k - middle) * step * 0.8, 0.1 + (k - middle) * step * 0.6, UNEQUAL**k)
             for k in range(self.n_echoes)
         ]
         visible = [echo for echo in echoes if math.hypot(echo.u, echo.w) < 1]

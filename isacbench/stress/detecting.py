@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from isacbench.stress.case import Case, NotApplicableError
+from isacbench.stress.case import Case, adapted
 from isacbench.stress.tested_maps import TestedMap
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import NDArray
 
     from isacbench.contracts import Detector
@@ -40,10 +37,6 @@ class DetectorCase(Case[TestedMap]):
         """Independent noise powers that each cell averages, one by default."""
         return 1
 
-    def parameters(self) -> Mapping[str, Any]:
-        """Parameters that a detector must have and take, none by default."""
-        return {}
-
     def subject(self, plugin: Detector, seed: int) -> TestedMap:
         """Bring detector and map together.
 
@@ -52,12 +45,7 @@ class DetectorCase(Case[TestedMap]):
         NotApplicableError
             If the detector lacks a parameter that the case sets.
         """
-        parameters = self.parameters()
-        fields = {field.name for field in dataclasses.fields(plugin)}  # type: ignore[arg-type]
-        if missing := sorted(set(parameters) - fields):
-            raise NotApplicableError(f"it has no parameter {missing[0]}")
-        detector = dataclasses.replace(plugin, **parameters)  # type: ignore[type-var]
-        return TestedMap(detector, self.power(seed), self.n_looks())
+        return TestedMap(adapted(plugin, self.parameters()), self.power(seed), self.n_looks())
 
 
 def white_noise(shape: tuple[int, ...], seed: int, looks: int = 1) -> NDArray[np.float64]:

@@ -61,7 +61,7 @@ FALSE_POINT_CELLS = 1.0
 """Rayleigh cells from the nearest scatterer within which a point is one of it."""
 
 SINGLE_MAP = 1e-5
-SINGLE_THRESHOLD = 1e-5
+SINGLE_THRESHOLD = 1e-4
 SINGLE_DIRECTION = 1e-4
 SINGLE_POINT = 1e-4
 
