@@ -252,10 +252,9 @@ class Nomp4d:
         if fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, fit))
         order = np.argsort(-gain, kind="stable")
-        eligible = _clear_of_sidelobes(
-            places, gain, order[eligible[order]], order[~eligible[order]][:MOST_LEFT]
-        )
-        places, gain = places[eligible], gain[eligible]
+        movable = eligible[order]
+        clear = _clear_of_sidelobes(places, gain, order[movable], order[~movable][:MOST_LEFT])
+        places, gain = places[clear], gain[clear]
         n_new = len(places)
         offsets = np.zeros_like(places)
         if fit is not None:
@@ -333,7 +332,7 @@ def _clear_of_sidelobes(
         if part.size and gain[part[0]] < best * 10 ** (-ROUND_RANGE_DB / 10):
             break
         part = part[gain[part] >= sidelobe_energy(places[part], places[left], gain[left])]
-        best = max(best, gain[part].max(initial=0))
+        best = max(best, float(gain[part].max(initial=0)))
         clear.append(part)
     return np.concatenate(clear)
 
