@@ -96,6 +96,9 @@ CALM, CALM_NOISE = 1e-3, 3.0
 MOST_LEFT = 64
 """Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
 
+LOOKED_AT = 1024
+"""Peaks that are held against those at a time, the strongest first."""
+
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
 
@@ -250,11 +253,10 @@ class Nomp4d:
         eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
         if fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, fit))
-        # What no move explains stays in the residual, and so do its sidelobes.
-        left = np.flatnonzero(~eligible)
-        left = left[np.argsort(-gain[left], kind="stable")[:MOST_LEFT]]
-        eligible[eligible] = gain[eligible] >= sidelobe_energy(places[eligible], places[left], gain[left])
-        places, gain = places[eligible], gain[eligible]
+        order = np.argsort(-gain, kind="stable")
+        movable = eligible[order]
+        clear = _clear_of_sidelobes(places, gain, order[movable], order[~movable][:MOST_LEFT])
+        places, gain = places[clear], gain[clear]
         n_new = len(places)
         offsets = np.zeros_like(places)
         if fit is not None:
@@ -317,6 +319,24 @@ def _released(
     around = space.mean_around(residual, atoms.places)
     calm = (around < CALM * fit.power) | (around < CALM_NOISE * noise)
     return _Atoms(atoms.places, np.where(calm[:, None], atoms.places, atoms.origins))
+
+
+def _clear_of_sidelobes(
+    places: Floats, gain: Floats, candidates: NDArray[np.int64], left: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Candidates, by descending gain, that are no sidelobes of the peaks that no move explains and that stay.
+
+    Only those within the range of a round: weaker ones would have to wait in any case.
+    """
+    clear: list[NDArray[np.int64]] = []
+    best = 0.0
+    for part in np.split(candidates, range(LOOKED_AT, len(candidates), LOOKED_AT)):
+        if part.size and gain[part[0]] < best * 10 ** (-ROUND_RANGE_DB / 10):
+            break
+        part = part[gain[part] >= sidelobe_energy(places[part], places[left], gain[left])]
+        best = max(best, float(gain[part].max(initial=0)))
+        clear.append(part)
+    return np.concatenate(clear)
 
 
 def _near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:

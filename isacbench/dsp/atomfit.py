@@ -112,9 +112,8 @@ class AtomFit:
         """Error of the information's diagonal by rounding, shape (4 n,)."""
         # The elimination divides by the part of an atom that the others do not explain.
         own = 1 / np.maximum(self._eliminated.diagonal(), 1)
-        spread = np.tile(self.power / own, N_COORDINATES)
-        rounding: Floats = LEVERAGE * ROUNDING * self._slopes.diagonal() * spread
-        return rounding
+        rounding: Floats = self._slopes.diagonal() * np.tile(self.power / own, N_COORDINATES)
+        return LEVERAGE * ROUNDING * rounding
 
     def covariance(self, noise: float) -> Floats:
         """Joint Cramér-Rao bound of the places (4, n, 4, n) in noise of a power, Rayleigh cells squared.
@@ -130,8 +129,8 @@ class AtomFit:
     def blurred(self) -> NDArray[np.bool_]:
         """Atoms (n,) with a coordinate whose variance is one of rounding: the true one may be any larger."""
         share = self._inverse_information.diagonal() * self.rounding
-        known = np.asarray(((share >= 0) & (share <= BLURRED)).reshape(N_COORDINATES, -1).all(axis=0))
-        return ~known
+        known = ((share >= 0) & (share <= BLURRED)).reshape(N_COORDINATES, -1)
+        return np.logical_not(known.all(axis=0))
 
     @cached_property
     def _mixed(self) -> Floats:
@@ -159,16 +158,17 @@ class AtomFit:
         scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
         loaded = self.information * scale[:, None] * scale
         loaded[np.diag_indices(size)] += self.rounding * scale**2
-        return np.asarray(_inverse(loaded) * scale[:, None] * scale, dtype=np.float64)
+        return _inverse(loaded) * scale[:, None] * scale
 
 
 def _inverse(matrix: Floats) -> Floats:
     """Inverse of a symmetric matrix; twice as fast where it is positive definite."""
     factor, indefinite = dpotrf(matrix, lower=1)
     if indefinite:
-        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        inverse: Floats = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        return inverse
     lower, _ = dpotri(factor, lower=1)
-    inverse: Floats = lower + lower.T
+    inverse = lower + lower.T
     inverse[np.diag_indices(len(inverse))] /= 2
     return inverse
 

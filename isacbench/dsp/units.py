@@ -41,7 +41,7 @@ def amplitude_exponent(cells: Complex) -> int:
     Examples
     --------
     >>> amplitude_exponent(np.full((2, 2, 1), 3e100 + 0j)), amplitude_exponent(np.full((2, 2, 1), 1e9 + 0j))
-    (335, 0)
+    (334, 0)
     """
     largest = _largest_part(cells[:, :, 0]) or _largest_part(cells)
     limit = 2.0**GREATEST_EXPONENT
@@ -69,8 +69,8 @@ def in_unit(cells: Complex, exponent: int) -> Complex:
 
     Examples
     --------
-    >>> in_unit(np.array([3e100 + 0j]), 335).real.round(3).tolist()
-    [0.429]
+    >>> in_unit(np.array([3e100 + 0j]), 334).real.round(3).tolist()
+    [0.857]
     """
     if exponent == 0:
         return cells

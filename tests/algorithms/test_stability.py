@@ -63,7 +63,7 @@ def spread(seed, n):
 
 
 def moved(one, other):
-    """Largest distance of a point from the other cloud of as many, relative to the size of each coordinate."""
+    """Farthest a point lies from the other cloud of as many, relative to the size of each coordinate."""
     assert len(one) == len(other)
     one, other = one.to_array(), other.to_array()
     scale = np.array([60.0, 60.0, 60.0, 40.0, one[:, 4].max(initial=1e-300)])
