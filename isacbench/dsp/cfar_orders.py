@@ -284,7 +284,7 @@ def _cut_column_order(windows: Windows, values: Floats) -> Floats:
     order = np.zeros((rows.size, *windowed.shape[2 if listed else 1 :]))
     for count in np.unique(counts[counts > 0]).tolist():
         chosen = np.flatnonzero(counts == count)
-        place = np.nonzero(along.marks("training")[rows[chosen]])[1].reshape(-1, count)
+        place = np.nonzero(along.marks("training")[along.place()[rows[chosen]]])[1].reshape(-1, count)
         if listed:
             columns = windowed[chosen[:, np.newaxis], place]
         else:

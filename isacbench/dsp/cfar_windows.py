@@ -83,9 +83,16 @@ class Axis:
         """First cell of the window of each cell of the axis, shape (length,)."""
         return np.clip(np.arange(self.length) - self.reach, 0, self.length - self.n_window)
 
+    def place(self) -> Counts:
+        """Place of each cell of the axis in its window, shape (length,)."""
+        return np.arange(self.length) - self.start()
+
     def marks(self, part: Part) -> NDArray[np.bool_]:
-        """Places in the window of each cell that belong to a part, shape (length, n_window)."""
-        return _marks(self, part)
+        """Places in the window that belong to a part, for each place of the cell under test in it.
+
+        Shape (n_window, n_window).
+        """
+        return _marks(self.training, self.guard, part)
 
     def count(self, part: Part) -> Counts:
         """Cells of a part for each cell of the axis, shape (length,)."""
@@ -101,10 +108,10 @@ class Axis:
 
 
 @lru_cache(maxsize=1024)
-def _marks(axis: Axis, part: Part) -> NDArray[np.bool_]:
-    cell = np.arange(axis.length)[:, np.newaxis]
-    offset = axis.start()[:, np.newaxis] + np.arange(axis.n_window) - cell
-    far, side = np.abs(offset) > axis.guard, np.sign(offset)
+def _marks(training: int, guard: int, part: Part) -> NDArray[np.bool_]:
+    place = np.arange(2 * (training + guard) + 1)
+    offset = place - place[:, np.newaxis]
+    far, side = np.abs(offset) > guard, np.sign(offset)
     marks: NDArray[np.bool_] = {
         "window": np.ones_like(far),
         "guard": ~far,
@@ -121,20 +128,20 @@ def _marks(axis: Axis, part: Part) -> NDArray[np.bool_]:
 
 @lru_cache(maxsize=1024)
 def _count(axis: Axis, part: Part) -> Counts:
-    counts: Counts = _marks(axis, part).sum(axis=1)
+    counts: Counts = axis.marks(part).sum(axis=1)[axis.place()]
     return counts
 
 
 @lru_cache(maxsize=1024)
 def _runs(axis: Axis, part: Part) -> Runs:
-    marks = _marks(axis, part)[axis.reach]
+    marks = axis.marks(part)[axis.reach]
     ends = np.flatnonzero(np.diff(marks.astype(np.int8), prepend=0, append=0)).tolist()
     return tuple(zip(ends[::2], ends[1::2], strict=True))
 
 
 @lru_cache(maxsize=1024)
 def _matrix(axis: Axis, part: Part, cells: range) -> sparse.csr_array:
-    return sparse.csr_array(_marks(axis, part)[cells.start : cells.stop].astype(np.float64))
+    return sparse.csr_array(axis.marks(part)[axis.place()[cells.start : cells.stop]].astype(np.float64))
 
 
 def window_axes(
@@ -311,6 +318,7 @@ class ListedWindows(Windows):
         super().__init__(axes, cells[0])
         self.cells = cells
         self._starts = tuple(axis.start()[index] for axis, index in zip(axes, cells, strict=True))
+        self._places = tuple(index - start for index, start in zip(cells, self._starts, strict=True))
 
     def gathered(self, power: Floats) -> Floats:
         """Copy the windows out of a map, shape (window along each axis, n)."""
@@ -330,8 +338,7 @@ class ListedWindows(Windows):
         """
         window = tuple(axis.n_window for axis in self.axes)
         windows = sliding_window_view(power, window)[self._starts].reshape(-1, prod(window))
-        places = [index - start for index, start in zip(self.cells, self._starts, strict=True)]
-        keys = np.ravel_multi_index(places, window)
+        keys = np.ravel_multi_index(self._places, window)
         for key in np.unique(keys).tolist():
             guarded = np.zeros(window, dtype=bool)
             guarded[
@@ -353,7 +360,9 @@ class ListedWindows(Windows):
             return sum_of_runs(values, axis.runs(part))
         sums = np.empty(values.shape[1:])
         sums[..., ~shifted] = sum_of_runs(values[..., ~shifted], axis.runs(part))
-        sums[..., shifted] = _sum_marked(values[..., shifted], axis.marks(part)[index[shifted]].T)
+        sums[..., shifted] = _sum_marked(
+            values[..., shifted], axis.marks(part)[self._places[number][shifted]].T
+        )
         return sums
 
     def count(self, part: Part, number: int) -> Counts:

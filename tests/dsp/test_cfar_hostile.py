@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from fractions import Fraction
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 
+from isacbench.dsp import cfar_windows
 from isacbench.dsp.cfar import os_mask
 from isacbench.dsp.cfar_checks import checked_power
 from isacbench.dsp.thresholds import ca_factor, paper_factor
@@ -318,3 +320,21 @@ def test_a_rate_whose_factor_overflows_is_refused_by_name(factor_of):
     assert factor_of(1e-320, 2) < math.inf
     with pytest.raises(InputError, match=r"pfa = 1e-320: the factor overflows"):
         factor_of(1e-320, 1)
+
+
+@EACH
+def test_a_long_line_with_a_long_window_takes_memory_for_the_line_and_for_the_window_alone(detector):
+    power = noise_map(7, (20_001,))
+    one = detector(training=150, guard=1)
+    cells = (np.array([0, 10_000, 20_000]),)
+    one.detect(power, cells=cells)
+    cfar_windows._marks.cache_clear()
+    cfar_windows._count.cache_clear()
+    tracemalloc.start()
+    try:
+        one.detect(power, cells=cells)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # One byte for each cell and place of its window would be 6 MB, and offsets eight times that.
+    assert peak < 5e6
