@@ -66,6 +66,9 @@ CROWD_LOOK = Look("hamming", "soft", range_cells=3, one_doppler=True)
 LEAST_NOISE = 1e-8
 """Of the floor for leakage: what a map that counts as explained may hold in any case, noise or none."""
 
+FIT_ROUNDING = 1e-16
+"""Of the strongest scatterer's power: what a joint fit, its equations loaded by 1e-9, leaves of it."""
+
 INTERLEAVINGS = 2
 """How often crowds are filled in: extended objects have more than one point a range bin."""
 
@@ -73,7 +76,7 @@ INTERLEAVED_BINS = 0.5
 """Range bins between a scatterer and the candidates that are put beside it."""
 
 INTERLEAVED_DYNAMIC_RANGE_DB = 23.0
-"""Local dynamic range among interleaved scatterers, which share the directions of selected ones."""
+"""Least local dynamic range among interleaved scatterers, which share the directions of selected ones."""
 
 MOST_UNEXPLAINED = 1.5
 """Of white noise: what plane waves may leave of a cell that they explain. 256 elements scatter by 0.06."""
@@ -184,12 +187,14 @@ class JointSubspaceEstimator(CellwiseEstimator):
         self, chosen: Scatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
     ) -> Scatterers:
         """Refine in all coordinates where that explains the map; else fill in crowds first."""
-        explained = explain_map(chosen, gated, system, max(levels.white, LEAST_NOISE * levels.floor))
+        least_noise = max(LEAST_NOISE * levels.floor, FIT_ROUNDING * float(chosen.power.max(initial=0.0)))
+        explained = explain_map(chosen, gated, system, max(levels.white, least_noise))
         if explained is not None:
             return explained
+        dynamic_range_db = max(INTERLEAVED_DYNAMIC_RANGE_DB, self.local_dynamic_range_db)
         for _ in range(INTERLEAVINGS):
             dense = merge_duplicates(chosen.interleaved(INTERLEAVED_BINS))
-            chosen = select_jointly(dense, gated, system, min_power, INTERLEAVED_DYNAMIC_RANGE_DB)
+            chosen = select_jointly(dense, gated, system, min_power, dynamic_range_db)
         return merge_duplicates(refine_jointly(chosen, gated, system))
 
     @abstractmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from math import prod
-from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -121,10 +121,19 @@ def read_array(file: IO[bytes], held_bytes: int, limit_bytes: int) -> NDArray[An
         raise ValueError(
             f"truncated: {header.dtype} of shape {header.shape} takes {header.end} bytes, it has {held_bytes}"
         )
-    data = file.read(header.n_bytes)
-    if len(data) < header.n_bytes:
-        raise ValueError(f"truncated: {len(data)} of {header.n_bytes} bytes of numbers")
-    return np.ndarray(header.shape, header.dtype, data, order=header.order)
+    return np.ndarray(header.shape, header.dtype, _read(file, header.n_bytes), order=header.order)
+
+
+def _read(file: IO[bytes], n_bytes: int) -> NDArray[np.uint8]:
+    """So many bytes of a file, straight to where they stay."""
+    data = np.empty(n_bytes, np.uint8)
+    n_read, rest = 0, data.data
+    while n_read < n_bytes and (n_more := cast("io.BufferedIOBase", file).readinto(rest[n_read:])):
+        n_read += n_more
+    if n_read < n_bytes:
+        raise ValueError(f"truncated: {n_read} of {n_bytes} bytes of numbers")
+    data.setflags(write=False)
+    return data
 
 
 def read_members(archive: zipfile.ZipFile, path: Path, limit_bytes: int) -> dict[str, NDArray[Any]]:

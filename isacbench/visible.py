@@ -61,7 +61,7 @@ def shortened(text: str, most: int = MOST_QUOTED) -> str:
     >>> shortened("abcdefgh", most=5)
     'ab…gh'
     """
-    half = most // 2
+    half = (most - 1) // 2
     return text if len(text) <= most else f"{text[:half]}…{text[-half:]}"
 
 

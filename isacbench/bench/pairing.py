@@ -127,6 +127,10 @@ def read_run(folder: Path) -> RunTable:
     _require(folder / MANIFEST, SECTIONS, manifest)
     _require(folder / RECORDS, COLUMNS, records.columns)
     _require(folder / MANIFEST, records["environment"].unique(), manifest["environments"])
+    for name, described in manifest["scenarios"].items():
+        _require(
+            folder / MANIFEST, [f"scenarios.{name}.content"], {f"scenarios.{name}.{key}" for key in described}
+        )
     repeated = records.duplicated(CELL)
     if repeated.any():
         raise InputError(

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Manifest", "require_rows_that_fit", "require_sound_records"]
 
+KEYS = ("suite", "scenario", "estimator", "params", "status")
+"""Columns of text that every row has."""
+
 FREE_ROWS = 1_000_000
 """Rows that any table may have; of a table with more, every row takes a byte of its file at least."""
 
@@ -135,6 +138,8 @@ def _require_kind(name: str, column: pd.Series[Any]) -> None:
         allowed = {"int": "iu", "float": "fiu", "bool": "b"}[kind]
         if column.dtype.kind not in allowed:
             raise ValueError(f"column {name} holds {column.dtype}, where {kind} is wanted")
+    elif name in KEYS and column.isna().any():
+        raise ValueError(f"column {name} has gaps, where text is wanted")
     elif not all(isinstance(text, str) for text in column.dropna().unique()):
         raise ValueError(f"column {name} holds {column.dtype}, where text is wanted")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from isacbench.cubes.cube import describe
 from isacbench.errors import InputError
 from isacbench.userfiles import require_file
+from isacbench.visible import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -113,7 +114,7 @@ def parsing(path: Path, kind: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:  # Damaged files surface as anything that a parser can raise.
-        raise InputError(f"{path}: cannot be read as {kind}: {error}") from error
+        raise InputError(f"{path}: cannot be read as {kind}: {shortened(str(error))}") from error
 
 
 def require_size(path: Path, wanted: int, what: str) -> None:

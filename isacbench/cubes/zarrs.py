@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from contextlib import ExitStack, closing
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray
 
 __all__ = ["open_zarr", "read_zarr_grid", "zarr_cube"]
+
+DESCRIPTIONS = ("zarr.json", ".zarray")
+"""What files are called that describe an array, in either version; one of them groups as well."""
 
 MOST_CHUNKS = 2**22
 """Of a cube: more would hold less than thirty numbers each at the paper's size."""
@@ -47,7 +51,7 @@ def open_zarr(path: Path, tile_bytes: int) -> ChunkedCube:
     """
     with ExitStack() as on_failure:
         store = on_failure.enter_context(closing(_store(path)))
-        arrays = _arrays(store)
+        arrays = _arrays(store, path)
         name = choose(path, _listed(arrays), CUBE)
         cube = zarr_cube(arrays[name], _called(path, name), tile_bytes, store.close)
         cube.transmitted = grid_beside(
@@ -102,7 +106,7 @@ def read_zarr_grid(path: Path) -> ComplexArray:
         If it does not tell which of its arrays is a grid.
     """
     with closing(_store(path)) as store:
-        arrays = _arrays(store)
+        arrays = _arrays(store, path)
         name = choose(path, _listed(arrays), GRID)
         return _grid(_called(path, name), arrays[name])
 
@@ -128,15 +132,27 @@ def _require_files(folder: Path, store: Path) -> None:
                 require_file(Path(entry))
 
 
-def _arrays(store: Store) -> dict[str, zarr.Array[Any]]:
+def _arrays(store: Store, path: Path) -> dict[str, zarr.Array[Any]]:
     """All arrays of a store by their paths in it; the only one of a store that is an array has none."""
     import zarr
 
     root = zarr.open(store, mode="r")
     if isinstance(root, zarr.Array):
         return {"": root}
-    members = root.members(max_depth=None)
-    return {name: member for name, member in members if isinstance(member, zarr.Array)}
+    # One by one: of members that are damaged zarr's own list leaves tracebacks on the terminal.
+    members = {name: zarr.open(store, path=name, mode="r") for name in _described(path)}
+    return {name: member for name, member in members.items() if isinstance(member, zarr.Array)}
+
+
+def _described(path: Path) -> list[str]:
+    """Paths in a store at which something is described, sorted."""
+    if path.is_dir():
+        names = [found.relative_to(path).as_posix() for name in DESCRIPTIONS for found in path.rglob(name)]
+    else:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    places = [PurePosixPath(name) for name in names]
+    return sorted({str(place.parent) for place in places if place.name in DESCRIPTIONS} - {"."})
 
 
 def _listed(arrays: dict[str, zarr.Array[Any]]) -> dict[str, Listed]:

@@ -159,15 +159,14 @@ class AtomFit:
         scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
         loaded = self.information * scale[:, None] * scale
         loaded[np.diag_indices(size)] += self.rounding * scale**2
-        inverse: Floats = _inverse(loaded) * scale[:, None] * scale
-        return inverse
+        return np.asarray(_inverse(loaded) * scale[:, None] * scale, dtype=np.float64)
 
 
 def _inverse(matrix: Floats) -> Floats:
     """Inverse of a symmetric matrix; twice as fast where it is positive definite."""
     factor, indefinite = dpotrf(matrix, lower=1)
     if indefinite:
-        return np.linalg.inv(matrix)
+        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     lower, _ = dpotri(factor, lower=1)
     inverse: Floats = lower + lower.T
     inverse[np.diag_indices(len(inverse))] /= 2

@@ -38,14 +38,14 @@ __all__ = ["WaveFit", "fit_waves"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
-DIAGONAL_LOADING = 1e-12
-"""Keeps the Gram matrix of coinciding directions invertible; -120 dB is below any misfit."""
+DIAGONAL_LOADING = 1e-14
+"""Keeps the Gram matrix of coinciding directions invertible, whose cells are then fitted by projections."""
 
 LEAST_LOADING = 2.0**-50
 """The same for responses themselves, whose squares are never formed."""
 
-WORST_CONDITION = 1e5
-"""Largest diagonal element of an inverse Gram matrix that leaves eleven digits: pairs a hundredth of a
+WORST_CONDITION = 1e4
+"""Largest diagonal element of an inverse Gram matrix that leaves twelve digits: pairs a hundredth of a
 Rayleigh cell apart. Beyond, cells are fitted by projections."""
 
 LEAST_UNEXPLAINED = 1e-9

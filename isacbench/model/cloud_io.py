@@ -234,7 +234,7 @@ def _parsing(path: Path, kind: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:  # Damaged files surface as anything, tokenize.TokenError included.
-        raise InputError(f"{path}: cannot be read as {kind}: {error}") from error
+        raise InputError(f"{path}: cannot be read as {kind}: {shortened(str(error))}") from error
 
 
 def _read_npy(path: Path) -> PointCloud:
@@ -357,7 +357,7 @@ def _cloud_from_parts(path: Path, arrays: Mapping[str, Any]) -> PointCloud:
 
 def _cloud_from_table(path: Path, array: NDArray[Any]) -> PointCloud:
     """Build a cloud from an array (n, 4) or (n, 5) of real numbers, rows counted from 1 in messages."""
-    values = array.astype(np.float64)
+    values = array.astype(np.float64, copy=False)
     check_finite(path, values, _CLOUD[: values.shape[1]], range(1, len(values) + 1))
     return PointCloud.from_array(values)
 

@@ -70,8 +70,6 @@ class Case(ABC, Generic[Subject]):
     fixed : tuple of dict
         Class attribute: fields of the members that the table holds, the
         defaults left out.
-    may_refuse : bool
-        Class attribute: whether an `InputError` is a proper answer.
 
     Raises
     ------
@@ -82,7 +80,6 @@ class Case(ABC, Generic[Subject]):
     name: ClassVar[str]
     kind: ClassVar[Kind]
     fixed: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
-    may_refuse: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         for key, space in self.spaces().items():
@@ -120,6 +117,11 @@ class Case(ABC, Generic[Subject]):
         """Its spelling, all fields included; `isacbench stress --case` takes it."""
         fields = ",".join(f"{field.name}={getattr(self, field.name)}" for field in dataclasses.fields(self))
         return f"{self.name}[{fields}]" if fields else self.name
+
+    @property
+    def may_refuse(self) -> bool:
+        """Whether an `InputError` is a proper answer."""
+        return False
 
     @property
     @abstractmethod

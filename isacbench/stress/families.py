@@ -10,6 +10,7 @@ from isacbench.stress.blanks import Blank
 from isacbench.stress.crowds import Close, Coherent, Crowd, Nothing, Pair
 from isacbench.stress.ladders import SnrLadder
 from isacbench.stress.levels import Amplitude, DynamicRange, Precision, Snr
+from isacbench.stress.maps import BlankMap, ConstantMap, MapLevel, MapRange, MapWindow, Rate
 from isacbench.stress.places import Beyond, Bin, Direction
 from isacbench.stress.radios import (
     ArrayShape,
@@ -53,6 +54,12 @@ FAMILIES: dict[str, type[Case[Any]]] = {
         Precision,
         Chunks,
         SnrLadder,
+        MapLevel,
+        MapRange,
+        ConstantMap,
+        BlankMap,
+        MapWindow,
+        Rate,
     )
 }
 """Families by name, in the order of the table."""

@@ -35,6 +35,13 @@ NARROW = Region((5.0, 15.0), (25.0, 35.0), (7.0, 17.0), (-20.0, 20.0))
 
 LONE_DB = 20.0
 
+MAP_CELLS = 25
+"""Doppler cells of the maps that the default layout has, two of its 27 bins lost to the taper."""
+
+DETECTOR_CELLS = 11
+"""Bins along an axis from which a window of 9 cells fits on what a taper leaves of the map."""
+
+
 TILE_BYTES = 2**10, 2**14, 2**24
 """From less than a line of the cube to all of it."""
 
@@ -123,6 +130,11 @@ class Numerology(EstimatorCase):
     noise: Literal["none", "20dB"] = choice("none", "20dB")
 
     @property
+    def may_refuse(self) -> bool:
+        """Whether the detectors of the estimators, by default of 9 x 9 cells, are larger than the map."""
+        return min(self.n_subcarriers, self.n_symbols) < DETECTOR_CELLS
+
+    @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """A cloud, the same whatever happens."""
         return *EVERY, *INVARIANT
@@ -192,10 +204,14 @@ class DetectorWindow(EstimatorCase):
     """Resolved echoes, detected with training cells from one to more than the map has: refused, or imaged."""
 
     name: ClassVar[str] = "window"
-    may_refuse: ClassVar[bool] = True
     fixed: ClassVar = tuple({"training": training} for training in (1, 2, 5, 8, 12, 40))
 
     training: int = whole(1, 64, 4)
+
+    @property
+    def may_refuse(self) -> bool:
+        """Whether the window has more cells than the map."""
+        return 2 * self.training + 1 > MAP_CELLS
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:

@@ -156,7 +156,8 @@ def bound_by_qr(atom_map, places, amplitude):
     return 0.5 * (root @ root.T).reshape(4, n, 4, n)
 
 
-@pytest.mark.parametrize("axis", range(4))
+# Three elements along w see three waves: a pair in phase has no place there, however far apart.
+@pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize(
     ("turn", "known_from"),
     [(1.0, 0.05), (1j, 2e-3), (np.exp(0.3j), 5e-3)],
@@ -192,14 +193,11 @@ def test_amplitudes_of_close_opposite_atoms_keep_their_digits():
     np.testing.assert_allclose(fit.amplitude, [1, -1], atol=1e-7)
 
 
-@settings(max_examples=15, deadline=None)
-@given(st.integers(0, 10_000))
-def test_the_last_bits_of_the_map_decide_nothing_at_the_optimum(seed):
-    rng = np.random.default_rng(seed)
-    atom_map = noisy(PART, PLACES[1:], AMPLITUDE[1:], 0.3, seed)
-    optimum = refine_atoms(atom_map, PLACES[1:], 12).places
-    # Close enough that energies of steps differ by their rounding alone.
-    start = optimum + 1e-8 * rng.standard_normal(optimum.shape)
-    turned = atom_map.cells * (1 + 1e-15 * rng.standard_normal(atom_map.cells.shape))
-    one, other = (refine_atoms(m, start, 3).places for m in (atom_map, with_cells(atom_map, turned)))
-    np.testing.assert_allclose(one, other, atol=1e-11, rtol=0)
+def test_steps_reach_the_optimum_although_rounding_hides_what_they_gain():
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        atom_map = noisy(PART, PLACES[1:], AMPLITUDE[1:], 0.3, seed)
+        near = refine_atoms(atom_map, PLACES[1:], 30).places
+        starts = near + 1e-8 * rng.standard_normal((2, *near.shape))
+        one, other = (refine_atoms(atom_map, start, 3).places for start in starts)
+        np.testing.assert_allclose(one, other, atol=1e-11, rtol=0)

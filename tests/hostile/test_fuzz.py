@@ -19,6 +19,9 @@ from isacbench.model.scenario import load_scenario
 
 from .files import CUBE, GRID, TABLE
 
+EXAMPLES = settings.default.max_examples // 4
+"""Of each format: with the others they are many."""
+
 SUITE = b"""name = "mine"
 scenarios = ["street"]
 estimators = ["music2d[pfa=1e-3]"]
@@ -130,7 +133,7 @@ def read_or_refuse(bounded, reader, path):
 
 
 @pytest.mark.parametrize("name", SEEDS)
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mutate=mutations())
 def test_a_damaged_file_is_read_or_refused(tmp_path, bounded, name, mutate):
     reader, suffix, write = SEEDS[name]
@@ -153,7 +156,7 @@ def test_a_file_that_ends_anywhere_is_read_or_refused(tmp_path, bounded, name):
         read_or_refuse(bounded, reader, path)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mutate=mutations())
 def test_a_damaged_scenario_is_read_or_refused(tiny, bounded, mutate):
     damaged = tiny.with_name("damaged.toml")

@@ -1,0 +1,175 @@
+"""Commands end in exit code 2 and one line about hostile files, whoever names them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+
+import pytest
+from typer.testing import CliRunner
+
+from isacbench.cli import app
+
+from .files import ANY, CLOUDS, CUBES, TOML
+from .test_results import made  # noqa: F401, a fixture
+
+ESCAPES = ("\x1b", "\x07", "\x9b", "\u202e")
+
+
+@pytest.fixture
+def told(bounded):
+    """Return a function that runs a command that must refuse, and returns its line."""
+
+    def run(*arguments):
+        with bounded():
+            result = CliRunner().invoke(app, list(map(str, arguments)))
+        assert result.exit_code == 2, result.output
+        assert isinstance(result.exception, SystemExit)
+        assert result.stderr.startswith("isacbench: ")
+        assert result.stderr.count("\n") == 1
+        assert not any(sign in result.stderr for sign in ESCAPES)
+        return result.stderr
+
+    return run
+
+
+def commands(path):
+    """Commands that read a file of an extension, by name."""
+    return {
+        ".csv": {"score": ("score", path, path), "truth": ("score", "street", path)},
+        ".mat": {"score": ("score", "street", path), "image": ("image", "--cube", path)},
+        ".npy": {"image": ("image", "--cube", path), "plot": ("image", "--cube", path, "--plot", "a.png")},
+        ".npz": {"score": ("score", "street", path), "image": ("image", "--cube", path)},
+        ".ply": {"score": ("score", "street", path)},
+        ".h5": {"image": ("image", "--cube", path)},
+        ".zarr": {"image": ("image", "--cube", path)},
+        ".toml": {
+            "run": ("run", path, "-o", path.with_name("out")),
+            "scenario": ("run", "quick", "-s", path, "-o", path.with_name("out")),
+            "image": ("image", "-s", path),
+            "simulate": ("simulate", "-s", path, "-o", path.with_name("frame.npy")),
+            "plan": ("plan", "-s", path),
+            "score": ("score", path, path),
+        },
+        ".py": {
+            "check": ("check", path),
+            "list": ("list", "--plugin", path),
+            "image": ("image", "--plugin", path),
+            "run": ("run", "quick", "--plugin", path, "-o", path.with_name("out")),
+        },
+    }[path.suffix]
+
+
+WRITERS = {
+    ".csv": {"pipe": ANY["a pipe"], "columns": CLOUDS[".csv"]["a million columns"], "UTF-16": ANY["UTF-16"]},
+    ".mat": {"pipe": ANY["a pipe"], "cells": CLOUDS[".mat"]["cells in cells"]},
+    ".npy": {
+        "pipe": ANY["a pipe"],
+        "pickled": CLOUDS[".npy"]["Python objects"],
+        "huge": CLOUDS[".npy"]["1e18 cells"],
+    },
+    ".npz": {"pickled": CLOUDS[".npz"]["pickled"]},
+    ".ply": {"count": CLOUDS[".ply"]["5000 digits"], "device": ANY["a device"]},
+    ".h5": {"elsewhere": CUBES[".h5"]["numbers in a pipe"]},
+    ".zarr": {"pipe": CUBES[".zarr"]["a pipe for a chunk"], "folder": ANY["a folder"]},
+    ".toml": {
+        "pipe": ANY["a pipe"],
+        "100 MB": TOML["100 MB"],
+        "deep": TOML["arrays in arrays"],
+        "digits": TOML["a number of many digits"],
+        "key": TOML["a key of many parts"],
+    },
+    ".py": {"pipe": ANY["a pipe"], "terabyte": ANY["a terabyte"], "link": ANY["a link to itself"]},
+}
+
+
+@pytest.mark.parametrize(
+    ("suffix", "write"),
+    [
+        pytest.param(suffix, write, id=f"{suffix}-{name}")
+        for suffix, of in WRITERS.items()
+        for name, write in of.items()
+    ],
+)
+def test_every_command_that_reads_a_file_refuses_a_hostile_one(tmp_path, told, suffix, write):
+    path = tmp_path / f"a\x1b[31m\u202e{{red}}[red]\n{suffix}"
+    write(path)
+    before = sorted(tmp_path.rglob("*"))
+    for arguments in commands(path).values():
+        assert "red" in told(*arguments)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("command", ["report", "rescore", "compare", "compare new", "merge", "run"])
+@pytest.mark.parametrize("name", ["manifest.json", "results.parquet"])
+@pytest.mark.parametrize("kind", ["a pipe", "a page of zeros"])
+def test_every_command_that_reads_a_run_refuses_a_hostile_one(made, tmp_path, told, command, name, kind):  # noqa: F811
+    suite, good = made
+    bad = tmp_path / "bad"
+    shutil.copytree(good, bad)
+    (bad / name).unlink()
+    ANY[kind](bad / name)
+    if command == "run":
+        # Going on, it makes again what it cannot read; what it cannot write to it refuses.
+        (bad / ".lock").unlink(missing_ok=True)
+        (bad / ".lock").symlink_to(tmp_path / "elsewhere")
+    arguments = {
+        "report": ("report", bad),
+        "rescore": ("rescore", bad),
+        "compare": ("compare", bad, good),
+        "compare new": ("compare", good, bad),
+        "merge": ("merge", bad, good, "-o", tmp_path / "merged"),
+        "run": ("run", "quick", "-s", suite.scenarios[0], "-e", "oracle", "-o", bad),
+    }[command]
+    assert "bad" in told(*arguments)
+    assert not (tmp_path / "merged").exists()
+    assert not (tmp_path / "elsewhere").exists()
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".mat", ".ply"])
+def test_an_image_is_not_written_into_a_pipe(tiny, tmp_path, told, suffix):
+    os.mkfifo(tmp_path / f"out{suffix}")
+    assert "is a pipe" in told("image", "-s", tiny, "-e", "oracle", "-o", tmp_path / f"out{suffix}")
+    assert "File name too long" in told(
+        "image", "-s", tiny, "-e", "oracle", "-o", tmp_path / f"{'x' * 300}{suffix}"
+    )
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".h5", ".zarr"])
+def test_a_frame_is_not_written_over_anything(tiny, tmp_path, told, suffix):
+    os.mkfifo(tmp_path / f"out{suffix}")
+    (tmp_path / f"link{suffix}").symlink_to(tmp_path / "nowhere")
+    for name in ("out", "link"):
+        assert "exists already" in told("simulate", "-s", tiny, "-o", tmp_path / f"{name}{suffix}")
+    assert "File name too long" in told("simulate", "-s", tiny, "-o", tmp_path / f"{'x' * 300}{suffix}")
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_run_shows_names_as_they_are(tiny, tmp_path, bounded):
+    name = "=1+1 [red]\x1b[31m\n<script>|`$x$\\ ../.."
+    tiny.write_text(tiny.read_text().replace('name = "tiny"', f"name = {json.dumps(name)}"), encoding="utf-8")
+    out = tmp_path / "out"
+    with bounded():
+        result = CliRunner().invoke(
+            app, ["run", "quick", "-s", str(tiny), "-e", "oracle", "-n", "2", "--snr", "0", "-o", str(out)]
+        )
+    assert result.exit_code == 0, result.output
+    assert not any(sign in result.output for sign in ESCAPES)
+    assert "[red]" in result.stdout
+    assert "<script>" not in (out / "summary.md").read_text()
+    for table in ("results.csv", "summary.csv"):
+        assert "'=1+1" in (out / table).read_text()
+    figures = {path.name for path in (out / "figures").iterdir()}
+    assert all(path.replace("-", "").replace(".png", "").isalnum() for path in figures)
+    assert json.loads((out / "manifest.json").read_text())["scenarios"].keys() == {name}
+
+
+def test_a_bar_takes_no_name_for_markup(monkeypatch, capsys):
+    from isacbench.cli import printing
+
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    with printing.progress_bar("[/] [red]x\x1b]0;title\x07") as show:
+        show(1, 2)
+    assert "\x1b]0;" not in capsys.readouterr().err

@@ -1,0 +1,201 @@
+"""Names from scenarios, plugins and other people's runs: shown as they are, obeyed by nobody."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from xml.etree import ElementTree
+
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from isacbench.bench.csv_table import without_formulas
+from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import observe
+from isacbench.model.scenario import load_scenario
+from isacbench.report.figures import draw_image
+from isacbench.report.style import drawable, file_stems
+from isacbench.report.tables import Grid, markdown, rich_table
+from isacbench.visible import in_markdown, quoted, shortened, visible, visible_json, visible_lines
+
+NAMES = {
+    "up": "../../etc/passwd",
+    "absolute": "/etc/passwd",
+    "backslashes": "..\\..\\boot",
+    "script": "\"><script>alert('1')</script>",
+    "image": "![x](http://example.org/x.png)",
+    "link": "[x](javascript:alert(1))",
+    "table": "a | b | c",
+    "code": "`rm`",
+    "mathematics": r"$\frac{1}{$ \alpha_",
+    "one dollar": "$",
+    "lone backslash": "\\",
+    "markup": "[red]a[/red] [/]",
+    "lines": "a\nb\r\nc",
+    "escape": "\x1b]0;title\x07\x1b[31mred\x9b1m",
+    "right to left": "\u202eevil\u2066",
+    "Arabic": "شارع",
+    "emoji": "🚗👨‍👩‍👧",
+    "half": "\udcff",
+    "long": "x" * 300,
+    "reserved": "CON",
+    "option": "--json",
+    "formula": '=HYPERLINK("http://example.org")',
+    "blank": " ",
+    "dots": "..",
+}
+"""What somebody may call a scenario, an estimator or a file."""
+
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+names = pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
+any_text = st.text(st.characters(), max_size=30)
+
+
+@given(any_text)
+def test_what_is_shown_has_no_power_over_a_terminal(text):
+    assert not CONTROL.search(visible(text))
+    assert "\n" not in visible(text)
+    visible(text).encode()  # which halves of characters would not let
+    assert visible_lines(text).count("\n") == text.count("\n")
+
+
+@given(st.text("abc[](){}<>|=,;: +-_ äµ街", max_size=30))
+def test_ordinary_text_is_shown_as_it_is(text):
+    assert visible(text) == text
+
+
+@given(any_text)
+def test_json_means_the_same_as_before(text):
+    shown = visible_json(json.dumps({"name": text}, indent=2, ensure_ascii=False))
+    assert json.loads(shown) == {"name": text}
+    assert not CONTROL.search(shown)
+
+
+@given(any_text, st.integers(3, 50))
+def test_a_long_text_is_shortened_and_a_short_one_is_not(text, most):
+    assert len(shortened(text, most)) <= most
+    assert len(text) > most or shortened(text, most) == text
+    assert quoted(text, most) == shortened(repr(text), most)
+
+
+@given(any_text)
+def test_nothing_in_a_cell_of_markdown_ends_it_or_begins_a_tag_or_a_link(text):
+    shown = in_markdown(text)
+    assert not re.search(r"(?<!\\)(\\\\)*[|`*$]", shown)
+    assert "<" not in shown
+    assert "](" not in shown
+    assert "\n" not in shown
+
+
+@names
+def test_tables_keep_their_shape(name):
+    lines = markdown(Grid(name, ["SNR [dB]", name], [["0", name], ["10", "x"]])).split("\n")
+    assert len(lines) == 7
+    assert all(len(re.findall(r"(?<!\\)\|", line)) == 3 for line in lines[2:6])
+    assert "<script" not in "\n".join(lines)
+
+
+@names
+def test_a_terminal_shows_what_a_table_holds(name):
+    console = Console(file=io.StringIO(), width=700, force_terminal=True, color_system=None)
+    console.print(rich_table(Grid(name, ["SNR [dB]", name], [["0", name]])))
+    shown = console.file.getvalue()
+    assert not CONTROL.search(re.sub("\x1b\\[[0-9;]*m", "", shown) if "\x1b" not in visible(name) else shown)
+    if name.strip() and len(name) < 100 and " [" not in name and ": " not in name:
+        assert visible(name) in shown
+
+
+@given(st.lists(any_text, max_size=6, unique=True))
+def test_stems_of_files_have_no_folder_and_tell_names_apart_on_every_system(texts):
+    stems = file_stems(texts)
+    assert all(re.fullmatch(r"[A-Za-z0-9_-]{1,70}", stem) for stem in stems.values())
+    assert not any(stem.startswith("-") for stem in stems.values())
+    assert len({stem.lower() for stem in stems.values()}) == len(texts)
+
+
+@names
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_pictures_are_drawn_whatever_their_title(tiny, tmp_path, name, suffix):
+    if suffix != ".svg" and name not in (NAMES["mathematics"], NAMES["escape"], NAMES["half"]):
+        pytest.skip("drawn once, as the format that is text")
+    scenario = load_scenario(tiny)
+    path = tmp_path / f"picture{suffix}"
+    draw_image(path, observe(scenario, 10), scenario.truth, PointCloud.empty(), name)
+    if suffix == ".svg":
+        text = path.read_text(encoding="utf-8")
+        ElementTree.fromstring(text)
+        assert "<script" not in text
+    assert [found.name for found in tmp_path.iterdir() if found.suffix == suffix] == [path.name]
+
+
+@names
+def test_titles_are_no_mathematics(name):
+    assert not re.search(r"(?<!\\)\$", drawable(name))
+
+
+@names
+def test_a_scenario_keeps_its_name_or_is_refused(tiny, name):
+    if name == NAMES["half"]:
+        pytest.skip("no text file holds it")
+    text = tiny.read_text().replace('name = "tiny"', f"name = {json.dumps(name, ensure_ascii=False)}")
+    tiny.write_text(text, encoding="utf-8")
+    if len(name) > 200:
+        with pytest.raises(InputError, match=r"name = 'xxx.*at most 200 characters"):
+            load_scenario(tiny)
+    else:
+        assert load_scenario(tiny).name == name
+
+
+OUTSIDE = ["../outside.csv", "/etc/passwd", "link.csv", "folder/link.csv", "a\0b", "x" * 300]
+INSIDE = ["points.csv", "folder/points.csv", "folder/../points.csv", "./points.csv", "link.csv"]
+
+
+@pytest.mark.parametrize("file", OUTSIDE)
+def test_a_scenario_reads_no_points_outside_of_its_folder(tmp_path, tiny, file):
+    inside = tmp_path / "inside"
+    (inside / "folder").mkdir(parents=True)
+    (tmp_path / "outside.csv").write_text("x,y,z,v\n5,5,1,0\nsecret,1,2,3\n")
+    for link in ("link.csv", "folder/link.csv"):
+        (inside / link).symlink_to(tmp_path / "outside.csv")
+    path = inside / "tiny.toml"
+    path.write_text(tiny.read_text().replace('"tiny.csv"', json.dumps(file)))
+    with pytest.raises(InputError, match=r"leads out of the folder|cannot be looked at") as refused:
+        load_scenario(path)
+    assert "secret" not in str(refused.value)
+
+
+@pytest.mark.parametrize("file", INSIDE)
+def test_a_scenario_reads_points_in_its_folder_and_below(tmp_path, tiny, file):
+    (tmp_path / "folder").mkdir()
+    for place in ("points.csv", "folder/points.csv"):
+        (tmp_path / place).write_text("x,y,z,v\n5,5,1,0\n")
+    (tmp_path / "link.csv").symlink_to("folder/points.csv")
+    tiny.write_text(tiny.read_text().replace('"tiny.csv"', json.dumps(file)))
+    assert len(load_scenario(tiny).truth) == 1
+
+
+FORMULAS = ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1"]
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_a_spreadsheet_computes_nothing(text):
+    table = pd.DataFrame({"scenario": [text, "street", None], "snr_db": [-1.0, 0.0, 1.0]})
+    guarded = without_formulas(table)
+    assert guarded["scenario"].tolist()[:2] == [f"'{text}", "street"]
+    assert guarded["scenario"].isna().tolist() == [False, False, True]
+    assert guarded["snr_db"].tolist() == [-1.0, 0.0, 1.0]
+    rows = list(csv.reader(io.StringIO(guarded.to_csv(index=False), newline="")))
+    assert rows[1][0][0] == "'"
+
+
+@given(st.lists(any_text.filter(lambda text: text[:1] not in tuple("=+-@\t\r")), min_size=1))
+def test_other_text_is_written_as_it_is(texts):
+    texts = [text.encode(errors="replace").decode() for text in texts]
+    table = pd.DataFrame({"scenario": texts})
+    pd.testing.assert_frame_equal(without_formulas(table), table)
