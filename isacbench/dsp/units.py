@@ -26,8 +26,7 @@ def amplitude_exponent(cells: Complex) -> int:
     Parameters
     ----------
     cells : ndarray of complex, shape (n_range, n_doppler, *elements)
-        Finite. Read on the array's first row or element, and elsewhere only
-        where there is nothing on that.
+        Finite. All are looked at: one element may be far stronger than the others.
 
     Returns
     -------
@@ -43,7 +42,7 @@ def amplitude_exponent(cells: Complex) -> int:
     >>> amplitude_exponent(np.full((2, 2, 1), 3e100 + 0j)), amplitude_exponent(np.full((2, 2, 1), 1e9 + 0j))
     (334, 0)
     """
-    largest = _largest_part(cells[:, :, 0]) or _largest_part(cells)
+    largest = _largest_part(cells)
     limit = 2.0**GREATEST_EXPONENT
     require(largest < limit, "observation: its largest amplitude", largest, f"less than {limit:g}")
     _, exponent = np.frexp(largest)
@@ -52,7 +51,8 @@ def amplitude_exponent(cells: Complex) -> int:
 
 def _largest_part(cells: Complex) -> float:
     """Largest real or imaginary part, which overflows nowhere."""
-    return float(max(np.abs(part).max(initial=0) for part in (cells.real, cells.imag)))
+    parts = np.ascontiguousarray(cells).view(cells.real.dtype)
+    return float(max(parts.max(initial=0), -parts.min(initial=0)))
 
 
 def in_unit(cells: Complex, exponent: int) -> Complex:
