@@ -33,11 +33,13 @@ from isacbench.dsp.joint import refine_jointly, select_jointly
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scatterers import Scatterers, locate, merge_duplicates
+from isacbench.dsp.units import amplitude_exponent, in_unit
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.remarks import Remarks
 from isacbench.stages import stage
 
 from .detectors import OscaCfar
@@ -54,8 +56,8 @@ covariances, their eigenvectors and null spectra; the joint explanation."""
 
 DETECTION_WINDOW: Window = "hann"
 
-MOST_EXPONENT = 40
-"""Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision lacks their squares."""
+ROUNDING_UNITS = 4
+"""Last digits of the strongest cell that sums over a few of them lose: noise, where there is no other."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
@@ -198,7 +200,7 @@ class CellwiseEstimator(ABC):
             gated = maps.selection
         with stage("detection"):
             detected = self._detect(maps.detection)
-            levels = _levels(maps.detection, detected)
+            levels = _levels(maps, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
         chosen = Scatterers.empty()
         for look in self.looks():
@@ -218,7 +220,8 @@ class CellwiseEstimator(ABC):
         with stage("refinement"):
             found = self.refine(chosen, gated, system, levels, min_power)
         with stage("peaks"):
-            unit_power = found.power / system.processing_gain * maps.unit**2
+            # Unit by unit: its square may overflow where the power does not.
+            unit_power = found.power / system.processing_gain * maps.unit * maps.unit
             return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
 
     def looks(self) -> tuple[Look, ...]:
@@ -262,19 +265,23 @@ class CellwiseEstimator(ABC):
         seen = maps.detection.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
+        separated = None
         look = self.looks()[-1]
-        tapered = maps.directions.tapered(look.range_window, look.doppler_window)
+        tapered = maps.directions.tapered(look.range_window, look.doppler_window, neighbours=1)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
-            spectra = self.spectra(observation, snapshots, _levels(maps.detection, detected))
-        power, detection, unit_power = detected.power.astype(np.float64), detected.detection, maps.unit**2
+            with Remarks() as remarks:
+                spectra = self.spectra(observation, snapshots, _levels(maps, detected))
+            separated = _separated(remarks)
+        power, detection, unit = detected.power.astype(np.float64), detected.detection, maps.unit
         return Diagnosis(
-            power * unit_power,
-            Detection(detection.mask, detection.threshold * unit_power, detection.noise * unit_power),
+            power * unit * unit,
+            Detection(detection.mask, detection.threshold * unit * unit, detection.noise * unit * unit),
             seen.range_bins,
             seen.doppler_bins,
             spectra,
             cell,
+            separated,
         )
 
     @abstractmethod
@@ -323,8 +330,8 @@ class CellwiseEstimator(ABC):
         """Map of the elements that are needed; the others may never have been computed."""
         aperture = self.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
-        unit = _unit(cells)
-        gated = GatedMap(cells if unit == 1 else cells / unit, observation.gate, aperture)
+        exponent = amplitude_exponent(cells)
+        gated = GatedMap(in_unit(cells, exponent), observation.gate, aperture)
         maps = {
             dtype: gated.astype(dtype)
             for dtype in {self.dtype_in(stage) for stage in ("detection", "directions", "selection")}
@@ -333,7 +340,7 @@ class CellwiseEstimator(ABC):
             detection=maps[self.dtype_in("detection")],
             directions=maps[self.dtype_in("directions")],
             selection=maps[self.dtype_in("selection")],
-            unit=unit,
+            unit=float(np.ldexp(1.0, exponent)),
         )
 
     def _detect(self, gated: GatedMap) -> DetectedCells:
@@ -351,8 +358,8 @@ class CellwiseEstimator(ABC):
         first_family: int,
     ) -> Scatterers:
         """Scatterers that the cells show in one look."""
-        tapered = gated.tapered(look.range_window, look.doppler_window)
-        # Only where region or speeds span the whole map do detected cells lie at its edge.
+        tapered = gated.tapered(look.range_window, look.doppler_window, neighbours=1)
+        # Cells at the map's edge are detected only where the gate has no room for margins.
         inside = tapered.surrounds(detected)
         bins = detected[0][inside], detected[1][inside]
         if not inside.any():
@@ -373,20 +380,22 @@ class CellwiseEstimator(ABC):
         return merge_duplicates(located)
 
 
-def _unit(cells: Snapshots) -> float:
-    """Power of two near the largest amplitude of the array's first row or element; 1 where all is well."""
-    _, exponent = np.frexp(np.abs(cells[:, :, 0]).max(initial=0))
-    return 1.0 if abs(exponent) <= MOST_EXPONENT else 2.0 ** int(exponent)
-
-
 def middle(snapshots: Snapshots) -> Snapshots:
     """Snapshots (n, *elements) of the cells themselves, out of those (n, s, *elements) with neighbours."""
     return snapshots[:, snapshots.shape[1] // 2]
 
 
-def _levels(gated: GatedMap, detected: DetectedCells) -> Levels:
-    """Levels of a map; white noise is never above the floor that was detected with."""
-    return Levels(min(white_noise(gated), detected.floor), detected.floor)
+def _levels(maps: _Maps, detected: DetectedCells) -> Levels:
+    """Levels of a map; white noise is never above the floor that was detected with, nor below rounding."""
+    last_digit = float(np.finfo(maps.directions.cells.dtype).eps)
+    rounding = (ROUNDING_UNITS * last_digit) ** 2 * float(detected.power.max())
+    return Levels(min(max(white_noise(maps.detection), rounding), detected.floor), detected.floor)
+
+
+def _separated(remarks: Remarks) -> bool | None:
+    """Whether signal and noise were separated in all subspaces; None where there were none."""
+    count = remarks.counts.get("unseparated")
+    return None if count is None else count.n == 0
 
 
 def _snapshots(tapered: GatedMap, bins: Bins, n_range: int) -> Snapshots:

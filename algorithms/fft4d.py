@@ -3,7 +3,8 @@
 The range-Doppler map comes with the observation. The P x Q snapshot of every
 detected cell is zero-padded and transformed over both array axes. Local maxima
 of the angular power spectrum inside the region's directions that pass a 2-D
-CA-CFAR are plane waves. What the cells show is then explained
+CA-CFAR are plane waves; on arrays of so few elements that a lone wave would
+fail that test, the highest alone. What the cells show is then explained
 jointly (`isacbench_algorithms.cellwise`), exactly as for the other cell-by-cell
 estimators.
 
@@ -28,6 +29,7 @@ arXiv 2310.06401, the 4D-FFT that it compares with.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -45,7 +47,7 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.stages import stage
 
-from .cellwise import CellwiseEstimator, Levels, Look, Precision, PrecisionStage, Snapshots, middle
+from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
 from .detectors import CaCfar
 
 __all__ = ["Fft4d"]
@@ -110,7 +112,6 @@ class Fft4d(CellwiseEstimator):
 
     name: ClassVar[str] = "fft4d"
     separable: ClassVar[bool] = True
-    single_stages: ClassVar[frozenset[PrecisionStage]] = frozenset({"detection", "selection"})
 
     precision: Precision = "single"
     angle_points: int = 48
@@ -161,8 +162,8 @@ class Fft4d(CellwiseEstimator):
         found = self._angle_spectra(observation, middle(snapshots))
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
         strongest = found.power[0].max()
-        level_db = 10 * np.log10(found.power[0] / strongest)
-        threshold_db = 10 * np.log10(self.angle_detector.detect(found.power).threshold[0] / strongest)
+        level_db = _level_db(found.power[0], strongest)
+        threshold_db = _level_db(self.angle_detector.detect(found.power).threshold[0], strongest)
         peaks = found.waves.found[0]
         return (
             Spectrum(found.u, level_db[:, column], threshold_db[:, column], found.waves.u[0][peaks], "u"),
@@ -181,8 +182,29 @@ class Fft4d(CellwiseEstimator):
         # Only local maxima can be peaks, so that nothing else needs a test.
         peaks = _local_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
         passed = _passed(power, peaks, detect_listed(self.angle_detector, power, 1, peaks).mask)
+        if not self._shows_a_wave(snapshots.shape[1:], shape):
+            passed[_strongest(power, peaks)] = True
         row, column, found = plane_peaks(power, passed, self.max_sources)
         return _AngleSpectra(u.cosine, w.cosine, power, PlaneWaves(u.at(row), w.at(column), found))
+
+    def _shows_a_wave(self, elements: tuple[int, ...], samples: tuple[int, int]) -> bool:
+        """Whether the maximum of a lone plane wave without noise passes the test on P x Q elements.
+
+        The mainlobe of a few elements covers whatever samples the detector
+        compares with: of those it tells nothing.
+        """
+        key = elements, samples
+        if key not in self._shown_waves:
+            spectrum = scipy.fft.fftshift(scipy.fft.ifft2(np.ones(elements), samples, norm="forward"))
+            power = (spectrum.real**2 + spectrum.imag**2)[None]
+            peak = tuple(index[:1] for index in np.nonzero(power == power.max()))
+            self._shown_waves[key] = bool(detect_listed(self.angle_detector, power, 1, peak).mask[0])
+        return self._shown_waves[key]
+
+    @cached_property
+    def _shown_waves(self) -> dict[tuple[tuple[int, ...], tuple[int, int]], bool]:
+        """What `_shows_a_wave` said, by elements and samples."""
+        return {}
 
     def _line_spectra(
         self, observation: Observation, aperture: Cross, snapshots: Snapshots
@@ -221,11 +243,27 @@ class Fft4d(CellwiseEstimator):
         threshold = self.line_detector.detect(line.power).threshold[0]
         return Spectrum(
             line.cosine,
-            10 * np.log10(line.power[0] / strongest),
-            10 * np.log10(threshold / strongest),
+            _level_db(line.power[0], strongest),
+            _level_db(threshold, strongest),
             line.peaks.place[0][line.peaks.found[0]],
             label,
         )
+
+
+def _level_db(power: NDArray[np.float64], strongest: float) -> NDArray[np.float64]:
+    """Level below the strongest in dB; of nulls, which may be exact, as low as rounding leaves them."""
+    level_db: NDArray[np.float64] = 10 * np.log10(
+        np.maximum(power / strongest, np.finfo(np.float64).eps ** 2)
+    )
+    return level_db
+
+
+def _strongest(power: NDArray[np.float64], cells: Cells) -> Cells:
+    """Of the listed cells (spectrum, row, column) the strongest of each spectrum."""
+    order = np.lexsort((-power[cells], cells[0]))
+    _, first = np.unique(cells[0][order], return_index=True)
+    spectrum, row, column = (index[order[first]] for index in cells)
+    return spectrum, row, column
 
 
 def _passed(power: NDArray[np.float64], cells: Cells, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -46,10 +46,12 @@ from isacbench.dsp.model_order import (
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import Scatterers, merge_duplicates
-from isacbench.dsp.subspace2d import leading_eigenpairs, planar_covariance
+from isacbench.dsp.separation import Eigenpairs, separated_order
+from isacbench.dsp.subspace2d import planar_eigenpairs
 from isacbench.errors import require
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
+from isacbench.remarks import remark
 from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
@@ -61,6 +63,12 @@ _Axis = Literal["u", "w"]
 CROWD_LOOK = Look("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
 
+LEAST_NOISE = 1e-8
+"""Of the floor for leakage: what a map that counts as explained may hold in any case, noise or none."""
+
+FIT_ROUNDING = 1e-16
+"""Of the strongest scatterer's power: what a joint fit, its equations loaded by 1e-9, leaves of it."""
+
 INTERLEAVINGS = 2
 """How often crowds are filled in: extended objects have more than one point a range bin."""
 
@@ -68,7 +76,7 @@ INTERLEAVED_BINS = 0.5
 """Range bins between a scatterer and the candidates that are put beside it."""
 
 INTERLEAVED_DYNAMIC_RANGE_DB = 23.0
-"""Local dynamic range among interleaved scatterers, which share the directions of selected ones."""
+"""Least local dynamic range among interleaved scatterers, which share the directions of selected ones."""
 
 MOST_UNEXPLAINED = 1.5
 """Of white noise: what plane waves may leave of a cell that they explain. 256 elements scatter by 0.06."""
@@ -88,7 +96,7 @@ class Subspaces(NamedTuple):
     basis : ndarray of float64, shape (n, L, M, k)
         Orthonormal, by descending eigenvalue; 0 beyond the order of a cell.
     order : ndarray of int64, shape (n,)
-        Dimension of each, 1 to k.
+        Dimension of each, 0 to k: 0 where signal and noise are not separated.
     """
 
     basis: NDArray[np.float64]
@@ -179,12 +187,14 @@ class JointSubspaceEstimator(CellwiseEstimator):
         self, chosen: Scatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
     ) -> Scatterers:
         """Refine in all coordinates where that explains the map; else fill in crowds first."""
-        explained = explain_map(chosen, gated, system, levels.white)
+        least_noise = max(LEAST_NOISE * levels.floor, FIT_ROUNDING * float(chosen.power.max(initial=0.0)))
+        explained = explain_map(chosen, gated, system, max(levels.white, least_noise))
         if explained is not None:
             return explained
+        dynamic_range_db = max(INTERLEAVED_DYNAMIC_RANGE_DB, self.local_dynamic_range_db)
         for _ in range(INTERLEAVINGS):
             dense = merge_duplicates(chosen.interleaved(INTERLEAVED_BINS))
-            chosen = select_jointly(dense, gated, system, min_power, INTERLEAVED_DYNAMIC_RANGE_DB)
+            chosen = select_jointly(dense, gated, system, min_power, dynamic_range_db)
         return merge_duplicates(refine_jointly(chosen, gated, system))
 
     @abstractmethod
@@ -245,21 +255,19 @@ class JointSubspaceEstimator(CellwiseEstimator):
 
     def subspaces(self, snapshots: Snapshots, noise: float) -> Subspaces:
         """Signal subspaces of snapshots (n, s, P, Q) in noise of a power per element."""
-        n_cells, n_snapshots = snapshots.shape[:2]
         shape = snapshots.shape[2], snapshots.shape[3]
         subarray = self.subarray(shape)
         data = snapshots.astype(self.dtype_in("subspace"), copy=False)
-        each = planar_covariance(data.reshape(-1, *shape), subarray)
-        covariance = each.reshape(n_cells, n_snapshots, *each.shape[1:]).mean(axis=1)
-        n_sensors = covariance.shape[1]
+        n_sensors = subarray[0] * subarray[1]
         largest = max(min(self.max_sources, most_sources(subarray), n_sensors - 1), 1)
         # One more than may be sources: the last of a test's eigenvalues is never one.
-        eigenvalues, eigenvectors = leading_eigenpairs(covariance, largest + 1)
-        if self.model_order != "noise":
-            eigenvalues = np.linalg.eigvalsh(covariance)[:, ::-1].astype(np.float64, copy=False)
-        order = np.minimum(self._order(eigenvalues, noise, shape, subarray), largest)
+        n_pairs = largest + 1 if self.model_order == "noise" else n_sensors
+        pairs = planar_eigenpairs(data, subarray, n_pairs)
+        asked = np.minimum(self._order(pairs, noise, shape, subarray), largest)
+        order = separated_order(pairs.rotation, asked)
+        remark("unseparated", int(np.count_nonzero(order < asked)), order.size)
         in_signal = np.arange(order.max(initial=1)) < order[:, None]
-        basis = eigenvectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
+        basis = pairs.vectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
         return Subspaces(basis.reshape(len(snapshots), *subarray, basis.shape[2]), order)
 
     def subarray(self, shape: tuple[int, ...]) -> tuple[int, int]:
@@ -269,13 +277,16 @@ class JointSubspaceEstimator(CellwiseEstimator):
 
     def _order(
         self,
-        eigenvalues: NDArray[np.float64],
+        pairs: Eigenpairs,
         noise: float,
         shape: tuple[int, int],
         subarray: tuple[int, int],
     ) -> NDArray[np.int64]:
+        rounding = pairs.rounding[:, None]
+        eigenvalues = np.maximum(pairs.values, rounding)
         if self.model_order == "noise":
-            return noise_order(eigenvalues, noise * smoothed_noise_edge(shape, subarray, self.angle_pfa))
+            largest_noise = noise * smoothed_noise_edge(shape, subarray, self.angle_pfa)
+            return noise_order(eigenvalues, np.maximum(largest_noise, rounding))
         if self.model_order == "eigenvalue_cfar":
             return eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
         n_independent = np.prod(shape) / np.prod(subarray)

@@ -52,14 +52,16 @@ from isacbench.dsp.model_order import (
 )
 from isacbench.dsp.peaks import Peaks, line_peaks
 from isacbench.dsp.planewaves import PlaneWaves, pair_directions
+from isacbench.dsp.separation import separated_order
 from isacbench.dsp.subspace import (
+    line_eigenpairs,
     music_null_minima,
     music_null_spectrum,
     real_steering,
-    smoothed_covariance,
 )
 from isacbench.errors import require
 from isacbench.model.observation import Observation
+from isacbench.remarks import remark
 from isacbench.stages import stage
 
 from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
@@ -203,20 +205,28 @@ class Music2d(CellwiseEstimator):
         return _LineSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
 
     def _subspaces(self, lines: Snapshots, noise: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Eigenvectors (n, L, L) of lines (n, sensors, snapshots), strongest first; how many are signal."""
+        """Eigenvectors (n, L, L) of lines (n, sensors, snapshots), strongest first; how many are signal.
+
+        None where rounding has the choice among all of them.
+        """
         n_sensors, n_snapshots = lines.shape[1:]
         n_subarray = max(2, round(self.subarray_fraction * n_sensors))
-        eigenvalues, eigenvectors = np.linalg.eigh(smoothed_covariance(lines, n_subarray))
-        eigenvalues, eigenvectors = eigenvalues[:, ::-1], eigenvectors[:, :, ::-1]
+        pairs = line_eigenpairs(lines, n_subarray)
+        rounding = pairs.rounding[:, None]
+        eigenvalues = np.maximum(pairs.values, rounding)
         if self.model_order == "noise":
-            order = noise_order(eigenvalues, noise * _largest_of_noise(n_sensors, n_snapshots, n_subarray))
+            largest_noise = noise * _largest_of_noise(n_sensors, n_snapshots, n_subarray)
+            order = noise_order(eigenvalues, np.maximum(largest_noise, rounding))
         elif self.model_order == "eigenvalue_cfar":
             order = eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
         else:
             # Of disjoint subarrays, each snapshot holds as many as fit.
             n_independent = n_snapshots * n_sensors / n_subarray
             order = information_order(eigenvalues, n_independent, self.model_order)
-        return eigenvectors, np.minimum(order, self.max_order)
+        order = np.minimum(order, self.max_order)
+        separated = separated_order(pairs.rotation, order)
+        remark("unseparated", int(np.count_nonzero(separated < order)), order.size)
+        return pairs.vectors, separated
 
 
 def _largest_of_noise(n_sensors: int, n_snapshots: int, n_subarray: int) -> float:

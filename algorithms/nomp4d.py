@@ -48,11 +48,13 @@ from isacbench.dsp.pursuit import (
     BeamSpace,
     noise_maximum,
     redundant,
+    sidelobe_energy,
     sidelobe_envelope,
     split_gains,
     strongest_around,
 )
 from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.dsp.units import amplitude_exponent, in_unit
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.gate import Gate
@@ -90,6 +92,9 @@ BOX_CELLS = 0.5
 
 CALM, CALM_NOISE = 1e-3, 3.0
 """Residual around an atom, relative to it or to the noise, below which it is not bent to a crowd."""
+
+MOST_LEFT = 64
+"""Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
 
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
@@ -138,6 +143,9 @@ class Nomp4d:
         Below the strongest atom nearby, what is not told from its misfit.
     max_rounds : int
         Most rounds of moves.
+    max_scatterers : int
+        Most atoms: no more are tried once there are as many, the strongest
+        moves first. Time grows with the cube of their number.
 
     Raises
     ------
@@ -158,13 +166,15 @@ class Nomp4d:
     pfa: float = 1e-2
     local_dynamic_range_db: float = 16.5
     max_rounds: int = 12
+    max_scatterers: int = 500
 
     def __post_init__(self) -> None:
         require(0 < self.pfa < 1, "pfa", self.pfa, "between 0 and 1")
         require(
             self.local_dynamic_range_db > 0, "local_dynamic_range_db", self.local_dynamic_range_db, "above 0"
         )
-        require(self.max_rounds >= 1, "max_rounds", self.max_rounds, "1 and more")
+        for name in ("max_rounds", "max_scatterers"):
+            require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -178,7 +188,8 @@ class Nomp4d:
         PointCloud
         """
         with stage("rdm"):
-            gated = GatedMap(observation.cells, observation.gate)
+            exponent = amplitude_exponent(observation.cells)
+            gated = GatedMap(in_unit(observation.cells, exponent), observation.gate)
             atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
         with stage("detection"):
             noise = white_noise(gated)
@@ -188,6 +199,9 @@ class Nomp4d:
         with stage("peaks"):
             range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
             unit_power = fit.power / (gated.n_elements * observation.system.processing_gain)
+            unit = float(np.ldexp(1.0, exponent))
+            unit_power *= unit
+            unit_power *= unit
             return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
 
     def _pursue(self, atom_map: AtomMap, observation: Observation, noise: float) -> AtomFit | None:
@@ -236,6 +250,10 @@ class Nomp4d:
         eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
         if fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, fit))
+        # What no move explains stays in the residual, and so do its sidelobes.
+        left = np.flatnonzero(~eligible)
+        left = left[np.argsort(-gain[left], kind="stable")[:MOST_LEFT]]
+        eligible[eligible] = gain[eligible] >= sidelobe_energy(places[eligible], places[left], gain[left])
         places, gain = places[eligible], gain[eligible]
         n_new = len(places)
         offsets = np.zeros_like(places)
@@ -246,7 +264,8 @@ class Nomp4d:
             places = np.concatenate([places, fit.places])
             offsets = np.concatenate([offsets, splits.offsets])
             gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
-        chosen = _choose(places, gain, np.arange(len(places)) < n_new)
+        room = self.max_scatterers - (0 if fit is None else len(fit))
+        chosen = _choose(places, gain, np.arange(len(places)) < n_new)[: max(room, 0)]
         split = chosen[chosen >= n_new]
         return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 

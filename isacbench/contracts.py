@@ -178,6 +178,9 @@ class Diagnosis:
         Spectra of the strongest detected cell, empty where nothing was detected.
     cell : (int, int) or None
         Range and Doppler bin of that cell, None where nothing was detected.
+    separated : bool or None
+        Whether signal and noise subspaces of that cell are separated, so that
+        their directions are more than rounding; None where there are none.
     """
 
     power: NDArray[np.float64]
@@ -186,6 +189,7 @@ class Diagnosis:
     doppler_bins: NDArray[np.int64]
     spectra: tuple[Spectrum, ...]
     cell: tuple[int, int] | None
+    separated: bool | None = None
 
 
 @runtime_checkable

@@ -159,3 +159,16 @@ def test_a_frame_takes_a_format_that_can_be_streamed(scenario, tmp_path, name):
     assert shown.exit_code == 2
     assert ".npy" in shown.stderr
     assert not (tmp_path / name).exists()
+
+
+def test_a_frame_and_an_image_may_be_free_of_noise(scenario, tmp_path):
+    shown = run(
+        "simulate", "-s", scenario, "--snr", "inf", "--precision", "double", "-o", tmp_path / "frame.npy"
+    )
+    assert shown.exit_code == 0, shown.stderr
+    for source in (("--snr", "inf"), ("--cube", tmp_path / "frame.npy")):
+        shown = run("image", "-s", scenario, "-e", "esprit2d", "-o", tmp_path / "cloud.csv", *source)
+        assert shown.exit_code == 0, shown.stderr
+        cloud = read_cloud(tmp_path / "cloud.csv")
+        assert len(cloud) == 3
+        np.testing.assert_allclose(np.sort(cloud.xyz[:, 0]), [4, 14, 25], atol=1e-6)

@@ -145,3 +145,30 @@ def test_a_detector_that_two_entries_of_a_suite_yield_is_refused(plugins, tiny):
                 trials=1,
             )
         )
+
+
+REMARKING = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+from isacbench.remarks import remark
+
+
+@dataclass(frozen=True)
+class Open:
+    """Leaves everything open."""
+
+    name: ClassVar[str] = "open"
+
+    def estimate(self, observation):
+        remark("unseparated", 3, 4)
+        return PointCloud.empty() if hasattr(PointCloud, "empty") else PointCloud([[0, 0, 0]], [0], [1])
+'''
+
+
+def test_an_image_tells_what_its_estimator_remarked(cli, write_plugin):
+    write_plugin("remarking.py", REMARKING)
+    result = cli("image", "-s", "tiny.toml", "--plugin", "remarking.py", "-e", "open")
+    assert result.exit_code == 0, result.output
+    assert "3 of 4 subspaces: signal and noise not separated" in result.output

@@ -16,11 +16,12 @@ from isacbench.userfiles import open_own
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from collections.abc import Set as AbstractSet
 
 __all__ = ["cannot_be_written", "default_folder", "open_folder", "replacing"]
 
 LOCK = ".lock"
-RUN_FILES = {LOCK, "manifest.json", "results.parquet", "journal.jsonl"}
+RUN_FILES = frozenset({LOCK, "manifest.json", "results.parquet", "journal.jsonl"})
 """A folder with one of them is the folder of a run."""
 
 
@@ -30,7 +31,9 @@ def default_folder(suite_name: str) -> Path:
 
 
 @contextmanager
-def open_folder(folder: Path | None) -> Iterator[Path]:
+def open_folder(
+    folder: Path | None, files: AbstractSet[str] = RUN_FILES, what: str = "a run"
+) -> Iterator[Path]:
     """Create the folder of a run or enter an existing one, and keep other runs out of it.
 
     Parameters
@@ -38,6 +41,10 @@ def open_folder(folder: Path | None) -> Iterator[Path]:
     folder : Path or None
         None for a temporary one. A folder that is new and left without a
         file is taken away again.
+    files : set of str
+        Names of which an existing folder must have one.
+    what : str
+        Whose folder it then is, in words.
 
     Raises
     ------
@@ -49,7 +56,7 @@ def open_folder(folder: Path | None) -> Iterator[Path]:
         with TemporaryDirectory(prefix="isacbench-") as temporary:
             yield Path(temporary)
         return
-    is_new = _create(folder)
+    is_new = _create(folder, files, what)
     with _locked(folder):
         try:
             yield folder
@@ -90,16 +97,16 @@ def cannot_be_written(path: Path, error: OSError) -> InputError:
     )
 
 
-def _create(folder: Path) -> bool:
+def _create(folder: Path, files: AbstractSet[str], what: str) -> bool:
     """Create a folder unless it exists; whether it is new."""
     try:
         folder.mkdir(parents=True)
     except FileExistsError as error:
         names = _names(folder)
-        if names and not names & RUN_FILES:
+        if names and not names & files:
             raise InputError(
-                f"{folder}: exists and is not the folder of a run; allowed are a new folder, an empty one, "
-                "or that of a run to go on with; nothing was overwritten"
+                f"{folder}: exists and is not the folder of {what}; allowed are a new folder, an empty one, "
+                f"or that of {what} to go on with; nothing was overwritten"
             ) from error
         return False
     except (OSError, ValueError) as error:

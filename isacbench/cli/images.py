@@ -44,7 +44,7 @@ def image(
         typer.Option("--transmitted", metavar="FILE", help="Grid that the cube is to be divided by."),
     ] = None,
     snr: Annotated[
-        str | None, typer.Option("--snr", metavar="DB", help="SNR in dB; default 10, none with a cube.")
+        str | None, typer.Option("--snr", metavar="DB|inf", help="SNR in dB; default 10, none with a cube.")
     ] = None,
     trial: Annotated[int | None, TRIAL] = None,
     seed: Annotated[int | None, SEED] = None,
@@ -66,6 +66,7 @@ def image(
     from isacbench.model.echo import observe
     from isacbench.model.scenario import load_scenario
     from isacbench.registry import build_estimator
+    from isacbench.remarks import Remarks
 
     if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
@@ -85,7 +86,7 @@ def image(
     start = time.perf_counter()
     try:
         # Small batched algebra is slower on several threads, and much so where others use the cores.
-        with threadpool_limits(limits=1):
+        with threadpool_limits(limits=1), Remarks() as remarks:
             cloud = estimate_cloud(imager, observation, scene.truth)
     except InputError:
         raise
@@ -100,6 +101,8 @@ def image(
 
         draw_image(plot, observation, scene.truth, cloud, title)
     say(f"{title}: {len(cloud)} points in {1e3 * elapsed_s:.1f} ms")
+    for sentence in remarks.sentences():
+        typer.echo(sentence)
     if len(scene.truth):  # a scene of noise alone can be looked at, not scored
         velocity_bin_mps = scene.system.velocity_bin_mps
         print_scores(score(scene.truth, cloud, region=scene.region, velocity_bin_mps=velocity_bin_mps))
@@ -111,7 +114,7 @@ def simulate(
         Path, typer.Option("-o", "--out", metavar="FILE", help="New file: .npy, .h5, .hdf5 or .zarr.")
     ],
     scenario: Annotated[str, SCENARIO] = "street",
-    snr: Annotated[str, typer.Option("--snr", metavar="DB", help="SNR in dB.")] = DEFAULT_SNR,
+    snr: Annotated[str, typer.Option("--snr", metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
     trial: Annotated[int, TRIAL] = 0,
     seed: Annotated[int, SEED] = 0,
     precision: Annotated[
@@ -199,9 +202,11 @@ def _dtype(precision: str) -> np.dtype[Any]:
 
 
 def _one_snr(text: str) -> float:
-    """Parse a single SNR."""
+    """Parse a single SNR; without noise it is infinite."""
     from isacbench.bench.suite import parse_snr
 
+    if text.strip() == "inf":
+        return math.inf
     values = parse_snr(text)
     if len(values) != 1:
         raise InputError(f"SNR {text!r}: allowed is one number, an image has one SNR")

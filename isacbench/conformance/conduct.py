@@ -98,8 +98,14 @@ def refuse_prints(act: Callable[[], object]) -> None:
         )
 
 
-def refuse_warnings(act: Callable[[], Result]) -> Result:
+def refuse_warnings(act: Callable[[], Result], hint: str = "") -> Result:
     """Refuse a call that warns, of anything but what is outdated in its own libraries.
+
+    Parameters
+    ----------
+    act : callable
+    hint : str
+        How to mend it, said after the warning.
 
     Raises
     ------
@@ -111,9 +117,7 @@ def refuse_warnings(act: Callable[[], Result]) -> Result:
         result = act()
     told = [warning for warning in caught if not issubclass(warning.category, HARMLESS)]
     if told:
-        raise BrokenContractError(
-            f"warns {told[0].category.__name__}: {told[0].message}: expect input without any echo"
-        )
+        raise BrokenContractError(f"warns {told[0].category.__name__}: {told[0].message}{hint}")
     return result
 
 

@@ -238,7 +238,7 @@ def _takes_small_maps(subject: DetectorSubject) -> str:
 
 
 def _takes_silence(subject: DetectorSubject) -> str:
-    detection = refuse_warnings(lambda: subject.detect(np.zeros(SHAPE)))
+    detection = refuse_warnings(lambda: subject.detect(np.zeros(SHAPE)), ": expect a map without any power")
     if np.any(detection.mask):
         raise BrokenContractError(
             f"detects {np.count_nonzero(detection.mask)} cells of a map that is zero everywhere: a detected "

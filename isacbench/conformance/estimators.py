@@ -36,6 +36,7 @@ MISS_CELLS = 2.0
 """Rayleigh cells beyond which a lone strong echo counts as missed."""
 
 POWER_FACTOR = 10.0
+WITHOUT_ECHO = ": expect input without any echo"
 
 
 class EstimatorSubject(PluginSubject):
@@ -270,7 +271,7 @@ def _takes_silence(subject: EstimatorSubject) -> str:
 
 def _seen_calmly(subject: EstimatorSubject, shot: Shot) -> str:
     """Image a scene without an echo: hardly a point, and no warning."""
-    cloud = refuse_warnings(lambda: subject.image(shot))
+    cloud = refuse_warnings(lambda: subject.image(shot), WITHOUT_ECHO)
     if len(cloud) > shot.n_reachable // 2:
         raise BrokenContractError(
             f"{len(cloud)} points where there is no echo, in {shot.n_reachable} cells: test cells against a "

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, Literal, TypeVar
 
-__all__ = ["BrokenContractError", "Check", "DoubtfulError", "Finding", "Status", "run_checks"]
+__all__ = ["BrokenContractError", "Check", "DoubtfulError", "Finding", "Status", "raised_at", "run_checks"]
 
 Status = Literal["ok", "warning", "failed", "skipped"]
 
@@ -102,7 +102,12 @@ def _found(check: Check[Subject], subject: Subject) -> Finding:
     except BrokenContractError as error:
         return Finding(check.name, "failed", str(error))
     except (Exception, SystemExit) as error:
-        return Finding(check.name, "failed", f"raises {type(error).__name__}: {error} ({_place(error)})")
+        return Finding(check.name, "failed", raised_at(error))
+
+
+def raised_at(error: BaseException) -> str:
+    """Say what was raised, and where."""
+    return f"raises {type(error).__name__}: {error} ({_place(error)})"
 
 
 def _place(error: BaseException) -> str:

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 from isacbench.cubes.transform import available_cores
 from isacbench.cubes.writing import create_cube
 from isacbench.dsp.partialdft import doppler_rows, range_rows, transform_block
+from isacbench.errors import require
 from isacbench.model.echo import Simulator, random_stream, resource_grid, white_gaussian
 
 if TYPE_CHECKING:
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 __all__ = ["FrameSimulator", "write_frame"]
 
 Complex = NDArray[np.complex128]
+
+LARGEST_SINGLE = 1e30
+"""Amplitude up to which, and from whose reciprocal on, sums in single precision keep their digits."""
 
 BLOCK_SUBCARRIERS = 16
 """Subcarriers of a block: 15 MB in double precision at the paper's size. The noise follows from it."""
@@ -54,11 +58,16 @@ class FrameSimulator:
         self._scenario = scenario
         self._trial, self._seed = trial, seed
         simulator = Simulator(scenario)
-        self._noise_amplitude = np.sqrt(simulator.noise_power(snr_db))
+        self._noise_amplitude = simulator.noise_amplitude(snr_db)
         self._wanted = simulator.unit_noise(trial, seed) if self._noise_amplitude else None
         system, gate = scenario.system, simulator.gate
         self._along_range = range_rows(gate.range_bins, system.n_subcarriers)
         self._along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
+
+    @property
+    def amplitude(self) -> float:
+        """What the numbers of the frame are like: the roots of echo and noise power together."""
+        return self._scenario.scatterers.total_amplitude + self._noise_amplitude
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -133,6 +142,13 @@ class FrameSimulator:
                 yield from zip(together, threads.map(work, together), strict=True)
 
 
+def _require_fit(amplitude: float, dtype: np.dtype[Any]) -> None:
+    """Refuse amplitudes that lose digits, or all, in single precision."""
+    fits = amplitude == 0 or dtype != np.complex64 or 1 / LARGEST_SINGLE <= amplitude <= LARGEST_SINGLE
+    limits = f"in complex64 0 and from {1 / LARGEST_SINGLE:g} to {LARGEST_SINGLE:g}; complex128 holds it"
+    require(fits, "amplitude of the frame", amplitude, limits)
+
+
 def write_frame(
     frame: FrameSimulator,
     path: str | Path,
@@ -154,8 +170,10 @@ def write_frame(
     Raises
     ------
     InputError
-        If the file exists or cannot be written, or its name is of no format.
+        If the file exists or cannot be written, its name is of no format, or
+        the frame's numbers are too large or too small for its precision.
     """
+    _require_fit(frame.amplitude, np.dtype(dtype))
     n_subcarriers = frame.shape[0]
     with create_cube(path, frame.shape, dtype) as file:
         # Whole chunks of the file: parts of them would be compressed and written again and again.

@@ -46,6 +46,9 @@ N_NUISANCE = 2
 
 N_PARAMETERS = 4
 
+LEAST_SNR, MOST_SNR = 1e-250, 1e250
+"""|G|²/σ² for which variances are numbers, even of scatterers that are hardly told apart."""
+
 NEGLIGIBLE = 1e-3
 """Share of a variance that may be lost to rounding before the variance is called infinite."""
 
@@ -167,7 +170,8 @@ def single_bound(
     Raises
     ------
     InputError
-        If the elements that are used do not determine all four parameters.
+        If the elements that are used do not determine all four parameters, or
+        a ratio is none.
 
     Examples
     --------
@@ -177,7 +181,7 @@ def single_bound(
     (0.011, 0.0045)
     """
     snr = np.asarray(snr, dtype=np.float64)
-    require(bool(np.all(snr > 0)), "snr", snr, "a positive ratio")
+    _require_snr(snr, "snr", snr)
     aperture = _aperture(system, array_shape, sensing)
     # The centroid is the origin of the slopes, so that second moments are covariances.
     slopes = aperture.moments()[1:, 1:]
@@ -229,7 +233,8 @@ def joint_bound(
     ------
     InputError
         If the elements that are used do not determine all four parameters of
-        a scatterer alone, or an amplitude is 0.
+        a scatterer alone, or an amplitude is 0 or so far from the noise that
+        variances leave the floating-point range.
 
     References
     ----------
@@ -263,7 +268,10 @@ def joint_bound(
     places = np.array(list(given.values()), dtype=np.float64)
     require(bool(np.all(np.isfinite(places))), "range_m, velocity_mps, u, w", places, "finite numbers")
     require(bool(np.all(np.isfinite(gain) & (gain != 0))), "amplitude", gain, "a number other than 0")
-    require(noise_power > 0, "noise_power", noise_power, "a positive power")
+    require(0 < noise_power < np.inf, "noise_power", noise_power, "a positive power")
+    # Of amplitudes first: their squares, or the noise over them, may not be numbers.
+    root_snr = np.abs(gain) / np.sqrt(noise_power)
+    _require_snr(np.minimum(root_snr, np.sqrt(np.finfo(np.float64).max)) ** 2, "amplitude", gain)
     aperture = _aperture(system, array_shape, sensing)
     places /= aperture.units[:, None]
     fisher, scale = _unit_fisher(aperture, places, np.angle(gain))
@@ -318,6 +326,12 @@ def position_covariance(
     into_space = into_space[known]
     transported[known] = into_space @ covariance[known] @ into_space.transpose(0, 2, 1)
     return transported
+
+
+def _require_snr(snr: Floats, name: str, value: ArrayLike) -> None:
+    """Refuse what is no ratio, or one beyond all numbers."""
+    allowed = bool(np.all((snr >= LEAST_SNR) & (snr <= MOST_SNR)))
+    require(allowed, name, value, f"a positive ratio |G|²/σ² from {LEAST_SNR:g} to {MOST_SNR:g}")
 
 
 class _Aperture:

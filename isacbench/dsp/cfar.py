@@ -18,6 +18,12 @@ cell gets the exact factor for the training cells it then has. Nothing is
 padded. Training 0 and guard 0 along an axis treat its positions as
 independent maps.
 
+Powers: every finite float64 that is not negative, subnormal numbers and the
+largest included. Noise is right to some 1e-14 of itself (or to the smallest
+float64) whatever lies beside a cell, and a threshold is the largest float64
+not above factor times noise where that is no float64, so that masks do not
+depend on the unit of the map (`isacbench.dsp.cfar_scale`).
+
 Cells under test: all of the map, or those of the list `cells`, with the same
 values to the last bit at a cost that follows the list.
 """

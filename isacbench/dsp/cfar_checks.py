@@ -24,6 +24,7 @@ __all__ = [
     "check_fraction",
     "check_threshold",
     "checked_axis",
+    "checked_extent",
     "checked_list",
     "checked_power",
     "share_of",
@@ -137,18 +138,25 @@ def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
         If the map is complex or empty, holds NaN, infinite or negative power,
         or if `looks` is out of range.
     """
+    return checked_extent(power, looks)[0]
+
+
+def checked_extent(power: ArrayLike, looks: int) -> tuple[NDArray[np.float64], float]:
+    """Give a power map in float64, as `checked_power` does, and the power of its strongest cell."""
     check_looks(looks)
     given = np.asarray(power)
     if given.dtype.kind not in "fiu":
         raise InputError(f"the power map holds {given.dtype}: real numbers are allowed, take |.|² first")
     if given.ndim == 0 or given.size == 0:
         raise InputError(f"the power map has shape {given.shape}: at least one axis and one cell are needed")
-    cells = np.asarray(given, dtype=np.float64)
+    # What no float64 holds is infinite, and refused.
+    with np.errstate(over="ignore", under="ignore"):
+        cells = np.asarray(given, dtype=np.float64)
     lowest, highest = float(cells.min()), float(cells.max())
     # Both are NaN as soon as one cell is.
     if not 0 <= lowest <= highest < math.inf:
         raise InputError(f"the power map spans {lowest} to {highest}: finite powers >= 0 are allowed")
-    return cells
+    return cells, highest
 
 
 def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
@@ -215,7 +223,8 @@ def spread(
         per_axis = sizes if isinstance(sizes, tuple) else (sizes,) * n_axes
         if len(per_axis) != n_axes:
             raise InputError(f"{name} = {sizes}: the map has {n_axes} axes, give one number or {n_axes}")
-        per_side.append(per_axis)
+        # A NumPy integer may be too narrow for the size of the window.
+        per_side.append(tuple(int(size) for size in per_axis))
     return per_side[0], per_side[1]
 
 

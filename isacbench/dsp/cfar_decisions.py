@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.contracts import Detection
+from isacbench.dsp.cfar_scale import at_most_largest
 from isacbench.dsp.cfar_windows import ListedWindows, MapWindows
-from isacbench.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -54,9 +54,7 @@ def estimate_listed(
     """Estimate the noise of listed cells, as many at a time as fill little memory."""
     parts = []
     for some in chunks(axes, cells):
-        # A noise that overflows becomes a threshold that is refused.
-        with np.errstate(over="ignore"):
-            noise, key = estimate(ListedWindows(axes, some))
+        noise, key = estimate(ListedWindows(axes, some))
         parts.append((noise, np.broadcast_to(key, noise.shape)))
     noises, keys = zip(*parts, strict=True)
     return np.concatenate(noises), np.concatenate(keys)
@@ -124,9 +122,7 @@ def _detect_map(
     last_key, factor = np.empty(0, dtype=np.intp), np.empty(0)
     for start in range(0, len(power), n_rows):
         rows = slice(start, min(start + n_rows, len(power)))
-        # A noise that overflows becomes a threshold that is refused.
-        with np.errstate(over="ignore"):
-            noise, key = estimate(MapWindows(axes, range(rows.start, rows.stop)), power)
+        noise, key = estimate(MapWindows(axes, range(rows.start, rows.stop)), power)
         # Strips between the edges have the same factors.
         if not np.array_equal(key, last_key):
             last_key, factor = key, factor_map(key, factor_of)
@@ -152,30 +148,16 @@ def factor_map(keys: Counts, factor_of: Callable[[int], float]) -> Floats:
 
 
 def decide(power: Floats, noise: Floats, factor: Floats) -> Detection:
-    """Compare powers with factor times noise; factors broadcast.
-
-    Raises
-    ------
-    InputError
-        If a threshold overflows.
-    """
+    """Compare powers with factor times noise; factors broadcast."""
     threshold = thresholds(noise, factor)
     return Detection(mask=power > threshold, threshold=threshold, noise=noise)
 
 
 def thresholds(noise: Floats, factor: Floats, out: Floats | None = None) -> Floats:
-    """Multiply factors and noise.
-
-    Raises
-    ------
-    InputError
-        If a threshold overflows.
-    """
+    """Multiply factors and noise; what overflows is the largest float64, which no power exceeds."""
     with np.errstate(over="ignore"):
         product: Floats = np.multiply(factor, noise, out=out)
-    if not product.max(initial=0.0) < np.inf:
-        raise InputError("the power is too large: a threshold overflows float64; scale the map down")
-    return product
+    return at_most_largest(product)
 
 
 def chunks(axes: tuple[Axis, ...], cells: Cells) -> Iterator[Cells]:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from isacbench.contracts import Detection
-from isacbench.dsp.cfar_checks import check_threshold, checked_axis, checked_list, checked_power, spread
+from isacbench.dsp.cfar_checks import check_threshold, checked_axis, checked_list, spread
 from isacbench.dsp.cfar_decisions import detect_by_sums
+from isacbench.dsp.cfar_scale import ScaledMap
 from isacbench.dsp.cfar_windows import window_axes
 from isacbench.dsp.factor_checks import check_pfa
 from isacbench.dsp.factor_means import ca_factor, goca_factor, paper_factor, soca_factor
@@ -82,7 +83,8 @@ def ca_cfar(
     >>> np.argwhere(ca_cfar(power, training=3, guard=1, pfa=1e-3).mask).tolist()
     [[4, 7]]
     """
-    values = checked_power(power, looks)
+    scaled = ScaledMap.of(power, looks)
+    values = scaled.values
     train, keep = spread(training, guard, values.ndim)
     check_pfa(pfa)
     check_threshold(threshold)
@@ -96,7 +98,8 @@ def ca_cfar(
     def factor_of(n_training: int) -> float:
         return ca_factor(pfa, n_training, looks) if threshold == "exact" else paper_factor(pfa, n_training)
 
-    return detect_by_sums(values, axes, listed, estimate, factor_of)
+    found = detect_by_sums(values, axes, listed, estimate, factor_of)
+    return scaled.unscaled(found, cells)
 
 
 def goca_cfar(
@@ -250,7 +253,8 @@ def _chosen_half(
     cells: Cells | None,
     greatest: bool,
 ) -> Detection:
-    values = checked_power(power, looks)
+    scaled = ScaledMap.of(power, looks)
+    values = scaled.values
     split = checked_axis("split_axis", split_axis, values.ndim)
     train, keep = (moved_first(sizes, split) for sizes in spread(training, guard, values.ndim))
     check_pfa(pfa)
@@ -278,7 +282,7 @@ def _chosen_half(
         return (goca_factor if greatest else soca_factor)(pfa, halves, looks)
 
     found = detect_by_sums(values, axes, listed, estimate, factor_of)
-    return found if listed is not None else moved_back(found, split)
+    return scaled.unscaled(found if listed is not None else moved_back(found, split), cells)
 
 
 def moved_first(per_axis: tuple[T, ...], axis: int) -> tuple[T, ...]:

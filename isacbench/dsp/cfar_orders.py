@@ -14,12 +14,12 @@ from isacbench.dsp.cfar_checks import (
     check_threshold,
     checked_axis,
     checked_list,
-    checked_power,
     share_of,
     spread,
 )
 from isacbench.dsp.cfar_decisions import decide, detect_by_sums, estimate_by_sorting, factor_map
 from isacbench.dsp.cfar_means import moved_back, moved_first
+from isacbench.dsp.cfar_scale import ScaledMap
 from isacbench.dsp.cfar_windows import ListedWindows, window_axes
 from isacbench.dsp.factor_checks import check_pfa
 from isacbench.dsp.factor_means import paper_factor
@@ -109,7 +109,8 @@ def osca_cfar(
     >>> np.argwhere(osca_cfar(power, training=4, guard=None, pfa=1e-3).mask).tolist()
     [[4, 7]]
     """
-    values = checked_power(power, looks)
+    scaled = ScaledMap.of(power, looks)
+    values = scaled.values
     order = checked_axis("order_axis", order_axis, values.ndim)
     keep_all = 0 if guard is None else guard
     train, keep = (moved_first(sizes, order) for sizes in spread(training, keep_all, values.ndim))
@@ -148,7 +149,7 @@ def osca_cfar(
         return osca_factor(pfa, columns, looks)
 
     found = detect_by_sums(values, axes, listed, estimate, factor_of, _MAP_COST)
-    return found if listed is not None else moved_back(found, order)
+    return scaled.unscaled(found if listed is not None else moved_back(found, order), cells)
 
 
 def tm_cfar(
@@ -215,7 +216,8 @@ def tm_cfar(
     >>> np.argwhere(tm_cfar(power, training=3, guard=1, pfa=1e-3).mask).tolist()
     [[4, 7]]
     """
-    values = checked_power(power, looks)
+    scaled = ScaledMap.of(power, looks)
+    values = scaled.values
     train, keep = spread(training, guard, values.ndim)
     check_pfa(pfa)
     check_threshold(threshold)
@@ -238,7 +240,8 @@ def tm_cfar(
         return tm_factor(pfa, n_training, trimmed(n_training), looks)
 
     noise, n_training = estimate_by_sorting(values, axes, listed, estimate)
-    return decide(values if listed is None else values[listed], noise, factor_map(n_training, factor_of))
+    found = decide(values if listed is None else values[listed], noise, factor_map(n_training, factor_of))
+    return scaled.unscaled(found, cells)
 
 
 def check_trim(trim_low: float, trim_high: float) -> None:

@@ -13,11 +13,11 @@ from isacbench.dsp.cfar_checks import (
     check_fraction,
     check_threshold,
     checked_list,
-    checked_power,
     share_of,
     spread,
 )
 from isacbench.dsp.cfar_decisions import chunks, estimate_by_sorting, factor_map, thresholds
+from isacbench.dsp.cfar_scale import ScaledMap, unscaled_noise, unscaled_threshold
 from isacbench.dsp.cfar_windows import Axis, ListedWindows, window_axes
 from isacbench.dsp.factor_checks import check_pfa
 from isacbench.dsp.factor_means import paper_factor
@@ -157,6 +157,8 @@ class _OsTest(NamedTuple):
     exact: bool
     looks: int
     rank_fraction: float
+    exponent: int
+    """Of the power of two that the map is scaled by."""
 
     @classmethod
     def of(
@@ -170,14 +172,16 @@ class _OsTest(NamedTuple):
         rank_fraction: float,
         cells: Cells | None,
     ) -> _OsTest:
-        values = checked_power(power, looks)
+        scaled = ScaledMap.of(power, looks, sums=False)
+        values = scaled.values
         train, keep = spread(training, guard, values.ndim)
         check_pfa(pfa)
         check_threshold(threshold)
         check_fraction("rank_fraction", rank_fraction, 0, 1)
         axes = window_axes(values.shape, train, keep)
         listed = None if cells is None else checked_list(cells, values.shape)
-        return cls(values, axes, listed, pfa, threshold == "exact", looks, rank_fraction)
+        exact = threshold == "exact"
+        return cls(values, axes, listed, pfa, exact, looks, rank_fraction, scaled.exponent)
 
     def rank(self, n_training: int) -> int:
         return max(1, share_of(self.rank_fraction, n_training))
@@ -294,11 +298,12 @@ class _LazyDetection(Detection):
     @cached_property
     def noise(self) -> Floats:
         """Order statistic of each cell's training cells."""
-        return self._estimate[0]
+        test: _OsTest = self.__dict__["_test"]
+        return unscaled_noise(self._estimate[0], test.exponent)
 
     @cached_property
     def threshold(self) -> Floats:
         """Threshold of each cell."""
         test: _OsTest = self.__dict__["_test"]
         noise, n_training = self._estimate
-        return thresholds(noise, factor_map(n_training, test.factor))
+        return unscaled_threshold(thresholds(noise, factor_map(n_training, test.factor)), test.exponent)

@@ -150,7 +150,10 @@ def window_axes(
     axes = tuple(Axis(*sizes) for sizes in zip(shape, training, guard, strict=True))
     if any(axis.n_window > axis.length for axis in axes):
         window = tuple(axis.n_window for axis in axes)
-        raise InputError(f"the window of {window} cells is larger than the map of {shape} cells")
+        raise InputError(
+            f"the window of {window} cells is larger than the map of {shape} cells: "
+            "fewer training or guard cells per side, or a larger map, are needed"
+        )
     return axes
 
 

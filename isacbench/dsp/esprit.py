@@ -28,8 +28,10 @@ __all__ = ["EspritDirections", "most_sources", "unitary_esprit"]
 
 Floats = NDArray[np.float64]
 
-DIAGONAL_LOADING = 1e-13
-"""Of the normal equations, whose diagonal is at most 1: keeps them soluble where an invariance is void."""
+SMALLEST_PIVOT = 2.0**-26
+"""Of equations whose columns have at most norm 1: keeps them soluble where an invariance is void, as for a
+source at the very edge of the visible region, whose tangent is infinite. The root of rounding: that source
+is right to 1e-8, and its tangent leaves as many digits to the others."""
 
 
 UNRELIABLE = 0.4
@@ -114,8 +116,12 @@ def _invariance(lines: Floats, n_sources: int) -> Floats:
     n, n_line, n_others = lines.shape
     rows = (n, (n_line - 1) * n_others // n_sources, n_sources)
     even, odd = ((selection @ lines).reshape(rows) for selection in _selections(n_line))
-    normal = even.transpose(0, 2, 1) @ even + DIAGONAL_LOADING * np.eye(n_sources)
-    return np.asarray(np.linalg.solve(normal, even.transpose(0, 2, 1) @ odd), dtype=np.float64)
+    # Orthogonalised: normal equations would have half the digits near that edge.
+    rotation, triangle = np.linalg.qr(even)
+    pivot = np.einsum("nii->ni", triangle)
+    small = np.abs(pivot) < SMALLEST_PIVOT
+    triangle += np.where(small, np.copysign(SMALLEST_PIVOT, pivot) - pivot, 0)[:, None, :] * np.eye(n_sources)
+    return np.asarray(np.linalg.solve(triangle, rotation.transpose(0, 2, 1) @ odd), dtype=np.float64)
 
 
 @lru_cache

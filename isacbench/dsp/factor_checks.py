@@ -14,7 +14,14 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["check_looks", "check_pfa", "check_training", "solve_factor"]
+__all__ = [
+    "check_looks",
+    "check_pfa",
+    "checked_factor",
+    "checked_looks",
+    "checked_training",
+    "solve_factor",
+]
 
 LEAST_PFA, MOST_PFA = 1e-30, 0.999999
 """Rates between which factors without a closed form are found."""
@@ -50,12 +57,29 @@ def check_looks(looks: int) -> None:
     InputError
         If `looks` is not a whole number or is below 1.
     """
+    checked_looks(looks)
+
+
+def checked_looks(looks: int) -> int:
+    """Give a number of looks as an int, which no product overflows.
+
+    Parameters
+    ----------
+    looks : int
+        Independent noise powers that each cell averages.
+
+    Raises
+    ------
+    InputError
+        If `looks` is not a whole number or is below 1.
+    """
     if not isinstance(looks, Integral) or looks < 1:
         raise InputError(f"looks = {looks!r}: a whole number of averaged powers, at least 1, is allowed")
+    return int(looks)
 
 
-def check_training(n_training: int) -> None:
-    """Refuse a number of training cells that is not a whole number of at least one.
+def checked_training(n_training: int) -> int:
+    """Give a number of training cells as an int, which no product overflows.
 
     Parameters
     ----------
@@ -69,6 +93,28 @@ def check_training(n_training: int) -> None:
     """
     if not isinstance(n_training, Integral) or n_training < 1:
         raise InputError(f"n_training = {n_training!r}: at least one training cell is needed")
+    return int(n_training)
+
+
+def checked_factor(factor: float, pfa: float) -> float:
+    """Give a factor, unless it overflows.
+
+    Parameters
+    ----------
+    factor : float
+    pfa : float
+        Probability of false alarm that it belongs to, for the message.
+
+    Raises
+    ------
+    InputError
+        If `factor` is not finite.
+    """
+    if not math.isfinite(factor):
+        raise InputError(
+            f"pfa = {pfa}: the factor overflows float64, take a larger rate or more training cells"
+        )
+    return factor
 
 
 def solve_factor(rate: Callable[[float], float], pfa: float, near: float | None = None) -> float:

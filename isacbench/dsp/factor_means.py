@@ -8,7 +8,13 @@ from functools import lru_cache
 import numpy as np
 from scipy import special
 
-from isacbench.dsp.factor_checks import check_looks, check_pfa, check_training, solve_factor
+from isacbench.dsp.factor_checks import (
+    check_pfa,
+    checked_factor,
+    checked_looks,
+    checked_training,
+    solve_factor,
+)
 from isacbench.errors import InputError
 
 __all__ = ["ca_factor", "ca_rate", "goca_factor", "goca_rate", "paper_factor", "soca_factor", "soca_rate"]
@@ -37,7 +43,7 @@ def paper_factor(pfa: float, n_training: int) -> float:
     Raises
     ------
     InputError
-        If `pfa` or `n_training` is out of range.
+        If `pfa` or `n_training` is out of range, or the factor overflows.
 
     References
     ----------
@@ -49,8 +55,10 @@ def paper_factor(pfa: float, n_training: int) -> float:
     0.100694
     """
     check_pfa(pfa)
-    check_training(n_training)
-    return math.expm1(-math.log(pfa) / n_training)
+    # The exponential of NumPy overflows to infinity, that of the standard library raises.
+    with np.errstate(over="ignore"):
+        factor = float(np.expm1(-math.log(pfa) / checked_training(n_training)))
+    return checked_factor(factor, pfa)
 
 
 def ca_rate(factor: float, n_training: int, looks: int = 1) -> float:
@@ -83,8 +91,7 @@ def ca_rate(factor: float, n_training: int, looks: int = 1) -> float:
     >>> round(ca_rate(7.249980, 72), 9)
     0.001
     """
-    check_training(n_training)
-    check_looks(looks)
+    n_training, looks = checked_training(n_training), checked_looks(looks)
     return float(special.betainc(looks * n_training, looks, n_training / (n_training + factor)))
 
 
@@ -112,7 +119,7 @@ def ca_factor(pfa: float, n_training: int, looks: int = 1) -> float:
     Raises
     ------
     InputError
-        If `pfa`, `n_training` or `looks` is out of range.
+        If `pfa`, `n_training` or `looks` is out of range, or the factor overflows.
 
     References
     ----------
@@ -126,13 +133,14 @@ def ca_factor(pfa: float, n_training: int, looks: int = 1) -> float:
     7.24998
     """
     check_pfa(pfa)
-    check_training(n_training)
-    check_looks(looks)
+    n_training, looks = checked_training(n_training), checked_looks(looks)
     # The share of the cell under test in the total power is beta distributed; it and its
     # complement are inverted separately, since one of them may be tiny.
     share = special.betainccinv(looks, looks * n_training, pfa)
     rest = special.betaincinv(looks * n_training, looks, pfa)
-    return n_training * float(share / rest)
+    with np.errstate(over="ignore"):
+        factor = n_training * float(share / rest)
+    return checked_factor(factor, pfa)
 
 
 def goca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
@@ -292,7 +300,7 @@ def soca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
 
 def _chosen_half_factor(pfa: float, halves: tuple[int, int], looks: int, greatest: bool) -> float:
     check_pfa(pfa)
-    check_looks(looks)
+    looks = checked_looks(looks)
     _check_halves(halves)
     if 0 in halves:
         return ca_factor(pfa, sum(halves), looks)
@@ -300,7 +308,7 @@ def _chosen_half_factor(pfa: float, halves: tuple[int, int], looks: int, greates
 
 
 def _chosen_half_rate(factor: float, halves: tuple[int, int], looks: int, greatest: bool) -> float:
-    check_looks(looks)
+    looks = checked_looks(looks)
     _check_halves(halves)
     if factor == 0:
         return 1.0

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
-from isacbench.dsp.factor_checks import check_looks, solve_factor
+from isacbench.dsp.factor_checks import checked_looks, solve_factor
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,8 +86,7 @@ def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 
     '0.001000'
     """
     _check_columns(columns)
-    check_looks(looks)
-    return _OscaLaw(columns, looks).rate(factor)
+    return _OscaLaw(columns, checked_looks(looks)).rate(factor)
 
 
 @lru_cache(maxsize=1024)
@@ -121,8 +120,7 @@ def osca_factor(pfa: float, columns: tuple[tuple[int, int], ...], looks: int = 1
     7.262139
     """
     _check_columns(columns)
-    check_looks(looks)
-    return solve_factor(_OscaLaw(columns, looks).rate, pfa)
+    return solve_factor(_OscaLaw(columns, checked_looks(looks)).rate, pfa)
 
 
 class _OscaLaw:

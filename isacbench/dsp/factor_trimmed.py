@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from numbers import Integral
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import optimize, special
 
-from isacbench.dsp.factor_checks import check_looks, check_pfa, check_training, solve_factor
+from isacbench.dsp.factor_checks import check_pfa, checked_looks, checked_training, solve_factor
 from isacbench.dsp.factor_means import ca_factor, ca_rate
 from isacbench.dsp.factor_orders import osca_factor, osca_rate
 from isacbench.errors import InputError
@@ -30,11 +30,13 @@ _TAIL = 1e-60
 _NEGLIGIBLE = -27.0
 # Of a pair of powers, relative to the largest.
 _LEAST_WEIGHT = 1e-11
-_N_COARSE, _N_LINE, _N_PLANE = 24, 96, 36
+_N_COARSE, _N_LINE = 24, 96
 _MOST_ZOOMS = 12
 _LOGIT_SPAN = -70.0, 40.0
 _MOST_MOVES, _SMALL_MOVE = 12, 0.2
-_N_WHOLE, _N_BETWEEN = 64, 12
+_N_WHOLE = 64
+# Where so few cells are trimmed on a side, their law vanishes slowly, and many nodes are needed.
+_FEW_TRIMMED = 2
 # Aliases of the contour sum, relative to the rate, and terms at which it ends.
 _ALIAS, _LAST_TERM = 1e-9, 1e-9
 # Change of the factor, in its logarithm, up to which a law stays accurate.
@@ -85,11 +87,11 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
     smallest of those trimmed above, the cells kept are independent and follow
     a truncated gamma law. L is a power of that law's transform, integrated over
     the two by the trapezoid rule in logarithms. The relative error of the rate
-    is below 1e-8 for windows of some size; with one cell trimmed on both sides
-    or a few training cells in all it reaches some 1e-3, and 1e-2 at
-    P_fa = 1e-30.
+    is below 3e-7, and below 1e-8 where at least three cells are trimmed on
+    either side, from P_fa = 1e-15 up.
     A factor takes about 20 ms with two looks and 60 ms with 256, more above
-    P_fa = 0.1; factors are cached.
+    P_fa = 0.1, and three times as much where one or two cells are trimmed on a
+    side and some on the other; factors are cached.
 
     References
     ----------
@@ -102,7 +104,7 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
     '0.001000'
     """
     _check_trimmed(n_training, trimmed)
-    check_looks(looks)
+    n_training, looks = int(n_training), checked_looks(looks)
     below, above = trimmed
     if factor == 0:
         return 1.0
@@ -112,7 +114,7 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
         return _one_look_rate(factor, n_training, trimmed)
     if below + above == n_training - 1:
         return osca_rate(factor, ((below + 1, n_training),), looks)
-    return _TrimmedLaw(factor, n_training, trimmed, looks).rate(factor)
+    return _TrimmedLaw(factor, n_training, trimmed, looks, _nodes(trimmed)).rate(factor)
 
 
 @lru_cache(maxsize=1024)
@@ -147,7 +149,7 @@ def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int 
     """
     check_pfa(pfa)
     _check_trimmed(n_training, trimmed)
-    check_looks(looks)
+    n_training, looks = int(n_training), checked_looks(looks)
     below, above = trimmed
     if below == above == 0:
         return ca_factor(pfa, n_training, looks)
@@ -159,10 +161,13 @@ def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int 
     found = ca_factor(pfa, n_training, looks) / _rough_mean(n_training, trimmed, looks)
     for _ in range(_MOST_MOVES):
         near = found
-        found = solve_factor(_TrimmedLaw(near, n_training, trimmed, looks).rate, pfa, near)
+        found = solve_factor(_TrimmedLaw(near, n_training, trimmed, looks, _COARSE).rate, pfa, near)
         if abs(math.log(found / near)) < _REACH:
             break
-    return found
+    nodes = _nodes(trimmed)
+    if nodes == _COARSE:
+        return found
+    return solve_factor(_TrimmedLaw(found, n_training, trimmed, looks, nodes).rate, pfa, found)
 
 
 def _one_look_rate(factor: float, n_training: int, trimmed: tuple[int, int]) -> float:
@@ -176,7 +181,7 @@ def _one_look_rate(factor: float, n_training: int, trimmed: tuple[int, int]) -> 
 
 
 def _check_trimmed(n_training: int, trimmed: tuple[int, int]) -> None:
-    check_training(n_training)
+    checked_training(n_training)
     if (
         len(trimmed) != 2
         or not all(isinstance(n, Integral) and n >= 0 for n in trimmed)
@@ -203,14 +208,37 @@ def _guessed_saddle(factor: float, n_training: int, trimmed: tuple[int, int], lo
     return float(logit[log_size.argmin()])
 
 
+class _Nodes(NamedTuple):
+    """Nodes an axis of the plane of two limits, and of the powers between two limits.
+
+    The plane ends where the integrand is `negligible`, a logarithm, beside its
+    largest value: nodes lie the closer, the sooner it ends.
+    """
+
+    plane: int
+    between: int
+    negligible: float = _NEGLIGIBLE
+
+
+_COARSE, _FINE = _Nodes(36, 12), _Nodes(52, 15, -20.0)
+
+
+def _nodes(trimmed: tuple[int, int]) -> _Nodes:
+    """Give the nodes for a rate that is exact to 1e-6 of itself."""
+    return _FINE if 0 < min(trimmed) <= _FEW_TRIMMED else _COARSE
+
+
 class _TrimmedLaw:
     """The false-alarm rate of a trimmed mean as a function of the factor, accurate around one factor.
 
     Powers are gamma distributed with mean `looks` here.
     """
 
-    def __init__(self, factor: float, n_training: int, trimmed: tuple[int, int], looks: int) -> None:
+    def __init__(
+        self, factor: float, n_training: int, trimmed: tuple[int, int], looks: int, nodes: _Nodes
+    ) -> None:
         self._looks = looks
+        self._nodes = nodes
         self._n_kept = n_training - sum(trimmed)
         logit = _guessed_saddle(factor, n_training, trimmed, looks)
         # The nodes depend on the saddle point, and the saddle point, barely, on the nodes.
@@ -227,8 +255,9 @@ class _TrimmedLaw:
 
     def _place_nodes(self, tilted_factor: float, n_training: int, trimmed: tuple[int, int]) -> None:
         looks = self._looks
-        lower, upper, self._log_weight = _limits(n_training, trimmed, looks, tilted_factor / self._n_kept)
-        node, weight = special.roots_legendre(_N_WHOLE if 0 in trimmed else _N_BETWEEN)
+        tilt = tilted_factor / self._n_kept
+        lower, upper, self._log_weight = _limits(n_training, trimmed, looks, tilt, self._nodes)
+        node, weight = special.roots_legendre(_N_WHOLE if 0 in trimmed else self._nodes.between)
         middle, half = (np.log(upper) + np.log(lower)) / 2, np.log(upper / lower) / 2
         log_power = middle[:, np.newaxis] + np.multiply.outer(half, node)
         self._power = np.exp(log_power)
@@ -236,17 +265,25 @@ class _TrimmedLaw:
 
     def _log_size(self, logit: float, factor: float) -> float:
         """Give the logarithm of the contour integrand where it crosses the real axis."""
-        tilt = factor / self._n_kept * special.expit(-logit)
-        kept = (self._density * np.exp(-tilt * self._power)).sum(axis=1)
-        log_transform = special.logsumexp(self._log_weight + self._n_kept * np.log(kept))
+        _, _, log_weight = self._tilted(factor / self._n_kept * special.expit(-logit))
+        log_transform = special.logsumexp(log_weight)
         return float(log_transform - (self._looks - 1) * special.log_expit(logit) - special.log_expit(-logit))
+
+    def _tilted(self, tilt: float) -> tuple[Floats, Floats, Floats]:
+        """Give the tilted density of a kept power, its sum, and the logarithm of the tilted weights.
+
+        The tilt of the least power counts in the weights alone: it may be smaller than any float64.
+        """
+        least = self._power[:, :1]
+        density = self._density * np.exp(tilt * (least - self._power))
+        kept = density.sum(axis=1)
+        log_weight = self._log_weight + self._n_kept * (np.log(kept) - tilt * least[:, 0])
+        return density, kept, log_weight
 
     def rate(self, factor: float) -> float:
         """Give P(power > factor · trimmed mean)."""
         scale, radius = factor / self._n_kept, self._radius
-        density = self._density * np.exp(-scale * (1 - radius) * self._power)
-        kept = density.sum(axis=1)
-        log_weight = self._log_weight + self._n_kept * np.log(kept)
+        density, kept, log_weight = self._tilted(scale * (1 - radius))
         largest = log_weight.max()
         weight = np.exp(log_weight - largest)
         counted = weight > _LEAST_WEIGHT
@@ -269,7 +306,7 @@ class _TrimmedLaw:
 
 
 def _limits(
-    n_training: int, trimmed: tuple[int, int], looks: int, tilt: float
+    n_training: int, trimmed: tuple[int, int], looks: int, tilt: float, nodes: _Nodes
 ) -> tuple[Floats, Floats, Floats]:
     """Give pairs of powers between which the kept cells lie, and the logarithm of their weights.
 
@@ -279,8 +316,10 @@ def _limits(
     in which everything vanishes exponentially and smoothly at both ends.
     """
     log_ways = special.gammaln(n_training + 1) - special.gammaln(n_training - sum(trimmed) + 1)
-    find = _one_limit if 0 in trimmed else _two_limits
-    lower, upper, log_weight = find(n_training, trimmed, looks, 1 + tilt)
+    if 0 in trimmed:
+        lower, upper, log_weight = _one_limit(n_training, trimmed, looks, 1 + tilt)
+    else:
+        lower, upper, log_weight = _two_limits(n_training, trimmed, looks, 1 + tilt, nodes)
     return lower, upper, log_weight + log_ways
 
 
@@ -301,7 +340,7 @@ def _one_limit(
         log_law = _log_edge(log_limit, looks, below + above, trimmed_share)
         return log_law + special.xlogy(n_training - below - above, share)
 
-    log_limit = _zoomed(log_size, [span], _N_LINE)[0]
+    log_limit = _zoomed(log_size, [span], _N_LINE, _NEGLIGIBLE)[0]
     log_weight = _log_edge(log_limit, looks, below + above, trimmed_share)
     log_weight += math.log(log_limit[1] - log_limit[0])
     limit = np.exp(log_limit)
@@ -310,7 +349,7 @@ def _one_limit(
 
 
 def _two_limits(
-    n_training: int, trimmed: tuple[int, int], looks: int, tilted: float
+    n_training: int, trimmed: tuple[int, int], looks: int, tilted: float, nodes: _Nodes
 ) -> tuple[Floats, Floats, Floats]:
     """Find the pairs where cells are trimmed on both sides."""
     below, above = trimmed
@@ -342,7 +381,7 @@ def _two_limits(
         return log_weight + special.xlogy(n_training - below - above, np.maximum(share, 0))
 
     spans = [_order_span(below, n_training, looks), _LOGIT_SPAN]
-    log_lower, logit = _zoomed(log_size, spans, _N_PLANE)
+    log_lower, logit = _zoomed(log_size, spans, nodes.plane, nodes.negligible)
     log_step = math.log((log_lower[1] - log_lower[0]) * (logit[1] - logit[0]))
     log_lower, logit = (part.ravel() for part in np.meshgrid(log_lower, logit))
     upper, log_weight = pair(log_lower, logit)
@@ -370,12 +409,14 @@ def _order_span(rank: int, n_cells: int, looks: int) -> tuple[float, float]:
     return math.log(lower), math.log(upper)
 
 
-def _zoomed(log_size: Callable[..., Floats], spans: list[tuple[float, float]], n_nodes: int) -> list[Floats]:
+def _zoomed(
+    log_size: Callable[..., Floats], spans: list[tuple[float, float]], n_nodes: int, negligible: float
+) -> list[Floats]:
     """Give equidistant nodes along each axis where a function with one peak is not negligible."""
     for _ in range(_MOST_ZOOMS):
         grids = [np.linspace(*span, _N_COARSE) for span in spans]
         size = log_size(*np.meshgrid(*grids, indexing="ij"))
-        matters = np.nonzero(size > size.max() + _NEGLIGIBLE)
+        matters = np.nonzero(size > size.max() + negligible)
         closer = [
             (float(grid[max(index.min() - 1, 0)]), float(grid[min(index.max() + 1, _N_COARSE - 1)]))
             for grid, index in zip(grids, matters, strict=True)

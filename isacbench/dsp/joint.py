@@ -39,6 +39,9 @@ NEIGHBOURHOOD_BINS = 2.0
 COMPETING_RESPONSE = 0.3
 """Response from which two candidates compete: only the stronger joins in a round."""
 
+TIE = 1e-6
+"""Difference of two candidates, relative to them, that is rounding: of such the first joins."""
+
 REPEATING_RESPONSE = 0.8
 """Response from which a candidate only repeats a member."""
 
@@ -158,9 +161,9 @@ def select_jointly(
     residual = np.abs(matched - response @ amplitude)
     for _ in range(MAX_ROUNDS):
         candidate = np.where(member, 0, residual)
-        rival = np.where(likeness > COMPETING_RESPONSE, candidate, 0).max(axis=1)
         strongest = np.where(nearby, np.maximum(np.abs(amplitude), candidate), 0).max(axis=1)
-        joins = (candidate >= rival) & (candidate > weakest * strongest) & (candidate**2 > min_power)
+        joins = (candidate > weakest * strongest) & (candidate**2 > min_power)
+        joins &= _wins(candidate, likeness > COMPETING_RESPONSE)
         joins &= ~(likeness[:, member] > REPEATING_RESPONSE).any(axis=1)
         if not joins.any():
             break
@@ -343,6 +346,15 @@ def _nearby(scatterers: Scatterers) -> NDArray[np.bool_]:
         np.abs(doppler_bin[:, None] - doppler_bin) < NEIGHBOURHOOD_BINS
     )
     return near
+
+
+def _wins(candidate: Floats, competes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which candidates (n,) no other stronger one competes with, or an earlier one as strong."""
+    rivals = np.where(competes, candidate, 0)
+    stronger = rivals > (1 + TIE) * candidate[:, None]
+    first_as_strong = np.argmax(rivals >= (1 - TIE) * candidate[:, None], axis=1)
+    wins: NDArray[np.bool_] = ~stronger.any(axis=1) & (first_as_strong >= np.arange(candidate.size))
+    return wins
 
 
 def _known_apart(scatterers: Scatterers) -> NDArray[np.bool_]:

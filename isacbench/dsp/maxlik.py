@@ -4,8 +4,11 @@ In white noise the likeliest directions are those whose plane waves, each with
 its best amplitude, leave the least power unexplained. The amplitudes drop out
 in closed form (variable projection); the directions follow by damped
 Gauss-Newton steps, whose curvature is the Fisher information of the
-directions. All matrices are products of a small one along u and a small one
-along w, so that the P Q elements are touched once a step.
+directions, and by Newton's once they are near (`isacbench.dsp.wavefit`).
+
+A cell is done when a step no longer promises anything but rounding. What the
+power itself says would be too coarse: a minimum is flat, and powers that agree
+in all digits leave half the digits of a direction open, for rounding to decide.
 
 The same curvature says how well two directions are told apart. A pair nearer
 than noise would place two estimates of one direction is one direction.
@@ -22,13 +25,13 @@ IEEE Trans. SP 39 (1991).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.wavefit import WaveFit, fit_waves
 
 __all__ = ["refine_directions", "resolve_directions"]
 
@@ -36,68 +39,29 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 DIAGONAL_LOADING = 1e-12
-"""Keeps the Gram matrix of coinciding directions invertible; -120 dB is below any misfit."""
+"""Of the curvature in units of its diagonal: keeps coinciding directions apart from infinity."""
 
 SMALLEST_SCALE = 1e-9
 """Root of the curvature along one direction, relative to the largest, that counts as none."""
 
-FIRST_DAMPING, LESS_DAMPING, MORE_DAMPING = 1e-3, 0.2, 10.0
+FIRST_DAMPING, LESS_DAMPING, MORE_DAMPING = 1e-3, 0.05, 10.0
 """Marquardt's damping, relative to the curvature: at first, after a good and after a bad step."""
 
 LARGEST_STEP = 0.5
 """Of a Rayleigh cell: farther the likelihood is no parabola."""
 
-CONVERGED = 1e-10
-"""Relative drop of the unexplained power below which a cell is done."""
+NEAR = 0.05
+"""Rayleigh cells: after a step as short, the next is Newton's, from which digits double."""
 
-ROUNDING = 1e-12
-"""Of a cell's power: a step that seems to lose less may be as good, and is taken, lest rounding decide."""
+CONVERGED = 1e-26
+"""Of a cell's power: a step that promises less is one of 1e-13 Rayleigh cells, and the last."""
 
 LEAST_DEVIATIONS = 3.0
 """Standard deviations of their distance from which two directions are two, as
 the three-sigma rule has it."""
 
-REFIT_STEPS = 4
-"""After a plane wave left or two became one, the others move little."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """Directions of n cells, what they leave unexplained, and where that falls.
-
-    Attributes
-    ----------
-    u, w : ndarray of float64, shape (n, k)
-    unexplained : ndarray of float64, shape (n,)
-        Power.
-    gradient : ndarray of float64, shape (n, 2 k)
-        Half of the power's descent along all u, then all w.
-    curvature : ndarray of float64, shape (n, 2 k, 2 k)
-        Half of that of the power, amplitudes free, in the approximation of
-        Gauss and Newton.
-    power : ndarray of float64, shape (n, k)
-        Of each plane wave, summed over elements and snapshots.
-    alone : ndarray of float64, shape (n, k)
-        Power that would be left unexplained without it, the other directions
-        held.
-    """
-
-    u: Floats
-    w: Floats
-    unexplained: Floats
-    gradient: Floats
-    curvature: Floats
-    power: Floats
-    alone: Floats
-
-    def at(self, cells: NDArray[np.int64] | NDArray[np.bool_]) -> _Fit:
-        """Fit of some of the cells."""
-        return _Fit(*(getattr(self, name.name)[cells] for name in fields(self)))
-
-    def put(self, cells: NDArray[np.int64], other: _Fit) -> None:
-        """Overwrite some of the cells, in place."""
-        for name in fields(self):
-            getattr(self, name.name)[cells] = getattr(other, name.name)
+REFIT_STEPS = 10
+"""Most of them after a plane wave left or two became one: the others move little, and are soon done."""
 
 
 def refine_directions(snapshots: Complex, waves: PlaneWaves, n_steps: int) -> PlaneWaves:
@@ -118,7 +82,7 @@ def refine_directions(snapshots: Complex, waves: PlaneWaves, n_steps: int) -> Pl
     PlaneWaves
         As many as at the start; u and w may leave [-1, 1], where directions repeat.
     """
-    fit = _refined(snapshots, _fit(snapshots, waves.u, waves.w, waves.found), waves.found, n_steps)
+    fit = _refined(snapshots, fit_waves(snapshots, waves.u, waves.w, waves.found), waves.found, n_steps)
     return PlaneWaves(fit.u, fit.w, waves.found)
 
 
@@ -154,20 +118,22 @@ def resolve_directions(
     PlaneWaves
     """
     found = waves.found.copy()
-    fit = _refined(snapshots, _fit(snapshots, waves.u, waves.w, found), found, n_steps)
+    fit = _refined(snapshots, fit_waves(snapshots, waves.u, waves.w, found), found, n_steps)
     changing = np.arange(len(found))
     while changing.size:
         u, w, fewer = _without_one(fit.at(changing), found[changing], noise, -np.log(pfa) * noise)
         changed = (fewer != found[changing]).any(axis=1)
         changing, fewer = changing[changed], fewer[changed]
         cells = snapshots[changing]
-        fit.put(changing, _refined(cells, _fit(cells, u[changed], w[changed], fewer), fewer, REFIT_STEPS))
+        fit.put(
+            changing, _refined(cells, fit_waves(cells, u[changed], w[changed], fewer), fewer, REFIT_STEPS)
+        )
         found[changing] = fewer
     return PlaneWaves(fit.u, fit.w, found)
 
 
 def _without_one(
-    fit: _Fit, found: NDArray[np.bool_], noise: float, least_power: float
+    fit: WaveFit, found: NDArray[np.bool_], noise: float, least_power: float
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Directions u and w of each cell and which are left, where one wave is too weak or two are one."""
     u, w, fewer = fit.u.copy(), fit.w.copy(), found.copy()
@@ -175,8 +141,8 @@ def _without_one(
     alone = np.where(found, fit.alone, np.inf)
     leaves = np.flatnonzero(several & (alone.min(axis=1, initial=np.inf) < least_power))
     fewer[leaves, alone[leaves].argmin(axis=1)] = False
-    distance, first, second = _nearest_pair(fit, found, noise)
-    merges = several & (distance < LEAST_DEVIATIONS)
+    square, first, second = _nearest_pair(fit, found)
+    merges = several & (square <= LEAST_DEVIATIONS**2 * noise)
     merges[leaves] = False
     cells = np.flatnonzero(merges)
     one, other = (cells, first[cells]), (cells, second[cells])
@@ -188,13 +154,14 @@ def _without_one(
 
 
 def _nearest_pair(
-    fit: _Fit, found: NDArray[np.bool_], noise: float
+    fit: WaveFit, found: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Of each cell, the pair least distant in units of its distance's standard deviation."""
+    """Of each cell, the pair least distant: its squared distance (n,) over the variance in unit noise."""
     n, k = found.shape
     scale, relative = _scaled_curvature(fit)
     relative += np.tile(~found, 2)[:, None, :] * np.eye(2 * k)
-    covariance = noise / 2 * np.linalg.inv(relative) / (scale[:, :, None] * scale[:, None, :])
+    # Of noise of unit power, so that there may be none.
+    covariance = np.linalg.inv(relative) / 2 / (scale[:, :, None] * scale[:, None, :])
     blocks = covariance.reshape(n, 2, k, 2, k).transpose(0, 2, 4, 1, 3)
     own = np.einsum("niiab->niab", blocks)
     spread = own[:, :, None] + own[:, None, :] - blocks - blocks.transpose(0, 1, 2, 4, 3)
@@ -209,41 +176,53 @@ def _nearest_pair(
     pairs = found[:, :, None] & found[:, None, :] & ~np.eye(k, dtype=np.bool_)
     square = np.where(pairs, np.maximum(square, 0), np.inf).reshape(n, k * k)
     first, second = np.divmod(square.argmin(axis=1), k)
-    return np.sqrt(square.min(axis=1)), first, second
+    return square.min(axis=1), first, second
 
 
-def _refined(snapshots: Complex, fit: _Fit, found: NDArray[np.bool_], n_steps: int) -> _Fit:
-    """Fit after damped Gauss-Newton steps."""
-    n_lines = np.repeat(snapshots.shape[2:], found.shape[1])
+def _refined(snapshots: Complex, fit: WaveFit, found: NDArray[np.bool_], n_steps: int) -> WaveFit:
+    """Fit after damped steps of Gauss and Newton, and of Newton in the end."""
+    half_cells = np.repeat(snapshots.shape[2:], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)
-    rounding = ROUNDING * np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
+    near = np.zeros(len(snapshots), dtype=np.bool_)
+    least_gain = CONVERGED * np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
     moving = np.flatnonzero(found.any(axis=1))
     for _ in range(n_steps):
         if not moving.size:
             break
         old = fit.at(moving)
-        step = _damped_step(old, damping[moving])
+        step = _damped_step(old, damping[moving], near[moving])
+        gain = np.sum(step * old.gradient, axis=1)
         # Shortened as a whole, a step still descends.
-        step /= np.maximum(1, np.abs(step * n_lines / 2).max(axis=1) / LARGEST_STEP)[:, None]
+        length = np.abs(step * half_cells).max(axis=1)
+        step /= np.maximum(1, length / LARGEST_STEP)[:, None]
         step_u, step_w = np.split(step, 2, axis=1)
-        new = _fit(snapshots[moving], old.u + step_u, old.w + step_w, found[moving])
-        better = new.unexplained <= old.unexplained + rounding[moving]
+        new = fit_waves(snapshots[moving], old.u + step_u, old.w + step_w, found[moving])
+        # A step that seems to lose no more than rounding may be as good, and is taken, lest rounding decide.
+        better = new.unexplained <= old.unexplained + np.maximum(old.rounding, new.rounding)
         fit.put(moving[better], new.at(better))
+        near[moving] = better & (length < NEAR)
         damping[moving] *= np.where(better, LESS_DAMPING, MORE_DAMPING)
-        done = better & (old.unexplained - new.unexplained <= CONVERGED * old.unexplained)
-        moving = moving[~done]
+        moving = moving[~(better & (gain <= least_gain[moving]))]
     return fit
 
 
-def _damped_step(fit: _Fit, damping: Floats) -> Floats:
-    """Steps (n, 2 k) of Levenberg and Marquardt."""
+def _damped_step(fit: WaveFit, damping: Floats, near: NDArray[np.bool_]) -> Floats:
+    """Steps (n, 2 k) of Levenberg and Marquardt; near a minimum those of Newton, damped as much."""
     scale, relative = _scaled_curvature(fit)
+    exact = np.flatnonzero(near)
+    if exact.size:
+        hessian = fit.hessian[exact] / scale[exact, :, None] / scale[exact, None, :]
+        hessian += DIAGONAL_LOADING * np.eye(scale.shape[1])
+        idle = fit.curvature[exact].diagonal(axis1=1, axis2=2) <= 0
+        hessian += idle[:, :, None] * np.eye(scale.shape[1])
+        convex = np.linalg.eigvalsh(hessian)[:, 0] > 0
+        relative[exact[convex]] = hessian[convex]
     relative += damping[:, None, None] * np.eye(scale.shape[1])
     step: Floats = np.linalg.solve(relative, (fit.gradient / scale)[:, :, None])[:, :, 0] / scale
     return step
 
 
-def _scaled_curvature(fit: _Fit) -> tuple[Floats, Floats]:
+def _scaled_curvature(fit: WaveFit) -> tuple[Floats, Floats]:
     """Scales (n, 2 k) that give the curvature a unit diagonal, and that curvature, loaded."""
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", fit.curvature), 0))
     # Fillers, and waves that have no power, are along for the ride.
@@ -251,55 +230,3 @@ def _scaled_curvature(fit: _Fit) -> tuple[Floats, Floats]:
     scale = np.maximum(scale, np.where(strongest > 0, SMALLEST_SCALE * strongest, 1))
     relative = fit.curvature / scale[:, :, None] / scale[:, None, :]
     return scale, relative + DIAGONAL_LOADING * np.eye(scale.shape[1])
-
-
-def _fit(snapshots: Complex, u: Floats, w: Floats, found: NDArray[np.bool_]) -> _Fit:
-    """Unexplained power at u and w, and its slope and curvature with all amplitudes free."""
-    k = u.shape[1]
-    a, a_slope = _line(snapshots.shape[2], u, found)
-    b, b_slope = _line(snapshots.shape[3], w, found)
-    along_u = np.concatenate([a, a_slope], axis=1).conj()[:, None] @ snapshots
-    matched = np.einsum("nskq,nkq->nks", along_u[:, :, :k], b.conj())
-    sloped = np.concatenate(
-        [
-            np.einsum("nskq,nkq->nks", along_u[:, :, k:], b.conj()),
-            np.einsum("nskq,nkq->nks", along_u[:, :, :k], b_slope.conj()),
-        ],
-        axis=1,
-    )
-    aa, sa, ss = _gram(a, a), _gram(a_slope, a), _gram(a_slope, a_slope)
-    bb, tb, tt = _gram(b, b), _gram(b_slope, b), _gram(b_slope, b_slope)
-    gram = aa * bb + (DIAGONAL_LOADING + ~found)[:, None, :] * np.eye(k)
-    cross = np.concatenate([sa * bb, aa * tb], axis=1)
-    mixed = sa * tb.conj().transpose(0, 2, 1)
-    slopes = np.concatenate(
-        [
-            np.concatenate([ss * bb, mixed], axis=2),
-            np.concatenate([mixed.conj().transpose(0, 2, 1), aa * tt], axis=2),
-        ],
-        axis=1,
-    )
-    inverse = np.linalg.inv(gram)
-    amplitude = inverse @ matched
-    own_power = np.sum(amplitude.real**2 + amplitude.imag**2, axis=2)
-    alone = own_power / np.einsum("nii->ni", inverse).real
-    power = np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
-    unexplained = power - np.sum((matched.conj() * amplitude).real, axis=(1, 2))
-    both = np.concatenate([amplitude, amplitude], axis=1)
-    gradient = np.sum((both.conj() * (sloped - cross @ amplitude)).real, axis=2)
-    curvature = (
-        (slopes - cross @ inverse @ cross.conj().transpose(0, 2, 1)) * (both.conj() @ both.transpose(0, 2, 1))
-    ).real
-    return _Fit(u.copy(), w.copy(), unexplained, gradient, curvature, own_power, alone)
-
-
-def _line(n_elements: int, cosine: Floats, found: NDArray[np.bool_]) -> tuple[Complex, Complex]:
-    """Responses (n, k, elements) of unit norm, referred to the middle, and their slopes; 0 for fillers."""
-    arm = np.arange(n_elements) - (n_elements - 1) / 2
-    response = np.exp(-1j * np.pi * cosine[:, :, None] * arm) * (found / np.sqrt(n_elements))[:, :, None]
-    return response, -1j * np.pi * arm * response
-
-
-def _gram(left: Complex, right: Complex) -> Complex:
-    product: Complex = left.conj() @ right.transpose(0, 2, 1)
-    return product

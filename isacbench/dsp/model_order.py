@@ -122,15 +122,15 @@ def _noise_weight(n: int, n_subarray: int) -> float:
     return float(np.sum(outputs**2) / n_shifts)
 
 
-def noise_order(eigenvalues: Floats, largest_noise: float) -> Integers:
+def noise_order(eigenvalues: Floats, largest_noise: float | Floats) -> Integers:
     """Model order of each cell: eigenvalues that noise does not reach.
 
     Parameters
     ----------
     eigenvalues : ndarray of float64, shape (n, L)
         Descending.
-    largest_noise : float
-        Largest eigenvalue of the noise.
+    largest_noise : float or ndarray of float64, shape (n, 1)
+        Largest eigenvalue of the noise, of each cell where they differ.
 
     Returns
     -------

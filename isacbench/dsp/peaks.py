@@ -114,11 +114,15 @@ def plane_peaks(
     row, column = np.divmod(index, n_columns)
     spectrum = np.arange(n)[:, None]
 
-    def level(row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
-        # A mainlobe is nearer to a parabola in its logarithm.
-        return np.log(np.maximum(power[spectrum, row, column], np.finfo(np.float64).tiny))
+    peak = power[spectrum, row, column]
+    top = np.where(found & (peak > 0), peak, 1.0)
 
-    middle = level(row, column)
+    def level(row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
+        # A mainlobe is nearer to a parabola in its logarithm; of a ratio, which no unit changes.
+        ratio = power[spectrum, row, column] / top
+        return np.log(np.maximum(ratio, np.finfo(np.float64).tiny))
+
+    middle = np.zeros_like(top)
     row_offset = vertex(level(row - 1, column), middle, level((row + 1) % n_rows, column))
     column_offset = vertex(level(row, column - 1), middle, level(row, (column + 1) % n_columns))
     return row + row_offset, column + column_offset, found

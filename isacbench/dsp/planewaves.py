@@ -25,10 +25,10 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""
 
-
-TIE = 1e-5
-"""Difference of two residuals, relative to the strongest wave, that is rounding: on a cross, one more cosine
-of the column explains as much with either of two of the row whose own echoes are explained already."""
+TIE, TIE_UNITS = 1e-8, 80
+"""Difference of two residuals, relative to the strongest wave, that is rounding: what the loading leaves, or
+last digits of the snapshots, whichever is more. On a cross, one more cosine of the column explains as much
+with either of two of the row whose own echoes are explained already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,10 @@ class PlaneWaves:
     def unexplained(self, snapshots: Complex, aperture: Aperture) -> Floats:
         """Power per element (n,) that the waves leave of snapshots (n, *elements), amplitudes fitted."""
         responses = aperture.towards(self.u, self.w)
-        residual = snapshots - responses.synthesis(self._fit(snapshots[None], responses)[0])
+        residual = snapshots
+        # Twice: of snapshots without noise the loading of the first fit would be all that is left.
+        for _ in range(2):
+            residual = residual - responses.synthesis(self._fit(residual[None], responses)[0])
         axes = tuple(range(1, residual.ndim))
         power: Floats = np.mean(residual.real**2 + residual.imag**2, axis=axes)
         return power
@@ -136,13 +139,15 @@ def pair_directions(
     chosen = np.zeros((n, min(n_most, n_pairs)), dtype=np.int64)
     found = np.zeros(chosen.shape, dtype=np.bool_)
     residual = matched
+    tie = max(TIE, TIE_UNITS * float(np.finfo(snapshots.dtype).eps))
     for k in range(chosen.shape[1]):
         power = np.where(eligible, residual.real**2 + residual.imag**2, 0)
         best_power = power.max(axis=1)
         if k == 0:
             strongest = best_power
         # Of equals the first, which pairs the stronger peaks.
-        best = np.argmax(power >= (best_power - TIE * np.sqrt(best_power * strongest))[:, None], axis=1)
+        least = best_power - tie * np.sqrt(best_power * strongest)
+        best = np.argmax(eligible & (power >= least[:, None]), axis=1)
         growing = (best_power > min_power) & (best_power > strongest * 10 ** (-dynamic_range_db / 10))
         growing &= found[:, k - 1] if k else True
         if not growing.any():

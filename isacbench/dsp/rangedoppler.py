@@ -81,11 +81,38 @@ class GatedMap:
             return self
         return GatedMap(self.cells.astype(dtype), self.gate, self.elements)
 
-    def tapered(self, range_window: Window, doppler_window: Window) -> GatedMap:
-        """Map behind windows along range and Doppler, without the outermost bins that lack neighbours."""
+    def tapered(self, range_window: Window, doppler_window: Window, neighbours: int = 0) -> GatedMap:
+        """Map behind windows along range and Doppler, without the outermost bins that lack neighbours.
+
+        Along an axis whose last bin is next to its first none does.
+
+        Parameters
+        ----------
+        range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
+        neighbours : int
+            Bins that such an axis repeats from its other end, at either end.
+
+        Returns
+        -------
+        GatedMap
+        """
+        reaches = reach(range_window), reach(doppler_window)
         with stage("rdm"):
-            cells = taper(taper(self.cells, range_window, axis=0), doppler_window, axis=1)
-        return GatedMap(cells, self.gate.trim(reach(range_window), reach(doppler_window)), self.elements)
+            wrapped = self._wrapped(reaches, neighbours)
+            cells = taper(taper(wrapped.cells, range_window, axis=0), doppler_window, axis=1)
+        return GatedMap(cells, wrapped.gate.trim(*reaches), self.elements)
+
+    def _wrapped(self, reaches: tuple[int, int], neighbours: int) -> GatedMap:
+        """Map with bins repeated from the other end where an axis wraps; itself where none does."""
+        cells, added = self.cells, [0, 0]
+        for axis, n_side in enumerate(reaches):
+            n_bins = self.gate.shape[axis]
+            # Of shorter axes a window has no bins to itself, and is refused.
+            if self.gate.wraps[axis] and n_bins > 2 * n_side:
+                added[axis] = n_side + neighbours
+                index = np.arange(-added[axis], n_bins + added[axis]) % n_bins
+                cells = np.take(cells, index, axis=axis)
+        return self if added == [0, 0] else GatedMap(cells, self.gate.extend(*added), self.elements)
 
     def surrounds(self, bins: Bins) -> NDArray[np.bool_]:
         """Which absolute range and Doppler bins, shape (n,), lie in the map with all four neighbours."""

@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
 """Range and Doppler bins, u and w within which two points are one."""
 
+TIE_DIGITS = 6
+"""Of powers and amplitudes: what differs beyond is rounding, and the first of equals stays."""
+
 ONE_ECHO = 0.95
 """Share of the energy in three bins that a single echo has to explain."""
 
@@ -144,8 +147,10 @@ def locate(
     own, farther, nearer, faster, slower = np.abs(amplitudes)
     weakest = _strongest_nearby(own, index, tapered.gate.shape) * 10 ** (-dynamic_range_db / 20)
     kept = waves.found & (own > 0) & (own >= weakest)
-    kept &= np.maximum(farther, nearer) <= own_cell_excess[0] * own
-    kept &= np.maximum(faster, slower) <= own_cell_excess[1] * own
+    # Halfway between two cells an echo is at home in both, not in neither.
+    level = (1 + 10.0**-TIE_DIGITS) * own
+    kept &= np.maximum(farther, nearer) <= own_cell_excess[0] * level
+    kept &= np.maximum(faster, slower) <= own_cell_excess[1] * level
     if one_doppler:
         profile = np.stack([amplitudes[4], amplitudes[0], amplitudes[3]], axis=-1)
         kept &= _is_one_echo(profile, _offset(own, faster, slower, windows[1]), windows[1])
@@ -200,7 +205,9 @@ def merge_duplicates(scatterers: Scatterers) -> Scatterers:
     points = np.column_stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w])
     pairs = cKDTree(points / DUPLICATE_CELL).query_pairs(1.0, p=np.inf, output_type="ndarray")
     rank = np.empty(len(scatterers), dtype=np.int64)
-    rank[np.lexsort((-scatterers.power, -_family_power(scatterers)))] = np.arange(len(scatterers))
+    rank[np.lexsort((-_rounded(scatterers.power), -_rounded(_family_power(scatterers))))] = np.arange(
+        len(scatterers)
+    )
     swap = rank[pairs[:, 0]] > rank[pairs[:, 1]]
     pairs[swap] = pairs[swap][:, ::-1]
     alive = np.ones(len(scatterers), dtype=np.bool_)
@@ -208,6 +215,13 @@ def merge_duplicates(scatterers: Scatterers) -> Scatterers:
         if alive[stronger]:
             alive[weaker] = False
     return scatterers.select(alive)
+
+
+def _rounded(power: Floats) -> Floats:
+    """Powers to `TIE_DIGITS` digits, in any unit the same."""
+    mantissa, exponent = np.frexp(power)
+    rounded: Floats = np.ldexp(np.round(mantissa, TIE_DIGITS), exponent)
+    return rounded
 
 
 def _family_power(scatterers: Scatterers) -> Floats:

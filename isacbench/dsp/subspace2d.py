@@ -26,10 +26,18 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import minimum_filter
 
+from isacbench.dsp.separation import Eigenpairs, pairs_of_covariance, pairs_of_data
 from isacbench.dsp.subspace import real_steering, real_steering_slopes, unitary_transform
 from isacbench.stages import stage
 
-__all__ = ["Nulls", "leading_eigenpairs", "null_minima", "planar_covariance", "planar_null_spectrum"]
+__all__ = [
+    "Nulls",
+    "leading_eigenpairs",
+    "null_minima",
+    "planar_covariance",
+    "planar_eigenpairs",
+    "planar_null_spectrum",
+]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -66,16 +74,56 @@ def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
         Real, symmetric, non-negative definite, in the precision of the
         snapshots. Mean eigenvalue in noise of power σ² is σ².
     """
+    real = _real_subarrays(snapshots, subarray)
+    covariance: Floats = real.transpose(0, 2, 1) @ real
+    covariance /= real.shape[1] / 2
+    return covariance
+
+
+def _real_subarrays(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
+    """Subarrays of planar snapshots, read forwards and backwards, as real rows (n, 2 S, L M)."""
     n_u, n_w = subarray
     into_u, into_w = (unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in subarray)
     along_u = sliding_window_view(snapshots, n_u, axis=1) @ into_u
     both = sliding_window_view(along_u, n_w, axis=2) @ into_w
     subarrays = both.reshape(len(snapshots), both.shape[1] * both.shape[2], n_u * n_w)
     # Real and imaginary parts are the forward-backward average: the backward half adds the conjugate.
-    real = np.concatenate([subarrays.real, subarrays.imag], axis=1)
-    covariance: Floats = real.transpose(0, 2, 1) @ real
-    covariance /= subarrays.shape[1]
-    return covariance
+    real: Floats = np.concatenate([subarrays.real, subarrays.imag], axis=1)
+    return real
+
+
+def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: int) -> Eigenpairs:
+    """Largest eigenpairs of smoothed covariances, each cell with the digits that it takes.
+
+    Of almost all cells they follow from the covariance. Where its rounding is
+    not small beside a gap between them, they follow from the singular vectors
+    of the subarrays, whose dynamic range is not squared.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, s, P, Q)
+        s snapshots of each cell, that share a covariance.
+    subarray : (int, int)
+        Elements L, M of a subarray, 1 to P and 1 to Q.
+    n_pairs : int
+        Pairs to return, 1 to L M.
+
+    Returns
+    -------
+    Eigenpairs
+    """
+    n_cells, n_snapshots = snapshots.shape[:2]
+    shape = snapshots.shape[2], snapshots.shape[3]
+    each = planar_covariance(snapshots.reshape(n_cells * n_snapshots, *shape), subarray)
+    covariance = each.reshape(n_cells, n_snapshots, *each.shape[1:]).mean(axis=1)
+    pairs = pairs_of_covariance(*leading_eigenpairs(covariance, n_pairs))
+    coarse = pairs.coarse
+    if coarse.size:
+        rows = _real_subarrays(snapshots[coarse].reshape(coarse.size * n_snapshots, *shape), subarray)
+        n_rows = n_snapshots * rows.shape[1]
+        data = rows.reshape(coarse.size, n_rows, rows.shape[2]) / np.sqrt(n_rows / 2).astype(rows.dtype)
+        pairs.put(coarse, pairs_of_data(data, n_pairs))
+    return pairs
 
 
 def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats]:
@@ -106,7 +154,7 @@ def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats
     for _ in range(ITERATIONS):
         basis = np.linalg.qr(covariance @ basis)[0]
     values, vectors = np.linalg.eigh(basis.transpose(0, 2, 1) @ covariance @ basis)
-    return values[:, ::-1][:, :n_pairs], (basis @ vectors[:, :, ::-1][:, :, :n_pairs])
+    return values[:, ::-1][:, :n_pairs], basis @ vectors[:, :, ::-1][:, :, :n_pairs]
 
 
 @lru_cache

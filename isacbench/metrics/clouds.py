@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from isacbench.metrics.geometry import CloudPair, box_diagonal_m
 
@@ -27,6 +29,12 @@ GOSPA_CUTOFF_M = 1.0
 
 MATCH_RADIUS_M = 1.0
 """Largest distance at which a point counts as right for precision and recall."""
+
+MANY_PAIRS = 2**18
+"""Pairs of points from which it is asked whether most of them are near: 500 points each."""
+
+CROWDED_SHARE = 1 / 8
+"""Share of near pairs from which a matching over all pairs takes less time and memory."""
 
 
 @dataclass(frozen=True)
@@ -147,11 +155,32 @@ def gospa_m(truth: PointCloud, estimate: PointCloud) -> float:
 
 def _tree_gospa_m(truth: cKDTree, estimate: cKDTree) -> float:
     """GOSPA of the points of two trees."""
-    near = truth.sparse_distance_matrix(estimate, GOSPA_CUTOFF_M, output_type="ndarray")
-    i, j = _best_matching(near["i"], near["j"], np.square(near["v"]))
+    if _is_crowd(truth, estimate):
+        i, j = _best_crowd_matching(truth.data, estimate.data)
+    else:
+        near = truth.sparse_distance_matrix(estimate, GOSPA_CUTOFF_M, output_type="ndarray")
+        i, j = _best_matching(near["i"], near["j"], np.square(near["v"]))
     matched_m2 = float(np.square(truth.data[i] - estimate.data[j]).sum())
     alone = truth.n + estimate.n - 2 * i.size
     return math.sqrt(matched_m2 + GOSPA_CUTOFF_M**2 / 2 * alone)
+
+
+def _is_crowd(truth: cKDTree, estimate: cKDTree) -> bool:
+    """Whether so many pairs are near that a list of them is longer than a table of all."""
+    n_pairs = truth.n * estimate.n
+    if n_pairs < MANY_PAIRS:
+        return False
+    return bool(truth.count_neighbors(estimate, GOSPA_CUTOFF_M) > CROWDED_SHARE * n_pairs)
+
+
+def _best_crowd_matching(
+    truth: NDArray[np.float64], estimate: NDArray[np.float64]
+) -> tuple[Indices, Indices]:
+    """Pick the pairs of the cheapest matching, by the table of all costs."""
+    cost_m2 = np.minimum(cdist(truth, estimate, "sqeuclidean"), GOSPA_CUTOFF_M**2)
+    i, j = linear_sum_assignment(cost_m2)
+    near = cost_m2[i, j] < GOSPA_CUTOFF_M**2
+    return i[near], j[near]
 
 
 def _best_matching(i: Indices, j: Indices, squared_m2: NDArray[np.float64]) -> tuple[Indices, Indices]:

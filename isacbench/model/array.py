@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.errors import InputError
+from isacbench.model.limits import require_count
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,7 +54,8 @@ class VirtualArray:
     Raises
     ------
     InputError
-        If the sum co-array is not a filled rectangle.
+        If a number is not positive and whole, or the sum co-array is not a
+        filled rectangle.
 
     References
     ----------
@@ -72,6 +74,11 @@ class VirtualArray:
     rx_spacing: int = 1
 
     def __post_init__(self) -> None:
+        for name in ("tx_shape", "rx_shape"):
+            for count in getattr(self, name):
+                require_count(f"array.{name}", count)
+        for name in ("tx_spacing", "rx_spacing"):
+            require_count(f"array.{name}", getattr(self, name))
         n_p, n_q = self.shape
         if len(self.positions) != n_p * n_q:
             raise InputError(

@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isacbench.dsp.kernels import dirichlet
+from isacbench.errors import require
 from isacbench.model.gate import Gate, build_gate
+from isacbench.model.limits import LARGEST_NOISE_AMPLITUDE
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.model.observation import Observation
 
@@ -43,6 +45,12 @@ Complex = NDArray[np.complex128]
 FEW_SPEEDS = 4
 """Echoes a speed from which it pays to sum those of each speed first."""
 
+DUST = 16.0
+"""Roundings of the largest value that echoes could have together, up to which their sum is none."""
+
+MOST_PRODUCTS = 2**24
+"""Products of one echo and one cell held at a time: 256 MB."""
+
 
 @dataclass(frozen=True, eq=False)
 class _EchoParameters:
@@ -63,9 +71,11 @@ def _echo_parameters(scenario: Scenario) -> _EchoParameters:
     if system.coherent_phase:
         gain = gain * np.exp(-4j * np.pi * system.carrier_hz / SPEED_OF_LIGHT_MPS * range_m)
     u, w = scenario.frame.direction_cosines(offset_m)
-    return _EchoParameters(
-        gain, range_m / system.range_bin_m, scatterers.velocity / system.velocity_bin_mps, u, w
-    )
+    # Folded once, here, so that no phase of whole turns costs digits later.
+    range_bin = np.mod(range_m / system.range_bin_m, system.n_subcarriers)
+    doppler_bin = scatterers.velocity / system.velocity_bin_mps
+    doppler_bin = doppler_bin - system.n_symbols * np.rint(doppler_bin / system.n_symbols)
+    return _EchoParameters(gain, range_bin, doppler_bin, u, w)
 
 
 def central_phase(scenario: Scenario) -> NDArray[np.float64]:
@@ -111,6 +121,8 @@ def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
     n_p, n_q = scenario.array.shape
     directions = _directions(echo, scenario.array.positions)
     cells = _superposed(along_range * echo.gain, along_doppler, directions, echo.doppler_bin)
+    if _is_dust(cells, echo, np.sqrt(system.processing_gain)):
+        cells[:] = 0
     return cells.reshape(*gate.shape, n_p, n_q)
 
 
@@ -135,7 +147,22 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
     m = np.arange(system.n_symbols)[:, None]
     delay = np.exp(-2j * np.pi * n * echo.range_bin / system.n_subcarriers)
     doppler = np.exp(2j * np.pi * m * echo.doppler_bin / system.n_symbols)
-    return _superposed(delay * echo.gain, doppler, _directions(echo, elements), echo.doppler_bin)
+    grid = _superposed(delay * echo.gain, doppler, _directions(echo, elements), echo.doppler_bin)
+    if _is_dust(grid, echo, 1.0):
+        grid[:] = 0
+    return grid
+
+
+def _is_dust(values: Complex, echo: _EchoParameters, largest: float) -> bool:
+    """Whether superposed echoes (a, b, e) are nothing but the rounding of echoes that cancel.
+
+    `largest` is the largest value of a unit echo. Without noise an estimator
+    sees nothing else, and would image it.
+    """
+    rounding = DUST * np.finfo(np.float64).eps * largest * float(np.abs(echo.gain).sum())
+    # Mostly the first element tells, at little cost.
+    parts = (values[:, :, :1], values)
+    return all(float(np.abs(part).max(initial=0)) <= rounding for part in parts)
 
 
 def _directions(echo: _EchoParameters, elements: ArrayLike) -> Complex:
@@ -151,20 +178,34 @@ def _superposed(
     """Sum (a, b, e) of echoes that are products (a, K), (b, K) and (K, e).
 
     Echoes of one speed have one Doppler profile. Where few speeds occur, as
-    where rigid objects move, sums over the echoes of each come first.
+    where rigid objects move, sums over the echoes of each come first. Of large
+    scenes some rows are summed after the others, for the sake of memory.
     """
-    (n_range, n_echoes), n_doppler = along_range.shape, len(along_doppler)
+    (n_range, n_echoes), n_doppler, n_elements = along_range.shape, len(along_doppler), directions.shape[1]
     speeds, first, of_speed = np.unique(doppler_bin, return_index=True, return_inverse=True)
-    if FEW_SPEEDS * speeds.size < n_echoes:
-        at_speed = np.empty((n_range, speeds.size, directions.shape[1]), dtype=np.complex128)
-        for k in range(speeds.size):
-            at_speed[:, k] = along_range[:, of_speed == k] @ directions[of_speed == k]
-        cells: Complex = along_doppler[:, first] @ at_speed
-        return cells
-    # Explicit sizes, because -1 cannot be resolved where a scene is empty.
-    n_cells = n_range * n_doppler
-    delay_doppler = (along_range[:, None, :] * along_doppler[None, :, :]).reshape(n_cells, n_echoes)
-    return (delay_doppler @ directions).reshape(n_range, n_doppler, directions.shape[1])
+    by_speed = FEW_SPEEDS * speeds.size < n_echoes
+
+    def rows_superposed(rows: Complex) -> Complex:
+        if by_speed:
+            at_speed = np.empty((len(rows), speeds.size, n_elements), dtype=np.complex128)
+            for k in range(speeds.size):
+                at_speed[:, k] = rows[:, of_speed == k] @ directions[of_speed == k]
+            cells: Complex = along_doppler[:, first] @ at_speed
+            return cells
+        # Explicit sizes, because -1 cannot be resolved where a scene is empty.
+        n_cells = len(rows) * n_doppler
+        delay_doppler = (rows[:, None, :] * along_doppler[None, :, :]).reshape(n_cells, n_echoes)
+        return (delay_doppler @ directions).reshape(len(rows), n_doppler, n_elements)
+
+    products_a_row = speeds.size * n_elements if by_speed else n_doppler * n_echoes
+    n_together = max(MOST_PRODUCTS // max(products_a_row, 1), 1)
+    if n_together >= n_range:
+        return rows_superposed(along_range)
+    superposed = np.empty((n_range, n_doppler, n_elements), dtype=np.complex128)
+    for start in range(0, n_range, n_together):
+        part = slice(start, start + n_together)
+        superposed[part] = rows_superposed(along_range[part])
+    return superposed
 
 
 def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> np.random.Generator:
@@ -249,8 +290,23 @@ class Simulator:
         The SNR is Σ|G|² / σ²; a scene without echoes counts as one unit
         scatterer.
         """
-        echo_power = float(np.sum(self.scenario.scatterers.amplitude**2)) or 1.0
-        return float(echo_power * 10 ** (-snr_db / 10))
+        return self.noise_amplitude(snr_db) ** 2
+
+    def noise_amplitude(self, snr_db: float) -> float:
+        """Root σ of `noise_power`, which does not underflow as its square does.
+
+        Raises
+        ------
+        InputError
+            If the SNR is no number, or the noise would be too strong.
+        """
+        unit, power = self.scenario.scatterers.power_in_units
+        if power == 0:
+            unit, power = 1.0, 1.0
+        lowest_db = 10 * np.log10(power) - 20 * np.log10(LARGEST_NOISE_AMPLITUDE / unit)
+        limits = f"{lowest_db:.0f} and more, infinity for no noise"
+        require(snr_db >= lowest_db, "snr_db", snr_db, limits)
+        return unit * float(np.sqrt(power * 10 ** (-float(snr_db) / 10)))
 
     def observe(self, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
         """Observe the scenario once.
@@ -266,9 +322,18 @@ class Simulator:
         Returns
         -------
         Observation
+
+        Raises
+        ------
+        InputError
+            If the SNR is no number, or so low that the noise overflows.
         """
-        cells = np.sqrt(self.noise_power(snr_db)) * self.unit_noise(trial, seed)
-        cells += self.clean
+        noise_amplitude = self.noise_amplitude(snr_db)
+        if noise_amplitude:
+            cells = noise_amplitude * self.unit_noise(trial, seed)
+            cells += self.clean
+        else:
+            cells = self.clean.copy()
         cells.setflags(write=False)
         scenario = self.scenario
         return Observation(
@@ -296,7 +361,8 @@ def observe(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) ->
     ----------
     scenario : Scenario
     snr_db : float
-        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element.
+        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element;
+        infinity for no noise.
     trial, seed : int
         Which noise.
 
@@ -304,11 +370,18 @@ def observe(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) ->
     -------
     Observation
 
+    Raises
+    ------
+    InputError
+        If the SNR is no number, or so low that the noise overflows.
+
     Examples
     --------
     >>> from isacbench.model.scenario import load_scenario
-    >>> observe(load_scenario("street"), snr_db=10).cells.shape[2:]
+    >>> street = load_scenario("street")
+    >>> observe(street, snr_db=10).cells.shape[2:]
     (16, 16)
+    >>> noise_free = observe(street, snr_db=float("inf"))
     """
     return _simulator(scenario).observe(snr_db, trial, seed)
 

@@ -37,12 +37,16 @@ class Gate:
     reachable_range, reachable_doppler : slice
         Where in those the bins nearest to a reachable range or speed lie; the
         rest is margin.
+    wraps : (bool, bool)
+        Whether the range bins, and the Doppler bins, are all that there are:
+        the last one is then next to the first.
     """
 
     range_bins: NDArray[np.int64]
     doppler_bins: NDArray[np.int64]
     reachable_range: slice
     reachable_doppler: slice
+    wraps: tuple[bool, bool] = (False, False)
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "range_bins", "doppler_bins", dtype=np.int64)
@@ -66,6 +70,17 @@ class Gate:
             self.doppler_bins[n_doppler : self.doppler_bins.size - n_doppler],
             _trim(self.reachable_range, n_range, self.range_bins.size),
             _trim(self.reachable_doppler, n_doppler, self.doppler_bins.size),
+            (self.wraps[0] and n_range == 0, self.wraps[1] and n_doppler == 0),
+        )
+
+    def extend(self, n_range: int, n_doppler: int) -> Gate:
+        """Gate with so many bins more at either end as margins; of axes that wrap, those of the other end."""
+        return Gate(
+            _extend(self.range_bins, n_range),
+            _extend(self.doppler_bins, n_doppler),
+            _shift(self.reachable_range, n_range),
+            _shift(self.reachable_doppler, n_doppler),
+            (self.wraps[0] and n_range == 0, self.wraps[1] and n_doppler == 0),
         )
 
 
@@ -90,12 +105,23 @@ def build_gate(system: System, base_station_m: NDArray[np.float64], region: Regi
     doppler_bins, reachable_doppler = _reach(
         np.array(region.speed_mps) / system.velocity_bin_mps, DOPPLER_MARGIN_BINS, system.n_symbols
     )
-    return Gate(range_bins, doppler_bins, reachable_range, reachable_doppler)
+    wraps = range_bins.size == system.n_subcarriers, doppler_bins.size == system.n_symbols
+    return Gate(range_bins, doppler_bins, reachable_range, reachable_doppler, wraps)
 
 
 def _trim(reachable: slice, n: int, n_bins: int) -> slice:
     """Where the reachable ones of some bins lie once n bins are gone from either end."""
     return slice(max(reachable.start - n, 0), min(reachable.stop - n, n_bins - 2 * n))
+
+
+def _extend(bins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+    """Consecutive bins and n more at either end."""
+    return np.arange(bins[0] - n, bins[-1] + n + 1)
+
+
+def _shift(reachable: slice, n: int) -> slice:
+    """Where the reachable ones of some bins lie behind n more."""
+    return slice(reachable.start + n, reachable.stop + n)
 
 
 def _reach(limits_bins: NDArray[np.float64], margin: int, n_bins: int) -> tuple[NDArray[np.int64], slice]:

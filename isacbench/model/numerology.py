@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from scipy import constants
+
+from isacbench.errors import require
+from isacbench.model.limits import require_count
 
 __all__ = ["SPEED_OF_LIGHT_MPS", "System"]
 
 SPEED_OF_LIGHT_MPS = float(constants.speed_of_light)
+
+LEAST_BIN = 1e-100
+"""Smallest size of a bin, in m or m/s; the largest is its reciprocal."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,12 @@ class System:
         Give every echo its carrier phase exp(-j4π f_c R/c). False is the
         all-ones gain of the paper's simulation.
 
+    Raises
+    ------
+    InputError
+        If a number is out of range, or so large or small that the size of a
+        bin is no ordinary number.
+
     References
     ----------
     arXiv 2310.06401, Table I.
@@ -46,6 +59,20 @@ class System:
     cyclic_prefix_ratio: float = 1 / 4
     cyclic_suffix_ratio: float = 1 / 32
     coherent_phase: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("n_subcarriers", "n_symbols"):
+            require_count(name, getattr(self, name))
+        for name in ("carrier_hz", "subcarrier_spacing_hz"):
+            value = getattr(self, name)
+            require(0 < value < np.inf, name, value, "a positive number of Hz")
+        for name in ("cyclic_prefix_ratio", "cyclic_suffix_ratio"):
+            value = getattr(self, name)
+            require(0 <= value <= 1, name, value, "a number from 0 to 1")
+        bins = f"carrier_hz {self.carrier_hz:g} and subcarrier_spacing_hz {self.subcarrier_spacing_hz:g}"
+        for name in ("range_bin_m", "velocity_bin_mps"):
+            size = getattr(self, name)
+            require(LEAST_BIN <= size <= 1 / LEAST_BIN, f"{name} of {bins}", size, "1e-100 to 1e100")
 
     @property
     def wavelength_m(self) -> float:

@@ -27,6 +27,12 @@ REGION_TOLERANCE_M = 0.5
 REGION_SAMPLES = 17
 """Points an edge at which directions of the region are sampled: to about 1e-3 on a street."""
 
+NEAR_SAMPLES = 12
+"""Samples more to either side of a base station so near that directions change faster than that..."""
+
+NEAREST_SAMPLE = 1e-3
+"""... from this share of its distance on: in the frame ``paper`` all directions meet straight below it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Observation:
@@ -64,7 +70,9 @@ class Observation:
     def cosine_limits(self) -> tuple[Interval, Interval]:
         """Lowest and highest u, and w, that a point of the region can have, its tolerance included."""
         lower, upper = self.region.lower_m - REGION_TOLERANCE_M, self.region.upper_m + REGION_TOLERANCE_M
-        axes = np.linspace(lower, upper, REGION_SAMPLES, axis=1)
+        if np.all((self.base_station_m > lower) & (self.base_station_m < upper)):
+            return (-1.0, 1.0), (-1.0, 1.0)
+        axes = _samples(lower, upper, self.base_station_m)
         offset_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) - self.base_station_m
         visible = self.frame.in_half_space(offset_m) & (np.linalg.norm(offset_m, axis=1) > 0)
         u, w = self.frame.direction_cosines(offset_m[visible])
@@ -78,7 +86,8 @@ class Observation:
         Parameters
         ----------
         range_bin, doppler_bin : array_like, shape (n,)
-            Absolute, possibly fractional bins.
+            Absolute, possibly fractional bins. Bins a whole transform apart
+            are one; that nearest to the region's ranges and speeds counts.
         u, w : array_like, shape (n,)
             Direction cosines; those outside the visible region are dropped.
         power : array_like, shape (n,)
@@ -89,11 +98,39 @@ class Observation:
         PointCloud
             Points at most 0.5 m outside the region.
         """
-        range_m = np.asarray(range_bin, dtype=np.float64) * self.system.range_bin_m
-        velocity = np.asarray(doppler_bin, dtype=np.float64) * self.system.velocity_bin_mps
-        xyz = self.base_station_m + self.frame.offsets(range_m, u, w)
-        keep = self.region.contains(xyz, REGION_TOLERANCE_M)
+        system, range_limits_m = self.system, self.region.range_limits_m(self.base_station_m)
+        range_m = _unfolded(range_bin, range_limits_m, system.range_bin_m, system.n_subcarriers)
+        velocity = _unfolded(doppler_bin, self.region.speed_mps, system.velocity_bin_mps, system.n_symbols)
+        # Up to half a bin before the array is an error of the estimate, beyond that no place at all.
+        ahead = range_m >= -system.range_bin_m / 2
+        xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), u, w)
+        keep = ahead & self.region.contains(xyz, REGION_TOLERANCE_M)
         return PointCloud(xyz[keep], velocity[keep], np.asarray(power, dtype=np.float64)[keep])
+
+
+def _samples(
+    lower_m: NDArray[np.float64], upper_m: NDArray[np.float64], base_m: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Coordinates along x, y and z of a grid of points in a box that shows in which directions it lies."""
+    axes = [*np.linspace(lower_m, upper_m, REGION_SAMPLES, axis=1)]
+    distance_m = float(np.linalg.norm(np.clip(base_m, lower_m, upper_m) - base_m))
+    longest_m = float((upper_m - lower_m).max())
+    if distance_m * (REGION_SAMPLES - 1) >= longest_m:
+        return axes
+    steps_m = np.geomspace(NEAREST_SAMPLE * max(distance_m, REGION_TOLERANCE_M), longest_m, NEAR_SAMPLES)
+    around_m = np.r_[-steps_m[::-1], 0, steps_m]
+    return [
+        np.r_[axis, np.clip(base + around_m, axis[0], axis[-1])]
+        for axis, base in zip(axes, base_m, strict=True)
+    ]
+
+
+def _unfolded(bins: ArrayLike, limits: Interval, size: float, n_bins: int) -> NDArray[np.float64]:
+    """What bins of some size stand for: of all that fold to one place that nearest to the limits' middle."""
+    places = np.asarray(bins, dtype=np.float64)
+    turns = np.rint((places - sum(limits) / 2 / size) / n_bins)
+    unfolded: NDArray[np.float64] = (places - n_bins * turns) * size
+    return unfolded
 
 
 def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:

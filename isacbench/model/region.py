@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.model.limits import LARGEST_PLACE_M, require_interval
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
@@ -26,12 +29,23 @@ class Region:
         Lower and upper limits in metres.
     speed_mps : (float, float)
         Lowest and highest radial velocity in m/s, positive when approaching.
+
+    Raises
+    ------
+    InputError
+        If limits do not ascend, or are beyond a million kilometres or the
+        speed of light.
     """
 
     x_m: Interval
     y_m: Interval
     z_m: Interval
     speed_mps: Interval
+
+    def __post_init__(self) -> None:
+        for name in ("x_m", "y_m", "z_m"):
+            require_interval(f"region.{name}", getattr(self, name), LARGEST_PLACE_M)
+        require_interval("region.speed_mps", self.speed_mps, SPEED_OF_LIGHT_MPS)
 
     @property
     def lower_m(self) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,8 @@ import numpy as np
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frozen import freeze_arrays
+from isacbench.model.limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,6 +24,12 @@ if TYPE_CHECKING:
     from isacbench.model.region import Region
 
 __all__ = ["Scatterers", "Scenario"]
+
+MOST_EXPONENT = 1000
+"""Of a unit of amplitude, so that neither it nor its reciprocal overflows."""
+
+AT_BASE_STATION_M = 1e-9
+"""Distance up to which a scatterer is at the base station, where it has no direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +47,13 @@ class Scatterers:
     phase_rad : ndarray of float64, shape (n,)
         Phases of the echoes, to which a coherent system adds the carrier's;
         0 unless given.
+
+    Raises
+    ------
+    InputError
+        If the shapes disagree; if a number is not finite, a position beyond a
+        million kilometres or a velocity beyond that of light; or if the power
+        of all echoes, unless it is 0, is beyond 1e304 or its reciprocal.
     """
 
     xyz: NDArray[np.float64]
@@ -49,9 +65,42 @@ class Scatterers:
         freeze_arrays(self, "xyz", "velocity", "amplitude")
         object.__setattr__(self, "phase_rad", np.broadcast_to(self.phase_rad, self.velocity.shape))
         freeze_arrays(self, "phase_rad")
+        self._require_shapes()
+        require_places("scatterers.xyz", self.xyz)
+        limit_mps = SPEED_OF_LIGHT_MPS
+        is_slow = np.abs(self.velocity) <= limit_mps
+        require_all("scatterers.velocity", self.velocity, is_slow, f"speeds in m/s, at most {limit_mps:g}")
+        for name in ("amplitude", "phase_rad"):
+            values = getattr(self, name)
+            require_all(f"scatterers.{name}", values, np.isfinite(values), "finite numbers")
+        total = self.total_amplitude
+        fits = total == 0 or SMALLEST_AMPLITUDE <= total <= LARGEST_AMPLITUDE
+        limits = f"totals of 0 and from {SMALLEST_AMPLITUDE:g} to {LARGEST_AMPLITUDE:g}"
+        require_all("scatterers.amplitude, summed in power,", total, fits, limits)
+
+    def _require_shapes(self) -> None:
+        n = self.velocity.size
+        if self.xyz.shape != (n, 3) or self.velocity.shape != (n,) or self.amplitude.shape != (n,):
+            raise InputError(
+                f"scatterers: xyz {self.xyz.shape}, velocity {self.velocity.shape} and amplitude "
+                f"{self.amplitude.shape}; allowed are the shapes (n, 3), (n,) and (n,)"
+            )
 
     def __len__(self) -> int:
         return self.velocity.size
+
+    @property
+    def total_amplitude(self) -> float:
+        """Root of the power of all echoes, each on its own."""
+        unit, power = self.power_in_units
+        return unit * float(np.sqrt(power))
+
+    @cached_property
+    def power_in_units(self) -> tuple[float, float]:
+        """A unit of amplitude, a power of two, and the power of all echoes in its square, which is near 1."""
+        _, exponent = np.frexp(np.abs(self.amplitude).max(initial=0))
+        unit = 2.0 ** int(np.clip(exponent, -MOST_EXPONENT, MOST_EXPONENT))
+        return unit, float(np.sum((self.amplitude / unit) ** 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +120,21 @@ class Scenario:
     Raises
     ------
     InputError
-        If the region cannot be observed unambiguously, or a scatterer or the
-        whole region lies where the array is blind.
+        If the base station is beyond a million kilometres, the region cannot
+        be observed unambiguously, or a scatterer or the whole region lies where
+        the array is blind.
 
     Warns
     -----
     InputWarning
-        If scatterers lie outside the region.
+        If scatterers lie outside the region, or farther away than the cyclic
+        prefix reaches.
+
+    Notes
+    -----
+    Echoes are those of endless subcarriers: one from beyond the cyclic prefix
+    is simulated without the interference between symbols that it would bring.
+    One from beyond the unambiguous range or speed folds back, as theory has it.
     """
 
     name: str
@@ -90,9 +147,11 @@ class Scenario:
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "base_station_m")
+        require_places("base_station_m", self.base_station_m)
         self._require_unambiguous_region()
         self._require_sight()
         self._warn_of_strays()
+        self._warn_of_interference()
 
     def _require_unambiguous_region(self) -> None:
         system, region = self.system, self.region
@@ -123,7 +182,7 @@ class Scenario:
                 f"region: it lies where the array is blind; allowed are places {self.frame.half_space}"
             )
         offset_m = self.scatterers.xyz - self.base_station_m
-        blind = ~self.frame.in_half_space(offset_m) | ~offset_m.any(axis=1)
+        blind = ~self.frame.in_half_space(offset_m) | (np.linalg.norm(offset_m, axis=1) <= AT_BASE_STATION_M)
         if blind.any():
             x, y, z = self.scatterers.xyz[np.argmax(blind)]
             raise InputError(
@@ -139,6 +198,18 @@ class Scenario:
             warnings.warn(
                 f"scenario {self.name}: {np.sum(~inside)} of {inside.size} scatterers lie outside the region "
                 "or its speeds, where no estimator looks",
+                InputWarning,
+                stacklevel=4,
+            )
+
+    def _warn_of_interference(self) -> None:
+        range_m = np.linalg.norm(self.scatterers.xyz - self.base_station_m, axis=1)
+        n_late = int(np.sum(range_m > self.system.isi_free_range_m))
+        if n_late:
+            warnings.warn(
+                f"scenario {self.name}: {n_late} of {range_m.size} scatterers lie beyond "
+                f"{self.system.isi_free_range_m:.1f} m, up to which the cyclic prefix keeps symbols apart; "
+                "the interference that their echoes would bring is not simulated",
                 InputWarning,
                 stacklevel=4,
             )

@@ -72,6 +72,8 @@ def draw_spectra(title: str, diagnosis: Diagnosis, scenario: Scenario) -> Figure
         ],
     )
     cell = f"strongest cell: {range_m:.1f} m, {velocity_mps:.1f} m/s, {counted(true['u'].size, 'scatterer')}"
+    if diagnosis.separated is False:
+        cell += ", signal and noise subspaces not separated"
     entitle(figure, f"{title}; {cell}")
     return figure
 

@@ -1,12 +1,18 @@
 """Simulated frames: white noise everywhere, and in the gate the very observation of the closed form."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from isacbench_algorithms.music2d import Music2d
 
 from isacbench import observe, observe_cube
 from isacbench.cubes.simulating import FrameSimulator, write_frame
 from isacbench.dsp.rangedoppler import range_doppler_map
+from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
 from isacbench.model.gate import build_gate
 
 
@@ -56,3 +62,51 @@ def test_the_image_of_a_written_frame_is_that_of_the_observation(small_street, t
     expected = Music2d().estimate(observe(small_street, 10.0, trial=3))
     assert len(expected) > 20
     np.testing.assert_allclose(cloud.to_array(), expected.to_array(), rtol=2e-6, atol=2e-5)
+
+
+LAYOUTS = {
+    "c order": lambda cube: cube,
+    "fortran order": np.asfortranarray,
+    "element-major": lambda cube: np.ascontiguousarray(cube.transpose(2, 3, 0, 1)).transpose(2, 3, 0, 1),
+    "every other": lambda cube: np.repeat(cube, 2, axis=1)[:, ::2],
+    "backwards": lambda cube: np.ascontiguousarray(cube[::-1])[::-1],
+}
+
+
+@settings(max_examples=20)
+@given(
+    n_subcarriers=st.sampled_from([1, 2, 3, 16, 61, 128, 257]),
+    n_symbols=st.sampled_from([1, 2, 3, 7, 14, 31]),
+    shape=st.sampled_from([(2, 2), (2, 7), (5, 3), (16, 2)]),
+    scale=st.sampled_from([1.0, 1e-150, 1e150]),
+    snr_db=st.sampled_from([np.inf, 20.0, -20.0]),
+    layout=st.sampled_from(sorted(LAYOUTS)),
+)
+def test_frames_of_any_size_level_and_layout_transform_into_the_observation(
+    small_street, n_subcarriers, n_symbols, shape, scale, snr_db, layout
+):
+    scatterers = small_street.scatterers
+    scenario = dataclasses.replace(
+        small_street,
+        system=dataclasses.replace(small_street.system, n_subcarriers=n_subcarriers, n_symbols=n_symbols),
+        array=VirtualArray((1, 1), shape),
+        scatterers=dataclasses.replace(scatterers, amplitude=scale * scatterers.amplitude),
+    )
+    expected = observe(scenario, snr_db, trial=1)
+    seen = observe_cube(LAYOUTS[layout](frame_of(scenario, snr_db, 1)), scenario)
+    bound = 1e-11 * np.abs(expected.cells).max()
+    np.testing.assert_allclose(seen.cross, expected.cross, rtol=0, atol=bound)
+    np.testing.assert_allclose(seen.cells, expected.cells, rtol=0, atol=bound)
+
+
+@pytest.mark.parametrize("scale", [1e-60, 1e60])
+def test_a_frame_that_single_precision_does_not_hold_is_refused_and_not_begun(small_street, tmp_path, scale):
+    scatterers = dataclasses.replace(
+        small_street.scatterers, amplitude=np.full(len(small_street.truth), scale)
+    )
+    frame = FrameSimulator(dataclasses.replace(small_street, scatterers=scatterers), 10.0)
+    with pytest.raises(InputError, match=r"amplitude of the frame = .*complex64.*complex128"):
+        write_frame(frame, tmp_path / "frame.npy")
+    assert not list(tmp_path.iterdir())
+    write_frame(frame, tmp_path / "frame.npy", np.complex128)
+    assert np.abs(np.load(tmp_path / "frame.npy")).max() > scale

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from isacbench.dsp.esprit import most_sources, unitary_esprit
 from isacbench.dsp.kernels import steering
 from isacbench.dsp.subspace import unitary_transform
-from isacbench.dsp.subspace2d import leading_eigenpairs, planar_covariance
+from isacbench.dsp.subspace2d import leading_eigenpairs, planar_covariance, planar_eigenpairs
 
 SHAPE = (16, 16)
 CONSTELLATIONS = {
@@ -134,3 +134,40 @@ def test_without_cells_there_are_no_directions():
     found = unitary_esprit(np.empty((0, 8, 8, 3)))
     assert found.u.shape == found.w.shape == (0, 3)
     assert found.reliable.shape == (0,)
+
+
+def solve_data(snapshots, subarray, order):
+    """ESPRIT on the signal subspaces of snapshots, with the digits that they take."""
+    vectors = planar_eigenpairs(snapshots[:, None], subarray, order + 1).vectors[:, :, :order]
+    return unitary_esprit(vectors.reshape(len(snapshots), *subarray, order))
+
+
+def farthest(found, u, w):
+    """Distance of the source that is farthest from what was found."""
+    apart = np.hypot(found.u[0][:, None] - u, found.w[0][:, None] - w)
+    return apart.min(axis=0).max()
+
+
+@pytest.mark.parametrize("db", [100, 140, 160])
+def test_a_source_far_below_another_is_found_without_noise(db):
+    u, w = np.array([0.1, -0.4]), np.array([0.2, 0.3])
+    found = solve_data(snapshot(u, w, [1, 10 ** (-db / 20)]), (10, 10), 2)
+    # 0.4 off at 160 dB from a covariance.
+    assert farthest(found, u, w) < 1e-7
+
+
+@pytest.mark.parametrize("phase", [1, 1j, -1])
+@pytest.mark.parametrize("cells", [1e-2, 1e-3, 1e-4])
+def test_a_pair_much_closer_than_a_rayleigh_cell_is_told_apart_without_noise(cells, phase):
+    u, w = np.array([0.1, 0.1 + cells / 8]), np.array([0.2, 0.2])
+    gain = np.exp(7.5j * np.pi * (u + w)) * [1, phase]
+    found = solve_data(snapshot(u, w, gain), (10, 10), 2)
+    assert farthest(found, u, w) < 1e-3 * (u[1] - u[0])
+
+
+@pytest.mark.parametrize("inside", [1e-3, 1e-6, 1e-9, 0.0])
+def test_a_source_at_the_very_edge_is_right_and_leaves_the_others_right(inside):
+    u, w = np.array([1 - inside, 0.3]), np.array([0.0, 0.2])
+    found = solve_data(snapshot(u, w, [1, 1j]), (10, 10), 2)
+    # Half a cell off from normal equations.
+    assert farthest(found, u, w) < 1e-7

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.aperture import Cross, Plane
 from isacbench.dsp.rangedoppler import GatedMap, range_doppler_map
-from isacbench.dsp.windows import taper
+from isacbench.dsp.windows import COEFFICIENTS, reach, taper
+from isacbench.errors import InputError
 from isacbench.model.gate import Gate
 
 SIZES = st.integers(1, 9)
@@ -93,3 +94,38 @@ def test_absolute_bins_are_found_in_a_gated_map():
     )
     assert rows.tolist() == [1, 10]
     assert columns.tolist() == [0, 13]
+
+
+@pytest.mark.parametrize("window", COEFFICIENTS)
+@pytest.mark.parametrize("n", [5, 6, 7, 16, 31])
+def test_a_whole_axis_is_tapered_as_the_window_times_the_grid_and_loses_no_bin(window, n):
+    grid, first = random_cells((n, 4, 2, 2)), -n // 3
+    phase = 2 * np.pi * np.arange(n) / n
+    weights = sum((-1) ** k * a * np.cos(k * phase) for k, a in enumerate(COEFFICIENTS[window]))
+    weights = weights / np.sqrt(np.mean(weights**2))
+    shifted = np.roll(range_doppler_map(grid), -first, axis=0)
+    expected = np.roll(range_doppler_map(grid * weights[:, None, None, None]), -first, axis=0)
+    gate = Gate(np.arange(first, first + n), np.arange(4), slice(1, n), slice(0, 4), (True, False))
+    tapered = GatedMap(shifted, gate).tapered(window, "rect")
+    np.testing.assert_array_equal(tapered.gate.range_bins, gate.range_bins)
+    np.testing.assert_array_equal(tapered.gate.reachable, gate.reachable)
+    np.testing.assert_allclose(tapered.cells, expected, atol=1e-12)
+
+
+def test_a_whole_axis_repeats_its_far_end_as_neighbours():
+    gate = Gate(np.arange(-4, 4), np.arange(12), slice(0, 8), slice(2, 9), (True, False))
+    gated = GatedMap(random_cells((8, 12, 2, 2)), gate)
+    tapered = gated.tapered("hann", "hann", neighbours=1)
+    assert tapered.gate.range_bins.tolist() == list(range(-5, 5))
+    assert tapered.gate.doppler_bins.tolist() == list(range(1, 11))
+    np.testing.assert_array_equal(tapered.cells[[0, -1]], tapered.cells[[-2, 1]])
+    assert tapered.surrounds((np.arange(-4, 4), np.full(8, 5))).all()
+    assert tapered.index((np.array([-4]), np.array([5])))[0].tolist() == [1]
+
+
+@pytest.mark.parametrize("window", [window for window in COEFFICIENTS if window != "rect"])
+def test_an_axis_with_fewer_bins_than_the_window_has_taps_is_refused_even_where_it_is_whole(window):
+    n = 2 * reach(window)
+    gate = Gate(np.arange(n), np.arange(9), slice(0, n), slice(0, 9), (True, False))
+    with pytest.raises(InputError, match=f"takes at least {n + 1} neighbouring bins; the gate has {n}"):
+        GatedMap(random_cells((n, 9, 1, 1)), gate).tapered(window, "rect")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, special, stats
 
-from isacbench.dsp.factor_trimmed import _TrimmedLaw
+from isacbench.dsp.factor_trimmed import _FINE, _Nodes, _TrimmedLaw
 from isacbench.dsp.thresholds import (
     ca_factor,
     ca_rate,
@@ -231,7 +232,7 @@ def test_tm_factor_of_one_look_gives_the_rate_of_the_spacings(pfa, trim):
 @given(PFAS, TRIMMED.filter(lambda trim: trim[1] != (0, 0)))
 def test_quadrature_for_many_looks_agrees_with_the_closed_form_of_one(pfa, trim):
     factor = tm_factor(pfa, *trim)
-    assert _TrimmedLaw(factor, *trim, 1).rate(factor) == pytest.approx(pfa, rel=5e-3)
+    assert _TrimmedLaw(factor, *trim, 1, _FINE).rate(factor) == pytest.approx(pfa, rel=5e-3)
 
 
 @pytest.mark.parametrize("looks", [2, 16, 256])
@@ -239,7 +240,7 @@ def test_quadrature_for_many_looks_agrees_with_the_closed_form_of_one(pfa, trim)
 @pytest.mark.parametrize(("rank", "n"), [(54, 72), (6, 9), (1, 72), (72, 72)])
 def test_quadrature_for_the_mean_of_one_kept_cell_agrees_with_the_order_statistic(rank, n, pfa, looks):
     factor = osca_factor(pfa, ((rank, n),), looks)
-    rate = _TrimmedLaw(factor, n, (rank - 1, n - rank), looks).rate(factor)
+    rate = _TrimmedLaw(factor, n, (rank - 1, n - rank), looks, _FINE).rate(factor)
     assert rate == pytest.approx(pfa, rel=1e-2 if pfa == 1e-30 else 1e-4)
 
 
@@ -281,6 +282,64 @@ def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
 def test_rates_undo_factors_of_trimmed_means(trimmed, looks):
     for pfa in (0.3, 1e-3, 1e-12):
         assert tm_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks) == pytest.approx(pfa, rel=1e-7)
+
+
+def exact_tm_rate(factor, n, trimmed, looks):
+    """Integrates the rate of sorted gamma powers of integer shape in rational numbers, cell by cell.
+
+    The density of the first i cells, integrated up to x, is a sum of exp(-rate x) times polynomials in x and
+    in z, the variable that counts arrivals of the cell under test in the kept ones.
+    """
+    t = factor / (n - sum(trimmed))
+    law = {Fraction(0): {(0, 0): Fraction(1)}}
+    for i in range(n):
+        kept = trimmed[0] <= i < n - trimmed[1]
+        arrivals = [t**m / math.factorial(m) for m in range(looks)] if kept else [Fraction(1)]
+        constant, integrated = {}, {}
+        for rate, polynomial in law.items():
+            total = rate + 1 + (t if kept else 0)
+            powers = {}
+            for (z, x), c in polynomial.items():
+                for m, a in enumerate(arrivals[: looks - z]):
+                    powers.setdefault(z + m, {}).setdefault(x + m + looks - 1, []).append(a * c)
+            terms = integrated.setdefault(total, {})
+            for z, by_power in powers.items():
+                tail = Fraction(0)
+                for q in range(max(by_power), -1, -1):
+                    tail = (sum(by_power.get(q, ()), start=Fraction(0)) + tail * (q + 1)) / total
+                    terms[z, q] = terms.get((z, q), 0) - tail
+                constant[z, 0] = constant.get((z, 0), 0) + tail
+        law = {**integrated, Fraction(0): constant}
+        scale = Fraction(1, math.factorial(looks - 1))
+        law = {rate: {key: c * scale for key, c in terms.items()} for rate, terms in law.items()}
+    return float(math.factorial(n) * sum(law[Fraction(0)].values()))
+
+
+@pytest.mark.parametrize("looks", [1, 2, 3])
+@pytest.mark.parametrize("pfa", [1e-15, 1e-3, 0.5])
+@pytest.mark.parametrize(
+    ("n", "trimmed"),
+    [(2, (0, 1)), (4, (1, 1)), (5, (2, 1)), (5, (1, 2)), (6, (0, 2)), (6, (2, 0)), (8, (1, 1)), (8, (2, 2))],
+)
+def test_tm_factor_gives_the_rate_of_rational_numbers(n, trimmed, pfa, looks):
+    factor = float(f"{tm_factor(pfa, n, trimmed, looks):.5g}")
+    exact = exact_tm_rate(Fraction(factor), n, trimmed, looks)
+    assert exact == pytest.approx(pfa, rel=2e-3)
+    assert tm_rate(factor, n, trimmed, looks) == pytest.approx(exact, rel=3e-7)
+
+
+@pytest.mark.parametrize(("n", "trimmed"), [(72, (1, 1)), (72, (36, 1)), (300, (1, 1)), (88, (2, 44))])
+@pytest.mark.parametrize("pfa", [0.5, 1e-15])
+def test_tm_factor_of_few_cells_trimmed_does_not_depend_on_the_nodes(n, trimmed, pfa):
+    factor = tm_factor(pfa, n, trimmed, 2)
+    finer = _TrimmedLaw(factor, n, trimmed, 2, _Nodes(96, 28, -27.0))
+    assert finer.rate(factor) == pytest.approx(pfa, rel=5e-7)
+
+
+@pytest.mark.parametrize(("n", "trimmed"), [(8, (1, 4)), (8, (0, 6)), (72, (0, 70))])
+def test_tm_factor_of_a_rate_of_1e_minus_30_is_found_where_the_kept_law_is_below_any_float64(n, trimmed):
+    factor = tm_factor(1e-30, n, trimmed, 2)
+    assert tm_rate(factor, n, trimmed, 2) == pytest.approx(1e-30, rel=1e-6)
 
 
 def trimmed_windows_rate(factor, n, trimmed, looks, n_windows, seed):

@@ -3,6 +3,7 @@
 import cmath
 import dataclasses
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
 from isacbench.dsp.rangedoppler import range_doppler_map
+from isacbench.errors import InputError, InputWarning
 from isacbench.model import echo
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import (
@@ -192,6 +194,136 @@ def test_an_approaching_scatterer_turns_as_the_shrinking_path_says(make_scenario
     )
     # The first subcarrier lies on the carrier, where the convention is exact.
     assert resource_grid(moving, [(0, 0)])[0, 1, 0] == pytest.approx(resource_grid(later, [(0, 0)])[0, 0, 0])
+
+
+def alone_at(make_scenario, xyz, speed_mps, amplitude=(1.0,), **system):
+    """Scenario of scatterers wherever they are."""
+    n = len(amplitude)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        return make_scenario(
+            xyz=np.tile(xyz, (n, 1)), velocity=[speed_mps] * n, amplitude=amplitude, **system
+        )
+
+
+@settings(max_examples=30)
+@given(
+    place=st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)),
+    speed_mps=st.floats(-15, 15),
+    turns=st.integers(1, 1600),
+    speed_turns=st.integers(-9, 9),
+)
+def test_echoes_from_beyond_what_is_unambiguous_are_those_of_the_place_that_they_fold_to(
+    make_scenario, place, speed_mps, turns, speed_turns
+):
+    near = alone_at(make_scenario, place, speed_mps)
+    system, base_m = near.system, near.base_station_m
+    range_m = np.linalg.norm(place - base_m)
+    far = base_m + (place - base_m) * (range_m + turns * system.unambiguous_range_m) / range_m
+    fast_mps = speed_mps + 2 * speed_turns * system.unambiguous_speed_mps
+    folded = alone_at(make_scenario, far, fast_mps, coherent_phase=False)
+    expected = clean_echo(dataclasses.replace(near, system=folded.system), gate_of(near))
+    # A place a million metres away is held to 1e-10 m, of a bin of 2.4 m.
+    error = np.abs(clean_echo(folded, gate_of(near)) - expected).max()
+    assert error <= 1e-8 * np.sqrt(system.processing_gain)
+
+
+@pytest.mark.parametrize(
+    "place", [(4.0, -1e6, 1.0), (-3e5, -1e6, -1e5), (5.0, 39.999, 10.0), (5.0, 40.0, 0.0)]
+)
+@pytest.mark.parametrize("speed_mps", [0.0, 1e3, -1e6, 2.9e8])
+@pytest.mark.parametrize(("n_subcarriers", "n_symbols"), [(256, 32), (251, 13), (1, 1)])
+def test_the_closed_form_is_the_transformed_grid_however_far_and_fast(
+    make_scenario, place, speed_mps, n_subcarriers, n_symbols
+):
+    scenario = alone_at(make_scenario, place, speed_mps, n_subcarriers=n_subcarriers, n_symbols=n_symbols)
+    gate, elements = gate_of(scenario), [(0, 0), (3, 1)]
+    expected = gated_grid(scenario, gate, elements)
+    p, q = np.transpose(elements)
+    error = np.abs(clean_echo(scenario, gate)[:, :, p, q] - expected).max()
+    assert error <= 1e-12 * np.sqrt(scenario.system.processing_gain)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "phase_rad"),
+    [
+        ([1.0, 1.0], [0.0, np.pi]),
+        ([1.0, -1.0], [0.0, 0.0]),
+        ([1e150, 1e150], [1.0, 1.0 + np.pi]),
+        ([1e-150] * 4, [0.0, np.pi / 2, np.pi, -np.pi / 2]),
+        (np.ones(600), np.arange(600) * 2 * np.pi / 600),
+    ],
+)
+@pytest.mark.parametrize("coherent_phase", [False, True])
+def test_echoes_that_cancel_leave_no_dust(make_scenario, amplitude, phase_rad, coherent_phase):
+    scenario = alone_at(make_scenario, [1.3, 2.2, 0.4], 3.7, amplitude, coherent_phase=coherent_phase)
+    scatterers = dataclasses.replace(scenario.scatterers, phase_rad=phase_rad)
+    scenario = dataclasses.replace(scenario, scatterers=scatterers)
+    assert not np.any(clean_echo(scenario, gate_of(scenario)))
+    assert not np.any(resource_grid(scenario, [(0, 0), (1, 2)]))
+
+
+def test_two_opposite_echoes_a_hair_apart_and_a_weak_one_beside_a_strong_one_are_no_dust(make_scenario):
+    scatterers = Scatterers([[1.3, 2.2, 0.4], [1.3, 2.2 + 1e-9, 0.4]], [0, 0], [1, 1], [0, np.pi])
+    scenario = dataclasses.replace(make_scenario(coherent_phase=True), scatterers=scatterers)
+    apart_rad = 4 * np.pi / scenario.system.wavelength_m * 1e-9 * np.cos(0.3)
+    found = np.abs(clean_echo(scenario, gate_of(scenario))).max()
+    assert found > 0.1 * apart_rad * np.sqrt(scenario.system.processing_gain)
+    both = make_scenario(amplitude=[1.0, 1e-7, 1.0])
+    weak, without = (
+        clean_echo(make_scenario(amplitude=[1.0, amplitude, 1.0]), gate_of(both)) for amplitude in (1e-7, 0.0)
+    )
+    assert np.abs(weak - without).max() > 0.3e-7 * np.sqrt(both.system.processing_gain)
+
+
+@pytest.mark.parametrize("velocity", [np.linspace(-15, 15, 40), np.repeat([-9.0, 4.0], 20)])
+def test_a_scene_too_large_for_memory_is_summed_in_parts(make_scenario, monkeypatch, velocity):
+    rng = np.random.default_rng(4)
+    scenario = make_scenario(xyz=rng.uniform(0, 5, (40, 3)), velocity=velocity, amplitude=np.ones(40))
+    whole = clean_echo(scenario, gate_of(scenario)), resource_grid(scenario, [(0, 0), (1, 2)])
+    monkeypatch.setattr(echo, "MOST_PRODUCTS", 5000)
+    parts = clean_echo(scenario, gate_of(scenario)), resource_grid(scenario, [(0, 0), (1, 2)])
+    for part, expected in zip(parts, whole, strict=True):
+        np.testing.assert_allclose(part, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@settings(max_examples=15)
+@given(order=st.permutations(range(12)))
+def test_the_order_of_scatterers_does_not_matter(make_scenario, order):
+    rng = np.random.default_rng(8)
+    xyz, velocity, amplitude = rng.uniform(0, 5, (12, 3)), rng.uniform(-15, 15, 12), rng.uniform(0, 2, 12)
+    expected = Simulator(make_scenario(xyz=xyz, velocity=velocity, amplitude=amplitude)).observe(10.0).cells
+    shuffled = make_scenario(xyz=xyz[order], velocity=velocity[order], amplitude=amplitude[order])
+    found = Simulator(shuffled).observe(10.0).cells
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+@given(exponent=st.integers(-480, 480), snr_db=st.sampled_from([-20.0, 10.0, 200.0, math.inf]))
+def test_an_observation_scales_exactly_with_powers_of_two(make_scenario, exponent, snr_db):
+    scale = 2.0**exponent
+    amplitude = np.array([1.0, 0.7, 0.3])
+    plain, scaled = (
+        Simulator(make_scenario(amplitude=factor * amplitude, n_subcarriers=64)).observe(snr_db).cells
+        for factor in (1.0, scale)
+    )
+    np.testing.assert_array_equal(scaled, plain * scale)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "snr_db"), [(1.0, math.nan), (1.0, -math.inf), (1.0, -4000.0), (1e150, -80.0)]
+)
+def test_noise_that_is_no_number_or_too_strong_is_refused(make_scenario, amplitude, snr_db):
+    scenario = make_scenario(amplitude=[amplitude] * 3)
+    with pytest.raises(InputError, match=r"snr_db = .*: allowed is -\d+ and more, infinity for no noise"):
+        observe(scenario, snr_db)
+
+
+@pytest.mark.parametrize("snr_db", [-80.0, 200.0, 3000.0, 1e300])
+def test_noise_follows_the_snr_however_large(make_scenario, snr_db):
+    simulator = Simulator(make_scenario())
+    expected = simulator.scenario.scatterers.total_amplitude * 10.0 ** (-snr_db / 20)
+    assert simulator.noise_amplitude(snr_db) == pytest.approx(expected, rel=1e-12, abs=1e-150)
+    assert np.isfinite(simulator.observe(snr_db).cells).all()
 
 
 def noise_of(observation, simulator, snr_db):

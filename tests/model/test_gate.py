@@ -103,3 +103,21 @@ def test_bins_cannot_be_written_to():
     gate = build_gate(System(), np.zeros(3), Region((5.0, 9.0), (0.0, 1.0), (0.0, 1.0), (0.0, 0.0)))
     with pytest.raises(ValueError, match="read-only"):
         gate.range_bins[0] = 1
+
+
+@given(scenes())
+def test_a_gate_wraps_where_it_holds_all_bins(scene):
+    system, gate = scene[0], build_gate(*scene)
+    assert gate.wraps == (gate.shape[0] == system.n_subcarriers, gate.shape[1] == system.n_symbols)
+
+
+@given(scenes(), st.integers(0, 3), st.integers(0, 3))
+def test_extending_a_gate_is_undone_by_trimming_it(scene, n, m):
+    gate = build_gate(*scene)
+    longer = gate.extend(n, m)
+    assert longer.shape == (gate.shape[0] + 2 * n, gate.shape[1] + 2 * m)
+    assert longer.wraps == (gate.wraps[0] and n == 0, gate.wraps[1] and m == 0)
+    again = longer.trim(n, m)
+    np.testing.assert_array_equal(again.range_bins, gate.range_bins)
+    np.testing.assert_array_equal(again.doppler_bins, gate.doppler_bins)
+    np.testing.assert_array_equal(again.reachable, gate.reachable)

@@ -1,11 +1,15 @@
 """Observations: read-only, and the one step from detections to points."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.model.echo import observe
+from isacbench.model.frame import PanelFrame, PaperFrame
+from isacbench.model.region import Region
 
 FRAMES = ["panel", "paper"]
 
@@ -69,3 +73,56 @@ def test_the_cosine_limits_hold_every_point_of_the_region(observation, place):
     (u_low, u_high), (w_low, w_high) = observation.cosine_limits
     assert u_low - 1e-3 <= u[0] <= u_high + 1e-3
     assert w_low - 1e-3 <= w[0] <= w_high + 1e-3
+
+
+@given(
+    place=st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)),
+    speed_mps=st.floats(-15, 15),
+    turns=st.tuples(st.integers(-3, 3), st.integers(-3, 3)),
+)
+def test_bins_a_whole_transform_apart_are_one_place(observation, place, speed_mps, turns):
+    range_bin, doppler_bin, u, w = detections(observation, [place], [speed_mps])
+    system = observation.system
+    folded = observation.cloud(
+        range_bin + turns[0] * system.n_subcarriers, doppler_bin + turns[1] * system.n_symbols, u, w, [1.0]
+    )
+    np.testing.assert_allclose(folded.xyz, [place], atol=1e-9)
+    assert folded.velocity[0] == pytest.approx(speed_mps, abs=1e-9)
+
+
+def test_a_speed_next_to_the_unambiguous_one_is_the_one_that_the_region_allows(observation):
+    system = observation.system
+    half, bin_mps = system.n_symbols / 2, system.velocity_bin_mps
+    region = dataclasses.replace(observation.region, speed_mps=(20 * bin_mps / 2, half * bin_mps))
+    fast = dataclasses.replace(observation, region=region)
+    range_bin, _, u, w = detections(observation, [[5.0, 5.0, 1.0]], [0.0])
+    cloud = fast.cloud(range_bin, [-half - 0.3], u, w, [1.0])
+    assert cloud.velocity[0] == pytest.approx((half - 0.3) * bin_mps)
+
+
+@pytest.mark.parametrize(("range_bin", "n_points"), [(0.4, 1), (-0.4, 1), (-0.6, 0), (-1.0, 0)])
+def test_no_point_lies_behind_the_array(observation, range_bin, n_points):
+    around = Region((-50.0, 60.0), (0.0, 80.0), (-50.0, 60.0), (-1.0, 1.0))
+    seen = dataclasses.replace(observation, region=around)
+    cloud = seen.cloud([range_bin], [0.0], [0.3], [0.2], [1.0])
+    assert len(cloud) == n_points
+    distance_m = np.linalg.norm(cloud.xyz - seen.base_station_m, axis=1)
+    np.testing.assert_allclose(distance_m, max(range_bin, 0) * seen.system.range_bin_m, atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", [PanelFrame(), PanelFrame(0, 90), PanelFrame(30, 20), PaperFrame()])
+@pytest.mark.parametrize(
+    ("base_m", "y_m"), [([0.0, 0.0, 15.0], (-300.0, 300.0)), ([3.0, 7.0, 4.0], (-300.0, 20.0))]
+)
+def test_the_cosine_limits_hold_a_region_right_below_the_base_station_or_around_it(
+    observation, frame, base_m, y_m
+):
+    region = Region((-300.0, 300.0), y_m, (0.0, 5.0), (0.0, 1.0))
+    seen = dataclasses.replace(observation, frame=frame, base_station_m=np.array(base_m), region=region)
+    (u_low, u_high), (w_low, w_high) = seen.cosine_limits
+    rng = np.random.default_rng(2)
+    near_m = np.asarray(base_m) + rng.normal(size=(20000, 3)) * 10 ** rng.uniform(-2, 2.5, (20000, 1))
+    offset_m = np.clip(near_m, region.lower_m, region.upper_m) - base_m
+    u, w = frame.direction_cosines(offset_m[frame.in_half_space(offset_m)])
+    assert u_low - 2e-3 <= u.min() <= u.max() <= u_high + 2e-3
+    assert w_low - 2e-3 <= w.min() <= w.max() <= w_high + 2e-3

@@ -1,0 +1,127 @@
+"""The command that puts estimators and detectors under stress."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail
+from isacbench.cli.options import SEED_HELP, AsJson, EstimatorSpecs, PluginFiles, register
+from isacbench.cli.printing import print_grid, print_json
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from isacbench.stress.running import Examined, Target
+
+__all__ = ["stress"]
+
+TIMEOUT_S = 120.0
+
+
+@app.command()
+def stress(
+    estimator: EstimatorSpecs = None,
+    detector: Annotated[
+        list[str] | None,
+        typer.Option(
+            "-d", "--detector", metavar="NAME[param=value,...]", help="Detector, likewise; repeats."
+        ),
+    ] = None,
+    case: Annotated[
+        list[str] | None,
+        typer.Option("--case", metavar="FAMILY[param=value,...]", help="Case, or all of a family; repeats."),
+    ] = None,
+    search: Annotated[
+        int | None,
+        typer.Option(
+            "--search", metavar="N", min=1, help="Draw N cases a family at random, instead of the table."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="Folder; default results/stress-<time>."),
+    ] = None,
+    jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes.")] = 1,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="SECONDS", min=0.001, help="Longest time of a case.")
+    ] = TIMEOUT_S,
+    plugin: PluginFiles = None,
+    as_json: AsJson = False,
+) -> None:
+    """Put estimators and detectors through hostile but finite input, and say what breaks."""
+    from isacbench.process_server import start_process_server
+
+    start_process_server()
+    from isacbench.bench.folder import default_folder
+    from isacbench.registry import detector_names, estimator_names
+    from isacbench.report.stress import (
+        HEADER,
+        describe_stress,
+        family_grid,
+        line,
+        promise_grid,
+        searched,
+        summary,
+    )
+    from isacbench.stress.running import find_targets
+    from isacbench.stress.table import case_table, promise_table, write_tables
+
+    register(plugin)
+    everything = estimator is None and detector is None
+    targets = [
+        *find_targets("estimator", estimator_names() if everything else estimator or ()),
+        *find_targets("detector", detector_names() if everything else detector or ()),
+    ]
+    work = _work(targets, case or [], search, seed, jobs, timeout)
+    examined: list[Examined] = []
+    interrupted = False
+    if not as_json:
+        typer.echo(HEADER)
+    try:
+        for one in work:
+            examined.append(one)
+            if not as_json:
+                typer.echo(line(one))
+    except KeyboardInterrupt:
+        interrupted = True
+    folder = default_folder("stress") if out is None else out
+    paths = write_tables(folder, examined, timeout_s=timeout) if examined else []
+    if as_json:
+        print_json(describe_stress(examined))
+    else:
+        if search is None and examined:
+            print_grid(promise_grid(promise_table(examined)))
+            print_grid(family_grid(case_table(examined)))
+        typer.echo(summary(examined) if search is None else searched(examined, search, len(targets)))
+        if paths:
+            typer.echo(f"{folder}: {', '.join(path.name for path in paths)}")
+    if interrupted:
+        fail(f"interrupted: the {len(examined)} cases so far are in {folder}", EXIT_INTERRUPTED)
+    broken = [one for one in examined if one.is_broken]
+    if broken:
+        findings = "1 finding" if len(broken) == 1 else f"{len(broken)} findings"
+        fail(f"{findings}; the first one: {broken[0].reproduce}", EXIT_FAILED_CELLS)
+
+
+def _work(
+    targets: list[Target], cases: list[str], n_examples: int | None, seed: int, jobs: int, timeout_s: float
+) -> Iterator[Examined]:
+    """Cases of the table, or findings of a search, one after the other."""
+    from isacbench.stress.running import Examiners, tasks_of
+
+    if n_examples is None:
+        return Examiners(jobs, timeout_s).examine(tasks_of(targets, cases, seed))
+    from isacbench.stress.families import find_families
+    from isacbench.stress.search import search
+
+    families = find_families(cases, {target.kind for target in targets})
+    return search(targets, families, n_examples, seed, timeout_s, _tell)
+
+
+def _tell(target: Target, family: type[object]) -> None:
+    """Say on stderr what is searched, for it takes a while."""
+    typer.echo(f"searching {getattr(family, 'name', '')} for {target.spec}", err=True)

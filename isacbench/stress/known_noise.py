@@ -1,0 +1,129 @@
+"""What the built-in detectors estimate, cell by cell and with exact sums: slow, and plainly right."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isacbench.stress.case import NotApplicableError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from isacbench.contracts import Detector
+
+    Cell = tuple[int, ...]
+
+__all__ = ["known_noise"]
+
+_MOST_EXPONENT = 959
+"""Of the largest power whose sums stay finite without being scaled down."""
+
+_ROUNDING = 1e-9
+"""What rounding may take from the product of a fraction and a number of cells."""
+
+
+def known_noise(detector: Detector, power: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Estimate the noise around every cell of a map with a double loop.
+
+    Parameters
+    ----------
+    detector : Detector
+        A built-in one, told by its name.
+    power : ndarray of float64
+        Finite and not negative.
+
+    Returns
+    -------
+    ndarray of float64
+        Of the map's shape.
+
+    Raises
+    ------
+    NotApplicableError
+        If what the detector estimates is not known here.
+
+    Examples
+    --------
+    >>> from isacbench import get_detector
+    >>> known_noise(get_detector("ca", training=1, guard=0), np.array([1.0, 2.0, 6.0, 8.0])).tolist()
+    [4.0, 3.5, 5.0, 4.0]
+    """
+    if detector.name not in ("ca", "os", "osca", "goca", "soca", "tm"):
+        raise NotApplicableError("what it estimates is not known here")
+    # Sums of the largest powers overflow, means do not.
+    exponent = -64 if math.frexp(float(power.max()))[1] > _MOST_EXPONENT else 0
+    scaled = np.ldexp(power, exponent)
+    noise = np.empty(power.shape)
+    for cell in np.ndindex(power.shape):
+        noise[cell] = math.ldexp(_estimate(detector, scaled, cell), -exponent)
+    return noise
+
+
+def _estimate(detector: Any, power: NDArray[np.float64], cell: Cell) -> float:
+    places = list(_training_cells(detector, power.shape, cell))
+    values = [float(power[place]) for place in places]
+    match detector.name:
+        case "ca":
+            return _mean(values)
+        case "os":
+            return sorted(values)[max(1, _share(detector.rank_fraction, len(values))) - 1]
+        case "tm":
+            first = _share(detector.trim_low, len(values))
+            stop = len(values) - _share(detector.trim_high, len(values))
+            return _mean(sorted(values)[first:stop])
+        case "osca":
+            columns: dict[Cell, list[float]] = {}
+            for place, value in zip(places, values, strict=True):
+                columns.setdefault(_without(place, detector.order_axis), []).append(value)
+            return _mean([sorted(column)[max(1, 3 * len(column) // 4) - 1] for column in columns.values()])
+        case _:
+            return _half_mean(detector, places, values, cell)
+
+
+def _half_mean(detector: Any, places: Sequence[Cell], values: Sequence[float], cell: Cell) -> float:
+    """Mean of the leading or the trailing half, whichever is wanted."""
+
+    def order(place: Cell) -> Cell:
+        return (place[detector.split_axis], *_without(place, detector.split_axis))
+
+    leading = [value for place, value in zip(places, values, strict=True) if order(place) < order(cell)]
+    trailing = [value for place, value in zip(places, values, strict=True) if order(place) > order(cell)]
+    means = [_mean(half) for half in (leading, trailing) if half]
+    return max(means) if detector.name == "goca" else min(means)
+
+
+def _training_cells(detector: Any, shape: Cell, cell: Cell) -> Iterator[Cell]:
+    """List the training cells of a cell; the window shifts to stay inside the map, its guard cells do not."""
+    training = _per_axis(detector.training, len(shape))
+    guard = _per_axis(0 if detector.guard is None else detector.guard, len(shape))
+    reach = [t + g for t, g in zip(training, guard, strict=True)]
+    starts = [
+        min(max(place - r, 0), length - 2 * r - 1)
+        for place, r, length in zip(cell, reach, shape, strict=True)
+    ]
+    for offset in np.ndindex(tuple(2 * r + 1 for r in reach)):
+        place = tuple(start + o for start, o in zip(starts, offset, strict=True))
+        guarded = all(abs(p - c) <= g for p, c, g in zip(place, cell, guard, strict=True))
+        if detector.guard is None or not guarded:
+            yield place
+
+
+def _per_axis(sizes: int | tuple[int, ...], n_axes: int) -> tuple[int, ...]:
+    return sizes if isinstance(sizes, tuple) else (sizes,) * n_axes
+
+
+def _without(place: Cell, axis: int) -> Cell:
+    return (*place[:axis], *place[axis + 1 :])
+
+
+def _share(fraction: float, n_cells: int) -> int:
+    return int(fraction * n_cells + _ROUNDING)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)

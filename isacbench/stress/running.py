@@ -1,0 +1,232 @@
+"""Running stress cases: each in a guarded process, each with a row, whatever becomes of it."""
+
+from __future__ import annotations
+
+import shlex
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+from isacbench.bench.isolation import process_state_kept, seed_global_generators
+from isacbench.entries import local_plugins, register_plugin
+from isacbench.guarded_process import GuardedProcess, ProcessLostError
+from isacbench.registry import (
+    build_estimators_of,
+    canonical_params,
+    get_detector,
+    parse_spec,
+    spec_variants,
+)
+from isacbench.stress.examine import BROKEN, Verdict, examine
+from isacbench.stress.families import find_cases, require_kind, table_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from isacbench.entries import Kind
+    from isacbench.plugin_files import PluginFile
+    from isacbench.stress.case import Case
+    from isacbench.stress.examine import Outcome
+
+__all__ = ["TIMEOUT_S", "Examined", "Examiner", "Examiners", "Target", "Task", "find_targets", "tasks_of"]
+
+TIMEOUT_S = 120.0
+"""A case takes milliseconds to seconds, thousands of scatterers included."""
+
+
+class Target(NamedTuple):
+    """An estimator or a detector under stress.
+
+    Attributes
+    ----------
+    kind : {"estimator", "detector"}
+    spec : str
+        ``name[param=value,...]``.
+    params : str
+        Canonical JSON of all parameters.
+    """
+
+    kind: Kind
+    spec: str
+    params: str
+
+    @property
+    def name(self) -> str:
+        """Registered name."""
+        return parse_spec(self.spec).name
+
+
+class Task(NamedTuple):
+    """A case that a target is to go through, with the seed of what is random in it."""
+
+    target: Target
+    case: Case[Any]
+    seed: int
+
+
+class Examined(NamedTuple):
+    """What became of a task: a verdict a promise."""
+
+    task: Task
+    verdicts: list[Verdict]
+
+    @property
+    def worst(self) -> Verdict:
+        """Verdict that counts: a finding, else the one that came closest to its bound."""
+        return max(self.verdicts, key=lambda verdict: verdict.severity)
+
+    @property
+    def outcome(self) -> Outcome:
+        """Outcome of the whole case."""
+        return self.worst.outcome if self.is_broken else self.verdicts[0].outcome
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether it is a finding."""
+        return self.worst.outcome in BROKEN
+
+    @property
+    def time_s(self) -> float:
+        """Time of all promises together."""
+        return sum(verdict.time_s for verdict in self.verdicts)
+
+    @property
+    def reproduce(self) -> str:
+        """Command that runs this case alone."""
+        target, case, seed = self.task
+        files = [part for plugin in local_plugins() for part in ("--plugin", plugin.filename)]
+        option = "-e" if target.kind == "estimator" else "-d"
+        return shlex.join(
+            ["isacbench", "stress", *files, option, target.spec, "--case", case.spec, "--seed", str(seed)]
+        )
+
+
+def find_targets(kind: Kind, specs: Sequence[str]) -> list[Target]:
+    """Targets that specifications stand for, grids included.
+
+    Raises
+    ------
+    InputError
+        If one cannot be built.
+    """
+    return [
+        Target(kind, spec, canonical_params(plugin)) for text in specs for spec, plugin in _built(kind, text)
+    ]
+
+
+def _built(kind: Kind, text: str) -> list[tuple[str, Any]]:
+    if kind == "estimator":
+        return list(build_estimators_of(text))
+    return [(one, get_detector(spec.name, **spec.params)) for one, spec in spec_variants(text)]
+
+
+def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list[Task]:
+    """Every target through every case that is meant for it.
+
+    Parameters
+    ----------
+    targets : sequence of Target
+    cases : sequence of str
+        Families or cases; all of the fixed table where there are none.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        If a case cannot be found, or is meant for none of the targets.
+    """
+    found = {text: find_cases(text) for text in cases}
+    kinds = {target.kind for target in targets}
+    for text, members in found.items():
+        require_kind(text, type(members[0]), kinds)
+    wanted = {
+        kind: [case for members in found.values() for case in members if case.kind == kind]
+        if cases
+        else table_of(kind)
+        for kind in kinds
+    }
+    return [Task(target, case, seed) for target in targets for case in wanted[target.kind]]
+
+
+class Examiner:
+    """One guarded process that examines; a context manager.
+
+    Parameters
+    ----------
+    timeout_s : float
+        Longest time of a case in s.
+    """
+
+    def __init__(self, timeout_s: float = TIMEOUT_S) -> None:
+        self._timeout_s = timeout_s
+        self._process = GuardedProcess(_start, local_plugins())
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.stop()
+
+    def examine(self, task: Task) -> Examined:
+        """Put a target through a case; if it hangs or dies, that is the verdict."""
+        target, case, seed = task
+        try:
+            verdicts = self._process.call(
+                _examine, target.kind, target.spec, case.spec, seed, timeout_s=self._timeout_s
+            )
+        except ProcessLostError as loss:
+            time_s = self._timeout_s if loss.status == "timeout" else float("nan")
+            verdicts = [Verdict("finite", loss.status, float("nan"), float("nan"), time_s, loss.reason)]
+        return Examined(task, verdicts)
+
+
+class Examiners:
+    """Processes that examine side by side; a context manager.
+
+    Parameters
+    ----------
+    jobs : int
+    timeout_s : float
+        Longest time of a case in s.
+    """
+
+    def __init__(self, jobs: int = 1, timeout_s: float = TIMEOUT_S) -> None:
+        self._jobs, self._timeout_s = jobs, timeout_s
+
+    def examine(self, tasks: Sequence[Task]) -> Iterator[Examined]:
+        """Examine tasks; what comes of them comes in their order."""
+        idle: SimpleQueue[Examiner] = SimpleQueue()
+        with ExitStack() as stack:
+            threads = stack.enter_context(ThreadPoolExecutor(self._jobs))
+            for _ in range(self._jobs):
+                idle.put(stack.enter_context(closing(Examiner(self._timeout_s))))
+            stack.callback(threads.shutdown, wait=False, cancel_futures=True)
+
+            def examine(task: Task) -> Examined:
+                examiner = idle.get()
+                try:
+                    return examiner.examine(task)
+                finally:
+                    idle.put(examiner)
+
+            yield from threads.map(examine, tasks)
+
+
+# What follows runs in the process.
+
+_plugins: dict[tuple[Kind, str], Any] = {}
+
+
+def _start(plugins: tuple[PluginFile, ...]) -> None:
+    for plugin in plugins:
+        register_plugin(plugin)
+
+
+def _examine(kind: Kind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
+    if (kind, spec) not in _plugins:
+        [(_, _plugins[kind, spec])] = _built(kind, spec)
+    [case] = find_cases(case_spec)
+    with process_state_kept(), threadpool_limits(1):
+        seed_global_generators(seed, spec, case_spec)
+        return examine(case, _plugins[kind, spec], seed)

@@ -1,0 +1,191 @@
+"""Scenes at the limits of the radio: whole axes, few elements, echoes that cancel, and any level."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+from isacbench_algorithms.nomp4d import Nomp4d
+from isacbench_algorithms.oracle import Oracle
+
+from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import PanelFrame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
+
+CELLWISE = [Fft4d(), Fft4d(integration="element"), Music2d(), Music2dJoint(), Esprit2d()]
+EVERY = [*CELLWISE, Nomp4d()]
+NAMES = ["fft4d", "fft4d-element", "music2d", "music2d_joint", "esprit2d", "nomp4d"]
+REGION = Region((0.0, 20.0), (0.0, 20.0), (0.0, 6.0), (-30.0, 30.0))
+BASE_M = np.array([10.0, 50.0, 12.0])
+THREE = np.array([(4.0, 5.0, 1.0, 0.0), (13.0, 9.0, 3.0, 17.0), (17.0, 3.0, 5.0, -21.0)])
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+@pytest.fixture
+def one_thread():
+    """Keep small matrices on one thread."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        yield
+
+
+def scene(points, amplitude=1.0, phase_rad=0.0, shape=(6, 6), region=REGION, base_m=BASE_M, **system):
+    """Scatterers at (x, y, z, v) in front of an array."""
+    points = np.reshape(points, (-1, 4))
+    amplitude, phase_rad = (np.broadcast_to(values, len(points)) for values in (amplitude, phase_rad))
+    return Scenario(
+        name="hostile",
+        system=System(**{"n_subcarriers": 256, "n_symbols": 64, **system}),
+        array=VirtualArray((1, 1), shape),
+        frame=PanelFrame(),
+        base_station_m=base_m,
+        region=region,
+        scatterers=Scatterers(points[:, :3], points[:, 3], amplitude, phase_rad),
+    )
+
+
+def image(estimator, scenario, snr_db=20.0):
+    return estimator.estimate(Simulator(scenario).observe(snr_db))
+
+
+def assert_lone_point_at(cloud, place, tolerance_m, tolerance_mps):
+    assert len(cloud) == 1
+    assert np.linalg.norm(cloud.xyz[0] - place[:3]) < tolerance_m
+    assert abs(cloud.velocity[0] - place[3]) < tolerance_mps
+
+
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
+@pytest.mark.parametrize("n_symbols", [64, 13])
+@pytest.mark.parametrize("place", [-0.499, -0.49, -0.3, 0.49])
+def test_a_scatterer_at_either_end_of_a_doppler_axis_without_margins_is_seen(estimator, n_symbols, place):
+    system = System(n_subcarriers=256, n_symbols=n_symbols)
+    fastest = system.unambiguous_speed_mps
+    region = dataclasses.replace(REGION, speed_mps=(-fastest, fastest))
+    bin_mps = system.velocity_bin_mps
+    speed_mps = place * n_symbols * bin_mps
+    point = [13.0, 9.0, 3.0, speed_mps]
+    cloud = image(estimator, scene(point, region=region, n_symbols=n_symbols))
+    assert_lone_point_at(cloud, point, 0.2, 0.05 * bin_mps)
+
+
+@pytest.mark.parametrize("estimator", EVERY, ids=NAMES)
+@pytest.mark.parametrize("range_bin", [0.02, 0.4, 8.0, 15.3, 15.49])
+def test_a_scatterer_at_either_end_of_a_range_axis_without_margins_is_seen(estimator, range_bin):
+    system = System(n_subcarriers=16, n_symbols=64)
+    farthest_m = system.unambiguous_range_m
+    base_m = np.array([0.0, 0.0, 12.0])
+    region = Region((-60.0, 60.0), (-0.985 * farthest_m, -0.01), (0.0, 14.0), (-30.0, 30.0))
+    direction = np.array([0.05, -np.sqrt(1 - 0.05**2 - 0.005**2), -0.005])
+    point = [*(base_m + range_bin * system.range_bin_m * direction), 0.0]
+    scenario = scene(
+        point,
+        region=region,
+        base_m=base_m,
+        n_subcarriers=16,
+        cyclic_prefix_ratio=1.0,
+        cyclic_suffix_ratio=0.0,
+    )
+    assert_lone_point_at(image(estimator, scenario), point, 0.02 * system.range_bin_m, 0.5)
+
+
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
+@pytest.mark.parametrize("shape", [(2, 2), (2, 3), (3, 3), (3, 5), (4, 4), (5, 5), (2, 32), (32, 2)])
+def test_few_elements_show_resolved_scatterers_and_nothing_else(estimator, shape):
+    scenario = scene(THREE, shape=shape)
+    cloud = image(estimator, scenario)
+    assert len(cloud) == 3
+    distance_m = np.linalg.norm(cloud.xyz[:, None] - THREE[None, :, :3], axis=2)
+    assert distance_m.min(axis=0).max() < 0.25
+    assert len(image(estimator, scene(np.empty((0, 4)), shape=shape))) == 0
+
+
+@pytest.mark.parametrize("estimator", EVERY, ids=NAMES)
+@pytest.mark.parametrize(
+    ("amplitude", "phase_rad"),
+    [([1.0, 1.0], [0.0, np.pi]), ([1.0, -1.0], 0.0), ([1.0] * 4, np.arange(4) * np.pi / 2)],
+)
+@pytest.mark.parametrize("snr_db", [np.inf, 200.0])
+def test_echoes_that_cancel_are_no_points(estimator, amplitude, phase_rad, snr_db):
+    points = np.tile(THREE[1], (len(amplitude), 1))
+    assert len(image(estimator, scene(points, amplitude, phase_rad), snr_db)) == 0
+
+
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
+@pytest.mark.parametrize("exponent", [-500, 500])
+@pytest.mark.parametrize("snr_db", [10.0, np.inf])
+def test_images_are_the_same_at_any_amplitude(estimator, exponent, snr_db):
+    expected, cloud = (
+        image(estimator, scene(THREE, scale, n_subcarriers=128), snr_db) for scale in (1.0, 2.0**exponent)
+    )
+    assert len(expected) >= 3
+    np.testing.assert_array_equal(cloud.xyz, expected.xyz)
+    np.testing.assert_array_equal(cloud.velocity, expected.velocity)
+    np.testing.assert_array_equal(cloud.power, expected.power * 4.0**exponent)
+
+
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
+def test_cells_of_subnormal_numbers_and_one_huge_element_are_imaged_without_a_warning(estimator):
+    shot = Simulator(scene(THREE)).observe(10.0)
+    subnormal = dataclasses.replace(shot, cells=np.full_like(shot.cells, 5e-324))
+    one_element = np.zeros_like(shot.cells)
+    one_element[:, :, 3, 4] = 1e150
+    for observation in (subnormal, dataclasses.replace(shot, cells=one_element)):
+        cloud = estimator.estimate(observation)
+        assert np.isfinite(cloud.to_array()).all()
+
+
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
+def test_cells_whose_power_is_no_number_are_refused(estimator):
+    shot = Simulator(scene(THREE)).observe(10.0)
+    with pytest.raises(InputError, match=r"observation: its largest amplitude = .*: allowed is at most 3\.3"):
+        estimator.estimate(dataclasses.replace(shot, cells=shot.cells * 1e200))
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 999), order=st.permutations(range(25)))
+@pytest.mark.parametrize("estimator", [Fft4d(), Music2d(), Oracle()], ids=["fft4d", "music2d", "oracle"])
+def test_the_order_of_scatterers_moves_no_point(estimator, seed, order):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([0, 0, 0, -25], [20, 20, 6, 25], (25, 4))
+    clouds = []
+    for chosen in (points, points[order]):
+        scenario = scene(chosen)
+        truth = (scenario.truth,) if isinstance(estimator, Oracle) else ()
+        clouds.append(estimator.estimate(Simulator(scenario).observe(10.0), *truth))
+    assert len(clouds[0]) == len(clouds[1])
+    rows = [cloud.to_array()[np.lexsort(np.round(cloud.xyz, 6).T)] for cloud in clouds]
+    np.testing.assert_allclose(rows[0], rows[1], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("estimator", [Fft4d(precision="double"), Music2d()], ids=["fft4d", "music2d"])
+def test_a_mirrored_array_sees_the_mirrored_scene(estimator):
+    observation = Simulator(scene(THREE)).observe(10.0)
+    mirrored = dataclasses.replace(observation, cells=observation.cells[:, :, ::-1].copy())
+    expected, cloud = (estimator.estimate(seen) for seen in (observation, mirrored))
+    order, mirrored_order = expected.xyz[:, 0].argsort(), (20 - cloud.xyz[:, 0]).argsort()
+    found = np.column_stack([20 - cloud.xyz[:, 0], cloud.xyz[:, 1:], cloud.velocity])[mirrored_order]
+    np.testing.assert_allclose(found, expected.to_array()[order, :4], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("integration", ["noncoherent", "element"])
+def test_exact_nulls_of_a_spectrum_are_drawn_without_a_warning(integration):
+    # A scatterer straight ahead: the transform of equal numbers is zero at every multiple of 2/P.
+    point = [10.0, 10.0, 12.0, 0.0]
+    region = Region((0.0, 20.0), (0.0, 20.0), (0.0, 20.0), (-30.0, 30.0))
+    observation = Simulator(scene(point, region=region)).observe(np.inf)
+    diagnosis = Fft4d(integration=integration).diagnose(observation)
+    assert len(diagnosis.spectra) == 2
+    for spectrum in diagnosis.spectra:
+        assert np.isfinite(spectrum.level_db).all()
+        assert spectrum.level_db.max() == 0

@@ -1,0 +1,248 @@
+"""Promises of estimators: kept by built-in ones, and each broken by one that was made to break it."""
+
+import dataclasses
+import time
+import warnings
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
+from isacbench.registry import get_estimator
+from isacbench.stress import imaging
+from isacbench.stress.case import BrokenPromiseError, NotApplicableError, Promise
+from isacbench.stress.drift import cells_apart, cloud_drift
+from isacbench.stress.estimating import EstimatorCase
+from isacbench.stress.examine import BROKEN, examine
+from isacbench.stress.families import FAMILIES
+from isacbench.stress.ladders import SnrLadder
+from isacbench.stress.levels import Snr
+from isacbench.stress.radios import Chunks, Subarray
+from isacbench.stress.search import cases_from
+from isacbench.stress.shots import RESOLVED, observed
+
+FAST = ("fft4d", "music2d", "oracle")
+
+
+@dataclass(frozen=True)
+class Twisted:
+    """MUSIC with a fault."""
+
+    name: ClassVar[str] = "twisted"
+    fault: str = "none"
+
+    def estimate(self, observation):
+        cells, u_turned = observation.cells, False
+        seen = observation
+        match self.fault:
+            case "raises":
+                raise ZeroDivisionError("no luck")
+            case "warns":
+                warnings.warn("hm", RuntimeWarning, stacklevel=1)
+            case "refuses":
+                raise InputError("cells: not these")
+            case "absolute threshold":
+                if np.abs(cells).max() < 1e-3:
+                    return PointCloud.empty()
+            case "rounds to single":
+                seen = dataclasses.replace(
+                    observation, cells=cells.astype(np.complex64).astype(np.complex128)
+                )
+            case "reads memory":
+                seen = dataclasses.replace(observation, cells=cells.ravel(order="K").reshape(cells.shape))
+            case "one row":
+                weights = np.linspace(1, 1.1, cells.shape[3])
+                seen = dataclasses.replace(observation, cells=cells * weights)
+            case "single alone":
+                if cells.dtype == np.complex64:
+                    u_turned = True
+        cloud = get_estimator("music2d").estimate(seen)
+        if self.fault == "ghost":
+            cloud = PointCloud(
+                np.vstack([cloud.xyz, cloud.xyz[:1] + 2.0]),
+                np.r_[cloud.velocity, 0.0],
+                np.r_[cloud.power, 1.0],
+            )
+        if self.fault == "blind":
+            return PointCloud.empty()
+        if self.fault == "random":
+            cloud = PointCloud(
+                cloud.xyz, cloud.velocity, cloud.power * (1 + 1e-6 * (time.perf_counter_ns() % 997))
+            )
+        if self.fault == "outside":
+            cloud = PointCloud(cloud.xyz + 1e4, cloud.velocity, cloud.power)
+        if u_turned:
+            cloud = PointCloud(cloud.xyz + 0.1, cloud.velocity, cloud.power)
+        return cloud
+
+
+@pytest.mark.parametrize(
+    ("fault", "promise"),
+    [
+        ("raises", "finite"),
+        ("warns", "finite"),
+        ("refuses", "finite"),
+        ("outside", "finite"),
+        ("random", "repeat"),
+        ("ghost", "no false point"),
+        ("blind", "found"),
+        ("absolute threshold", "scale by powers of two"),
+        ("rounds to single", "scale"),
+        ("reads memory", "memory order"),
+        ("one row", "element order"),
+    ],
+)
+def test_a_fault_breaks_the_promise_that_is_meant_for_it(fault, promise):
+    verdicts = {verdict.promise: verdict for verdict in examine(Snr(100.0), Twisted(fault))}
+    assert verdicts[promise].outcome in BROKEN
+    assert verdicts[promise].message
+
+
+def test_an_estimator_without_a_fault_breaks_none():
+    assert {verdict.outcome for verdict in examine(Snr(100.0), Twisted())} == {"ok"}
+
+
+def test_points_that_move_in_single_precision_break_its_promise():
+    shot = observed(RESOLVED, 60.0)
+    assert imaging.SINGLE_PRECISION.drift(imaging.Imaging(Twisted("single alone"), shot)) > 1e-3
+    assert imaging.SINGLE_PRECISION.drift(imaging.Imaging(Twisted(), shot)) < imaging.SINGLE_PRECISION.bound
+
+
+def test_stages_are_compared_where_they_are_shown():
+    shot = observed(RESOLVED, 60.0)
+    for promise in imaging.SINGLE_STAGES:
+        assert (
+            0
+            < promise.drift(imaging.Imaging(get_estimator("music2d", precision="double"), shot))
+            < promise.bound
+        )
+    with pytest.raises(NotApplicableError):
+        imaging.SINGLE_STAGES[0].drift(imaging.Imaging(Twisted(), shot))
+
+
+def test_what_follows_a_broken_first_promise_is_not_looked_at():
+    assert [verdict.promise for verdict in examine(Snr(100.0), Twisted("raises"))] == ["finite"]
+
+
+def test_an_exception_is_told_with_its_place():
+    (verdict,) = examine(Snr(100.0), Twisted("raises"))
+    assert verdict.message.startswith("raises ZeroDivisionError: no luck (test_promises.py, line ")
+
+
+@dataclass(frozen=True)
+class _Optional(EstimatorCase):
+    """Scene that may be refused."""
+
+    name: ClassVar[str] = "optional"
+    may_refuse: ClassVar[bool] = True
+
+    @property
+    def promises(self):
+        return (imaging.FINITE, Promise("never", 0.0, lambda subject: 1.0))
+
+    def shot(self, seed):
+        return observed(RESOLVED, 60.0, seed)
+
+
+def test_an_input_error_is_a_proper_answer_where_the_case_says_so():
+    assert [verdict.outcome for verdict in examine(_Optional(), Twisted("refuses"))] == ["refused"]
+    assert [verdict.outcome for verdict in examine(_Optional(), Twisted("raises"))] == ["failed"]
+
+
+def test_a_drift_beyond_its_bound_is_told_in_numbers():
+    verdict = examine(_Optional(), Twisted())[1]
+    assert (verdict.outcome, verdict.message) == ("failed", "off by 1, allowed are 0")
+
+
+def test_a_case_says_nothing_about_an_estimator_without_its_parameter():
+    (verdict,) = examine(Subarray(), get_estimator("fft4d"))
+    assert (verdict.outcome, verdict.message) == ("skipped", "it has no parameter subarray_fraction")
+
+
+def test_a_recorded_frame_has_the_image_of_the_closed_form():
+    assert {verdict.outcome for verdict in examine(Chunks(), get_estimator("music2d"))} == {"ok"}
+
+
+@dataclass(frozen=True)
+class _Dazzled:
+    """MUSIC that goes blind above an SNR that it feels."""
+
+    name: ClassVar[str] = "dazzled"
+
+    def estimate(self, observation):
+        cells = observation.cells
+        # Away from the echoes there is noise and leakage alone: the SNR shows there.
+        is_bright = np.abs(cells[:, :3]).mean() < 0.3
+        return PointCloud.empty() if is_bright else get_estimator("music2d").estimate(observation)
+
+
+def test_an_error_that_rises_with_the_snr_is_a_bump():
+    (kept,) = examine(SnrLadder(from_db=0.0), get_estimator("music2d"))
+    (broken,) = examine(SnrLadder(from_db=0.0), _Dazzled())
+    assert (kept.outcome, broken.outcome) == ("ok", "failed")
+
+
+POINTS = arrays(np.float64, st.tuples(st.integers(1, 6), st.just(5)), elements=st.floats(0.0, 10.0))
+
+
+SCENARIO = observed(RESOLVED).scenario
+
+
+@given(POINTS, st.randoms())
+def test_drift_does_not_hang_on_the_order_of_points(points, random):
+    order = random.sample(range(len(points)), len(points))
+    cloud, shuffled = (PointCloud(one[:, :3], one[:, 3], one[:, 4] + 1) for one in (points, points[order]))
+    assert cloud_drift(SCENARIO, cloud, shuffled) <= 1e-6
+
+
+@given(POINTS, st.floats(1e-4, 1.0))
+def test_drift_is_the_largest_relative_move(points, moved_m):
+    farthest_m = SCENARIO.region.range_limits_m(SCENARIO.base_station_m)[1]
+    cloud = PointCloud(points[:1, :3], points[:1, 3], points[:1, 4] + 1)
+    moved = PointCloud(cloud.xyz + np.array([0, moved_m, 0]), cloud.velocity, 4 * cloud.power)
+    assert cloud_drift(SCENARIO, cloud, moved, 2.0) == pytest.approx(moved_m / farthest_m, rel=1e-6)
+
+
+def test_other_numbers_of_points_are_no_drift_but_a_broken_promise():
+    with pytest.raises(BrokenPromiseError, match="3 points, then 0"):
+        cloud_drift(SCENARIO, SCENARIO.truth, PointCloud.empty())
+    assert cloud_drift(SCENARIO, PointCloud.empty(), PointCloud.empty()) == 0
+
+
+def test_powers_on_another_scale_drift():
+    cloud = SCENARIO.truth
+    louder = PointCloud(cloud.xyz, cloud.velocity, 1.5 * cloud.power)
+    assert cloud_drift(SCENARIO, cloud, louder) == pytest.approx(0.5)
+
+
+def test_directions_a_period_apart_are_the_same():
+    ahead = observed([RESOLVED[0]._replace(u=0.999999, w=0.0), RESOLVED[0]._replace(u=-0.999999, w=0.0)])
+    truth = ahead.scenario.truth
+    assert cells_apart(ahead.scenario, truth, truth).max() < 1e-4
+
+
+@pytest.mark.parametrize("family", [family for family in FAMILIES.values() if family.kind == "estimator"])
+@pytest.mark.parametrize("name", FAST)
+def test_the_first_case_of_every_family_is_kept(name, family):
+    case = family.table()[0]
+    assert [verdict for verdict in examine(case, get_estimator(name)) if verdict.outcome in BROKEN] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", FAMILIES.values())
+def test_random_cases_keep_their_promises(family):
+    names = ("music2d",) if family.kind == "estimator" else ("osca",)
+
+    @given(cases_from(family))
+    def check(case):
+        for name in names:
+            verdicts = examine(case, get_estimator(name))
+            assert [verdict for verdict in verdicts if verdict.outcome in BROKEN] == []
+
+    check()
