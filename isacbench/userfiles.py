@@ -201,14 +201,14 @@ def make_own_folder(path: Path) -> None:
     Raises
     ------
     InputError
-        If it is a symbolic link, or cannot be made.
+        If it is a symbolic link, or cannot be written.
     """
     if path.is_symlink():
         raise _elsewhere(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be made: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def binary_size(n_bytes: int) -> str:

@@ -119,14 +119,15 @@ def test_stems_of_files_have_no_folder_and_tell_names_apart_on_every_system(text
     assert len({stem.lower() for stem in stems.values()}) == len(texts)
 
 
-@names
-@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
-def test_pictures_are_drawn_whatever_their_title(tiny, tmp_path, name, suffix):
-    if suffix != ".svg" and name not in (NAMES["mathematics"], NAMES["escape"], NAMES["half"]):
-        pytest.skip("drawn once, as the format that is text")
+PICTURES = [(".svg", key) for key in NAMES]
+PICTURES += [(suffix, key) for suffix in (".png", ".pdf") for key in ("mathematics", "escape", "half")]
+
+
+@pytest.mark.parametrize(("suffix", "key"), PICTURES)
+def test_pictures_are_drawn_whatever_their_title(tiny, tmp_path, suffix, key):
     scenario = load_scenario(tiny)
     path = tmp_path / f"picture{suffix}"
-    draw_image(path, observe(scenario, 10), scenario.truth, PointCloud.empty(), name)
+    draw_image(path, observe(scenario, 10), scenario.truth, PointCloud.empty(), NAMES[key])
     if suffix == ".svg":
         text = path.read_text(encoding="utf-8")
         ElementTree.fromstring(text)
@@ -139,10 +140,8 @@ def test_titles_are_no_mathematics(name):
     assert not re.search(r"(?<!\\)\$", drawable(name))
 
 
-@names
+@pytest.mark.parametrize("name", [name for key, name in NAMES.items() if key != "half"])
 def test_a_scenario_keeps_its_name_or_is_refused(tiny, name):
-    if name == NAMES["half"]:
-        pytest.skip("no text file holds it")
     text = tiny.read_text().replace('name = "tiny"', f"name = {json.dumps(name, ensure_ascii=False)}")
     tiny.write_text(text, encoding="utf-8")
     if len(name) > 200:
