@@ -163,7 +163,7 @@ class Open:
 
     def estimate(self, observation):
         remark("unseparated", 3, 4)
-        return PointCloud.empty() if hasattr(PointCloud, "empty") else PointCloud([[0, 0, 0]], [0], [1])
+        return PointCloud.empty()
 '''
 
 

@@ -53,8 +53,9 @@ LARGEST_STEP = 0.5
 NEAR = 0.05
 """Rayleigh cells: after a step as short, the next is Newton's, from which digits double."""
 
-CONVERGED = 1e-26
-"""Of a cell's power: a step that promises less is one of 1e-13 Rayleigh cells, and the last."""
+CONVERGED = 1e-21
+"""Of a cell's power: a step that promises less is one of a few 1e-11 Rayleigh cells and Newton's. It is
+the last: it leaves nothing but rounding."""
 
 LEAST_DEVIATIONS = 3.0
 """Standard deviations of their distance from which two directions are two, as

@@ -238,3 +238,20 @@ def test_without_cells_nothing_is_found():
     none = Peaks(np.empty((0, 2)), np.empty((0, 2), dtype=bool))
     found = pair_directions(np.empty((0, N_P, N_Q), dtype=complex), PLANE, none, none, **LIMITS).found
     assert len(found) == 0
+
+
+@pytest.mark.parametrize("db", [60, 140, 155])
+def test_of_two_sources_far_apart_in_power_both_are_paired_without_noise(db):
+    u, w = np.array([-0.4, 0.1]), np.array([0.3, -0.2])
+    data = snapshot(u, w, [1, 10 ** (-db / 20)])
+    # A tie that is coarser than the weak source paired it with anything.
+    waves = pair_directions(data, PLANE, candidates(u), candidates(w), 1e-18, 170.0, 2)
+    np.testing.assert_allclose(pairs_of(waves), sorted(zip(u, w, strict=True)))
+
+
+def test_what_is_left_of_explained_snapshots_is_rounding():
+    u, w, gain = np.array([[-0.4, 0.1]]), np.array([[0.3, -0.2]]), np.array([1, 0.3j])
+    data = snapshot(u[0], w[0], gain)
+    waves = PlaneWaves(u, w, np.ones((1, 2), dtype=bool))
+    # The loading alone would leave 1e-18.
+    assert waves.unexplained(data, PLANE)[0] < 1e-28

@@ -1,4 +1,4 @@
-"""What rounding leaves of signal subspaces: bounds that hold, gaps that are none, and digits that squaring loses."""
+"""What rounding leaves of signal subspaces: bounds that hold, gaps that are none, digits that last."""
 
 import numpy as np
 import pytest

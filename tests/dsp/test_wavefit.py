@@ -1,4 +1,4 @@
-"""Fits of plane waves: slope and curvature against differences, both ways against each other and plain algebra."""
+"""Fits of plane waves: slope and curvature against differences, and against plain algebra."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ NUMBERS = ("unexplained", "gradient", "curvature", "hessian", "power", "alone")
 
 @st.composite
 def cells(draw):
-    """Two cells of noise in two snapshots, and up to three directions of each, of which one may be a filler."""
+    """Two cells of noise in two snapshots, up to three directions of each; one may be a filler."""
     rng = np.random.default_rng(draw(st.integers(0, 9999)))
     k = draw(st.integers(1, 3))
     data = rng.standard_normal((2, 2, *SHAPE)) + 1j * rng.standard_normal((2, 2, *SHAPE))

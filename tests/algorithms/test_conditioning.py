@@ -1,0 +1,200 @@
+"""Subspace methods at the end of their digits: no noise, far apart in power, close together."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isacbench_algorithms.cellwise import Levels
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+from threadpoolctl import threadpool_limits
+
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import PanelFrame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
+from isacbench.remarks import Remarks
+
+SYSTEM = System(n_subcarriers=512, n_symbols=64)
+BASE_M = np.array([10.0, 50.0, 12.0])
+REGION = Region((0.0, 20.0), (0.0, 20.0), (0.0, 6.0), (-30.0, 30.0))
+RAYLEIGH = 2 / 10
+SCALES = np.array([20, 20, 20, 30])
+"""Coordinates of the region: metres and metres per second."""
+
+METHODS = (Music2d, Music2dJoint, Esprit2d)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """Small batched algebra waits for threads longer than it computes."""
+    with threadpool_limits(limits=1):
+        yield
+
+
+ALL = pytest.mark.parametrize("method", METHODS)
+JOINT = pytest.mark.parametrize("method", [Music2dJoint, Esprit2d])
+
+
+def on_a_bin(x, y, z, doppler_bin=0):
+    """Scatterer near a place, in the middle of a range-Doppler cell, so that nothing of it leaks."""
+    offset = np.array([x, y, z]) - BASE_M
+    n_bins = round(np.linalg.norm(offset) / SYSTEM.range_bin_m)
+    place = BASE_M + offset / np.linalg.norm(offset) * n_bins * SYSTEM.range_bin_m
+    return [*place, doppler_bin * SYSTEM.velocity_bin_mps]
+
+
+FIRST = on_a_bin(10, 10, 3)
+
+
+def beside(point, angle):
+    """Scatterer of the same range, speed and height, an angle in rad further along the street."""
+    x, y, z = np.array(point[:3]) - BASE_M
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return [*(BASE_M + np.array([cosine * x - sine * y, sine * x + cosine * y, z])), point[3]]
+
+
+def observe(points, shape=(10, 10), amplitude=None, phase=0.0, snr_db=np.inf):
+    points = np.asarray(points, dtype=float).reshape(-1, 4)
+    amplitude = np.ones(len(points)) if amplitude is None else np.asarray(amplitude)
+    scatterers = Scatterers(points[:, :3], points[:, 3], amplitude, np.asarray(phase, dtype=float))
+    return Simulator(
+        Scenario(
+            name="conditioning",
+            system=SYSTEM,
+            array=VirtualArray((1, 1), shape, 1, 1),
+            frame=PanelFrame(),
+            base_station_m=BASE_M,
+            region=REGION,
+            scatterers=scatterers,
+        )
+    ).observe(snr_db)
+
+
+def farthest(cloud, points):
+    """Largest distance in m of a point from the nearest of the others, either way."""
+    distance = np.linalg.norm(cloud.xyz[:, None] - np.asarray(points)[:, :3], axis=2)
+    return max(distance.min(axis=0).max(), distance.min(axis=1).max())
+
+
+def drift(one, other):
+    """Largest difference of two clouds' coordinates, in units of their scales."""
+    assert len(one) == len(other)
+    a, b = (cloud.to_array()[:, :4] / SCALES for cloud in (one, other))
+    return np.abs(a[:, None] - b).max(axis=2).min(axis=1).max(initial=0)
+
+
+@ALL
+@pytest.mark.parametrize("db", [100, 140])
+def test_two_scatterers_of_one_cell_far_apart_in_power_are_both_imaged(method, db):
+    points = [FIRST, beside(FIRST, 0.2)]
+    observation = observe(points, amplitude=[1, 10 ** (-db / 20)])
+    cloud = method(dynamic_range_db=160.0, local_dynamic_range_db=160.0).estimate(observation)
+    assert len(cloud) == 2
+    assert farthest(cloud, points) < 1e-3
+
+
+@JOINT
+@pytest.mark.parametrize("cells", [0.5, 0.25])
+def test_a_noise_free_pair_closer_than_a_rayleigh_cell_is_imaged_at_its_places(method, cells):
+    points = [FIRST, beside(FIRST, cells * RAYLEIGH * 1.1)]
+    cloud = method().estimate(observe(points, phase=[0, 2]))
+    assert len(cloud) == 2
+    assert farthest(cloud, points) < 1e-6
+
+
+@ALL
+@pytest.mark.parametrize("cells", [1e-4, 1e-5, 1e-6])
+def test_scatterers_closer_than_any_duplicate_are_one_point_between_them(method, cells):
+    points = [FIRST, beside(FIRST, cells * RAYLEIGH)]
+    for phase in (0, 1):
+        cloud = method().estimate(observe(points, phase=[0, phase]))
+        assert len(cloud) == 1
+        assert farthest(cloud, points) < 1e-2
+
+
+@ALL
+@pytest.mark.parametrize("snr_db", [np.inf, 200.0])
+def test_resolvable_scatterers_without_noise_make_no_false_point(method, snr_db):
+    points = [
+        on_a_bin(4, 4, 1, 1),
+        on_a_bin(12, 8, 4, -3),
+        on_a_bin(15, 14, 2, 4),
+        [7.3, 17.1, 5.2, 4.4],
+        [16.2, 2.9, 0.7, -21.3],
+    ]
+    cloud = method().estimate(observe(points, (8, 8), snr_db=snr_db))
+    assert len(cloud) == len(points)
+    assert farthest(cloud, points) < 0.3
+
+
+@ALL
+def test_an_element_that_answers_alone_has_no_direction_and_says_so(method):
+    # Two equal eigenvalues, between which an order of one cuts.
+    snapshots = np.zeros((1, 1, 8, 8), dtype=np.complex128)
+    snapshots[0, 0, 0, 0] = 1
+    levels = Levels(1e-30, 1e-3)
+    one = method(max_order=1, subarray_fraction=1.0) if method is Music2d else method(max_sources=1)
+    with Remarks() as remarks:
+        waves = one.plane_waves(observe([FIRST], (8, 8)), one.looks()[-1], snapshots, levels, 1e-12)
+    assert not waves.found.any()
+    assert remarks.counts["unseparated"].n == remarks.counts["unseparated"].of > 0
+
+
+@ALL
+def test_a_diagnosis_says_whether_its_subspaces_are_separated(method):
+    assert method().diagnose(observe([FIRST], (8, 8), snr_db=20.0)).separated is True
+    empty = method().diagnose(observe(np.empty((0, 4)), (8, 8)))
+    assert empty.separated is None
+
+
+@cache
+def crowded(snr_db):
+    rng = np.random.default_rng(3)
+    points = np.column_stack([rng.uniform(1, 19, (7, 2)), rng.uniform(1, 5, 7), rng.uniform(-25, 25, 7)])
+    return observe(points, (8, 6), snr_db=snr_db)
+
+
+@ALL
+@pytest.mark.parametrize("snr_db", [0.0, 20.0, 60.0])
+def test_scale_memory_order_and_threads_move_nothing(method, snr_db):
+    seen = crowded(snr_db)
+    with threadpool_limits(limits=1):
+        cloud = method().estimate(seen)
+        for exponent in (-40, 12):
+            scaled = method().estimate(replace(seen, cells=seen.cells * 2.0**exponent))
+            np.testing.assert_array_equal(scaled.to_array()[:, :4], cloud.to_array()[:, :4])
+        # The joint methods end in a fit of the map, whose last step rounding still takes or leaves.
+        within = 1e-10 if method is Music2d else 1e-7
+        assert drift(method().estimate(replace(seen, cells=seen.cells * 0.3)), cloud) < within
+        strided = np.repeat(seen.cells, 2, axis=2)[:, :, ::2]
+        for cells in (np.asfortranarray(seen.cells), strided):
+            assert drift(method().estimate(replace(seen, cells=cells)), cloud) < 1e-9
+    with threadpool_limits(limits=2):
+        assert drift(method().estimate(seen), cloud) < 1e-9
+
+
+@ALL
+@settings(deadline=None, max_examples=12)
+@given(
+    shape=st.sampled_from([(2, 2), (2, 9), (9, 2), (3, 5), (8, 8)]),
+    angles=st.lists(st.floats(-0.15, 0.15), min_size=0, max_size=8),
+    turns=st.integers(0, 3),
+    fraction=st.sampled_from([0.01, 0.5, 1.0]),
+    snr_db=st.sampled_from([np.inf, 200.0, 20.0, -80.0]),
+)
+def test_whatever_is_in_a_cell_points_are_finite_and_nothing_warns(
+    method, shape, angles, turns, fraction, snr_db
+):
+    points = [beside(FIRST, angle) for angle in angles]
+    phase = np.pi / 2 * turns * np.arange(len(points))
+    cloud = method(subarray_fraction=fraction).estimate(
+        observe(points, shape, phase=phase if len(points) else 0.0, snr_db=snr_db)
+    )
+    assert np.isfinite(cloud.to_array()).all()
