@@ -48,7 +48,7 @@ def test_the_largest_numbers_that_have_a_power_and_subnormal_ones_have_a_unit():
 
 @pytest.mark.parametrize("value", [4e153, np.finfo(float).max])
 def test_numbers_without_a_power_are_refused(value):
-    with pytest.raises(InputError, match="observation: its largest amplitude = .* less than"):
+    with pytest.raises(InputError, match=r"observation: its largest amplitude = .* less than"):
         amplitude_exponent(np.full((1, 1, 1), value * (1 + 1j)))
 
 
