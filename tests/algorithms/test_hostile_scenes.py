@@ -149,7 +149,9 @@ def test_cells_of_subnormal_numbers_and_one_huge_element_are_imaged_without_a_wa
 @pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
 def test_cells_whose_power_is_no_number_are_refused(estimator):
     shot = Simulator(scene(THREE)).observe(10.0)
-    with pytest.raises(InputError, match=r"observation: its largest amplitude = .*: allowed is less than 3\.3"):
+    with pytest.raises(
+        InputError, match=r"observation: its largest amplitude = .*: allowed is less than 3\.3"
+    ):
         estimator.estimate(dataclasses.replace(shot, cells=shot.cells * 1e200))
 
 

@@ -15,7 +15,8 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 
-SYSTEM = System(n_subcarriers=24, n_symbols=10)
+# A prefix as long as the symbol: no place within the unambiguous range is beyond it.
+SYSTEM = System(n_subcarriers=24, n_symbols=10, cyclic_prefix_ratio=1.0, cyclic_suffix_ratio=0.0)
 SHAPE = (4, 5)
 GATE = Gate(np.arange(3, 12), np.arange(-3, 4), slice(2, 7), slice(2, 5))
 RNG = np.random.default_rng(1)

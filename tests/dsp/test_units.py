@@ -6,11 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.units import MOST_EXPONENT, amplitude_exponent, in_unit
+from isacbench.errors import InputError
 
 CELLS = np.random.default_rng(0).standard_normal((3, 4, 2, 2, 2)).view(complex)[..., 0]
 
 
-@given(st.integers(-1000, 1000))
+@given(st.integers(-1000, 500))
 def test_cells_in_their_unit_are_the_same_bits_whatever_the_unit_was(exponent):
     scaled = np.ldexp(CELLS.real, exponent) + 1j * np.ldexp(CELLS.imag, exponent)
     found = amplitude_exponent(scaled)
@@ -39,10 +40,22 @@ def test_nothing_on_the_first_row_is_no_reason_to_leave_the_rest_as_it_is():
     assert amplitude_exponent(np.zeros_like(CELLS)) == 0
 
 
-def test_the_largest_numbers_there_are_and_subnormal_ones_have_a_unit():
-    for value in (np.finfo(float).max, 1e-310):
+def test_the_largest_numbers_that_have_a_power_and_subnormal_ones_have_a_unit():
+    for value in (3e153, 1e-310):
         cells = np.full((1, 1, 1), value * (1 + 1j))
         assert 0.5 <= in_unit(cells, amplitude_exponent(cells)).real.item() < 1
+
+
+@pytest.mark.parametrize("value", [4e153, np.finfo(float).max])
+def test_numbers_without_a_power_are_refused(value):
+    with pytest.raises(InputError, match=r"observation: its largest amplitude = .* less than"):
+        amplitude_exponent(np.full((1, 1, 1), value * (1 + 1j)))
+
+
+def test_one_element_far_above_the_first_row_sets_the_unit():
+    cells = CELLS.copy()
+    cells[1, 2, 1, 1] = 1e150
+    assert amplitude_exponent(cells) == np.frexp(1e150)[1]
 
 
 def test_other_memory_orders_are_scaled_as_well_and_the_original_is_left():
