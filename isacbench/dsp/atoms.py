@@ -16,7 +16,7 @@ is kept of the array.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -199,6 +199,32 @@ class AtomMap:
             self.line(places[:, axis], axis) for axis in range(N_COORDINATES)
         )
         return along_range, along_doppler, along_u, along_w
+
+    @property
+    def energy(self) -> float:
+        """Of all cells."""
+        return float(np.sum(self.cells.real**2) + np.sum(self.cells.imag**2))
+
+    def without(self, lines: Lines, amplitude: Complex) -> AtomMap:
+        """The map less the echoes of atoms.
+
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
+        amplitude : ndarray of complex128, shape (n,)
+            Of the unit-energy atoms.
+
+        Returns
+        -------
+        AtomMap
+        """
+        along_range, *others = (line.value for line in lines)
+        n, n_range = along_range.shape
+        surface = np.einsum("nd,nu,nw->nduw", *others).reshape(n, -1)
+        # All factors but the amplitudes are real.
+        echoes = (along_range.T * amplitude.real) @ surface + 1j * ((along_range.T * amplitude.imag) @ surface)
+        return replace(self, cells=self.cells - echoes.reshape(self.cells.shape))
 
     def correlate(self, lines: Lines) -> Correlations:
         """Products of atoms, and of their slopes, with the map.
