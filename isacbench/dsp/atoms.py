@@ -203,7 +203,7 @@ class AtomMap:
     @property
     def energy(self) -> float:
         """Of all cells."""
-        return float(np.sum(self.cells.real**2) + np.sum(self.cells.imag**2))
+        return float(np.vdot(self._real_rows, self._real_rows))
 
     def without(self, lines: Lines, amplitude: Complex) -> AtomMap:
         """The map less the echoes of atoms.
@@ -219,12 +219,13 @@ class AtomMap:
         -------
         AtomMap
         """
-        along_range, *others = (line.value for line in lines)
-        n, n_range = along_range.shape
-        surface = np.einsum("nd,nu,nw->nduw", *others).reshape(n, -1)
-        # All factors but the amplitudes are real.
-        echoes = (along_range.T * amplitude.real) @ surface + 1j * ((along_range.T * amplitude.imag) @ surface)
-        return replace(self, cells=self.cells - echoes.reshape(self.cells.shape))
+        along_range, along_doppler, along_u, along_w = (line.value for line in lines)
+        echoes = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
+        surfaces = along_doppler[:, :, None, None] * echoes[:, None]
+        # All factors but the amplitudes are real: so is the product, of real and imaginary parts in turn.
+        rest = along_range.T @ surfaces.reshape(len(echoes), self.cells[0].size).view(np.float64)
+        np.subtract(self._real_rows, rest, out=rest)
+        return replace(self, cells=rest.view(np.complex128).reshape(self.cells.shape))
 
     def correlate(self, lines: Lines) -> Correlations:
         """Products of atoms, and of their slopes, with the map.
