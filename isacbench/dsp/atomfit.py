@@ -314,6 +314,7 @@ def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
     AtomFit
         With amplitudes from the last step, as places are.
     """
+    rounding = ROUNDING * np.sqrt(atom_map.energy)
     lines = atom_map.lines(fit.places)
     rest = atom_map.without(lines, fit.amplitude)
     for _ in range(n_steps):
@@ -322,7 +323,7 @@ def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
         moved = replace(moved, amplitude=fit.amplitude + amplitude_step)
         lines = atom_map.lines(moved.places)
         left = atom_map.without(lines, moved.amplitude)
-        if left.energy > (1 + NOT_LESS) * rest.energy:
+        if np.sqrt(left.energy) > (1 + NOT_LESS) * np.sqrt(rest.energy) + rounding:
             break
         fit, rest = moved, left
     return fit

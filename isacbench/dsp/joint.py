@@ -263,10 +263,10 @@ def explain_map(scatterers: Scatterers, gated: GatedMap, system: System, noise: 
         fit = refine_atoms(atom_map, places[~drop], EXPLAINING_STEPS)
         if not drop.any():
             break
-    if is_delicate:
-        fit = settle_atoms(atom_map, fit, SETTLING_STEPS)
     if _most_unexplained(scatterers, fit, gated, system) > MOST_UNEXPLAINED * noise:
         return None
+    if is_delicate:
+        fit = settle_atoms(atom_map, fit, SETTLING_STEPS)
     return _placed(scatterers, fit, gated)
 
 

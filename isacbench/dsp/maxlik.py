@@ -57,7 +57,7 @@ CONVERGED = 1e-21
 """Of a cell's power: a step that promises less is one of a few 1e-11 Rayleigh cells and Newton's. It is
 the last: it leaves nothing but rounding."""
 
-NEARLY_EXPLAINED = 1e-6
+NEARLY_EXPLAINED = 1e-7
 """Of a cell's power: where waves leave less, they are those of the cell, and steps lead to where they are."""
 
 FINISHING_STEPS = 30
@@ -119,7 +119,7 @@ def resolve_directions(
     pfa : float
         Probability that noise passes for a wave.
     n_steps : int
-        Most steps of the first refinement; a cell that is explained to 60 dB by then takes up to 30 more.
+        Most steps of the first refinement; a cell that is explained to 70 dB by then takes up to 30 more.
 
     Returns
     -------

@@ -221,3 +221,13 @@ def test_echoes_in_phase_a_tenth_of_a_cell_apart_are_told_apart_to_the_last_digi
     # The condition of the joint fit squared: 1e-8.
     assert ANY_SCALE.drift(imaging) < 1e-10
     assert ELEMENT_ORDER.drift(imaging) < 1e-10
+
+
+@JOINT
+@pytest.mark.parametrize(("n_echoes", "separation"), [(3, 0.1), (4, 0.15)])
+def test_fewer_points_than_coherent_echoes_are_as_certain(method, n_echoes, separation):
+    imaging = Imaging(method(), Coherent(n_echoes=n_echoes, separation=separation).shot(0))
+    assert 1 <= len(imaging.cloud) < n_echoes
+    # What is left of the map is 1e-5 of it: steps that lose no more than rounding are taken.
+    assert ANY_SCALE.drift(imaging) < 1e-10
+    assert ELEMENT_ORDER.drift(imaging) < 1e-10
