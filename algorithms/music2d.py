@@ -79,6 +79,10 @@ SMALLEST_NULL = 1e-15
 """Squared distance from the signal subspace, relative, below which there is only rounding."""
 
 
+POLE_OFFSET = 1 / 4
+"""Samples between a source and the sample next to it that spectra make no difference of."""
+
+
 class _LineSpectra(NamedTuple):
     """MUSIC spectra (n, g) of n cells along one direction cosine, their test, and the peaks that pass."""
 
@@ -198,7 +202,7 @@ class Music2d(CellwiseEstimator):
         with stage("spectrum"):
             null = music_null_spectrum(eigenvectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, SMALLEST_NULL * n_subarray)
-        detection = self.spectrum_detector.detect(spectra)
+        detection = self.spectrum_detector.detect(np.minimum(spectra, 1 / _sampled_null(n_subarray, step)))
         # A parabola fits a null, and not the pole that its reciprocal is.
         peaks = line_peaks(-null, cosine, order, detection.mask)
         place = music_null_minima(eigenvectors, order, peaks.place, peaks.found, step)
@@ -227,6 +231,16 @@ class Music2d(CellwiseEstimator):
         separated = separated_order(pairs.rotation, order)
         remark("unseparated", int(np.count_nonzero(separated < order)), order.size)
         return pairs.vectors, separated
+
+
+def _sampled_null(n_subarray: int, step: float) -> float:
+    """Null spectrum over n_subarray that a lone source has a fraction of a sample away: what depths tell.
+
+    Without noise the spectrum is as high as a sample happens to lie near its
+    pole. One that is struck would hide all others from a CFAR.
+    """
+    offset = np.pi * POLE_OFFSET * step
+    return float(max(offset**2 * (n_subarray**2 - 1) / 12, SMALLEST_NULL))
 
 
 def _largest_of_noise(n_sensors: int, n_snapshots: int, n_subarray: int) -> float:

@@ -160,6 +160,9 @@ def _samples(limits: tuple[float, float], widest: float) -> NDArray[np.float64]:
 
 def _split(nulls: Nulls, order: NDArray[np.int64], rayleigh: NDArray[np.float64]) -> PlaneWaves:
     """Directions of nulls, as many as the order of each cell, the flattest nulls split along a line."""
+    if not nulls.found.size:  # of no cell is a subspace separated
+        nowhere = np.zeros((len(order), 1))
+        return PlaneWaves(nowhere, nowhere, np.zeros(nowhere.shape, dtype=np.bool_))
     n_nulls = nulls.found.sum(axis=1, keepdims=True)
     missing = np.where(n_nulls > 0, order[:, None] - n_nulls, 0)
     # In Rayleigh cells, so that both axes count alike.
@@ -169,8 +172,8 @@ def _split(nulls: Nulls, order: NDArray[np.int64], rayleigh: NDArray[np.float64]
     n_parts = np.where(nulls.found, 1 + share + (ranks < rest), 0)
     ends = np.cumsum(n_parts, axis=1)
     slots = np.arange(int(order.max(initial=1)))
-    found = slots < ends[:, -1:] if ends.shape[1] else np.zeros((len(order), slots.size), dtype=np.bool_)
-    owner = np.minimum(np.sum(ends[:, :, None] <= slots, axis=1), max(ends.shape[1] - 1, 0))
+    found = slots < ends[:, -1:]
+    owner = np.minimum(np.sum(ends[:, :, None] <= slots, axis=1), ends.shape[1] - 1)
     owned = np.take_along_axis(n_parts, owner, axis=1)
     part = slots - (np.take_along_axis(ends, owner, axis=1) - owned)
     offset = FIRST_SPLIT * (part - (owned - 1) / 2)

@@ -1,5 +1,6 @@
 """The recipes of CONTRIBUTING.md do what they say."""
 
+import importlib
 import re
 import textwrap
 from pathlib import Path
@@ -7,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from isacbench.conformance import check_plugin, find_plugins
+from isacbench.registry import get_estimator
+from isacbench.stress.examine import examine
 
 RECIPES = Path(__file__).parent.parent / "CONTRIBUTING.md"
 
@@ -18,3 +21,13 @@ def test_the_example_of_an_estimator_and_of_a_detector_keep_the_contract(write_p
     path = write_plugin(f"{name}.py", textwrap.dedent(source))
     assert find_plugins(str(path)) == [(kind, name)]
     assert {finding.status for finding in check_plugin(kind, name)} == {"ok"}
+
+
+def test_the_example_of_a_stress_case_is_one_that_estimators_keep(tmp_path, monkeypatch):
+    blocks = re.findall(r"```python\n(.*?)```", RECIPES.read_text(encoding="utf-8"), flags=re.DOTALL)
+    (source,) = [block for block in blocks if "class Faint" in block]
+    text = "from __future__ import annotations\n" + textwrap.dedent(source)
+    (tmp_path / "faint_case.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    for case in importlib.import_module("faint_case").Faint.table():
+        assert {verdict.outcome for verdict in examine(case, get_estimator("music2d"))} == {"ok"}

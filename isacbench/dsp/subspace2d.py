@@ -18,7 +18,6 @@ Halko, Martinsson and Tropp, "Finding structure with randomness", SIAM Review
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +25,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import minimum_filter
 
-from isacbench.dsp.separation import Eigenpairs, pairs_of_covariance, pairs_of_data
+from isacbench.dsp.separation import (
+    ITERATIONS,
+    SPARE_DIMENSIONS,
+    Eigenpairs,
+    pairs_of_covariance,
+    pairs_of_data,
+    start_basis,
+)
 from isacbench.dsp.subspace import real_steering, real_steering_slopes, unitary_transform
 from isacbench.stages import stage
 
@@ -41,13 +47,6 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
-
-SPARE_DIMENSIONS = 4
-"""Beyond those asked for: the more, the faster a subspace iteration converges."""
-
-ITERATIONS = 4
-"""Multiplications with the covariance. A source at the edge of the noise is then right to 1e-3 of its
-eigenvector, far below what the noise does to it; a strong one to rounding."""
 
 CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""
@@ -149,18 +148,12 @@ def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats
     if 2 * n_basis >= n_sensors:
         values, vectors = np.linalg.eigh(covariance)
         return values[:, ::-1][:, :n_pairs], vectors[:, :, ::-1][:, :, :n_pairs]
-    start = _start_basis(n_sensors, n_basis).astype(covariance.dtype, copy=False)
+    start = start_basis(n_sensors, n_basis).astype(covariance.dtype, copy=False)
     basis = np.broadcast_to(start, (len(covariance), n_sensors, n_basis))
     for _ in range(ITERATIONS):
         basis = np.linalg.qr(covariance @ basis)[0]
     values, vectors = np.linalg.eigh(basis.transpose(0, 2, 1) @ covariance @ basis)
     return values[:, ::-1][:, :n_pairs], basis @ vectors[:, :, ::-1][:, :, :n_pairs]
-
-
-@lru_cache
-def _start_basis(n_sensors: int, n_basis: int) -> Floats:
-    """Directions that no source is orthogonal to, the same in every run."""
-    return np.random.default_rng(0).standard_normal((n_sensors, n_basis))
 
 
 def planar_null_spectrum(basis: Floats, u: ArrayLike, w: ArrayLike) -> Floats:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from isacbench.conformance.scenes import Shot
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.imaging import EVERY, LAYOUT, NO_FALSE_POINT, THREADS
-from isacbench.stress.shots import observed
+from isacbench.stress.shots import observed, with_cells
 from isacbench.stress.spaces import choice, real
 
 if TYPE_CHECKING:
+    from isacbench.conformance.scenes import Shot
     from isacbench.stress.case import Promise
     from isacbench.stress.imaging import Imaging
 
@@ -32,16 +31,23 @@ class Blank(EstimatorCase):
         {"filled": "zeros"},
         *(
             {"filled": filled, "exponent": exponent}
-            for filled in ("constant", "one_cell", "one_element", "checkers")
+            for filled in ("constant", "one_cell", "one_element", "checkers", "loud_element")
             for exponent in (-150.0, 0.0, 150.0)
         ),
         {"filled": "subnormal"},
         {"filled": "subnormal_cell"},
     )
 
-    filled: Literal[
-        "zeros", "constant", "subnormal", "subnormal_cell", "one_cell", "one_element", "checkers"
-    ] = choice("zeros", "constant", "subnormal", "subnormal_cell", "one_cell", "one_element", "checkers")
+    filled: str = choice(
+        "zeros",
+        "constant",
+        "subnormal",
+        "subnormal_cell",
+        "one_cell",
+        "one_element",
+        "checkers",
+        "loud_element",
+    )
     exponent: float = real(-150.0, 150.0, 0.0)
 
     @property
@@ -67,6 +73,9 @@ class Blank(EstimatorCase):
                 cells[middle] = level
             case "one_element":
                 cells[:, :, 1, 1] = level
+            case "loud_element":
+                cells[:] = observed([], 0.0, seed).seen.cells
+                cells[:, :, 1, 1] = level
             case "checkers":
                 cells[::2, ::2] = cells[1::2, 1::2] = level
-        return Shot(shot.scenario, dataclasses.replace(shot.seen, cells=cells))
+        return with_cells(shot, cells)

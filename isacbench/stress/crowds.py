@@ -10,22 +10,32 @@ import numpy as np
 
 from isacbench.model.echo import central_phase, random_stream
 from isacbench.stress.estimating import EstimatorCase
-from isacbench.stress.imaging import EVERY, FINITE, FOUND, INVARIANT, NO_FALSE_POINT, REPEAT
+from isacbench.stress.imaging import EVERY, FINITE, FOUND, INVARIANT, NO_FALSE_POINT, NO_POINT, REPEAT
 from isacbench.stress.shots import RESOLVED, Echo, observed, scenario_of
 from isacbench.stress.spaces import choice, real, whole
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from isacbench.conformance.scenes import Shot
     from isacbench.stress.case import Promise
     from isacbench.stress.imaging import Imaging
 
-__all__ = ["Close", "Coherent", "Crowd", "Nothing", "Pair"]
+__all__ = ["Close", "Coherent", "Crowd", "Nothing", "Pair", "Spread"]
 
 RAYLEIGH_COSINE = 0.25
 """Of the array of 8 x 8 elements."""
 
+CANCELLING = 0.9
+"""Half turns between two echoes from which hardly anything is left of them."""
+
 UNEQUAL = 0.9
 """Amplitude of an echo over the one before it: which of equal ones in phase comes first, nothing decides."""
+
+LOWEST_SPREAD, HIGHEST_SPREAD = np.array([3.0, -4.0, -0.55, -0.55]), np.array([13.0, 4.0, 0.55, 0.55])
+CELL_SPREAD = np.array([1.0, 1.0, RAYLEIGH_COSINE, RAYLEIGH_COSINE])
+SPREAD_CELLS = 3.0
+"""Cells between any two echoes, in range, speed or a direction."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +77,9 @@ class Pair(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """No more points than echoes; where they cancel, what rounding leaves of them is noise."""
-        if self.half_turns > 0.9:
-            return EVERY
+        """No more points than echoes; none where they cancel."""
+        if self.half_turns > CANCELLING:
+            return (*EVERY, NO_POINT) if self.noise == "none" and self.half_turns == 1 else EVERY
         clear = (NO_FALSE_POINT,) if self.noise == "none" else ()
         return *EVERY, *clear, FOUND, *INVARIANT
 
@@ -189,6 +199,42 @@ class Crowd(EstimatorCase):
             )
         ]
         return observed(echoes, self.snr_db, seed)
+
+
+@dataclass(frozen=True)
+class Spread(EstimatorCase):
+    """Equal echoes at random places of which no two share a cell; no noise."""
+
+    name: ClassVar[str] = "spread"
+    fixed: ClassVar = (
+        *({"n_echoes": n_echoes, "draw": draw} for n_echoes in (2, 4, 8) for draw in (0, 1, 2)),
+        # Found by search: a spectrum's pole that a sample struck hid the other source of the cell.
+        {"n_echoes": 2, "draw": 147},
+        {"n_echoes": 2, "draw": 1785},
+        {"n_echoes": 8, "draw": 192},
+    )
+
+    n_echoes: int = whole(1, 10, 4)
+    draw: int = whole(0, 9999, 0)
+
+    @property
+    def promises(self) -> tuple[Promise[Imaging], ...]:
+        """No more points than echoes."""
+        return *EVERY, NO_FALSE_POINT, *INVARIANT
+
+    def shot(self, seed: int) -> Shot:
+        """Observe them."""
+        stream = random_stream("stress", self.draw, seed, "spread")
+        places: list[NDArray[np.float64]] = []
+        while len(places) < self.n_echoes:
+            place = stream.uniform(LOWEST_SPREAD, HIGHEST_SPREAD)
+            cells = [np.abs(place - other) / CELL_SPREAD for other in places]
+            if all(apart.max() >= SPREAD_CELLS for apart in cells):
+                places.append(place)
+        phases = stream.uniform(0, 2 * np.pi, self.n_echoes)
+        columns = np.column_stack([places, np.ones_like(phases), phases])
+        echoes = [Echo(*values) for values in columns.tolist()]
+        return observed(echoes, seed=seed)
 
 
 def in_phase(echoes: list[Echo]) -> list[Echo]:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 from isacbench.errors import InputError, unknown_name
 from isacbench.spec import parse_spec
 from isacbench.stress.blanks import Blank
-from isacbench.stress.crowds import Close, Coherent, Crowd, Nothing, Pair
+from isacbench.stress.crowds import Close, Coherent, Crowd, Nothing, Pair, Spread
+from isacbench.stress.digits import NextBeam, OpenedRange, Unseparated
 from isacbench.stress.ladders import SnrLadder
 from isacbench.stress.levels import Amplitude, DynamicRange, Precision, Snr
 from isacbench.stress.maps import BlankMap, ConstantMap, MapLevel, MapRange, MapWindow, Rate
-from isacbench.stress.places import Beyond, Bin, Direction
+from isacbench.stress.places import Beyond, Bin, Direction, Fold
 from isacbench.stress.radios import (
     ArrayShape,
     Chunks,
@@ -40,9 +41,14 @@ FAMILIES: dict[str, type[Case[Any]]] = {
         Pair,
         Close,
         Coherent,
+        Spread,
         Crowd,
+        OpenedRange,
+        NextBeam,
+        Unseparated,
         Bin,
         Direction,
+        Fold,
         Beyond,
         Blank,
         ArrayShape,

@@ -40,6 +40,7 @@ __all__ = [
     "INVARIANT",
     "LAYOUT",
     "NO_FALSE_POINT",
+    "NO_POINT",
     "REPEAT",
     "SINGLE_PRECISION",
     "SINGLE_STAGES",
@@ -127,6 +128,13 @@ def _no_false_point(imaging: Imaging) -> float:
     if not len(cloud):
         return 0.0
     return float(cells_apart(imaging.shot.scenario, cloud, truth).min(axis=1).max())
+
+
+def _no_point(imaging: Imaging) -> float:
+    """Nothing is imaged, for nothing is there."""
+    if len(imaging.cloud) and not imaging.sees_truth:
+        raise BrokenPromiseError(f"{len(imaging.cloud)} points of no echo")
+    return 0.0
 
 
 def _found(imaging: Imaging) -> float:
@@ -284,6 +292,7 @@ def _of_cells(drift: Callable[[Imaging], float]) -> Callable[[Imaging], float]:
 FINITE = Promise("finite", 0.0, _finite)
 REPEAT = Promise("repeat", 0.0, _repeats)
 NO_FALSE_POINT = Promise("no false point", FALSE_POINT_CELLS, _no_false_point)
+NO_POINT = Promise("no point", 0.0, _no_point)
 FOUND = Promise("found", FALSE_POINT_CELLS, _found)
 TWO_POWER_SCALE = Promise("scale by powers of two", 0.0, _of_cells(_two_power_scale))
 ANY_SCALE = Promise("scale", 1e-10, _of_cells(_any_scale))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.imaging import EVERY, FINITE, FOUND, INVARIANT, NO_FALSE_POINT, REPEAT
@@ -19,7 +20,10 @@ if TYPE_CHECKING:
     from isacbench.stress.case import Promise
     from isacbench.stress.imaging import Imaging
 
-__all__ = ["Beyond", "Bin", "Direction"]
+__all__ = ["Beyond", "Bin", "Direction", "Fold"]
+
+DEEP = Region((-300.0, 320.0), (-400.0, 50.0), (-290.0, 310.0), (-60.0, 60.0))
+"""Reaches as far as the phases of subcarriers tell ranges apart: 624 m."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,7 @@ class Bin(EstimatorCase):
         {"range_offset": 0.5, "doppler_offset": 0.5, "where": "last_bins"},
         {"range_offset": 0.0, "doppler_offset": 0.0, "where": "whole_map"},
         {"range_offset": 0.5, "doppler_offset": -0.5, "where": "whole_map"},
+        {"range_offset": 0.0, "doppler_offset": 0.99, "where": "whole_map"},
     )
 
     range_offset: float = real(-1.0, 1.0, 0.0)
@@ -136,3 +141,23 @@ class Beyond(EstimatorCase):
             ),
         }[self.what]
         return observed([inside, stray], 20.0 if self.noise == "20dB" else math.inf, seed)
+
+
+@dataclass(frozen=True)
+class Fold(EstimatorCase):
+    """One echo anywhere on all the range bins that there are, the first and the last included; no noise."""
+
+    name: ClassVar[str] = "fold"
+    fixed: ClassVar = tuple({"range_bin": range_bin} for range_bin in (0.02, 0.5, 8.0, 15.02, 15.49))
+
+    range_bin: float = real(0.02, 15.49, 8.0)
+
+    @property
+    def promises(self) -> tuple[Promise[Imaging], ...]:
+        """One echo, one point."""
+        return *EVERY, NO_FALSE_POINT, FOUND, *INVARIANT
+
+    def shot(self, seed: int) -> Shot:
+        """Observe it from a region that is as deep as the radio sees."""
+        layout = Layout(system=System(n_subcarriers=16, n_symbols=32), region=DEEP)
+        return observed([Echo(self.range_bin, 1.2, 0.48, -0.48)], seed=seed, layout=layout)

@@ -256,7 +256,7 @@ class Chunks(EstimatorCase):
     )
 
     n_subcarriers: int = whole(16, 128, 64)
-    n_symbols: int = whole(8, 32, 16)
+    n_symbols: int = whole(12, 32, 16)
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,17 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["BASE_STATION_M", "REGION", "RESOLVED", "SYSTEM", "Echo", "Layout", "observed", "scenario_of"]
+__all__ = [
+    "BASE_STATION_M",
+    "REGION",
+    "RESOLVED",
+    "SYSTEM",
+    "Echo",
+    "Layout",
+    "observed",
+    "scenario_of",
+    "with_cells",
+]
 
 SYSTEM = System(n_subcarriers=256, n_symbols=32)
 """Range bins of 2.4 m, velocity bins of 12.8 m/s."""
@@ -118,3 +129,8 @@ def observed(
     """
     scenario = scenario_of(echoes, layout)
     return Shot(scenario, Simulator(scenario).observe(snr_db, seed=seed))
+
+
+def with_cells(shot: Shot, cells: NDArray[np.complexfloating[Any, Any]]) -> Shot:
+    """Shot of the same scene with other cells (n_range, n_doppler, P, Q)."""
+    return replace(shot, seen=replace(shot.seen, cells=cells))

@@ -17,6 +17,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.registry import get_estimator
 from isacbench.stress import imaging
 from isacbench.stress.case import BrokenPromiseError, NotApplicableError, Promise
+from isacbench.stress.crowds import Spread
 from isacbench.stress.drift import cells_apart, cloud_drift
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.examine import BROKEN, examine
@@ -231,6 +232,12 @@ def test_directions_a_period_apart_are_the_same():
 @pytest.mark.parametrize("name", FAST)
 def test_the_first_case_of_every_family_is_kept(name, family):
     case = family.table()[0]
+    assert [verdict for verdict in examine(case, get_estimator(name)) if verdict.outcome in BROKEN] == []
+
+
+@pytest.mark.parametrize("case", Spread.table(), ids=lambda case: case.spec)
+@pytest.mark.parametrize("name", FAST)
+def test_without_noise_resolved_echoes_are_imaged_and_nothing_else(name, case):
     assert [verdict for verdict in examine(case, get_estimator(name)) if verdict.outcome in BROKEN] == []
 
 
