@@ -9,6 +9,11 @@ survives in the Gram matrix, and d⁴ in the information where their echoes are 
 phase, d² in quadrature. What rounding leaves of that, a fit tells (`AtomFit.blurred`):
 it is about 0.01 cells in phase and 0.001 in quadrature from which places are known.
 
+Of a step only what it is solved for need have all digits, not its matrix. So a fit that
+products leave imprecise (`AtomFit.delicate`) is settled on what it leaves of the map, cell by
+cell (`settle_atoms`): the differences are taken before anything is squared, and
+rounding is magnified by the condition of the atoms and slopes, not by its square.
+
 References
 ----------
 Golub and Pereyra, "The differentiation of pseudo-inverses and nonlinear least
@@ -19,7 +24,7 @@ squares problems", BIT 15 (1975).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,7 +33,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 
 from isacbench.dsp.atoms import N_COORDINATES, AtomMap, Correlations, LineProducts, Lines, product_matrix
 
-__all__ = ["AtomFit", "fit_atoms", "refine_atoms", "refit_atoms"]
+__all__ = ["AtomFit", "fit_atoms", "refine_atoms", "refit_atoms", "settle_atoms"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -41,6 +46,10 @@ LEVERAGE = 4.0
 
 BLURRED = 0.01
 """Share of a variance that rounding decides, from which it is no variance."""
+
+DELICATE = 1e-11
+"""The same, from which a step is settled: rounding moves an atom by about as many Rayleigh cells, and by as
+much of its amplitude over the distance of its neighbour."""
 
 NOT_LESS = 1e-12
 """Of the explained energy: a step that loses no more is not told from one that gains."""
@@ -128,9 +137,33 @@ class AtomFit:
     @property
     def blurred(self) -> NDArray[np.bool_]:
         """Atoms (n,) with a coordinate whose variance is one of rounding: the true one may be any larger."""
+        return np.logical_not(self._known_to(BLURRED).all(axis=0))
+
+    @property
+    def delicate(self) -> bool:
+        """Whether products are too coarse for the places of any atoms: `settle_atoms` does without."""
+        return not self._known_to(DELICATE).all()
+
+    def _known_to(self, largest_share: float) -> NDArray[np.bool_]:
+        """Coordinates (4, n) of whose variance rounding decides no more than a share."""
         share = self._inverse_information.diagonal() * self.rounding
-        known = ((share >= 0) & (share <= BLURRED)).reshape(N_COORDINATES, -1)
-        return np.logical_not(known.all(axis=0))
+        return ((share >= 0) & (share <= largest_share)).reshape(N_COORDINATES, -1)
+
+    def steps(self, rest: Correlations) -> tuple[Complex, Floats]:
+        """Undamped Gauss-Newton steps (n,) of the amplitudes and (n, 4) of the places.
+
+        Parameters
+        ----------
+        rest : Correlations
+            Of the atoms with what they leave of the map.
+        """
+        matched = np.stack([rest.value.real, rest.value.imag], axis=1)
+        own: Complex = np.linalg.solve(self.gram, matched) @ np.array([1, 1j])
+        turning = np.tile(self.amplitude, N_COORDINATES)
+        score = (turning.conj() * (rest.slope.T.ravel() - self._mixed.T @ own)).real
+        along = self._inverse_information @ score
+        amplitude: Complex = own - self._eliminated[:, len(self) :] @ (turning * along)
+        return amplitude, along.reshape(N_COORDINATES, -1).T
 
     @cached_property
     def _mixed(self) -> Floats:
@@ -261,3 +294,36 @@ def _step(fit: AtomFit, damping: float) -> Floats:
     longest = np.abs(step).max(axis=1, keepdims=True)
     limited: Floats = step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
     return limited
+
+
+def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
+    """Finish a fit on what it leaves of the map, for atoms so close that products have lost their digits.
+
+    Every step subtracts all echoes from the map first, and correlates the rest.
+
+    Parameters
+    ----------
+    atom_map : AtomMap
+    fit : AtomFit
+        Near the optimum.
+    n_steps : int
+        Most steps; one that leaves more, by more than rounding, is taken back and is the last.
+
+    Returns
+    -------
+    AtomFit
+        With amplitudes from the last step, as places are.
+    """
+    rounding = ROUNDING * np.sqrt(atom_map.energy)
+    lines = atom_map.lines(fit.places)
+    rest = atom_map.without(lines, fit.amplitude)
+    for _ in range(n_steps):
+        amplitude_step, place_step = fit.steps(rest.correlate(lines))
+        moved = fit_atoms(atom_map, fit.places + place_step)
+        moved = replace(moved, amplitude=fit.amplitude + amplitude_step)
+        lines = atom_map.lines(moved.places)
+        left = atom_map.without(lines, moved.amplitude)
+        if np.sqrt(left.energy) > (1 + NOT_LESS) * np.sqrt(rest.energy) + rounding:
+            break
+        fit, rest = moved, left
+    return fit

@@ -16,7 +16,7 @@ is kept of the array.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -199,6 +199,33 @@ class AtomMap:
             self.line(places[:, axis], axis) for axis in range(N_COORDINATES)
         )
         return along_range, along_doppler, along_u, along_w
+
+    @property
+    def energy(self) -> float:
+        """Of all cells."""
+        return float(np.vdot(self._real_rows, self._real_rows))
+
+    def without(self, lines: Lines, amplitude: Complex) -> AtomMap:
+        """The map less the echoes of atoms.
+
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
+        amplitude : ndarray of complex128, shape (n,)
+            Of the unit-energy atoms.
+
+        Returns
+        -------
+        AtomMap
+        """
+        along_range, along_doppler, along_u, along_w = (line.value for line in lines)
+        echoes = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
+        surfaces = along_doppler[:, :, None, None] * echoes[:, None]
+        # All factors but the amplitudes are real: so is the product, of real and imaginary parts in turn.
+        rest = along_range.T @ surfaces.reshape(len(echoes), self.cells[0].size).view(np.float64)
+        np.subtract(self._real_rows, rest, out=rest)
+        return replace(self, cells=rest.view(np.complex128).reshape(self.cells.shape))
 
     def correlate(self, lines: Lines) -> Correlations:
         """Products of atoms, and of their slopes, with the map.

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.atomfit import AtomFit, refine_atoms
+from isacbench.dsp.atomfit import AtomFit, refine_atoms, settle_atoms
 from isacbench.dsp.atoms import AtomMap
 from isacbench.dsp.kernels import dirichlet
 from isacbench.dsp.pursuit import redundant
@@ -59,6 +59,9 @@ REFINEMENTS = 2
 
 EXPLAINING_STEPS = 3
 """Newton steps of a fit in four coordinates, before and after scatterers have left it."""
+
+SETTLING_STEPS = 3
+"""Steps on what is left of the map, where scatterers are close: each brings six digits or more."""
 
 MOST_UNEXPLAINED = 2.0
 """Of white noise: what may be left around each scatterer of an explained map; means of 21 scatter by 0.2."""
@@ -253,6 +256,7 @@ def explain_map(scatterers: Scatterers, gated: GatedMap, system: System, noise: 
         return None
     while True:
         drop, places = redundant(fit, noise)
+        is_delicate = fit.delicate
         scatterers = scatterers.select(~drop)
         if not len(scatterers):
             return scatterers
@@ -261,6 +265,8 @@ def explain_map(scatterers: Scatterers, gated: GatedMap, system: System, noise: 
             break
     if _most_unexplained(scatterers, fit, gated, system) > MOST_UNEXPLAINED * noise:
         return None
+    if is_delicate:
+        fit = settle_atoms(atom_map, fit, SETTLING_STEPS)
     return _placed(scatterers, fit, gated)
 
 

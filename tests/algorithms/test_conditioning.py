@@ -20,6 +20,8 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.remarks import Remarks
+from isacbench.stress.crowds import Close, Coherent
+from isacbench.stress.imaging import ANY_SCALE, ELEMENT_ORDER, Imaging
 
 SYSTEM = System(n_subcarriers=512, n_symbols=64)
 BASE_M = np.array([10.0, 50.0, 12.0])
@@ -198,3 +200,34 @@ def test_whatever_is_in_a_cell_points_are_finite_and_nothing_warns(
         observe(points, shape, phase=phase if len(points) else 0.0, snr_db=snr_db)
     )
     assert np.isfinite(cloud.to_array()).all()
+
+
+@JOINT
+@pytest.mark.parametrize(
+    "case",
+    [
+        *(Close(exponent=-1.0, along=along) for along in ("u", "w", "all")),
+        Close(exponent=-1.25, along="u"),
+        Coherent(n_echoes=3, separation=0.3),
+    ],
+    ids=lambda case: case.spec,
+)
+def test_echoes_in_phase_a_tenth_of_a_cell_apart_are_told_apart_to_the_last_digits(method, case):
+    imaging = Imaging(method(), case.shot(0))
+    truth = imaging.shot.scenario.truth
+    assert len(imaging.cloud) == len(truth)
+    distance = np.linalg.norm(imaging.cloud.xyz[:, None] - truth.xyz, axis=2)
+    assert distance.min(axis=0).max() < 1e-9
+    # The condition of the joint fit squared: 1e-8.
+    assert ANY_SCALE.drift(imaging) < 1e-10
+    assert ELEMENT_ORDER.drift(imaging) < 1e-10
+
+
+@JOINT
+@pytest.mark.parametrize(("n_echoes", "separation"), [(3, 0.1), (4, 0.15)])
+def test_fewer_points_than_coherent_echoes_are_as_certain(method, n_echoes, separation):
+    imaging = Imaging(method(), Coherent(n_echoes=n_echoes, separation=separation).shot(0))
+    assert 1 <= len(imaging.cloud) < n_echoes
+    # What is left of the map is 1e-5 of it: steps that lose no more than rounding are taken.
+    assert ANY_SCALE.drift(imaging) < 1e-10
+    assert ELEMENT_ORDER.drift(imaging) < 1e-10

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacbench.dsp.atomfit import fit_atoms, refine_atoms, refit_atoms
+from isacbench.dsp.atomfit import fit_atoms, refine_atoms, refit_atoms, settle_atoms
 from isacbench.dsp.atoms import AtomMap
 from isacbench.dsp.bounds import joint_bound, single_bound
 from isacbench.dsp.rangedoppler import GatedMap
@@ -201,3 +201,50 @@ def test_steps_reach_the_optimum_although_rounding_hides_what_they_gain():
         starts = near + 1e-8 * rng.standard_normal((2, *near.shape))
         one, other = (refine_atoms(atom_map, start, 4).places for start in starts)
         np.testing.assert_allclose(one, other, atol=1e-10, rtol=0)
+
+
+def close_pair(apart, turn=1.0):
+    """Places of two atoms apart along Doppler, and their amplitudes."""
+    return PLACES[[0, 0]] + apart * np.array([[0.0], [1.0]]) * np.eye(4)[1], np.array([1.0, 0.9 * turn])
+
+
+@pytest.mark.parametrize(("apart", "turn"), [(0.2, 1.0), (0.1, 1.0), (0.05, 1.0), (0.02, 1j), (0.1, -1.0)])
+def test_settled_close_atoms_lose_digits_by_their_condition_and_not_by_its_square(apart, turn):
+    places, amplitude = close_pair(apart, turn)
+    atom_map = noisy(WHOLE, places, amplitude, 0.0)
+    start = refine_atoms(atom_map, places + 1e-3 * apart * np.array([[1.0], [-1.0]]), 30)
+    assert start.delicate
+    fit = settle_atoms(atom_map, start, 3)
+    # Root of the variance in noise as small as the last digit of the strongest cell.
+    error = np.sqrt(bound_by_qr(atom_map, places, amplitude).reshape(8, 8).diagonal().max())
+    allowed = 100 * np.finfo(np.float64).eps * error
+    np.testing.assert_allclose(fit.places, places, atol=allowed, rtol=0)
+    np.testing.assert_allclose(fit.amplitude, amplitude, atol=10 * allowed / apart, rtol=0)
+
+
+def test_settling_leaves_the_optimum_in_noise_where_it_is():
+    places, amplitude = close_pair(0.3)
+    atom_map = noisy(WHOLE, places, amplitude, 1e-3)
+    fit = refine_atoms(atom_map, places, 60)
+    settled = settle_atoms(atom_map, fit, 3)
+    np.testing.assert_allclose(settled.places, fit.places, atol=1e-9)
+    np.testing.assert_allclose(settled.amplitude, fit.amplitude, atol=1e-8)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 4))
+def test_settling_never_leaves_more(seed, n_steps):
+    atom_map = noisy(PART, PLACES, AMPLITUDE, 0.5, seed)
+    starts = PLACES + np.random.default_rng(seed).uniform(-0.4, 0.4, PLACES.shape)
+
+    def left(fit):
+        return atom_map.without(atom_map.lines(fit.places), fit.amplitude).energy
+
+    fit = fit_atoms(atom_map, starts)
+    assert left(settle_atoms(atom_map, fit, n_steps)) <= left(fit) * (1 + 1e-10)
+
+
+def test_separate_atoms_are_not_delicate():
+    places = PLACES + np.array([[0.0], [0.0], [2.0]])
+    places[1] += 1
+    assert not fit_atoms(noisy(WHOLE, places, AMPLITUDE, 0.1), places).delicate

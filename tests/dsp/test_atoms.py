@@ -68,6 +68,17 @@ def test_outputs_of_the_matched_filters_are_plain_inner_products(place):
     assert correlations.value[0] == pytest.approx(np.vdot(atom(place), CELLS), abs=1e-10)
 
 
+@pytest.mark.parametrize("n", [0, 1, 3])
+def test_a_map_without_echoes_is_the_plain_difference(atom_map, n):
+    amplitude = np.array([1.0 + 2j, -0.5j, 3.0])[:n]
+    lines = atom_map.lines(PLACES[:n])
+    rest = atom_map.without(lines, amplitude)
+    echoes = sum((gain * atom(place) for gain, place in zip(amplitude, PLACES, strict=False)), 0 * CELLS)
+    fresh = AtomMap.from_map(GatedMap(CELLS - echoes, GATE), SYSTEM)
+    np.testing.assert_allclose(rest.cells, fresh.cells, atol=1e-12)
+    assert rest.energy == pytest.approx(np.sum(np.abs(CELLS - echoes) ** 2), rel=1e-12)
+
+
 def test_slopes_and_curvatures_of_the_outputs_are_those_of_the_atoms(atom_map):
     lines = atom_map.lines(PLACES)
     slopes = np.einsum("akc,c->ka", dense(1).conj(), CELLS.ravel())

@@ -228,3 +228,21 @@ def test_without_noise_a_pair_stays_two():
     found = resolve_directions(snapshot(u, w, [1, 1j]), waves(u + 1e-3, w), 0.0, 1e-5, 20)
     assert found.found.all()
     np.testing.assert_allclose(found.u[0], u, atol=1e-12)
+
+
+@pytest.mark.parametrize(("cells", "second"), [(0.1, 0.9), (0.1, 0.5), (0.05, 0.9), (0.05, 0.5)])
+@pytest.mark.parametrize("beside", [-0.05, 0.05])
+def test_a_close_pair_in_phase_is_followed_to_the_end_of_its_curved_valley(cells, second, beside):
+    u, w = 0.1 + np.array([0, cells]) * RAYLEIGH[0], 0.2 + np.array([0, cells]) * RAYLEIGH[1]
+    in_phase = np.exp(1j * np.pi * ((N_P - 1) / 2 * u + (N_Q - 1) / 2 * w))
+    start = np.array([-0.18, 0.18]) + beside
+    found = resolve_directions(
+        snapshot(u, w, in_phase * [1, second]),
+        waves(u.mean() + start * RAYLEIGH[0], w.mean() + start * RAYLEIGH[1]),
+        1e-12,
+        1e-5,
+        10,
+    )
+    # Ten steps, half of them taken back, ended as far beside the pair as its waves are apart.
+    assert found.found.all()
+    np.testing.assert_allclose(pairs_of(found), np.stack([u, w], axis=1), atol=1e-12)
