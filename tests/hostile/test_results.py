@@ -170,8 +170,16 @@ WRITTEN = [
 ]
 
 
-@pytest.mark.parametrize("name", WRITTEN)
-@pytest.mark.parametrize("kind", ["file", "nothing", "pipe"])
+LINKED_TO = ["file", "nothing", "pipe"]
+LINKS = [
+    pytest.param(name, kind, marks=[] if at % 3 == number % 3 else pytest.mark.slow)
+    for at, name in enumerate(WRITTEN)
+    for number, kind in enumerate(LINKED_TO)
+]
+"""Every name with one kind of link by default, and with all kinds among the slow tests."""
+
+
+@pytest.mark.parametrize(("name", "kind"), LINKS)
 def test_nothing_is_written_through_a_link_out_of_the_folder(made, run_folder, bounded, name, kind):
     target = run_folder.parents[1] / "outside" / "target"
     if name == "figures":
