@@ -46,12 +46,14 @@ from isacbench.dsp.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.detection import white_noise
 from isacbench.dsp.pursuit import (
     BeamSpace,
+    descending,
     noise_maximum,
     redundant,
     sidelobe_energy,
     sidelobe_envelope,
     split_gains,
     strongest_around,
+    unwrapped,
 )
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.units import amplitude_exponent, in_unit
@@ -99,6 +101,9 @@ MOST_LEFT = 64
 LOOKED_AT = 1024
 """Peaks that are held against those at a time, the strongest first."""
 
+LEAST_PROMISE = 0.25
+"""Share of what the first peaks hold that the atoms made of them must explain."""
+
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
 
@@ -114,12 +119,13 @@ class _Atoms(NamedTuple):
 
 
 class _Moves(NamedTuple):
-    """Places (n, 4) of new atoms; indices, places and offsets of atoms that become two."""
+    """Places (n, 4) of new atoms; indices, places and offsets of atoms that become two; gains of both."""
 
     added: Floats
     split: NDArray[np.int64]
     centres: Floats
     offsets: Floats
+    gain: Floats
 
     @property
     def number(self) -> int:
@@ -227,7 +233,11 @@ class Nomp4d:
             before = atoms
             with stage("refinement"):
                 atoms, fit = self._settle(atom_map, moves.made(atoms), STEPS, least, noise)
+            if not len(before.places) and _no_echoes(moves, fit, least):
+                return None
             unsplit = np.concatenate([unsplit, moves.centres[~_is_pair(moves.centres, atoms.places)]])
+            if len(before.places) + moves.number >= self.max_scatterers:
+                break
             if len(atoms.places) == len(before.places) and not _is_pair(moves.centres, atoms.places).any():
                 hopeless = np.concatenate([hopeless, moves.added])
         for _ in range(2):
@@ -253,7 +263,7 @@ class Nomp4d:
         eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
         if fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, fit))
-        order = np.argsort(-gain, kind="stable")
+        order = descending(gain)
         movable = eligible[order]
         clear = _clear_of_sidelobes(places, gain, order[movable], order[~movable][:MOST_LEFT])
         places, gain = places[clear], gain[clear]
@@ -266,10 +276,10 @@ class Nomp4d:
             places = np.concatenate([places, fit.places])
             offsets = np.concatenate([offsets, splits.offsets])
             gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
-        room = self.max_scatterers - (0 if fit is None else len(fit))
-        chosen = _choose(places, gain, np.arange(len(places)) < n_new)[: max(room, 0)]
+        room = max(self.max_scatterers - (0 if fit is None else len(fit)), 0)
+        chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map.periods)[:room]
         split = chosen[chosen >= n_new]
-        return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
+        return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split], gain[chosen])
 
     def _settle(
         self, atom_map: AtomMap, atoms: _Atoms, n_steps: int, least: float, noise: float
@@ -351,15 +361,28 @@ def _is_pair(centres: Floats, places: Floats) -> NDArray[np.bool_]:
     return around >= 2
 
 
-def _choose(places: Floats, gain: Floats, is_new: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _no_echoes(moves: _Moves, fit: AtomFit | None, least: float) -> bool:
+    """Whether first moves have failed, so that what they were made for is no sum of echoes.
+
+    The first peaks are apart, and no sidelobes of each other: atoms at places
+    off the grid explain what the peaks hold, and more. Peaks that noise
+    reaches may be none.
+    """
+    promised = float(moves.gain[moves.gain > least].sum())
+    return fit is not None and fit.energy < LEAST_PROMISE * promised
+
+
+def _choose(
+    places: Floats, gain: Floats, is_new: NDArray[np.bool_], periods: Floats
+) -> NDArray[np.int64]:
     """Indices of the moves of a round: the best, apart from each other, and no sidelobe of a better one."""
     if not gain.max(initial=0) > 0:
         return np.empty(0, dtype=np.int64)
     worth = np.where(is_new, gain, SPLIT_PREFERENCE * gain)
     eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
     chosen: list[int] = []
-    for move in eligible[np.argsort(-worth[eligible], kind="stable")]:
-        distance = places[chosen] - places[move]
+    for move in eligible[descending(worth[eligible])]:
+        distance = unwrapped(places[chosen], places[move], periods) - places[move]
         if (np.abs(distance) < APART_CELLS).all(axis=1).any():
             continue
         sidelobes = np.sum(sidelobe_envelope(distance) * np.sqrt(gain[chosen]))
