@@ -101,8 +101,11 @@ MOST_LEFT = 64
 LOOKED_AT = 1024
 """Peaks that are held against those at a time, the strongest first."""
 
-LEAST_PROMISE = 0.25
-"""Share of what the first peaks hold that the atoms made of them must explain."""
+ROUNDS_TO_EXPLAIN = 2
+"""Rounds in which all peaks within 12 dB of the strongest become atoms: those of echoes then explain most of it."""
+
+LEFT_NOISE = 2.0
+"""Residual over noise up to which it may be noise alone, whose power is itself an estimate."""
 
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
@@ -119,13 +122,12 @@ class _Atoms(NamedTuple):
 
 
 class _Moves(NamedTuple):
-    """Places (n, 4) of new atoms; indices, places and offsets of atoms that become two; gains of both."""
+    """Places (n, 4) of new atoms; indices, places and offsets of atoms that become two."""
 
     added: Floats
     split: NDArray[np.int64]
     centres: Floats
     offsets: Floats
-    gain: Floats
 
     @property
     def number(self) -> int:
@@ -222,9 +224,11 @@ class Nomp4d:
         atoms = _Atoms(np.empty((0, N_COORDINATES)), np.empty((0, N_COORDINATES)))
         fit: AtomFit | None = None
         hopeless = unsplit = np.empty((0, N_COORDINATES))
-        for _ in range(self.max_rounds):
+        for n_rounds in range(self.max_rounds):
             with stage("spectrum"):
                 residual = space.residual(fit)
+            if n_rounds == ROUNDS_TO_EXPLAIN and _mostly_unexplained(space, residual, noise):
+                break
             with stage("peaks"):
                 atoms = _released(space, residual, atoms, fit, noise)
                 moves = self._moves(space, residual, fit, level, observation.gate, hopeless, unsplit)
@@ -233,8 +237,6 @@ class Nomp4d:
             before = atoms
             with stage("refinement"):
                 atoms, fit = self._settle(atom_map, moves.made(atoms), STEPS, least, noise)
-            if not len(before.places) and _no_echoes(moves, fit, least):
-                return None
             unsplit = np.concatenate([unsplit, moves.centres[~_is_pair(moves.centres, atoms.places)]])
             if len(before.places) + moves.number >= self.max_scatterers:
                 break
@@ -277,9 +279,9 @@ class Nomp4d:
             offsets = np.concatenate([offsets, splits.offsets])
             gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
         room = max(self.max_scatterers - (0 if fit is None else len(fit)), 0)
-        chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map.periods)[:room]
+        chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map.periods, room)
         split = chosen[chosen >= n_new]
-        return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split], gain[chosen])
+        return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 
     def _settle(
         self, atom_map: AtomMap, atoms: _Atoms, n_steps: int, least: float, noise: float
@@ -361,31 +363,34 @@ def _is_pair(centres: Floats, places: Floats) -> NDArray[np.bool_]:
     return around >= 2
 
 
-def _no_echoes(moves: _Moves, fit: AtomFit | None, least: float) -> bool:
-    """Whether first moves have failed, so that what they were made for is no sum of echoes.
-
-    The first peaks are apart, and no sidelobes of each other: atoms at places
-    off the grid explain what the peaks hold, and more. Peaks that noise
-    reaches may be none.
-    """
-    promised = float(moves.gain[moves.gain > least].sum())
-    return fit is not None and fit.energy < LEAST_PROMISE * promised
+def _mostly_unexplained(space: BeamSpace, residual: Complex, noise: float) -> bool:
+    """Whether more than half of what the beams hold beyond noise is left, and more than noise may be."""
+    noise_energy = noise * residual.size
+    held, left = (float(np.vdot(beams, beams).real) for beams in (space.beams, residual))
+    return left > LEFT_NOISE * noise_energy and left - noise_energy > (held - noise_energy) / 2
 
 
 def _choose(
-    places: Floats, gain: Floats, is_new: NDArray[np.bool_], periods: Floats
+    places: Floats, gain: Floats, is_new: NDArray[np.bool_], periods: Floats, room: int
 ) -> NDArray[np.int64]:
-    """Indices of the moves of a round: the best, apart from each other, and no sidelobe of a better one."""
-    if not gain.max(initial=0) > 0:
+    """Indices of at most `room` moves of a round: the best, apart, and no sidelobe of a better one."""
+    if not room or not gain.max(initial=0) > 0:
         return np.empty(0, dtype=np.int64)
     worth = np.where(is_new, gain, SPLIT_PREFERENCE * gain)
     eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
+    eligible = eligible[descending(worth[eligible])]
+    places, amplitude, is_new = places[eligible], np.sqrt(gain[eligible]), is_new[eligible]
+    too_near = np.zeros(len(eligible), dtype=np.bool_)
+    sidelobes = np.zeros(len(eligible))
     chosen: list[int] = []
-    for move in eligible[descending(worth[eligible])]:
-        distance = unwrapped(places[chosen], places[move], periods) - places[move]
-        if (np.abs(distance) < APART_CELLS).all(axis=1).any():
+    for k, move in enumerate(eligible):
+        if too_near[k] or (is_new[k] and amplitude[k] < sidelobes[k]):
             continue
-        sidelobes = np.sum(sidelobe_envelope(distance) * np.sqrt(gain[chosen]))
-        if not is_new[move] or gain[move] >= sidelobes**2:
-            chosen.append(int(move))
+        chosen.append(int(move))
+        if len(chosen) == room:
+            break
+        later = slice(k + 1, None)
+        distance = unwrapped(places[later], places[k], periods) - places[k]
+        too_near[later] |= (np.abs(distance) < APART_CELLS).all(axis=1)
+        sidelobes[later] += sidelobe_envelope(distance) * amplitude[k]
     return np.array(chosen, dtype=np.int64)
