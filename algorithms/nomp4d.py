@@ -18,6 +18,11 @@ Cost of n cells, b beams and K atoms, where the directions of the region span s 
 the P Q dimensions of the array: n P Q sqrt(s) once, and in each of a dozen rounds
 n K b for the residual and K n s + K³ for a step.
 
+Where two rounds leave more than half of a map unexplained, far above the noise, it
+is no sum of a few echoes: more rounds would bend hundreds of atoms to it until
+rounding decides where they lie. The pursuit then ends with what it has, and so it
+does with the round that reaches `max_scatterers`.
+
 Fails in crowds: where more scatterers share a Rayleigh cell than can be told
 apart, no place of the atoms explains the echo, and the least-squares fit bends
 them to the misfit. There none is split, moves are bounded to half a cell and atoms
@@ -102,10 +107,10 @@ LOOKED_AT = 1024
 """Peaks that are held against those at a time, the strongest first."""
 
 ROUNDS_TO_EXPLAIN = 2
-"""Rounds in which all peaks within 12 dB of the strongest become atoms: those of echoes then explain most of it."""
+"""Rounds in which all peaks within 12 dB of the strongest become atoms: of echoes these explain most."""
 
-LEFT_NOISE = 2.0
-"""Residual over noise up to which it may be noise alone, whose power is itself an estimate."""
+LEFT_STANDOUT = 100.0
+"""Mean residual over the highest output of noise from which noise is not what hides the echoes."""
 
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
@@ -155,8 +160,8 @@ class Nomp4d:
     max_rounds : int
         Most rounds of moves.
     max_scatterers : int
-        Most atoms: no more are tried once there are as many, the strongest
-        moves first. Time grows with the cube of their number.
+        Most atoms, the strongest moves first: the round that reaches them is
+        the last. Time grows with the cube of their number.
 
     Raises
     ------
@@ -227,7 +232,7 @@ class Nomp4d:
         for n_rounds in range(self.max_rounds):
             with stage("spectrum"):
                 residual = space.residual(fit)
-            if n_rounds == ROUNDS_TO_EXPLAIN and _mostly_unexplained(space, residual, noise):
+            if n_rounds == ROUNDS_TO_EXPLAIN and _mostly_unexplained(space, residual, least):
                 break
             with stage("peaks"):
                 atoms = _released(space, residual, atoms, fit, noise)
@@ -363,34 +368,34 @@ def _is_pair(centres: Floats, places: Floats) -> NDArray[np.bool_]:
     return around >= 2
 
 
-def _mostly_unexplained(space: BeamSpace, residual: Complex, noise: float) -> bool:
-    """Whether more than half of what the beams hold beyond noise is left, and more than noise may be."""
-    noise_energy = noise * residual.size
+def _mostly_unexplained(space: BeamSpace, residual: Complex, least: float) -> bool:
+    """Whether more than half of what the beams hold is left, and noise is not the reason.
+
+    `least` is the highest output of noise: atoms weaker than it are not found.
+    """
     held, left = (float(np.vdot(beams, beams).real) for beams in (space.beams, residual))
-    return left > LEFT_NOISE * noise_energy and left - noise_energy > (held - noise_energy) / 2
+    return left > LEFT_STANDOUT * least * residual.size and left > held / 2
 
 
 def _choose(
     places: Floats, gain: Floats, is_new: NDArray[np.bool_], periods: Floats, room: int
 ) -> NDArray[np.int64]:
     """Indices of at most `room` moves of a round: the best, apart, and no sidelobe of a better one."""
-    if not room or not gain.max(initial=0) > 0:
+    if not gain.max(initial=0) > 0:
         return np.empty(0, dtype=np.int64)
     worth = np.where(is_new, gain, SPLIT_PREFERENCE * gain)
     eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
-    eligible = eligible[descending(worth[eligible])]
-    places, amplitude, is_new = places[eligible], np.sqrt(gain[eligible]), is_new[eligible]
-    too_near = np.zeros(len(eligible), dtype=np.bool_)
-    sidelobes = np.zeros(len(eligible))
+    candidates = eligible[descending(worth[eligible])]
+    amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
+    # Coordinate by coordinate in memory: a map without echoes has ten thousands of candidates.
+    along = places[candidates].T.copy()
     chosen: list[int] = []
-    for k, move in enumerate(eligible):
-        if too_near[k] or (is_new[k] and amplitude[k] < sidelobes[k]):
-            continue
-        chosen.append(int(move))
-        if len(chosen) == room:
-            break
-        later = slice(k + 1, None)
-        distance = unwrapped(places[later], places[k], periods) - places[k]
-        too_near[later] |= (np.abs(distance) < APART_CELLS).all(axis=1)
-        sidelobes[later] += sidelobe_envelope(distance) * amplitude[k]
+    while candidates.size and len(chosen) < room:
+        move, candidates, along = int(candidates[0]), candidates[1:], along[:, 1:]
+        chosen.append(move)
+        distance = unwrapped(along.T, places[move], periods) - places[move]
+        sidelobes = sidelobes[1:] + sidelobe_envelope(distance) * amplitude[move]
+        kept = (np.abs(distance) >= APART_CELLS).any(axis=1)
+        kept &= ~is_new[candidates] | (amplitude[candidates] >= sidelobes)
+        candidates, along, sidelobes = candidates[kept], along[:, kept], sidelobes[kept]
     return np.array(chosen, dtype=np.int64)

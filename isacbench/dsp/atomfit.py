@@ -40,7 +40,7 @@ LEVERAGE = 4.0
 """Of two products and a loading between them: rounding of the information over that of a product."""
 
 LEAST_SLOPE = 1e-6
-"""Energy of a unit atom's slope, 3 of many samples, below which a coordinate is not seen: of one sample it is 0."""
+"""Energy of a unit atom's slope, 3 of many samples, from which a coordinate is seen: 0 of one sample."""
 
 BLURRED = 0.01
 """Share of a variance that rounding decides, from which it is no variance."""

@@ -164,7 +164,7 @@ class AtomMap:
 
     @property
     def periods(self) -> Floats:
-        """Rayleigh cells along each coordinate after which an atom is the same, but for its sign, shape (4,)."""
+        """Rayleigh cells along each coordinate after which an atom is the same but for its sign, (4,)."""
         return np.array([self.n_subcarriers, self.n_symbols, *self.array_shape], dtype=np.float64)
 
     def line(self, places: Floats, axis: int) -> Line:

@@ -30,7 +30,7 @@ __all__ = [
     "Peaks4d",
     "Splits",
     "descending",
-        "noise_maximum",
+    "noise_maximum",
     "redundant",
     "sidelobe_energy",
     "sidelobe_envelope",
@@ -244,7 +244,7 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np
 
 
 def descending(energy: Floats) -> NDArray[np.int64]:
-    """Indices (n,) that sort energies, the largest first; of equal ones, but for rounding, the first comes first."""
+    """Indices (n,) that sort energies, the largest first; of those equal but for rounding, the first."""
     order: NDArray[np.int64] = np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
     return order
 

@@ -1,4 +1,4 @@
-"""Ties: numbers that only rounding tells apart, and that must come in the same order however they were rounded.
+"""Ties: numbers that only rounding tells apart, and that come in one order however they were rounded.
 
 Equal echoes have equal powers but for their last digits, which threads, memory
 order and units change. Where the order of powers decides, they are compared to
