@@ -18,6 +18,11 @@ Cost of n cells, b beams and K atoms, where the directions of the region span s 
 the P Q dimensions of the array: n P Q sqrt(s) once, and in each of a dozen rounds
 n K b for the residual and K n s + K³ for a step.
 
+Where two rounds leave more than half of a map unexplained, far above the noise, it
+is no sum of a few echoes: more rounds would bend hundreds of atoms to it until
+rounding decides where they lie. The pursuit then ends with what it has, and so it
+does with the round that reaches `max_scatterers`.
+
 Fails in crowds: where more scatterers share a Rayleigh cell than can be told
 apart, no place of the atoms explains the echo, and the least-squares fit bends
 them to the misfit. There none is split, moves are bounded to half a cell and atoms
@@ -46,12 +51,14 @@ from isacbench.dsp.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.detection import white_noise
 from isacbench.dsp.pursuit import (
     BeamSpace,
+    descending,
     noise_maximum,
     redundant,
     sidelobe_energy,
     sidelobe_envelope,
     split_gains,
     strongest_around,
+    unwrapped,
 )
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.units import amplitude_exponent, in_unit
@@ -98,6 +105,12 @@ MOST_LEFT = 64
 
 LOOKED_AT = 1024
 """Peaks that are held against those at a time, the strongest first."""
+
+ROUNDS_TO_EXPLAIN = 2
+"""Rounds in which all peaks within 12 dB of the strongest become atoms: of echoes these explain most."""
+
+LEFT_STANDOUT = 100.0
+"""Mean residual over the highest output of noise from which noise is not what hides the echoes."""
 
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
@@ -147,8 +160,8 @@ class Nomp4d:
     max_rounds : int
         Most rounds of moves.
     max_scatterers : int
-        Most atoms: no more are tried once there are as many, the strongest
-        moves first. Time grows with the cube of their number.
+        Most atoms, the strongest moves first: the round that reaches them is
+        the last. Time grows with the cube of their number.
 
     Raises
     ------
@@ -216,9 +229,11 @@ class Nomp4d:
         atoms = _Atoms(np.empty((0, N_COORDINATES)), np.empty((0, N_COORDINATES)))
         fit: AtomFit | None = None
         hopeless = unsplit = np.empty((0, N_COORDINATES))
-        for _ in range(self.max_rounds):
+        for n_rounds in range(self.max_rounds):
             with stage("spectrum"):
                 residual = space.residual(fit)
+            if n_rounds == ROUNDS_TO_EXPLAIN and _mostly_unexplained(space, residual, least):
+                break
             with stage("peaks"):
                 atoms = _released(space, residual, atoms, fit, noise)
                 moves = self._moves(space, residual, fit, level, observation.gate, hopeless, unsplit)
@@ -228,6 +243,8 @@ class Nomp4d:
             with stage("refinement"):
                 atoms, fit = self._settle(atom_map, moves.made(atoms), STEPS, least, noise)
             unsplit = np.concatenate([unsplit, moves.centres[~_is_pair(moves.centres, atoms.places)]])
+            if len(before.places) + moves.number >= self.max_scatterers:
+                break
             if len(atoms.places) == len(before.places) and not _is_pair(moves.centres, atoms.places).any():
                 hopeless = np.concatenate([hopeless, moves.added])
         for _ in range(2):
@@ -253,7 +270,7 @@ class Nomp4d:
         eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
         if fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, fit))
-        order = np.argsort(-gain, kind="stable")
+        order = descending(gain)
         movable = eligible[order]
         clear = _clear_of_sidelobes(places, gain, order[movable], order[~movable][:MOST_LEFT])
         places, gain = places[clear], gain[clear]
@@ -266,8 +283,8 @@ class Nomp4d:
             places = np.concatenate([places, fit.places])
             offsets = np.concatenate([offsets, splits.offsets])
             gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
-        room = self.max_scatterers - (0 if fit is None else len(fit))
-        chosen = _choose(places, gain, np.arange(len(places)) < n_new)[: max(room, 0)]
+        room = max(self.max_scatterers - (0 if fit is None else len(fit)), 0)
+        chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map.periods, room)
         split = chosen[chosen >= n_new]
         return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 
@@ -351,18 +368,34 @@ def _is_pair(centres: Floats, places: Floats) -> NDArray[np.bool_]:
     return around >= 2
 
 
-def _choose(places: Floats, gain: Floats, is_new: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Indices of the moves of a round: the best, apart from each other, and no sidelobe of a better one."""
+def _mostly_unexplained(space: BeamSpace, residual: Complex, least: float) -> bool:
+    """Whether more than half of what the beams hold is left, and noise is not the reason.
+
+    `least` is the highest output of noise: atoms weaker than it are not found.
+    """
+    held, left = (float(np.vdot(beams, beams).real) for beams in (space.beams, residual))
+    return left > LEFT_STANDOUT * least * residual.size and left > held / 2
+
+
+def _choose(
+    places: Floats, gain: Floats, is_new: NDArray[np.bool_], periods: Floats, room: int
+) -> NDArray[np.int64]:
+    """Indices of at most `room` moves of a round: the best, apart, and no sidelobe of a better one."""
     if not gain.max(initial=0) > 0:
         return np.empty(0, dtype=np.int64)
     worth = np.where(is_new, gain, SPLIT_PREFERENCE * gain)
     eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
+    candidates = eligible[descending(worth[eligible])]
+    amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
+    # Coordinate by coordinate in memory: a map without echoes has ten thousands of candidates.
+    along = places[candidates].T.copy()
     chosen: list[int] = []
-    for move in eligible[np.argsort(-worth[eligible], kind="stable")]:
-        distance = places[chosen] - places[move]
-        if (np.abs(distance) < APART_CELLS).all(axis=1).any():
-            continue
-        sidelobes = np.sum(sidelobe_envelope(distance) * np.sqrt(gain[chosen]))
-        if not is_new[move] or gain[move] >= sidelobes**2:
-            chosen.append(int(move))
+    while candidates.size and len(chosen) < room:
+        move, candidates, along = int(candidates[0]), candidates[1:], along[:, 1:]
+        chosen.append(move)
+        distance = unwrapped(along.T, places[move], periods) - places[move]
+        sidelobes = sidelobes[1:] + sidelobe_envelope(distance) * amplitude[move]
+        kept = (np.abs(distance) >= APART_CELLS).any(axis=1)
+        kept &= ~is_new[candidates] | (amplitude[candidates] >= sidelobes)
+        candidates, along, sidelobes = candidates[kept], along[:, kept], sidelobes[kept]
     return np.array(chosen, dtype=np.int64)

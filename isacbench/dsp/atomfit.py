@@ -44,6 +44,9 @@ ROUNDING = 16 * float(np.finfo(np.float64).eps)
 LEVERAGE = 4.0
 """Of two products and a loading between them: rounding of the information over that of a product."""
 
+LEAST_SLOPE = 1e-6
+"""Energy of a unit atom's slope, 3 of many samples, from which a coordinate is seen: 0 of one sample."""
+
 BLURRED = 0.01
 """Share of a variance that rounding decides, from which it is no variance."""
 
@@ -81,6 +84,8 @@ class AtomFit:
     gram : ndarray of float64, shape (n, n)
         Products of the atoms, loaded by their rounding: two atoms that
         coincide share their amplitude.
+    periods : ndarray of float64, shape (4,)
+        Rayleigh cells after which an atom is the same (`AtomMap.periods`).
     """
 
     places: Floats
@@ -89,6 +94,7 @@ class AtomFit:
     correlations: Correlations
     products: tuple[LineProducts, ...]
     gram: Floats
+    periods: Floats
 
     def __len__(self) -> int:
         return self.amplitude.size
@@ -121,7 +127,8 @@ class AtomFit:
         """Error of the information's diagonal by rounding, shape (4 n,)."""
         # The elimination divides by the part of an atom that the others do not explain.
         own = 1 / np.maximum(self._eliminated.diagonal(), 1)
-        rounding: Floats = self._slopes.diagonal() * np.tile(self.power / own, N_COORDINATES)
+        slopes = np.maximum(self._slopes.diagonal(), LEAST_SLOPE)
+        rounding: Floats = slopes * np.tile(self.power / own, N_COORDINATES)
         return LEVERAGE * ROUNDING * rounding
 
     def covariance(self, noise: float) -> Floats:
@@ -255,7 +262,7 @@ def _fit(atom_map: AtomMap, places: Floats, lines: Lines, correlations: Correlat
     target = np.stack([correlations.value.real, correlations.value.imag], axis=1)
     amplitude: Complex = np.linalg.solve(gram, target) @ np.array([1, 1j])
     energy = float((correlations.value.conj() @ amplitude).real)
-    return AtomFit(places, amplitude, energy, correlations, products, gram)
+    return AtomFit(places, amplitude, energy, correlations, products, gram, atom_map.periods)
 
 
 def refine_atoms(atom_map: AtomMap, places: Floats, n_steps: int) -> AtomFit:

@@ -162,6 +162,11 @@ class AtomMap:
         n_p, n_q = self.array_shape
         return np.array([1.0, 1.0, 2 / n_p, 2 / n_q])
 
+    @property
+    def periods(self) -> Floats:
+        """Rayleigh cells along each coordinate after which an atom is the same but for its sign, (4,)."""
+        return np.array([self.n_subcarriers, self.n_symbols, *self.array_shape], dtype=np.float64)
+
     def line(self, places: Floats, axis: int) -> Line:
         """Factors of atoms along one coordinate.
 

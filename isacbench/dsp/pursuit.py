@@ -21,6 +21,7 @@ from scipy.ndimage import uniform_filter
 
 from isacbench.dsp.atomfit import AtomFit
 from isacbench.dsp.atoms import N_COORDINATES, AtomMap, product_matrix
+from isacbench.dsp.ties import rounded
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
 
@@ -28,12 +29,14 @@ __all__ = [
     "BeamSpace",
     "Peaks4d",
     "Splits",
+    "descending",
     "noise_maximum",
     "redundant",
     "sidelobe_energy",
     "sidelobe_envelope",
     "split_gains",
     "strongest_around",
+    "unwrapped",
 ]
 
 Floats = NDArray[np.float64]
@@ -68,6 +71,12 @@ FIXED_POINT_STEPS = 40
 
 TOLD_APART = 16.0
 """Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
+
+TIE_DIGITS = 9
+"""Of energies: what differs beyond is rounding, and the first of equals comes first."""
+
+LEAST_VARIANCE = 2.0**-1000
+"""In place of none, where noise is that small: ratios to it are still numbers."""
 
 LOST = 0.5
 """Standard deviation of a coordinate in Rayleigh cells from which an atom has no place."""
@@ -217,17 +226,54 @@ def _halved(beams: Complex, axis: int) -> Complex:
 
 
 def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np.int64], ...], Floats]:
-    """Indices and energies of the samples above a level that none of their 80 neighbours exceeds."""
+    """Indices and energies of the samples above a level that none of their 80 neighbours exceeds.
+
+    By more than rounding: of an echo halfway between two samples both are maxima.
+    """
     framed = np.full([n + 2 for n in beams.shape], -np.inf)
     energy = framed[1:-1, 1:-1, 1:-1, 1:-1]
     energy[...] = beams.real**2
     energy += beams.imag**2
     flat, strides = framed.ravel(), np.array(framed.strides) // framed.itemsize
     index = np.flatnonzero(flat > least_energy)
+    level = 1 + 10.0**-TIE_DIGITS
     # Neighbours along one axis first: they leave few for the others.
     for step in sorted(product((-1, 0, 1), repeat=N_COORDINATES), key=np.count_nonzero):
-        index = index[flat[index] >= flat[index + int(np.dot(strides, step))]]
+        index = index[level * flat[index] >= flat[index + int(np.dot(strides, step))]]
     return tuple(along - 1 for along in np.unravel_index(index, framed.shape)), flat[index]
+
+
+def descending(energy: Floats) -> NDArray[np.int64]:
+    """Indices (n,) that sort energies, the largest first; of those equal but for rounding, the first."""
+    order: NDArray[np.int64] = np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
+    return order
+
+
+def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
+    """Of all places where atoms are the same, those nearest to a reference.
+
+    Elements half a wavelength apart cannot tell u = 1 from u = -1, nor
+    sampled symbols one end of the Doppler bins from the other.
+
+    Parameters
+    ----------
+    places, reference : ndarray of float64, shapes (..., 4)
+        In Rayleigh cells.
+    periods : ndarray of float64, shape (4,)
+        `AtomMap.periods`.
+
+    Returns
+    -------
+    ndarray of float64, shape (..., 4)
+
+    Examples
+    --------
+    >>> periods = np.array([64.0, 32.0, 8.0, 8.0])
+    >>> unwrapped(np.array([3.0, 1.0, 3.5, 0.0]), np.array([3.0, 0.0, -4.0, 0.0]), periods)
+    array([ 3. ,  1. , -4.5,  0. ])
+    """
+    nearest: Floats = places - periods * np.rint((places - reference) / periods)
+    return nearest
 
 
 def noise_maximum(n_independent: float, chance: float) -> float:
@@ -391,10 +437,10 @@ def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
     variance = np.einsum("inin->ni", covariance)
     lost = np.flatnonzero((variance > LOST**2).any(axis=1))
     if lost.size:
-        drop[lost[np.argsort(power[lost])][: max(1, lost.size // 2)]] = True
+        drop[lost[descending(power[lost])[::-1]][: max(1, lost.size // 2)]] = True
         return drop, places
-    first, second = np.nonzero(np.triu(_close(places), 1))
-    apart = places[first] - places[second]
+    first, second = np.nonzero(np.triu(_close(places, fit.periods), 1))
+    apart = unwrapped(places[first], places[second], fit.periods) - places[second]
     joint = (
         covariance[:, first, :, first]
         + covariance[:, second, :, second]
@@ -406,17 +452,20 @@ def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
     blurred = fit.blurred
     # Variance of the distance along the line between the two.
     told = (length**2 >= TOLD_APART * along) & ~(blurred[first] & blurred[second])
-    for k in np.argsort(length**2 / np.maximum(along, np.finfo(np.float64).tiny), kind="stable"):
-        pair = [int(first[k]), int(second[k])]
+    for k in descending(length**2 / np.maximum(along, LEAST_VARIANCE))[::-1]:
+        pair = np.array([first[k], second[k]])
         if told[k] or drop[pair].any():
             continue
-        stronger, weaker = sorted(pair, key=lambda atom: -power[atom])
+        stronger, weaker = pair[descending(power[pair])]
         drop[weaker] = True
-        places[stronger] = np.average(places[pair], axis=0, weights=power[pair])
+        # The two ends of a coordinate meet at the stronger one's, not in the middle.
+        near = unwrapped(places[pair], places[stronger], fit.periods)
+        places[stronger] = np.average(near, axis=0, weights=power[pair])
     return drop, places
 
 
-def _close(places: Floats) -> NDArray[np.bool_]:
+def _close(places: Floats, periods: Floats) -> NDArray[np.bool_]:
     """Pairs (n, n) within a Rayleigh cell along every coordinate."""
-    close: NDArray[np.bool_] = np.all(np.abs(places[:, None] - places) < 1, axis=2)
+    apart = unwrapped(places[:, None], places, periods) - places
+    close: NDArray[np.bool_] = np.all(np.abs(apart) < 1, axis=2)
     return close

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.dsp.ties import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin
 
 __all__ = ["Scatterers", "locate", "merge_duplicates"]
@@ -205,9 +206,8 @@ def merge_duplicates(scatterers: Scatterers) -> Scatterers:
     points = np.column_stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w])
     pairs = cKDTree(points / DUPLICATE_CELL).query_pairs(1.0, p=np.inf, output_type="ndarray")
     rank = np.empty(len(scatterers), dtype=np.int64)
-    rank[np.lexsort((-_rounded(scatterers.power), -_rounded(_family_power(scatterers))))] = np.arange(
-        len(scatterers)
-    )
+    keys = scatterers.power, _family_power(scatterers)
+    rank[np.lexsort([-rounded(power, TIE_DIGITS) for power in keys])] = np.arange(len(scatterers))
     swap = rank[pairs[:, 0]] > rank[pairs[:, 1]]
     pairs[swap] = pairs[swap][:, ::-1]
     alive = np.ones(len(scatterers), dtype=np.bool_)
@@ -215,13 +215,6 @@ def merge_duplicates(scatterers: Scatterers) -> Scatterers:
         if alive[stronger]:
             alive[weaker] = False
     return scatterers.select(alive)
-
-
-def _rounded(power: Floats) -> Floats:
-    """Powers to `TIE_DIGITS` digits, in any unit the same."""
-    mantissa, exponent = np.frexp(power)
-    rounded: Floats = np.ldexp(np.round(mantissa, TIE_DIGITS), exponent)
-    return rounded
 
 
 def _family_power(scatterers: Scatterers) -> Floats:

@@ -12,11 +12,13 @@ from isacbench.dsp.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.pursuit import (
     TOLD_APART,
     BeamSpace,
+    descending,
     noise_maximum,
     redundant,
     sidelobe_envelope,
     split_gains,
     strongest_around,
+    unwrapped,
 )
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
@@ -309,3 +311,55 @@ def test_a_duplicate_is_found_among_many():
     drop, _ = redundant(fit, NOISE)
     assert drop.sum() == 1
     assert drop[[0, 16]].any()
+
+
+def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stronger_end():
+    half = SHAPE[0] / 2
+    ends = np.array([[16.3, 0.4, half - 0.01, -0.3], [16.3, 0.4, 0.01 - half, -0.3]])
+    _, fit = fitted(ends, [1.0, 0.5])
+    drop, places = redundant(fit, NOISE)
+    assert drop.sum() == 1
+    (stays,) = np.flatnonzero(~drop)
+    assert np.abs(np.abs(places[stays, 2]) - half).max() <= 0.01
+    np.testing.assert_allclose(places[stays, [0, 1, 3]], ends[0, [0, 1, 3]])
+
+
+def test_pairs_in_no_noise_at_all_are_compared_without_overflow():
+    # Warnings are errors.
+    _, fit = fitted([PLACE, PLACE + 0.98], [1.0, 1.0], noise=0.0)
+    drop, places = redundant(fit, 0.0)
+    assert not drop.any()
+    np.testing.assert_array_equal(places, fit.places)
+
+
+@given(st.tuples(*[st.floats(-200, 200)] * 8))
+def test_the_nearest_of_equal_places_is_within_half_a_period_and_a_whole_number_of_them_away(values):
+    places, reference = np.array(values[:4]), np.array(values[4:])
+    periods = np.array([64.0, 32.0, 8.0, 6.0])
+    nearest = unwrapped(places, reference, periods)
+    assert np.all(np.abs(nearest - reference) <= periods / 2 * (1 + 1e-9))
+    turns = (nearest - places) / periods
+    np.testing.assert_allclose(turns, np.rint(turns), atol=1e-9)
+
+
+def test_places_a_period_apart_hold_the_same_atom():
+    atom_map = noisy(PLACE, [0.0])
+    moved = PLACE + np.array([1, -1, 1, 1]) * atom_map.periods
+    for axis in range(N_COORDINATES):
+        here, there = (atom_map.line(place[axis : axis + 1], axis).value for place in (PLACE, moved))
+        sign = np.sign(np.sum(here * there))
+        np.testing.assert_allclose(there, sign * here, atol=1e-9)
+
+
+def test_of_equal_energies_the_first_comes_first_whatever_their_last_digits():
+    energy = np.array([1.0, 3.0, 2.0, 3.0 + 1e-15, 3.0 - 1e-15])
+    assert descending(energy).tolist() == [1, 3, 4, 2, 0]
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_two_equal_samples_are_two_peaks_whichever_rounding_favours(sign):
+    space = space_of(noisy(PLACE, [0.0], noise=0.0))
+    residual = np.zeros_like(space.beams)
+    residual[4, 4, 3, 4:6] = 1.0, 1.0 + sign * 1e-13
+    places, _ = space.peaks(residual, 0.9)
+    assert len(places) == 2

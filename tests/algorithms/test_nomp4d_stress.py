@@ -1,0 +1,91 @@
+"""Stress cases that matching pursuit once failed, and what ends it where a map is no sum of echoes."""
+
+import pytest
+from isacbench_algorithms import nomp4d
+from isacbench_algorithms.nomp4d import Nomp4d
+
+from isacbench.stress.examine import BROKEN, examine
+from isacbench.stress.families import find_cases
+from isacbench.stress.imaging import ANY_SCALE, Imaging
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+@pytest.fixture
+def one_thread():
+    """Keep small matrices on one thread."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        yield
+
+
+def only(spec):
+    (case,) = find_cases(spec)
+    return case
+
+
+@pytest.fixture
+def rounds(monkeypatch):
+    """Number of atoms that each joint refinement of a pursuit starts from."""
+    started = []
+
+    def counted(atom_map, places, n_steps):
+        started.append(len(places))
+        return refine(atom_map, places, n_steps)
+
+    refine = nomp4d.refine_atoms
+    monkeypatch.setattr(nomp4d, "refine_atoms", counted)
+    return started
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "direction[radius=1.0,angle_deg=0.0]",
+        "direction[radius=1.0,angle_deg=90.0]",
+        "numerology[n_subcarriers=1,n_symbols=32,noise=none]",
+        "beyond[what=gate,noise=none,excess=0.3]",
+    ],
+)
+def test_every_promise_is_kept(spec):
+    broken = [verdict for verdict in examine(only(spec), Nomp4d()) if verdict.outcome in BROKEN]
+    assert not broken
+
+
+@pytest.mark.parametrize("filled", ["constant", "checkers"])
+def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(filled):
+    imaging = Imaging(Nomp4d(), only(f"map[filled={filled},exponent=0.0]").shot(0))
+    assert len(imaging.cloud)
+    assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
+
+
+def test_a_map_that_two_rounds_leave_mostly_unexplained_gets_no_third(rounds):
+    Nomp4d().estimate(only("map[filled=constant,exponent=0.0]").shot(0).observation())
+    # Two rounds, and two refinements at the end.
+    assert len(rounds) == 4
+
+
+def test_a_crowd_that_is_mostly_explained_gets_all_its_rounds(rounds):
+    observation = only("crowd[n_echoes=100,where=one_cell,snr_db=200.0]").shot(0).observation()
+    Nomp4d(max_rounds=6).estimate(observation)
+    assert len(rounds) == 6 + 2
+
+
+def test_noise_that_hides_most_of_the_echoes_does_not_end_a_pursuit(rounds):
+    observation = only("crowd[n_echoes=100,where=region,snr_db=-20.0]").shot(0).observation()
+    Nomp4d(max_rounds=4).estimate(observation)
+    assert len(rounds) == 4 + 2
+
+
+def test_the_round_that_reaches_the_most_scatterers_is_the_last(rounds):
+    observation = only("crowd[n_echoes=5000,where=one_cell,snr_db=20.0]").shot(0).observation()
+    Nomp4d(max_scatterers=26).estimate(observation)
+    # Two refinements follow, of atoms some of which were dropped.
+    assert rounds.index(26) == len(rounds) - 3
+    assert rounds[-2] < 26
+
+
+def test_one_subcarrier_tells_no_range_and_no_image_follows():
+    shot = only("numerology[n_subcarriers=1,n_symbols=32,noise=20dB]").shot(0)
+    assert len(Nomp4d().estimate(shot.observation())) == 0
