@@ -9,7 +9,7 @@ import numpy as np
 
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.imaging import EVERY, LAYOUT, NO_FALSE_POINT, THREADS
-from isacbench.stress.shots import observed, with_cells
+from isacbench.stress.shots import NARROW, Layout, observed, with_cells
 from isacbench.stress.spaces import choice, real
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Blank(EstimatorCase):
 
     def shot(self, seed: int) -> Shot:
         """Fill the cells of a gate."""
-        shot = observed([], seed=seed)
+        shot = observed([], seed=seed, layout=Layout(region=NARROW))
         cells = np.zeros_like(shot.seen.cells)
         level = 10.0**self.exponent
         middle = cells.shape[0] // 2, cells.shape[1] // 2
@@ -74,7 +74,7 @@ class Blank(EstimatorCase):
             case "one_element":
                 cells[:, :, 1, 1] = level
             case "loud_element":
-                cells[:] = observed([], 0.0, seed).seen.cells
+                cells[:] = observed([], 0.0, seed, Layout(region=NARROW)).seen.cells
                 cells[:, :, 1, 1] = level
             case "checkers":
                 cells[::2, ::2] = cells[1::2, 1::2] = level

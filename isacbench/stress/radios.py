@@ -19,7 +19,7 @@ from isacbench.registry import get_detector
 from isacbench.stress.case import Promise
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.imaging import EVERY, FINITE, FOUND, INVARIANCE, INVARIANT, NO_FALSE_POINT, REPEAT
-from isacbench.stress.shots import RESOLVED, Echo, Layout, observed
+from isacbench.stress.shots import NARROW, RESOLVED, Echo, Layout, observed
 from isacbench.stress.spaces import choice, real, whole
 
 if TYPE_CHECKING:
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from isacbench.stress.imaging import Imaging
 
 __all__ = ["ArrayShape", "Chunks", "DetectorWindow", "FalseAlarms", "Frames", "Numerology", "Subarray"]
-
-NARROW = Region((5.0, 15.0), (25.0, 35.0), (7.0, 17.0), (-20.0, 20.0))
-"""Small, so that little is to be transformed and hardly any radio is too coarse for it."""
 
 LONE_DB = 20.0
 

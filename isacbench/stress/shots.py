@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BASE_STATION_M",
+    "NARROW",
     "REGION",
     "RESOLVED",
     "SYSTEM",
@@ -41,6 +42,9 @@ BASE_STATION_M = 10.0, 50.0, 12.0
 
 REGION = Region((-25.0, 45.0), (15.0, 50.0), (-23.0, 47.0), (-60.0, 60.0))
 """Everything in front of the base station up to 35 m sideways: all directions are visible."""
+
+NARROW = Region((5.0, 15.0), (25.0, 35.0), (7.0, 17.0), (-20.0, 20.0))
+"""Small, so that little is to be transformed and hardly any radio is too coarse for it."""
 
 ARRAY = 8, 8
 
