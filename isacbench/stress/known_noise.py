@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from isacbench.stress.case import NotApplicableError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     Cell = tuple[int, ...]
 
-__all__ = ["known_noise"]
+__all__ = ["column_rank", "columns_of", "halves_of", "known_noise", "share", "training_cells"]
 
 _MOST_EXPONENT = 959
 """Of the largest power whose sums stay finite without being scaled down."""
@@ -65,39 +66,51 @@ def known_noise(detector: Detector, power: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def _estimate(detector: Any, power: NDArray[np.float64], cell: Cell) -> float:
-    places = list(_training_cells(detector, power.shape, cell))
+    places = training_cells(detector, power.shape, cell)
     values = [float(power[place]) for place in places]
     match detector.name:
         case "ca":
             return _mean(values)
         case "os":
-            return sorted(values)[max(1, _share(detector.rank_fraction, len(values))) - 1]
+            return sorted(values)[max(1, share(detector.rank_fraction, len(values))) - 1]
         case "tm":
-            first = _share(detector.trim_low, len(values))
-            stop = len(values) - _share(detector.trim_high, len(values))
+            first = share(detector.trim_low, len(values))
+            stop = len(values) - share(detector.trim_high, len(values))
             return _mean(sorted(values)[first:stop])
         case "osca":
-            columns: dict[Cell, list[float]] = {}
-            for place, value in zip(places, values, strict=True):
-                columns.setdefault(_without(place, detector.order_axis), []).append(value)
-            return _mean([sorted(column)[max(1, 3 * len(column) // 4) - 1] for column in columns.values()])
+            columns = [[float(power[place]) for place in column] for column in columns_of(detector, places)]
+            return _mean([sorted(column)[column_rank(len(column)) - 1] for column in columns])
         case _:
-            return _half_mean(detector, places, values, cell)
+            halves = [half for half in halves_of(detector, places, cell) if half]
+            means = [_mean([float(power[place]) for place in half]) for half in halves]
+            return max(means) if detector.name == "goca" else min(means)
 
 
-def _half_mean(detector: Any, places: Sequence[Cell], values: Sequence[float], cell: Cell) -> float:
-    """Mean of the leading or the trailing half, whichever is wanted."""
+def columns_of(detector: Any, places: Sequence[Cell]) -> list[list[Cell]]:
+    """Sort training cells into columns along the axis of the order statistic."""
+    columns: dict[Cell, list[Cell]] = {}
+    for place in places:
+        columns.setdefault(_without(place, detector.order_axis), []).append(place)
+    return list(columns.values())
+
+
+def column_rank(n_cells: int) -> int:
+    """Rank of the order statistic of a column; 1 is the smallest."""
+    return max(1, 3 * n_cells // 4)
+
+
+def halves_of(detector: Any, places: Sequence[Cell], cell: Cell) -> tuple[list[Cell], list[Cell]]:
+    """Sort training cells into those that lead and those that trail the cell under test."""
 
     def order(place: Cell) -> Cell:
         return (place[detector.split_axis], *_without(place, detector.split_axis))
 
-    leading = [value for place, value in zip(places, values, strict=True) if order(place) < order(cell)]
-    trailing = [value for place, value in zip(places, values, strict=True) if order(place) > order(cell)]
-    means = [_mean(half) for half in (leading, trailing) if half]
-    return max(means) if detector.name == "goca" else min(means)
+    leading = [place for place in places if order(place) < order(cell)]
+    trailing = [place for place in places if order(place) > order(cell)]
+    return leading, trailing
 
 
-def _training_cells(detector: Any, shape: Cell, cell: Cell) -> Iterator[Cell]:
+def training_cells(detector: Any, shape: Cell, cell: Cell) -> list[Cell]:
     """List the training cells of a cell; the window shifts to stay inside the map, its guard cells do not."""
     training = _per_axis(detector.training, len(shape))
     guard = _per_axis(0 if detector.guard is None else detector.guard, len(shape))
@@ -106,11 +119,11 @@ def _training_cells(detector: Any, shape: Cell, cell: Cell) -> Iterator[Cell]:
         min(max(place - r, 0), length - 2 * r - 1)
         for place, r, length in zip(cell, reach, shape, strict=True)
     ]
-    for offset in np.ndindex(tuple(2 * r + 1 for r in reach)):
-        place = tuple(start + o for start, o in zip(starts, offset, strict=True))
-        guarded = all(abs(p - c) <= g for p, c, g in zip(place, cell, guard, strict=True))
-        if detector.guard is None or not guarded:
-            yield place
+    window = product(*(range(start, start + 2 * r + 1) for start, r in zip(starts, reach, strict=True)))
+    if detector.guard is None:
+        return list(window)
+    guarded = set(product(*(range(c - g, c + g + 1) for c, g in zip(cell, guard, strict=True))))
+    return [place for place in window if place not in guarded]
 
 
 def _per_axis(sizes: int | tuple[int, ...], n_axes: int) -> tuple[int, ...]:
@@ -121,7 +134,8 @@ def _without(place: Cell, axis: int) -> Cell:
     return (*place[:axis], *place[axis + 1 :])
 
 
-def _share(fraction: float, n_cells: int) -> int:
+def share(fraction: float, n_cells: int) -> int:
+    """Round a share of the training cells down."""
     return int(fraction * n_cells + _ROUNDING)
 
 

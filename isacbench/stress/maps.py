@@ -12,6 +12,7 @@ from isacbench.stress.spaces import choice, real, whole
 from isacbench.stress.tested_maps import (
     EVERY,
     INVARIANT,
+    KNOWN_FACTOR,
     KNOWN_NOISE,
     NOTHING,
     RATE_ORDER,
@@ -198,7 +199,7 @@ class MapWindow(DetectorCase):
         """Tested where the window fits, refused where it does not."""
         n_window = 2 * (self.training + self.guard) + 1
         sides = (self.length,) if self.n_axes == 1 else (self.length, self.width)
-        return EVERY if n_window <= min(sides) else (REFUSED,)
+        return (*EVERY, KNOWN_NOISE) if n_window <= min(sides) else (REFUSED,)
 
     def parameters(self) -> Mapping[str, Any]:
         """The window."""
@@ -234,10 +235,13 @@ class Rate(DetectorCase):
     looks: int = whole(1, 1024, 1)
     threshold: Literal["exact", "paper"] = choice("exact", "paper")
 
+    ECHO: ClassVar[float] = 1000.0
+    """Power above any threshold in noise of mean 1: so that cells are detected at every rate."""
+
     @property
     def promises(self) -> tuple[Promise[TestedMap], ...]:
-        """Thresholds rise as the rate falls."""
-        return *EVERY, *INVARIANT, RATE_ORDER
+        """Thresholds keep the rate, and rise as it falls."""
+        return *EVERY, *INVARIANT, KNOWN_FACTOR, RATE_ORDER
 
     def parameters(self) -> Mapping[str, Any]:
         """Rate and kind of factor."""
@@ -249,5 +253,7 @@ class Rate(DetectorCase):
         return self.looks
 
     def power(self, seed: int) -> NDArray[np.float64]:
-        """Draw noise of that many looks."""
-        return white_noise((9, 11), seed, self.looks)
+        """Draw noise of that many looks, and an echo in a corner that half of the windows do not reach."""
+        power = white_noise((9, 11), seed, self.looks)
+        power[0, 0] = self.ECHO
+        return power

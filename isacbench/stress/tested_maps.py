@@ -15,6 +15,7 @@ from isacbench.contracts import Detection
 from isacbench.dsp.detection import detect_listed
 from isacbench.errors import InputError
 from isacbench.stress.case import BrokenPromiseError, NotApplicableError, Promise
+from isacbench.stress.known_factor import known_rate
 from isacbench.stress.known_noise import known_noise
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ __all__ = [
     "EVERY",
     "FINITE",
     "INVARIANT",
+    "KNOWN_FACTOR",
     "KNOWN_NOISE",
     "LAYOUT",
     "LISTED",
@@ -46,6 +48,9 @@ __all__ = [
 
 EXACT = 1e-12
 """What rounding may do to a noise estimate, or the order of its sums to a threshold."""
+
+RATE = 1e-6
+"""What quadrature may do to a rate: that of a factor, and the one it is held against."""
 
 TIE = 1e-10
 """Relative distance of power and threshold within which rounding may decide."""
@@ -113,16 +118,18 @@ def _relative(one: NDArray[np.float64], two: NDArray[np.float64]) -> float:
 
 def _finite(tested: TestedMap) -> float:
     """Finite and not negative, detected where a power exceeds its threshold and nowhere else."""
-    power = tested.power.copy()
-    found = tested.found
+    _refuse_inconsistent(tested.found, tested.power.copy())
+    return 0.0
+
+
+def _refuse_inconsistent(found: Detection, power: NDArray[np.float64], where: str = "") -> None:
     for name in ("noise", "threshold"):
         values = getattr(found, name)
         if values.shape != power.shape or not np.isfinite(values).all() or (values < 0).any():
-            raise BrokenPromiseError(f"{name}: finite numbers >= 0 of the shape {power.shape} are needed")
+            raise BrokenPromiseError(f"{name}{where}: finite numbers >= 0 of the shape {power.shape} are needed")
     differing = int(np.count_nonzero(found.mask != (power > found.threshold)))
     if differing:
-        raise BrokenPromiseError(f"mask is not power > threshold in {differing} of {power.size} cells")
-    return 0.0
+        raise BrokenPromiseError(f"mask{where} is not power > threshold in {differing} of {power.size} cells")
 
 
 def _repeats(tested: TestedMap) -> float:
@@ -232,14 +239,41 @@ def _turned(tested: TestedMap) -> float:
     return tested.drift(Detection(np.flip(found.mask), np.flip(found.threshold), np.flip(found.noise)))
 
 
+def _known_factor(tested: TestedMap) -> float:
+    """Rate that thresholds keep of noise alone, in the middle of the map and in its corner."""
+    if getattr(tested.detector, "threshold", "exact") != "exact":
+        raise NotApplicableError("its factor is not meant to keep the rate")
+    return max(
+        _rate_drift(tested, cell) for cell in (tuple(n // 2 for n in tested.power.shape), (0,) * tested.power.ndim)
+    )
+
+
+def _rate_drift(tested: TestedMap, cell: tuple[int, ...]) -> float:
+    factor = float(tested.found.threshold[cell] / tested.found.noise[cell])
+    rate = known_rate(tested.detector, factor, tested.power.shape, cell, tested.looks)
+    return abs(rate / tested.detector.pfa - 1)
+
+
 def _rate_order(tested: TestedMap) -> float:
-    """Half the rate: no threshold falls, and no cell is detected that was not."""
-    strict = dataclasses.replace(tested.detector, pfa=tested.detector.pfa / 2)  # type: ignore[type-var]
-    found = strict.detect(tested.power, tested.looks)
-    fallen = tested.found.threshold - found.threshold
-    if np.any(found.mask & ~tested.found.mask):
+    """Half the rate: thresholds rise, and cells are lost, one between the two thresholds among them."""
+    strict = TestedMap(_at_half_the_rate(tested.detector), tested.power, tested.looks)
+    _refuse_inconsistent(strict.found, tested.power, " at half the rate")
+    if np.any(strict.found.mask & ~tested.found.mask):
         raise BrokenPromiseError("a cell is detected at half the rate that is not at the whole one")
+    if not np.any(strict.found.threshold > tested.found.threshold):
+        raise BrokenPromiseError("no threshold rises at half the rate")
+    middle = tuple(n // 2 for n in tested.power.shape)
+    power = tested.power.copy()
+    power[middle] = (tested.found.threshold[middle] + strict.found.threshold[middle]) / 2
+    for one, where in ((tested, ""), (strict, " at half the rate")):
+        _refuse_inconsistent(one.detect(power), power, f" of a cell near its threshold{where}")
+    fallen = tested.found.threshold - strict.found.threshold
     return float(np.max(fallen / np.maximum(tested.found.threshold, SMALLEST), initial=0.0))
+
+
+def _at_half_the_rate(detector: Detector) -> Detector:
+    strict: Detector = dataclasses.replace(detector, pfa=detector.pfa / 2)  # type: ignore[type-var]
+    return strict
 
 
 def _refused(tested: TestedMap) -> float:
@@ -261,6 +295,7 @@ LAYOUT = _promise("memory order", EXACT, _layout)
 TWO_POWER_SCALE = _promise("scale by powers of two", 0.0, _two_power_scale)
 ANY_SCALE = _promise("scale", 1e-10, _any_scale)
 KNOWN_NOISE = _promise("known noise", EXACT, _known_noise)
+KNOWN_FACTOR = _promise("known factor", RATE, _known_factor)
 NOTHING = _promise("nothing detected", 0.0, _nothing)
 SINGLE_PRECISION = _promise("single precision", 2.0**-23, _single_precision)
 TURNED = _promise("turned", EXACT, _turned)
