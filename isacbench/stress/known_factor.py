@@ -1,4 +1,4 @@
-"""What rate the built-in detectors' factors keep: quadrature over the law of their noise estimate, plainly."""
+"""What rate the built-in detectors' factors keep: plain quadrature over the law of their noise estimate."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from scipy import special
 
 from isacbench.stress.case import NotApplicableError
-from isacbench.stress.known_noise import columns_of, column_rank, halves_of, share, training_cells
+from isacbench.stress.known_noise import column_rank, columns_of, halves_of, share, training_cells
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -140,7 +140,7 @@ def _half_rate(factor: float, n_halves: Sequence[int], looks: int, greatest: boo
         min(special.gammaincinv(shape, _TAIL) / shape for shape in shapes),
         max(special.gammainccinv(shape, _TAIL) / shape for shape in shapes),
     )
-    log_mean = np.linspace(*np.log(ends), _N_LINE)
+    log_mean = _log_nodes(ends, _N_LINE)
     mean = np.exp(log_mean)
     other_law = special.gammainc if greatest else special.gammaincc
     density = np.zeros(_N_LINE)
@@ -155,7 +155,7 @@ def _columns_rate(factor: float, columns: Sequence[_Column], looks: int) -> floa
     if looks == 1:
         return _one_look_rate(factor, [_unit(one.rank - 1, one.n_cells) / len(columns) for one in columns])
     if len(columns) == 1:
-        log_power = np.linspace(*np.log(_ends(columns, looks)), _N_LINE)
+        log_power = _log_nodes(_ends(columns, looks), _N_LINE)
         density = np.exp(_log_order_density(log_power, columns[0], looks))
         return _integral(density * _exceeds(factor * np.exp(log_power), looks), log_power)
     return _settled(*(_convolved_rate(factor, columns, looks, n) for n in (_N_SUMMED, _N_SUMMED // 2)))
@@ -201,14 +201,15 @@ def _trimmed_mean_rate(factor: float, n_cells: int, trimmed: tuple[int, int], lo
 def _trimmed_rate(factor: float, n_cells: int, trimmed: tuple[int, int], looks: int) -> float:
     """Rate for a mean trimmed on both sides.
 
-    The cell under test, the M-th arrival of a Poisson process, exceeds its threshold where fewer than M arrive
-    in the kept cells. Between the largest cell trimmed below and the smallest above these are independent, and
-    the probabilities of their arrivals incomplete gamma functions. The sum over both limits is a plain one.
+    The cell under test, the M-th arrival of a Poisson process, exceeds its threshold where fewer than M
+    arrive in the kept cells. Between the largest cell trimmed below and the smallest above these are
+    independent, and the probabilities of their arrivals incomplete gamma functions. The sum over both limits
+    is a plain one.
     """
     below, above = trimmed
     n_kept = n_cells - below - above
     ends = _ends([_Column(below, n_cells), _Column(n_cells - above + 1, n_cells)], looks)
-    log_limit = np.linspace(*np.log(ends), _N_PLANE)
+    log_limit = _log_nodes(ends, _N_PLANE)
     limit = np.exp(log_limit)
     low, high = np.triu_indices(_N_PLANE, 1)
     log_density = _log_gamma_density(log_limit, looks)
@@ -242,7 +243,7 @@ def _arrivals(rate: float, looks: int, limit: Floats) -> Floats:
 
 
 def _sum_of_power(coefficients: Floats, exponent: int) -> Floats:
-    """Sum of the first coefficients of a power of the series 1 + c_1 z + c_2 z² + …, by Euler's recurrence."""
+    """Sum of the first coefficients of a power of the series 1 + c_1 z + c_2 z² + …: Euler's recurrence."""
     power = [np.ones(coefficients.shape[1])]
     for n in range(1, len(coefficients) + 1):
         terms = [(k * (exponent + 1) - n) * coefficients[k - 1] * power[n - k] for k in range(1, n + 1)]
@@ -255,7 +256,12 @@ def _ends(columns: Sequence[_Column], looks: int) -> tuple[float, float]:
     """Powers between which all of the order statistics lie, but for the least of tails."""
     lower = [special.betaincinv(rank, n - rank + 1, _TAIL) for rank, n in columns]
     upper = [special.betaincinv(n - rank + 1, rank, _TAIL) for rank, n in columns]
-    return special.gammaincinv(looks, min(lower)) / looks, special.gammainccinv(looks, min(upper)) / looks
+    least, most = special.gammaincinv(looks, min(lower)), special.gammainccinv(looks, min(upper))
+    return float(least) / looks, float(most) / looks
+
+
+def _log_nodes(ends: tuple[float, float], n_nodes: int) -> Floats:
+    return np.linspace(math.log(ends[0]), math.log(ends[1]), n_nodes)
 
 
 def _log_order_density(log_power: Floats, column: _Column, looks: int) -> Floats:

@@ -100,14 +100,16 @@ def column_rank(n_cells: int) -> int:
 
 
 def halves_of(detector: Any, places: Sequence[Cell], cell: Cell) -> tuple[list[Cell], list[Cell]]:
-    """Sort training cells into those that lead and those that trail the cell under test."""
+    """Sort training cells, not the cell under test, into those that lead it and those that trail it."""
 
     def order(place: Cell) -> Cell:
         return (place[detector.split_axis], *_without(place, detector.split_axis))
 
-    leading = [place for place in places if order(place) < order(cell)]
-    trailing = [place for place in places if order(place) > order(cell)]
-    return leading, trailing
+    halves: tuple[list[Cell], list[Cell]] = [], []
+    tested = order(cell)
+    for place in places:
+        halves[order(place) > tested].append(place)
+    return halves
 
 
 def training_cells(detector: Any, shape: Cell, cell: Cell) -> list[Cell]:

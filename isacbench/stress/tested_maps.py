@@ -126,7 +126,9 @@ def _refuse_inconsistent(found: Detection, power: NDArray[np.float64], where: st
     for name in ("noise", "threshold"):
         values = getattr(found, name)
         if values.shape != power.shape or not np.isfinite(values).all() or (values < 0).any():
-            raise BrokenPromiseError(f"{name}{where}: finite numbers >= 0 of the shape {power.shape} are needed")
+            raise BrokenPromiseError(
+                f"{name}{where}: finite numbers >= 0 of the shape {power.shape} are needed"
+            )
     differing = int(np.count_nonzero(found.mask != (power > found.threshold)))
     if differing:
         raise BrokenPromiseError(f"mask{where} is not power > threshold in {differing} of {power.size} cells")
@@ -244,7 +246,8 @@ def _known_factor(tested: TestedMap) -> float:
     if getattr(tested.detector, "threshold", "exact") != "exact":
         raise NotApplicableError("its factor is not meant to keep the rate")
     return max(
-        _rate_drift(tested, cell) for cell in (tuple(n // 2 for n in tested.power.shape), (0,) * tested.power.ndim)
+        _rate_drift(tested, cell)
+        for cell in (tuple(n // 2 for n in tested.power.shape), (0,) * tested.power.ndim)
     )
 
 

@@ -1,5 +1,6 @@
 """Promises of detectors: kept by the built-in ones, and each broken by one that was made to break it."""
 
+import dataclasses
 import time
 import warnings
 from dataclasses import dataclass, field
@@ -75,6 +76,18 @@ class Faulty:
             case "any rate":
                 threshold *= self.pfa
                 mask = (power if cells is None else power[cells]) > threshold
+            case "factor 1.001":
+                threshold *= 1.001
+                mask = (power if cells is None else power[cells]) > threshold
+            case "one rate":
+                threshold = noise * 7.0
+                mask = (power if cells is None else power[cells]) > threshold
+            case "mask of another rate" if self.pfa < 1e-3:
+                threshold *= 2.0
+            case "more at half the rate" if self.pfa < 1e-3:
+                mask, threshold = power >= 0, threshold * (1 + 1e-9)
+            case "echoes lost at half the rate" if self.pfa < 1e-3:
+                mask = power < 0
         return Detection(mask, threshold, noise)
 
 
@@ -101,6 +114,13 @@ def broken(case, detector):
         ("single alone", MapLevel(), "single precision"),
         ("leans", MapLevel(), "turned"),
         ("any rate", Rate(), "order of rates"),
+        ("one rate", Rate(), "order of rates"),
+        ("mask of another rate", Rate(), "order of rates"),
+        ("more at half the rate", Rate(), "order of rates"),
+        ("echoes lost at half the rate", Rate(), "order of rates"),
+        ("factor 1.001", Rate(), "known factor"),
+        ("factor 1.001", Rate(exponent=-0.31, looks=16), "known factor"),
+        ("biased", MapWindow(), "known noise"),
         ("any window", MapWindow(length=8), "refused"),
     ],
 )
@@ -135,6 +155,7 @@ def test_every_promise_of_a_detector_is_broken_by_some_fault():
         MapWindow(n_axes=3, length=5, width=7, training=1, guard=1),
         MapWindow(length=9, width=8),
         Rate(exponent=-15.0, looks=16),
+        Rate(exponent=-0.31, looks=2),
     ],
     ids=lambda case: case.spec,
 )
@@ -177,6 +198,37 @@ def test_noise_of_a_detector_that_is_not_built_in_is_not_known():
         known_noise(Stranger(), np.ones((9, 9)))
     outcomes = {verdict.promise: verdict.outcome for verdict in examine(MapLevel(), Stranger())}
     assert outcomes["known noise"] == outcomes["turned"] == "skipped"
+    outcomes = {verdict.promise: verdict.outcome for verdict in examine(Rate(), Stranger())}
+    assert outcomes["known factor"] == "skipped"
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "case", [case for case in Rate.table() if case.threshold == "exact"], ids=lambda case: case.spec
+)
+def test_factors_of_built_in_detectors_are_known_but_for_trimmed_means_of_many_looks(name, case):
+    tested = case.subject(get_detector(name), 0)
+    if name == "tm" and case.looks > 16:
+        with pytest.raises(NotApplicableError, match="too long"):
+            tested_maps.KNOWN_FACTOR.drift(tested)
+    else:
+        assert tested_maps.KNOWN_FACTOR.drift(tested) < 1e-8
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_echo_is_detected_at_every_rate_of_the_table(name):
+    for case in Rate.table():
+        tested = case.subject(get_detector(name), 0)
+        strict = dataclasses.replace(tested.detector, pfa=tested.detector.pfa / 2)
+        assert tested.found.mask[0, 0]
+        assert strict.detect(tested.power, tested.looks).mask[0, 0]
+
+
+def test_a_printed_factor_is_not_held_against_the_rate():
+    outcomes = {
+        verdict.promise: verdict.outcome for verdict in examine(Rate(), get_detector("ca", threshold="paper"))
+    }
+    assert outcomes["known factor"] == "skipped"
 
 
 def test_a_detector_without_the_parameter_of_a_case_is_left_out():
