@@ -201,8 +201,8 @@ class Music2d(CellwiseEstimator):
         cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
         with stage("spectrum"):
             null = music_null_spectrum(eigenvectors, order, real_steering(n_subarray, cosine))
-            spectra = n_subarray / np.maximum(null, SMALLEST_NULL * n_subarray)
-        detection = self.spectrum_detector.detect(np.minimum(spectra, 1 / _sampled_null(n_subarray, step)))
+            spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)
+        detection = self.spectrum_detector.detect(spectra)
         # A parabola fits a null, and not the pole that its reciprocal is.
         peaks = line_peaks(-null, cosine, order, detection.mask)
         place = music_null_minima(eigenvectors, order, peaks.place, peaks.found, step)

@@ -26,8 +26,7 @@ def test_the_example_of_an_estimator_and_of_a_detector_keep_the_contract(write_p
 def test_the_example_of_a_stress_case_is_one_that_estimators_keep(tmp_path, monkeypatch):
     blocks = re.findall(r"```python\n(.*?)```", RECIPES.read_text(encoding="utf-8"), flags=re.DOTALL)
     (source,) = [block for block in blocks if "class Faint" in block]
-    text = "from __future__ import annotations\n" + textwrap.dedent(source)
-    (tmp_path / "faint_case.py").write_text(text, encoding="utf-8")
+    (tmp_path / "faint_case.py").write_text(textwrap.dedent(source), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     for case in importlib.import_module("faint_case").Faint.table():
         assert {verdict.outcome for verdict in examine(case, get_estimator("music2d"))} == {"ok"}

@@ -6,7 +6,7 @@ python docs/scripts/stress.py results/stress
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import pandas as pd
@@ -47,4 +47,6 @@ def _families() -> str:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="of a stress run")
+    main(parser.parse_args().folder)

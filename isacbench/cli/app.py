@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
-from isacbench.visible import visible
+from isacbench.visible import visible, visible_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,6 +26,7 @@ __all__ = [
     "fail",
     "main",
     "say",
+    "say_lines",
 ]
 
 EXIT_USAGE = 2
@@ -103,6 +104,11 @@ def _options(
 def say(message: str, err: bool = False) -> None:
     """Print one line; what has come from files and names has no power over the terminal."""
     typer.echo(visible(message), err=err)
+
+
+def say_lines(message: str) -> None:
+    """Print several lines likewise."""
+    typer.echo(visible_lines(message))
 
 
 def fail(message: str, code: int) -> NoReturn:

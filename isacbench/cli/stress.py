@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail
+from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail, say, say_lines
 from isacbench.cli.options import SEED_HELP, AsJson, EstimatorSpecs, PluginFiles, register
 from isacbench.cli.printing import print_grid, print_json
+from isacbench.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from isacbench.stress.case import Case
     from isacbench.stress.running import Examined, Target
 
 __all__ = ["stress"]
 
 TIMEOUT_S = 120.0
+"""As `isacbench.stress.running.TIMEOUT_S`, which would cost the command line its imports."""
 
 
 @app.command()
@@ -68,7 +71,7 @@ def stress(
         summary,
     )
     from isacbench.stress.running import find_targets
-    from isacbench.stress.table import case_table, promise_table, write_tables
+    from isacbench.stress.table import case_table, open_stress_folder, promise_table, write_tables
 
     register(plugin)
     everything = estimator is None and detector is None
@@ -76,29 +79,32 @@ def stress(
         *find_targets("estimator", estimator_names() if everything else estimator or ()),
         *find_targets("detector", detector_names() if everything else detector or ()),
     ]
-    work = _work(targets, case or [], search, seed, jobs, timeout)
+    options = tuple(part for path in plugin or () for part in ("--plugin", str(path)))
+    work = _work(targets, case or [], search, seed, jobs, timeout, options)
     examined: list[Examined] = []
     interrupted = False
-    if not as_json:
-        typer.echo(HEADER)
-    try:
-        for one in work:
-            examined.append(one)
-            if not as_json:
-                typer.echo(line(one))
-    except KeyboardInterrupt:
-        interrupted = True
     folder = default_folder("stress") if out is None else out
-    paths = write_tables(folder, examined, timeout_s=timeout) if examined else []
+    with open_stress_folder(folder):
+        try:
+            if not as_json:
+                say(HEADER)
+            for one in work:
+                examined.append(one)
+                if not as_json:
+                    say_lines(line(one))
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            # Whatever ends this, a terminal that is gone included.
+            paths = write_tables(folder, examined, timeout_s=timeout)
     if as_json:
         print_json(describe_stress(examined))
     else:
-        if search is None and examined:
-            print_grid(promise_grid(promise_table(examined)))
-            print_grid(family_grid(case_table(examined)))
-        typer.echo(summary(examined) if search is None else searched(examined, search, len(targets)))
-        if paths:
-            typer.echo(f"{folder}: {', '.join(path.name for path in paths)}")
+        for grid in (promise_grid(promise_table(examined)), family_grid(case_table(examined))):
+            if search is None and grid.rows:
+                print_grid(grid)
+        say(summary(examined) if search is None or interrupted else searched(examined, search, len(targets)))
+        say(f"{folder}: {', '.join(path.name for path in paths)}")
     if interrupted:
         fail(f"interrupted: the {len(examined)} cases so far are in {folder}", EXIT_INTERRUPTED)
     broken = [one for one in examined if one.is_broken]
@@ -108,20 +114,28 @@ def stress(
 
 
 def _work(
-    targets: list[Target], cases: list[str], n_examples: int | None, seed: int, jobs: int, timeout_s: float
+    targets: list[Target],
+    cases: list[str],
+    n_examples: int | None,
+    seed: int,
+    jobs: int,
+    timeout_s: float,
+    options: tuple[str, ...],
 ) -> Iterator[Examined]:
     """Cases of the table, or findings of a search, one after the other."""
     from isacbench.stress.running import Examiners, tasks_of
 
+    if n_examples is not None and jobs > 1:
+        raise InputError(f"--jobs {jobs}: allowed with --search is 1, for one case leads to the next")
     if n_examples is None:
-        return Examiners(jobs, timeout_s).examine(tasks_of(targets, cases, seed))
+        return Examiners(jobs, timeout_s).examine(tasks_of(targets, cases, seed, options))
     from isacbench.stress.families import find_families
     from isacbench.stress.search import search
 
     families = find_families(cases, {target.kind for target in targets})
-    return search(targets, families, n_examples, seed, timeout_s, _tell)
+    return search(targets, families, n_examples, seed, timeout_s, options, _tell)
 
 
-def _tell(target: Target, family: type[object]) -> None:
+def _tell(target: Target, family: type[Case[Any]]) -> None:
     """Say on stderr what is searched, for it takes a while."""
-    typer.echo(f"searching {getattr(family, 'name', '')} for {target.spec}", err=True)
+    say(f"searching {family.name} for {target.spec}", err=True)

@@ -28,7 +28,7 @@ def line(examined: Examined) -> str:
 
     A finding says which promise is broken, how, and how to see it again, in lines of their own.
     """
-    target, case, _ = examined.task
+    target, case = examined.task[:2]
     drift = "" if math.isnan(examined.worst.drift) else f"{examined.worst.drift:.1e}"
     shown = (
         f"{case.spec:<{CASE_WIDTH}} {target.spec:<{TARGET_WIDTH}} {examined.outcome:<8} {drift:>8} "
@@ -53,6 +53,8 @@ def family_grid(cases: pd.DataFrame) -> Grid:
         From `isacbench.stress.table.case_table`.
     """
     told = cases[cases["outcome"] != "skipped"]
+    if told.empty:
+        return Grid("cases that keep their promises", ["case"], [])
     families = told["case"].str.partition("[")[0]
     is_kept = pd.Series(~told["outcome"].isin(BROKEN), index=told.index)
     by_target = is_kept.groupby([families, _labels(told)], sort=False)
@@ -77,6 +79,8 @@ def promise_grid(promises: pd.DataFrame) -> Grid:
         From `isacbench.stress.table.promise_table`.
     """
     kept = promises[promises["outcome"] == "ok"]
+    if kept.empty:
+        return Grid("largest drift where the promise is kept", ["promise", "bound"], [])
     bounds = kept.groupby("promise", sort=False)["bound"].max()
     worst = kept["drift"].groupby([kept["promise"], _labels(kept)], sort=False).max().unstack()
     rows = [
@@ -102,7 +106,8 @@ def _drift(drift: float) -> str:
 def summary(examined: Sequence[Examined]) -> str:
     """Counts of outcomes in one line."""
     counts = Counter(one.outcome for one in examined)
-    return f"{len(examined)} cases: {', '.join(f'{n} {outcome}' for outcome, n in sorted(counts.items()))}"
+    cases = "1 case" if len(examined) == 1 else f"{len(examined)} cases"
+    return f"{cases}: {', '.join(f'{n} {outcome}' for outcome, n in sorted(counts.items())) or 'none'}"
 
 
 def searched(found: Sequence[Examined], n_examples: int, n_targets: int) -> str:

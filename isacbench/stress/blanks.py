@@ -72,10 +72,10 @@ class Blank(EstimatorCase):
             case "one_cell":
                 cells[middle] = level
             case "one_element":
-                cells[:, :, 1, 1] = level
+                cells[*middle, 1, 1] = level
             case "loud_element":
                 cells[:] = observed([], 0.0, seed, Layout(region=NARROW)).seen.cells
-                cells[:, :, 1, 1] = level
+                cells[*middle, 1, 1] = level
             case "checkers":
                 cells[::2, ::2] = cells[1::2, 1::2] = level
         return with_cells(shot, cells)

@@ -64,6 +64,8 @@ def adapted(plugin: Any, parameters: Mapping[str, Any]) -> Any:
     ------
     NotApplicableError
         If it lacks one of them.
+    InputError
+        If it refuses one.
     """
     fields = {field.name for field in dataclasses.fields(plugin)}
     if missing := sorted(set(parameters) - fields):

@@ -10,7 +10,14 @@ import numpy as np
 
 from isacbench.model.echo import central_phase, random_stream
 from isacbench.stress.estimating import EstimatorCase
-from isacbench.stress.imaging import EVERY, FINITE, FOUND, INVARIANT, NO_FALSE_POINT, NO_POINT, REPEAT
+from isacbench.stress.imaging import (
+    EVERY,
+    FOUND,
+    INVARIANT,
+    NO_FALSE_POINT,
+    NO_POINT,
+    RESOLVED_ECHOES,
+)
 from isacbench.stress.shots import RESOLVED, Echo, observed, scenario_of
 from isacbench.stress.spaces import choice, real, whole
 
@@ -77,7 +84,7 @@ class Pair(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """No more points than echoes; none where they cancel."""
+        """No more points than echoes without noise; none where they cancel."""
         if self.half_turns > CANCELLING:
             return (*EVERY, NO_POINT) if self.noise == "none" and self.half_turns == 1 else EVERY
         clear = (NO_FALSE_POINT,) if self.noise == "none" else ()
@@ -177,7 +184,7 @@ class Crowd(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """A cloud, and the same again: in a crowd a tie may fall either way."""
-        return FINITE, REPEAT
+        return EVERY
 
     def shot(self, seed: int) -> Shot:
         """Observe them."""
@@ -219,8 +226,8 @@ class Spread(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """No more points than echoes."""
-        return *EVERY, NO_FALSE_POINT, *INVARIANT
+        """A point an echo."""
+        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe them."""

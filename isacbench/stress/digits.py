@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from isacbench.remarks import Remarks
 from isacbench.stress.case import BrokenPromiseError, Promise
 from isacbench.stress.estimating import EstimatorCase
-from isacbench.stress.imaging import EVERY, FOUND, NO_FALSE_POINT
+from isacbench.stress.imaging import EVERY, FOUND, NO_FALSE_POINT, NO_POINT, RESOLVED_ECHOES
 from isacbench.stress.shots import Echo, Layout, observed, with_cells
-from isacbench.stress.spaces import choice, real
+from isacbench.stress.spaces import real, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,7 +39,7 @@ class OpenedRange(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """Both: a covariance has lost the weak one from 150 dB on, and half its digits from 75 dB."""
-        return *EVERY, FOUND
+        return *EVERY, *RESOLVED_ECHOES
 
     def parameters(self) -> Mapping[str, Any]:
         """Limits that let it through; a subarray is what subspace methods have."""
@@ -90,17 +90,17 @@ def _reported(imaging: Imaging) -> float:
 
 @dataclass(frozen=True)
 class Unseparated(EstimatorCase):
-    """A single element that hears anything: no subspace is separated; for subspace methods."""
+    """A single element that hears anything: signal and noise are not separated; for subspace methods."""
 
     name: ClassVar[str] = "unseparated"
-    fixed: ClassVar = ({"element": "corner"}, {"element": "inner"})
+    fixed: ClassVar = ({"element": 3}, {"element": 4})
 
-    element: Literal["corner", "inner"] = choice("corner", "inner")
+    element: int = whole(2, 5, 3)
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """It is reported."""
-        return *EVERY, Promise("reported", 0.0, _reported)
+        """It is reported, and no direction taken from it."""
+        return *EVERY, NO_POINT, Promise("reported", 0.0, _reported)
 
     def parameters(self) -> Mapping[str, Any]:
         """A subarray is what subspace methods have."""
@@ -108,7 +108,7 @@ class Unseparated(EstimatorCase):
 
     def shot(self, seed: int) -> Shot:
         """Let one element hear an echo."""
-        p, q = (0, 0) if self.element == "corner" else (3, 4)
+        p, q = self.element, 4
         shot = observed([ON_BIN], seed=seed)
         cells = shot.seen.cells.copy()
         heard = cells[:, :, p, q].copy()

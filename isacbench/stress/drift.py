@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["cells_apart", "cloud_drift"]
 
-SAME_ORDER = 1e-6
-"""Drift from which two clouds may hold the same points in another order."""
-
 
 def cloud_drift(
     scenario: Scenario, first: PointCloud, second: PointCloud, amplitude_scale: float = 1.0
@@ -41,7 +38,7 @@ def cloud_drift(
     float
         Largest of the differences of positions over the range of the region's
         farthest corner, of velocities over the unambiguous speed, and of
-        powers over the largest power.
+        powers, each over itself.
 
     Raises
     ------
@@ -52,22 +49,25 @@ def cloud_drift(
         raise BrokenPromiseError(f"{len(first)} points, then {len(second)}")
     if not len(first):
         return 0.0
-    largest = float(first.power.max()) or 1.0
     # In turn: the square of the scale may not be a number.
     power = second.power / amplitude_scale / amplitude_scale
-    one, two = _relative(scenario, first, first.power / largest), _relative(scenario, second, power / largest)
-    drift = float(np.abs(one - two).max())
-    if drift > SAME_ORDER:
-        pairs = linear_sum_assignment(cdist(one, two, "chebyshev"))
-        drift = float(np.abs(one[pairs[0]] - two[pairs[1]]).max())
-    return drift
+    one, two = _relative(scenario, first), _relative(scenario, second)
+    apart = np.maximum(cdist(one, two, "chebyshev"), _power_apart(first.power[:, None], power))
+    in_order = float(apart.diagonal().max())
+    return min(in_order, float(apart[linear_sum_assignment(apart)].max())) if in_order else 0.0
 
 
-def _relative(scenario: Scenario, cloud: PointCloud, power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 5) in units of what the scene and the radio span, with powers that are so already."""
+def _relative(scenario: Scenario, cloud: PointCloud) -> NDArray[np.float64]:
+    """Points (n, 4) in units of what the scene and the radio span."""
     farthest_m = scenario.region.range_limits_m(scenario.base_station_m)[1]
     xyz = (cloud.xyz - scenario.base_station_m) / farthest_m
-    return np.column_stack([xyz, cloud.velocity / scenario.system.unambiguous_speed_mps, power])
+    return np.column_stack([xyz, cloud.velocity / scenario.system.unambiguous_speed_mps])
+
+
+def _power_apart(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Relative differences of powers, 0 of two zeros."""
+    larger = np.maximum(one, two)
+    return np.divide(np.abs(one - two), larger, out=np.zeros_like(larger), where=larger > 0)
 
 
 def cells_apart(scenario: Scenario, cloud: PointCloud, others: PointCloud) -> NDArray[np.float64]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from isacbench.conformance.conduct import refuse_warnings
 from isacbench.conformance.findings import BrokenContractError, raised_at
 from isacbench.errors import InputError
-from isacbench.stress.case import BrokenPromiseError, NotApplicableError
+from isacbench.stress.case import BrokenPromiseError, NotApplicableError, Promise
+from isacbench.visible import visible
 
 if TYPE_CHECKING:
-    from isacbench.stress.case import Case, Promise
+    from isacbench.stress.case import Case
 
 __all__ = ["BROKEN", "Outcome", "Verdict", "examine"]
 
@@ -47,7 +49,9 @@ class Verdict(NamedTuple):
     @property
     def severity(self) -> tuple[bool, float]:
         """Sorts verdicts: findings last, then by the share of its bound that a drift takes."""
-        share = self.drift / self.bound if self.bound else self.drift
+        if not self.bound:
+            return self.outcome in BROKEN, math.inf if self.drift > 0 else 0.0 if self.drift == 0 else -1.0
+        share = self.drift / self.bound
         return self.outcome in BROKEN, share if share == share else -1.0
 
 
@@ -63,14 +67,19 @@ def examine(case: Case[Any], plugin: Any, seed: int = 0) -> list[Verdict]:
     Returns
     -------
     list of Verdict
-        One a promise; the first alone where that is broken, refused or says
-        nothing about this plugin.
+        One a promise; the first alone where that is broken or refused, and
+        one of the "input" where plugin and case do not come together.
     """
-    start = time.perf_counter()
-    try:
-        subject = case.subject(plugin, seed)
-    except NotApplicableError as reason:
-        return [_unmeasured("input", "skipped", start, str(reason))]
+    subjects: list[Any] = []
+
+    def bring_together(_: None) -> float:
+        subjects.append(case.subject(plugin, seed))
+        return 0.0
+
+    verdict = _verdict(Promise("input", 0.0, bring_together), None, case.may_refuse)
+    if not subjects:
+        return [verdict]
+    (subject,) = subjects
     verdicts: list[Verdict] = []
     for promise in case.promises:
         verdicts.append(_verdict(promise, subject, case.may_refuse))
@@ -89,7 +98,11 @@ def _verdict(promise: Promise[Any], subject: Any, may_refuse: bool) -> Verdict:
         return _unmeasured(promise.name, "failed", start, str(error))
     except InputError as error:
         return _unmeasured(promise.name, "refused" if may_refuse else "failed", start, str(error))
-    except Exception as error:
+    except (
+        Exception,
+        SystemExit,
+        KeyboardInterrupt,
+    ) as error:  # of the plugin: nobody else is in its process
         return _unmeasured(promise.name, "failed", start, raised_at(error))
     outcome: Outcome = "ok" if drift <= promise.bound else "failed"
     message = "" if outcome == "ok" else f"off by {drift:.2g}, allowed are {promise.bound:.2g}"
@@ -97,4 +110,6 @@ def _verdict(promise: Promise[Any], subject: Any, may_refuse: bool) -> Verdict:
 
 
 def _unmeasured(promise: str, outcome: Outcome, start: float, message: str) -> Verdict:
-    return Verdict(promise, outcome, float("nan"), float("nan"), time.perf_counter() - start, message)
+    return Verdict(
+        promise, outcome, float("nan"), float("nan"), time.perf_counter() - start, visible(message)
+    )

@@ -129,6 +129,10 @@ def find_families(names: Sequence[str], kinds: Set[Kind]) -> list[type[Case[Any]
         something else.
     """
     for name in names:
+        if "[" in name:
+            raise InputError(
+                f"case {name!r}: a search draws from families; allowed is {name.partition('[')[0]}"
+            )
         if name not in FAMILIES:
             raise unknown_name("family of cases", name, FAMILIES)
         require_kind(name, FAMILIES[name], kinds)

@@ -37,11 +37,14 @@ __all__ = [
     "EVERY",
     "FINITE",
     "FOUND",
+    "FOUND_FIRST",
     "INVARIANT",
     "LAYOUT",
     "NO_FALSE_POINT",
     "NO_POINT",
+    "POWER",
     "REPEAT",
+    "RESOLVED_ECHOES",
     "SINGLE_PRECISION",
     "SINGLE_STAGES",
     "THREADS",
@@ -58,10 +61,13 @@ LIMITS = 2.0**-490, 2.0**490
 ODD = 1.7
 """A factor that rounds."""
 
-FALSE_POINT_CELLS = 1.0
+FALSE_POINT_CELLS = 0.1
 """Rayleigh cells from the nearest scatterer within which a point is one of it."""
 
-SINGLE_MAP = 1e-5
+POWER_DB = 0.1
+"""How well the power of a resolved echo is known: amplitudes are loaded by 1e-3."""
+
+SINGLE_MAP = 1e-6
 SINGLE_THRESHOLD = 1e-4
 SINGLE_DIRECTION = 1e-4
 SINGLE_POINT = 1e-4
@@ -104,7 +110,7 @@ class Imaging:
 
 
 def _finite(imaging: Imaging) -> float:
-    """Finite, of positive power, in the region; exceptions and warnings break the promise as well."""
+    """Finite, of no negative power, in the region; exceptions and warnings break the promise as well."""
     cloud, scenario = imaging.cloud, imaging.shot.scenario
     for name in ("xyz", "velocity", "power"):
         if not np.isfinite(getattr(cloud, name)).all():
@@ -132,17 +138,40 @@ def _no_false_point(imaging: Imaging) -> float:
 
 def _no_point(imaging: Imaging) -> float:
     """Nothing is imaged, for nothing is there."""
-    if len(imaging.cloud) and not imaging.sees_truth:
+    if imaging.sees_truth:
+        raise NotApplicableError("it sees the truth")
+    if len(imaging.cloud):
         raise BrokenPromiseError(f"{len(imaging.cloud)} points of no echo")
     return 0.0
 
 
 def _found(imaging: Imaging) -> float:
-    """Every scatterer has a point within a Rayleigh cell."""
+    """Every scatterer has a point near it."""
+    return float(_misses(imaging).max())
+
+
+def _found_first(imaging: Imaging) -> float:
+    """The first scatterer, whatever else there is, has a point near it."""
+    return float(_misses(imaging)[0])
+
+
+def _misses(imaging: Imaging) -> NDArray[np.float64]:
+    """Rayleigh cells from every scatterer to its nearest point."""
     cloud, truth = imaging.cloud, imaging.shot.scenario.truth
     if not len(cloud):
         raise BrokenPromiseError(f"no point of {len(truth)} scatterers")
-    return float(cells_apart(imaging.shot.scenario, truth, cloud).min(axis=1).max())
+    misses: NDArray[np.float64] = cells_apart(imaging.shot.scenario, truth, cloud).min(axis=1)
+    return misses
+
+
+def _power_off_db(imaging: Imaging) -> float:
+    """Largest error in dB of the power of the point next to a scatterer."""
+    cloud, truth = imaging.cloud, imaging.shot.scenario.truth
+    if not len(cloud):
+        raise BrokenPromiseError(f"no point of {len(truth)} scatterers")
+    nearest = cells_apart(imaging.shot.scenario, truth, cloud).argmin(axis=1)
+    # Logarithms apart: the ratio of powers of hostile scenes may not be a number.
+    return float(np.abs(10 * (np.log10(cloud.power[nearest]) - np.log10(truth.power))).max())
 
 
 def _scaled(imaging: Imaging, odd: float) -> float:
@@ -270,12 +299,14 @@ def _threshold_drift(double: Diagnosis, single: Diagnosis) -> float:
 def _direction_drift(double: Diagnosis, single: Diagnosis) -> float:
     if double.cell != single.cell:
         raise BrokenPromiseError(f"the strongest cell is {double.cell}, then {single.cell}")
-    drifts = [0.0]
+    if not any(len(spectrum.peaks) for spectrum in double.spectra):
+        raise NotApplicableError("it shows no peak")
+    drifts = []
     for one, two in zip(double.spectra, single.spectra, strict=True):
         if len(one.peaks) != len(two.peaks):
             raise BrokenPromiseError(f"{len(one.peaks)} peaks along {one.label}, then {len(two.peaks)}")
         drifts += np.abs(np.sort(one.peaks) - np.sort(two.peaks)).tolist()
-    return max(drifts)
+    return float(max(drifts))
 
 
 def _of_cells(drift: Callable[[Imaging], float]) -> Callable[[Imaging], float]:
@@ -294,6 +325,9 @@ REPEAT = Promise("repeat", 0.0, _repeats)
 NO_FALSE_POINT = Promise("no false point", FALSE_POINT_CELLS, _no_false_point)
 NO_POINT = Promise("no point", 0.0, _no_point)
 FOUND = Promise("found", FALSE_POINT_CELLS, _found)
+FOUND_FIRST = Promise("strongest found", FALSE_POINT_CELLS, _found_first)
+POWER = Promise("power", POWER_DB, _power_off_db)
+RESOLVED_ECHOES = NO_FALSE_POINT, FOUND
 TWO_POWER_SCALE = Promise("scale by powers of two", 0.0, _of_cells(_two_power_scale))
 ANY_SCALE = Promise("scale", 1e-10, _of_cells(_any_scale))
 THREADS = Promise("threads", INVARIANCE, _of_cells(_threads))

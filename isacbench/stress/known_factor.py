@@ -137,8 +137,8 @@ def _half_rate(factor: float, n_halves: Sequence[int], looks: int, greatest: boo
     """Rate for the greatest or the smallest of the means of so many cells, the empty left out."""
     shapes = [looks * n for n in n_halves if n]
     ends = (
-        min(special.gammaincinv(shape, _TAIL) / shape for shape in shapes),
-        max(special.gammainccinv(shape, _TAIL) / shape for shape in shapes),
+        min(float(special.gammaincinv(shape, _TAIL)) / shape for shape in shapes),
+        max(float(special.gammainccinv(shape, _TAIL)) / shape for shape in shapes),
     )
     log_mean = _log_nodes(ends, _N_LINE)
     mean = np.exp(log_mean)

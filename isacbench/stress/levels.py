@@ -6,14 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from isacbench.stress.case import adapted
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.imaging import (
     ELEMENT_ORDER,
     EVERY,
     FOUND,
+    FOUND_FIRST,
     INVARIANT,
     LAYOUT,
     NO_FALSE_POINT,
+    POWER,
+    RESOLVED_ECHOES,
     SINGLE_STAGES,
     THREADS,
 )
@@ -22,13 +26,17 @@ from isacbench.stress.spaces import choice, real
 
 if TYPE_CHECKING:
     from isacbench.conformance.scenes import Shot
+    from isacbench.registry import AnyEstimator
     from isacbench.stress.case import Promise
     from isacbench.stress.imaging import Imaging
 
 __all__ = ["Amplitude", "DynamicRange", "Precision", "Snr"]
 
 CLEAR_DB = 60.0
-"""SNR from which noise is no excuse for a false point."""
+"""SNR from which noise is no excuse for a false point, or for a wrong power."""
+
+SEEN_DB = 0.0
+"""SNR from which every echo is seen."""
 
 FOUND_DB = 10.0
 """Level below the strongest echo down to which every estimator is expected to see a resolved one."""
@@ -46,8 +54,9 @@ class Snr(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """Invariance at all levels; what is there, and nothing else, where it is clear."""
-        clear = (NO_FALSE_POINT, FOUND) if self.snr_db >= CLEAR_DB else ()
-        return *EVERY, *clear, *INVARIANT
+        seen = (FOUND,) if self.snr_db >= SEEN_DB else ()
+        clear = (NO_FALSE_POINT, POWER) if self.snr_db >= CLEAR_DB else ()
+        return *EVERY, *seen, *clear, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe the echoes."""
@@ -71,7 +80,7 @@ class Amplitude(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """All are found, and no more."""
-        return *EVERY, NO_FALSE_POINT, FOUND, THREADS, LAYOUT, ELEMENT_ORDER
+        return *EVERY, *RESOLVED_ECHOES, POWER, THREADS, LAYOUT, ELEMENT_ORDER
 
     def shot(self, seed: int) -> Shot:
         """Observe the echoes."""
@@ -97,9 +106,9 @@ class DynamicRange(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """No more than the two; both where the weak one is resolved and not much weaker."""
+        """No more than the two, the strong one always; both where the weak one is resolved and strong."""
         both = (FOUND,) if self.level_db <= FOUND_DB and self.where == "far" else ()
-        return *EVERY, NO_FALSE_POINT, *both, *INVARIANT
+        return *EVERY, NO_FALSE_POINT, FOUND_FIRST, *both, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe the two."""
@@ -128,7 +137,12 @@ class Precision(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """Every stage within its bound."""
-        return *EVERY, *SINGLE_STAGES
+        return *EVERY, FOUND, *SINGLE_STAGES
+
+    def subject(self, plugin: AnyEstimator, seed: int) -> Imaging:
+        """Have it compute in double what it is given in either precision, if it has the choice."""
+        has_choice = hasattr(plugin, "precision")
+        return super().subject(adapted(plugin, {"precision": "double"}) if has_choice else plugin, seed)
 
     def shot(self, seed: int) -> Shot:
         """Observe the echoes."""

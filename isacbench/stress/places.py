@@ -11,7 +11,15 @@ import numpy as np
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.stress.estimating import EstimatorCase
-from isacbench.stress.imaging import EVERY, FINITE, FOUND, INVARIANT, NO_FALSE_POINT, REPEAT
+from isacbench.stress.imaging import (
+    EVERY,
+    FOUND,
+    FOUND_FIRST,
+    INVARIANT,
+    NO_FALSE_POINT,
+    POWER,
+    RESOLVED_ECHOES,
+)
 from isacbench.stress.shots import BASE_STATION_M, REGION, RESOLVED, SYSTEM, Echo, Layout, observed
 from isacbench.stress.spaces import choice, real
 
@@ -28,7 +36,7 @@ DEEP = Region((-300.0, 320.0), (-400.0, 50.0), (-290.0, 310.0), (-60.0, 60.0))
 
 @dataclass(frozen=True)
 class Bin(EstimatorCase):
-    """One echo at any place relative to the bins, in the middle of the map or in its last Doppler bin."""
+    """One echo at any place relative to the bins, in the middle, in the last bins, on all bins there are."""
 
     name: ClassVar[str] = "bin"
     fixed: ClassVar = (
@@ -38,6 +46,7 @@ class Bin(EstimatorCase):
         {"range_offset": 0.49999999, "doppler_offset": -0.50000001},
         {"range_offset": 0.0, "doppler_offset": 0.0, "where": "last_bins"},
         {"range_offset": 0.5, "doppler_offset": 0.5, "where": "last_bins"},
+        {"range_offset": 1.0, "doppler_offset": 1.0, "where": "last_bins"},
         {"range_offset": 0.0, "doppler_offset": 0.0, "where": "whole_map"},
         {"range_offset": 0.5, "doppler_offset": -0.5, "where": "whole_map"},
         {"range_offset": 0.0, "doppler_offset": 0.99, "where": "whole_map"},
@@ -50,17 +59,17 @@ class Bin(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """One echo, one point."""
-        return *EVERY, NO_FALSE_POINT, FOUND, *INVARIANT
+        return *EVERY, *RESOLVED_ECHOES, POWER, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe it; the last bins are those that the region's speed limit and corner reach."""
         system, region = SYSTEM, REGION
         range_bin, doppler_bin, u, w = 10.0, 1.0, 0.2, -0.3
         if self.where == "last_bins":
-            # Straight ahead, where the region is 35 m deep.
-            depth_m = BASE_STATION_M[1] - region.y_m[0]
-            u, w = 0.0, 0.0
-            range_bin = math.floor(depth_m / system.range_bin_m) - 1.0
+            # In the region's farthest corner.
+            farthest_m = region.range_limits_m(np.array(BASE_STATION_M))[1]
+            u = w = (region.x_m[1] - BASE_STATION_M[0]) / farthest_m
+            range_bin = math.floor(farthest_m / system.range_bin_m) - 1.0
             doppler_bin = math.floor(region.speed_mps[1] / system.velocity_bin_mps) - 1.0
         elif self.where == "whole_map":
             limit_mps = system.unambiguous_speed_mps
@@ -78,6 +87,7 @@ class Direction(EstimatorCase):
     fixed: ClassVar = (
         {"radius": 0.0},
         {"radius": 1e-12},
+        *({"radius": radius, "angle_deg": 30.0} for radius in (0.3, 0.8, 0.9, 0.97)),
         *({"radius": 0.999, "angle_deg": angle_deg} for angle_deg in (0.0, 45.0, 90.0, 180.0, 225.0, 270.0)),
         *({"radius": 1.0 - 1e-9, "angle_deg": angle_deg} for angle_deg in (0.0, 30.0, 90.0, 180.0)),
         {"radius": 1.0, "angle_deg": 0.0},
@@ -122,8 +132,8 @@ class Beyond(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """A cloud, the same whatever happens."""
-        return FINITE, REPEAT, *INVARIANT
+        """The echo inside is found."""
+        return *EVERY, FOUND_FIRST, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe both."""
@@ -137,7 +147,7 @@ class Beyond(EstimatorCase):
             ),
             "range": inside._replace(range_bin=system.n_subcarriers + 9 + self.excess),
             "speed": inside._replace(
-                range_bin=10.0, doppler_bin=system.n_symbols / 2 + 13 * self.excess, u=0.4, w=-0.4
+                range_bin=10.0, doppler_bin=system.n_symbols - 3 + self.excess, u=0.4, w=-0.4
             ),
         }[self.what]
         return observed([inside, stray], 20.0 if self.noise == "20dB" else math.inf, seed)
@@ -155,7 +165,7 @@ class Fold(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """One echo, one point."""
-        return *EVERY, NO_FALSE_POINT, FOUND, *INVARIANT
+        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe it from a region that is as deep as the radio sees."""

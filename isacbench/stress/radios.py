@@ -18,7 +18,7 @@ from isacbench.model.region import Region
 from isacbench.registry import get_detector
 from isacbench.stress.case import Promise
 from isacbench.stress.estimating import EstimatorCase
-from isacbench.stress.imaging import EVERY, FINITE, FOUND, INVARIANCE, INVARIANT, NO_FALSE_POINT, REPEAT
+from isacbench.stress.imaging import EVERY, FOUND, INVARIANCE, INVARIANT, RESOLVED_ECHOES
 from isacbench.stress.shots import NARROW, RESOLVED, Echo, Layout, observed
 from isacbench.stress.spaces import choice, real, whole
 
@@ -70,7 +70,7 @@ class ArrayShape(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """One echo, one point."""
-        return *EVERY, NO_FALSE_POINT, FOUND, *INVARIANT
+        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe it."""
@@ -95,8 +95,8 @@ class Subarray(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """One echo, at most one point."""
-        return *EVERY, NO_FALSE_POINT, *INVARIANT
+        """One echo, one point."""
+        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
 
     def parameters(self) -> Mapping[str, Any]:
         """Share of the array that a subarray takes."""
@@ -128,13 +128,20 @@ class Numerology(EstimatorCase):
 
     @property
     def may_refuse(self) -> bool:
-        """Whether the detectors of the estimators, by default of 9 x 9 cells, are larger than the map."""
+        """Whether a taper or the detector, of 9 x 9 cells by default, is larger than the map."""
         return min(self.n_subcarriers, self.n_symbols) < DETECTOR_CELLS
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """A cloud, the same whatever happens."""
-        return *EVERY, *INVARIANT
+        """Something is found where the radio tells both echoes apart."""
+        both = (FOUND,) if min(self.n_subcarriers / 8, self.n_symbols) >= DETECTOR_CELLS else ()
+        return *EVERY, *both, *INVARIANT
+
+    def parameters(self) -> Mapping[str, Any]:
+        """A window of 3 x 3 cells where the usual one would be larger than the map."""
+        if 3 <= min(self.n_subcarriers, self.n_symbols) < DETECTOR_CELLS:
+            return {"detector": get_detector("osca", training=1, order_axis=1)}
+        return {}
 
     def shot(self, seed: int) -> Shot:
         """Observe one echo from 22 m, and one from 25 m that moves, if the radio can tell speeds."""
@@ -159,7 +166,7 @@ class Frames(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """One echo, one point."""
-        return *EVERY, NO_FALSE_POINT, FOUND, *INVARIANT
+        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe them."""
@@ -184,8 +191,8 @@ class FalseAlarms(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """A cloud, the same whatever happens."""
-        return *EVERY, *INVARIANT
+        """All echoes are found."""
+        return *EVERY, FOUND, *INVARIANT
 
     def parameters(self) -> Mapping[str, Any]:
         """Probability of false alarm."""
@@ -212,8 +219,8 @@ class DetectorWindow(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """A cloud, the same whatever happens."""
-        return *EVERY, *INVARIANT
+        """All echoes are found."""
+        return *EVERY, FOUND, *INVARIANT
 
     def parameters(self) -> Mapping[str, Any]:
         """Detector of range-Doppler cells."""
@@ -258,7 +265,7 @@ class Chunks(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """The image of the closed form."""
-        return FINITE, REPEAT, Promise("chunk size", INVARIANCE, _chunk_drift)
+        return *EVERY, FOUND, Promise("chunk size", INVARIANCE, _chunk_drift)
 
     def shot(self, seed: int) -> Shot:
         """Observe the closed form."""

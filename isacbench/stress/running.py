@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shlex
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, redirect_stdout
+from io import StringIO
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -60,11 +61,22 @@ class Target(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A case that a target is to go through, with the seed of what is random in it."""
+    """A case that a target is to go through.
+
+    Attributes
+    ----------
+    target : Target
+    case : Case
+    seed : int
+        Of what is random in it.
+    options : tuple of str
+        Further options of the command that runs it alone: where the plugin is found.
+    """
 
     target: Target
     case: Case[Any]
     seed: int
+    options: tuple[str, ...] = ()
 
 
 class Examined(NamedTuple):
@@ -96,11 +108,10 @@ class Examined(NamedTuple):
     @property
     def reproduce(self) -> str:
         """Command that runs this case alone."""
-        target, case, seed = self.task
-        files = [part for plugin in local_plugins() for part in ("--plugin", plugin.filename)]
+        target, case, seed, options = self.task
         option = "-e" if target.kind == "estimator" else "-d"
         return shlex.join(
-            ["isacbench", "stress", *files, option, target.spec, "--case", case.spec, "--seed", str(seed)]
+            ["isacbench", "stress", *options, option, target.spec, "--case", case.spec, "--seed", str(seed)]
         )
 
 
@@ -112,9 +123,10 @@ def find_targets(kind: Kind, specs: Sequence[str]) -> list[Target]:
     InputError
         If one cannot be built.
     """
-    return [
+    found = [
         Target(kind, spec, canonical_params(plugin)) for text in specs for spec, plugin in _built(kind, text)
     ]
+    return list(dict.fromkeys(found))
 
 
 def _built(kind: Kind, text: str) -> list[tuple[str, Any]]:
@@ -123,7 +135,9 @@ def _built(kind: Kind, text: str) -> list[tuple[str, Any]]:
     return [(one, get_detector(spec.name, **spec.params)) for one, spec in spec_variants(text)]
 
 
-def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list[Task]:
+def tasks_of(
+    targets: Sequence[Target], cases: Sequence[str], seed: int, options: tuple[str, ...] = ()
+) -> list[Task]:
     """Every target through every case that is meant for it.
 
     Parameters
@@ -132,6 +146,8 @@ def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list
     cases : sequence of str
         Families or cases; all of the fixed table where there are none.
     seed : int
+    options : tuple of str
+        See `Task`.
 
     Raises
     ------
@@ -148,11 +164,11 @@ def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list
         else table_of(kind)
         for kind in kinds
     }
-    return [Task(target, case, seed) for target in targets for case in wanted[target.kind]]
+    return [Task(target, case, seed, options) for target in targets for case in wanted[target.kind]]
 
 
 class Examiner:
-    """One guarded process that examines; a context manager.
+    """One guarded process that examines; to be closed.
 
     Parameters
     ----------
@@ -170,7 +186,7 @@ class Examiner:
 
     def examine(self, task: Task) -> Examined:
         """Put a target through a case; if it hangs or dies, that is the verdict."""
-        target, case, seed = task
+        target, case, seed = task[:3]
         try:
             verdicts = self._process.call(
                 _examine, target.kind, target.spec, case.spec, seed, timeout_s=self._timeout_s
@@ -182,7 +198,7 @@ class Examiner:
 
 
 class Examiners:
-    """Processes that examine side by side; a context manager.
+    """Processes that examine side by side.
 
     Parameters
     ----------
@@ -227,6 +243,6 @@ def _examine(kind: Kind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
     if (kind, spec) not in _plugins:
         [(_, _plugins[kind, spec])] = _built(kind, spec)
     [case] = find_cases(case_spec)
-    with process_state_kept(), threadpool_limits(1):
+    with process_state_kept(), threadpool_limits(1), redirect_stdout(StringIO()):
         seed_global_generators(seed, spec, case_spec)
         return examine(case, _plugins[kind, spec], seed)

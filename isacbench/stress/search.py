@@ -57,6 +57,7 @@ def search(
     n_examples: int,
     seed: int,
     timeout_s: float,
+    options: tuple[str, ...] = (),
     progress: Callable[[Target, type[Case[Any]]], None] = lambda target, family: None,
 ) -> Iterator[Examined]:
     """Look for cases that break a promise.
@@ -71,6 +72,8 @@ def search(
         Of the search, and of what is random in the cases.
     timeout_s : float
         Longest time of a case in s.
+    options : tuple of str
+        See `isacbench.stress.running.Task`.
     progress : callable
         Told which target and family come next.
 
@@ -85,13 +88,18 @@ def search(
             for family in families:
                 if family.kind == target.kind:
                     progress(target, family)
-                    found = _simplest_broken(target, family, n_examples, seed, examiner)
+                    found = _simplest_broken(target, family, n_examples, seed, options, examiner)
                     if found is not None:
                         yield found
 
 
 def _simplest_broken(
-    target: Target, family: type[Case[Any]], n_examples: int, seed: int, examiner: Examiner
+    target: Target,
+    family: type[Case[Any]],
+    n_examples: int,
+    seed: int,
+    options: tuple[str, ...],
+    examiner: Examiner,
 ) -> Examined | None:
     """Simplest broken case of a family that can be found; the last one that hypothesis tries."""
     last: list[Examined] = []
@@ -107,7 +115,7 @@ def _simplest_broken(
     )
     @given(cases_from(family))
     def attempt(case: Case[Any]) -> None:
-        examined = examiner.examine(Task(target, case, seed))
+        examined = examiner.examine(Task(target, case, seed, options))
         if examined.is_broken:
             last[:] = [examined]
             raise _FoundError

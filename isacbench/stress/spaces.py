@@ -45,7 +45,7 @@ class Choice:
     values: tuple[str | int | float, ...]
 
     def __contains__(self, value: object) -> bool:
-        return value in self.values
+        return any(type(value) is type(one) and value == one for one in self.values)
 
     def __str__(self) -> str:
         return f"one of {', '.join(map(str, self.values))}"

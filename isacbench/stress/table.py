@@ -12,14 +12,19 @@ import pandas as pd
 import isacbench
 from isacbench.bench.folder import open_folder, replacing
 from isacbench.bench.provenance import git_state, machine, package_versions
+from isacbench.stress.examine import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from isacbench.stress.running import Examined
 
-__all__ = ["PROMISES", "TABLE", "case_table", "promise_table", "write_tables"]
+__all__ = ["PROMISES", "TABLE", "case_table", "open_stress_folder", "promise_table", "write_tables"]
+
+KEY = ["kind", "case", "estimator", "params", "seed"]
+CASE_COLUMNS = [*KEY, "outcome", "promise", "drift", "bound", "time_s", "message", "reproduce"]
 
 TABLE, PROMISES, ABOUT = "stress.csv", "promises.csv", "stress.json"
 
@@ -30,7 +35,7 @@ def case_table(examined: Sequence[Examined]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``kind``, ``case``, ``estimator`` (or detector), ``params``,
+        ``kind``, ``case``, ``estimator`` (or detector), ``params``, ``seed``,
         ``outcome``, ``promise`` (the one that is broken, or came closest to
         its bound), ``drift`` and ``bound`` of it, ``time_s``, ``message`` and
         ``reproduce``.
@@ -48,16 +53,17 @@ def case_table(examined: Sequence[Examined]) -> pd.DataFrame:
         }
         for one in examined
     ]
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=CASE_COLUMNS)
 
 
 def promise_table(examined: Sequence[Examined]) -> pd.DataFrame:
     """A row a promise, case and target: how the promise fared."""
-    return pd.DataFrame([{**_key(one), **verdict._asdict()} for one in examined for verdict in one.verdicts])
+    rows = [{**_key(one), **verdict._asdict()} for one in examined for verdict in one.verdicts]
+    return pd.DataFrame(rows, columns=[*KEY, *Verdict._fields])
 
 
 def _key(one: Examined) -> dict[str, Any]:
-    target, case, seed = one.task
+    target, case, seed = one.task[:3]
     return {
         "kind": target.kind,
         "case": case.spec,
@@ -68,7 +74,7 @@ def _key(one: Examined) -> dict[str, Any]:
 
 
 def write_tables(folder: Path, examined: Sequence[Examined], *, timeout_s: float) -> list[Path]:
-    """Write both tables, and what made them, into a folder that is new or holds older ones.
+    """Write both tables, and what made them, in place of older ones.
 
     Returns
     -------
@@ -77,7 +83,7 @@ def write_tables(folder: Path, examined: Sequence[Examined], *, timeout_s: float
     Raises
     ------
     InputError
-        If the folder holds something else, or cannot be written.
+        If they cannot be written.
     """
     about = {
         "isacbench": isacbench.__version__,
@@ -96,8 +102,19 @@ def write_tables(folder: Path, examined: Sequence[Examined], *, timeout_s: float
         PROMISES: promise_table(examined).to_csv(index=False),
         ABOUT: json.dumps(about, indent=2, ensure_ascii=False) + "\n",
     }
-    with open_folder(folder, {*content}, "a stress run"):
-        for name, text in content.items():
-            with replacing(folder / name) as path:
-                path.write_text(text, encoding="utf-8")
+    for name, text in content.items():
+        with replacing(folder / name) as path:
+            path.write_text(text, encoding="utf-8")
     return [folder / name for name in content]
+
+
+def open_stress_folder(folder: Path) -> AbstractContextManager[Path]:
+    """Create the folder of a stress run, or enter one whose tables are to be replaced, and keep others out.
+
+    Raises
+    ------
+    InputError
+        If it cannot be created, holds something else, or another run writes
+        into it.
+    """
+    return open_folder(folder, {TABLE, PROMISES, ABOUT}, "a stress run")

@@ -177,9 +177,14 @@ def test_two_lines_of_spectra_are_the_plane_of_their_product(street, cell):
     grids = np.meshgrid(along_u.cosine[::5], along_w.cosine[::5], indexing="ij")
     expected = DensePlane(snapshot, noise).level_db(*grids)
     found = along_u.level_db[::5, None] + along_w.level_db[None, ::5]
+    # Poles that a sample strikes are cut off.
+    is_whole = np.logical_and.outer(
+        *(line.level_db[::5] < line.level_db.max() - 1e-9 for line in (along_u, along_w))
+    )
     # Nulls are differences of ones: their rounding shows in the deepest.
     nulls, dense_nulls = 10 ** (-found / 20), 10 ** (-expected / 20)
-    np.testing.assert_allclose(nulls, dense_nulls, atol=1e-7)
+    np.testing.assert_allclose(nulls[is_whole], dense_nulls[is_whole], atol=1e-7)
+    assert is_whole.any()
 
 
 @settings(deadline=None, max_examples=30)

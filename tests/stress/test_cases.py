@@ -70,3 +70,4 @@ def test_spaces_include_their_limits_and_nothing_beyond():
     assert not any(value in Real(-1, 1) for value in (1.1, math.nan, math.inf, True, "0"))
     assert "a" in Choice(("a", "b"))
     assert "c" not in Choice(("a", "b"))
+    assert not any(value in Choice((1, 2)) for value in (1.0, True, "1"))

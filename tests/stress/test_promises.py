@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.registry import get_estimator
+from isacbench.registry import get_detector, get_estimator
 from isacbench.stress import imaging
 from isacbench.stress.case import BrokenPromiseError, NotApplicableError, Promise
 from isacbench.stress.crowds import Spread
@@ -24,11 +24,11 @@ from isacbench.stress.examine import BROKEN, examine
 from isacbench.stress.families import FAMILIES
 from isacbench.stress.ladders import SnrLadder
 from isacbench.stress.levels import Snr
-from isacbench.stress.radios import Chunks, Subarray
+from isacbench.stress.radios import Chunks, FalseAlarms, Subarray
 from isacbench.stress.search import cases_from
 from isacbench.stress.shots import RESOLVED, observed
 
-FAST = ("fft4d", "music2d", "oracle")
+FAST = ("fft4d", "music2d", "esprit2d", "oracle")
 
 
 @dataclass(frozen=True)
@@ -171,6 +171,73 @@ def test_a_recorded_frame_has_the_image_of_the_closed_form():
 
 
 @dataclass(frozen=True)
+class _Blind:
+    """Sees nothing."""
+
+    name: ClassVar[str] = "blind"
+    pfa: float = 1e-3
+    precision: str = "double"
+    subarray_fraction: float = 0.5
+    polish: int = 10
+    dynamic_range_db: float = 30.0
+    local_dynamic_range_db: float = 30.0
+    detector: object = None
+
+    def estimate(self, observation):
+        return PointCloud.empty()
+
+
+BLIND_IS_RIGHT = {"nothing", "crowd", "map", "coherent", "unseparated"}
+"""Families of which nothing need be seen: of scenes without echoes, or that no resolution is promised for."""
+
+
+@pytest.mark.parametrize(
+    "family",
+    [one for one in FAMILIES.values() if one.kind == "estimator" and one.name not in BLIND_IS_RIGHT],
+)
+def test_who_sees_nothing_breaks_a_case_of_every_family_that_has_something_to_see(family):
+    assert any(verdict.outcome in BROKEN for case in family.table() for verdict in examine(case, _Blind()))
+
+
+def test_a_plugin_that_leaves_ends_its_case_alone():
+    for fault in (SystemExit, KeyboardInterrupt):
+        leaving = replace_estimate(fault)
+        (verdict,) = examine(Snr(100.0), leaving)
+        assert (verdict.promise, verdict.outcome) == ("finite", "failed")
+        assert fault.__name__ in verdict.message
+
+
+def replace_estimate(fault):
+    @dataclass(frozen=True)
+    class Leaving:
+        name: ClassVar[str] = "leaving"
+
+        def estimate(self, observation):
+            raise fault
+
+    return Leaving()
+
+
+def test_a_plugin_that_refuses_the_parameters_of_a_case_fails_that_case_alone():
+    @dataclass(frozen=True)
+    class Picky:
+        name: ClassVar[str] = "picky"
+        pfa: float = 1e-3
+
+        def __post_init__(self):
+            if self.pfa < 1e-10:
+                raise InputError("pfa: too small")
+
+    (verdict,) = examine(FalseAlarms(-15.0), Picky())
+    assert (verdict.promise, verdict.outcome, verdict.message) == ("input", "failed", "pfa: too small")
+
+
+def test_what_a_plugin_says_has_no_power_over_the_terminal():
+    (verdict,) = examine(Snr(100.0), replace_estimate(ValueError("a\x1b[31mb\nc")))
+    assert "a\\x1b[31mb\\nc" in verdict.message
+
+
+@dataclass(frozen=True)
 class _Dazzled:
     """MUSIC that goes blind above an SNR that it feels."""
 
@@ -184,9 +251,11 @@ class _Dazzled:
 
 
 def test_an_error_that_rises_with_the_snr_is_a_bump():
-    (kept,) = examine(SnrLadder(from_db=0.0), get_estimator("music2d"))
-    (broken,) = examine(SnrLadder(from_db=0.0), _Dazzled())
-    assert (kept.outcome, broken.outcome) == ("ok", "failed")
+    kept, broken = (
+        examine(SnrLadder(from_db=0.0), estimator) for estimator in (get_estimator("music2d"), _Dazzled())
+    )
+    assert [verdict.outcome for verdict in kept] == ["ok", "ok"]
+    assert [verdict.outcome for verdict in broken] == ["failed"]
 
 
 POINTS = arrays(np.float64, st.tuples(st.integers(1, 6), st.just(5)), elements=st.floats(0.0, 10.0))
@@ -219,7 +288,13 @@ def test_other_numbers_of_points_are_no_drift_but_a_broken_promise():
 def test_powers_on_another_scale_drift():
     cloud = SCENARIO.truth
     louder = PointCloud(cloud.xyz, cloud.velocity, 1.5 * cloud.power)
-    assert cloud_drift(SCENARIO, cloud, louder) == pytest.approx(0.5)
+    assert cloud_drift(SCENARIO, cloud, louder) == pytest.approx(1 / 3)
+
+
+def test_the_power_of_a_weak_point_counts_as_much_as_that_of_a_strong_one():
+    cloud = PointCloud(SCENARIO.truth.xyz, SCENARIO.truth.velocity, [1.0, 1.0, 1e-12])
+    other = PointCloud(cloud.xyz, cloud.velocity, [1.0, 1.0, 2e-12])
+    assert cloud_drift(SCENARIO, cloud, other) == pytest.approx(0.5)
 
 
 def test_directions_a_period_apart_are_the_same():
@@ -244,12 +319,10 @@ def test_without_noise_resolved_echoes_are_imaged_and_nothing_else(name, case):
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES.values())
 def test_random_cases_keep_their_promises(family):
-    names = ("music2d",) if family.kind == "estimator" else ("osca",)
+    plugin = get_estimator("music2d") if family.kind == "estimator" else get_detector("osca")
 
     @given(cases_from(family))
     def check(case):
-        for name in names:
-            verdicts = examine(case, get_estimator(name))
-            assert [verdict for verdict in verdicts if verdict.outcome in BROKEN] == []
+        assert [verdict for verdict in examine(case, plugin) if verdict.outcome in BROKEN] == []
 
     check()

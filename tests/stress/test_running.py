@@ -15,7 +15,14 @@ from isacbench.plugin_files import PluginFile
 from isacbench.stress.families import FAMILIES
 from isacbench.stress.running import Examiners, find_targets, tasks_of
 from isacbench.stress.search import search
-from isacbench.stress.table import PROMISES, TABLE, case_table, promise_table, write_tables
+from isacbench.stress.table import (
+    PROMISES,
+    TABLE,
+    case_table,
+    open_stress_folder,
+    promise_table,
+    write_tables,
+)
 
 FRAIL = """
 import os
@@ -98,7 +105,8 @@ def test_cases_of_the_other_kind_are_refused():
 
 def test_tables_are_written_and_read_back(tmp_path):
     found = _examined(["oracle"], ["snr"])
-    write_tables(tmp_path / "new", found, timeout_s=1.0)
+    with open_stress_folder(tmp_path / "new") as folder:
+        write_tables(folder, found, timeout_s=1.0)
     cases = pd.read_csv(tmp_path / "new" / TABLE, keep_default_na=False)
     assert cases["case"].tolist() == [one.task.case.spec for one in found]
     assert cases["drift"].astype(float).tolist() == [one.worst.drift for one in found]
@@ -110,8 +118,8 @@ def test_tables_are_written_and_read_back(tmp_path):
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "manifest.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(InputError, match="is not the folder of a stress run"):
-        write_tables(tmp_path, _examined(["oracle"], ["frame"]), timeout_s=1.0)
+    with pytest.raises(InputError, match="is not the folder of a stress run"), open_stress_folder(tmp_path):
+        pass
     assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
 
 
@@ -174,7 +182,8 @@ def test_a_search_without_findings_says_so(cli):
         (["-d", "cfar"], "unknown detector 'cfar'"),
         (["--case", "snt"], "unknown family of cases 'snt'"),
         (["-e", "oracle", "--case", "snr[snr_db=500]"], "allowed are numbers from -80 to 200"),
-        (["--search", "3", "--case", "snr[snr_db=5]"], "unknown family of cases 'snr[snr_db=5]'"),
+        (["--search", "3", "--case", "snr[snr_db=5]"], "a search draws from families; allowed is snr"),
+        (["--search", "3", "-j", "2"], "--jobs 2: allowed with --search is 1"),
     ],
 )
 def test_a_mistake_ends_with_code_2_and_one_line(cli, tmp_path, args, message):
