@@ -16,9 +16,11 @@ from isacbench.stress.imaging import (
     FOUND,
     FOUND_FIRST,
     INVARIANT,
+    LAYOUT,
     NO_FALSE_POINT,
     POWER,
     RESOLVED_ECHOES,
+    THREADS,
 )
 from isacbench.stress.shots import BASE_STATION_M, REGION, RESOLVED, SYSTEM, Echo, Layout, observed
 from isacbench.stress.spaces import choice, real
@@ -132,8 +134,12 @@ class Beyond(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """The echo inside is found."""
-        return *EVERY, FOUND_FIRST, *INVARIANT
+        """The echo inside is found.
+
+        Points of what leaks in from beyond the gate, which is no echo of the
+        model, may hang on the last digits.
+        """
+        return *EVERY, FOUND_FIRST, *((THREADS, LAYOUT) if self.what == "gate" else INVARIANT)
 
     def shot(self, seed: int) -> Shot:
         """Observe both."""
