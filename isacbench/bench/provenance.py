@@ -47,6 +47,7 @@ SOURCE = Path(isacbench.__file__).parent
 NO_PART_OF_ROWS = (
     "report",
     "conformance",
+    "stress",
     "cli",
     "cubes",
     "planning.py",
