@@ -1,0 +1,199 @@
+"""MUSIC in one dimension a time, against the dense plane of the paper: complex noise subspaces on a grid."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isacbench_algorithms.cellwise import Levels
+from isacbench_algorithms.music2d import Music2d
+from scipy.optimize import minimize_scalar
+
+from isacbench.dsp.detection import detect_cells
+from isacbench.dsp.kernels import steering
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.model.echo import observe
+from isacbench.model.scenario import load_scenario
+
+ELEMENTS, SUBARRAY, MAX_ORDER = 16, 10, 4
+DENSE_SHAPE = 300, 150
+TOLERANCE_DEG = 0.01
+TOLERANCE_DB = 0.5
+"""How far a peak must stand above its threshold for samples beside it to do so, too."""
+
+
+@pytest.fixture(scope="module")
+def street():
+    """Return the street at 10 dB."""
+    return observe(load_scenario("street"), 10.0)
+
+
+@pytest.fixture(scope="module")
+def street_cells(street):
+    """Snapshots (n, 16, 16) of every fourth detected cell of the street, and the floor of detection."""
+    gated = GatedMap(street.cells, street.gate)
+    estimator = Music2d()
+    detected = detect_cells(
+        gated.tapered("hann", "hann"), estimator.cell_detector(), "noncoherent", estimator.dynamic_range_db
+    )
+    tapered = gated.tapered(estimator.range_window, estimator.doppler_window)
+    cells = tapered.cells[tapered.index(detected.bins)]
+    assert len(cells) > 200
+    return cells[::4], detected.floor
+
+
+def noise_subspace(lines, noise):
+    """Complex noise subspace (10, 10 - order) of lines (sensors, snapshots), and the order."""
+    n_snapshots = lines.shape[1]
+    flip = np.eye(SUBARRAY)[::-1]
+    covariance = np.zeros((SUBARRAY, SUBARRAY), dtype=complex)
+    for first in range(ELEMENTS - SUBARRAY + 1):
+        subarray = lines[first : first + SUBARRAY]
+        forward = subarray @ subarray.conj().T
+        covariance += forward + flip @ forward.conj() @ flip
+    covariance /= 2 * n_snapshots * (ELEMENTS - SUBARRAY + 1)
+    values, vectors = np.linalg.eigh(covariance)
+    # The edge of the Marchenko-Pastur law; forward and backward count twice.
+    edge = noise * (1 + np.sqrt(SUBARRAY / (2 * n_snapshots))) ** 2
+    order = min(max(np.count_nonzero(values > edge), 1), MAX_ORDER)
+    return vectors[:, : SUBARRAY - order], order
+
+
+def null(subspace, cosine):
+    """Squared distance of steering vectors from the signal subspace, any shape of cosines."""
+    projection = steering(SUBARRAY, cosine) @ subspace.conj()
+    return np.sum(np.abs(projection) ** 2, axis=-1)
+
+
+class DensePlane:
+    """The product spectrum of one cell over u and w, each point evaluated for itself."""
+
+    def __init__(self, snapshot, noise):
+        self.u_subspace, self.u_order = noise_subspace(snapshot, noise)
+        self.w_subspace, self.w_order = noise_subspace(snapshot.T, noise)
+
+    def level_db(self, u, w):
+        """Product of the two spectra, each 0 dB in an empty direction."""
+        product = (null(self.u_subspace, u) / SUBARRAY) * (null(self.w_subspace, w) / SUBARRAY)
+        return -10 * np.log10(product)
+
+    def peaks(self, u, w):
+        """Local maxima (n, 2) inside a grid, each polished by turns along u and along w."""
+        level = self.level_db(*np.meshgrid(u, w, indexing="ij"))
+        inner = level[1:-1, 1:-1]
+        higher = [
+            inner > level[1 + i : level.shape[0] - 1 + i, 1 + j : level.shape[1] - 1 + j]
+            for i in (-1, 0, 1)
+            for j in (-1, 0, 1)
+            if (i, j) != (0, 0)
+        ]
+        rows, columns = np.nonzero(np.all(higher, axis=0))
+        return np.array(
+            [self.polished(u[i + 1], w[j + 1], u[1] - u[0], w[1] - w[0]) for i, j in zip(rows, columns)]  # noqa: B905
+        ).reshape(-1, 2)
+
+    def polished(self, u, w, u_step, w_step):
+        """Maximum within a sample of a place."""
+
+        def best(function, centre, step):
+            bounds = centre - step, centre + step
+            return minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-9}).x
+
+        for _ in range(2):
+            u = best(lambda x, w=w: -self.level_db(x, w), u, u_step)
+            w = best(lambda x, u=u: -self.level_db(u, x), w, w_step)
+        return u, w
+
+
+def angles_deg(u, w):
+    """Azimuth and angle from straight down of a panel's direction cosines."""
+    phi = np.arccos(w)
+    return np.rad2deg(np.arccos(np.clip(u / np.sin(phi), -1, 1))), np.rad2deg(phi)
+
+
+def distance_deg(some, others):
+    """Larger difference (n, m) in azimuth and in angle from straight down, of directions (n, 2), (m, 2)."""
+    theta, phi = angles_deg(*some.T)
+    other_theta, other_phi = angles_deg(*others.T)
+    return np.maximum(abs(theta[:, None] - other_theta), abs(phi[:, None] - other_phi))
+
+
+def spectra_of(observation, snapshot, noise):
+    """Spectra of one cell along u and along w."""
+    return Music2d().spectra(observation, snapshot[None, None], Levels(noise, noise))
+
+
+def margin_db(spectrum, places):
+    """Lowest level over threshold among the samples next to places."""
+    index = np.searchsorted(spectrum.cosine, places)
+    above = spectrum.level_db - spectrum.threshold_db
+    return np.minimum(above[index - 1], above[index])
+
+
+def assert_the_peaks_are_those_of_the_dense_plane(observation, snapshot, noise):
+    """Each pair of peaks is a peak of the plane, and the deepest nulls that pass the test are all there."""
+    plane = DensePlane(snapshot, noise)
+    along_u, along_w = spectra = spectra_of(observation, snapshot, noise)
+    grids = [
+        np.linspace(spectrum.cosine[0], spectrum.cosine[-1], n)
+        for spectrum, n in zip(spectra, DENSE_SHAPE, strict=True)
+    ]
+    dense = plane.peaks(*grids)
+    found = np.array([(u, w) for u in along_u.peaks for w in along_w.peaks]).reshape(-1, 2)
+    if len(found):
+        assert distance_deg(found, dense).min(axis=1).max() < TOLERANCE_DEG
+    subspaces, orders = (plane.u_subspace, plane.w_subspace), (plane.u_order, plane.w_order)
+    passed = []
+    for axis, (spectrum, subspace, order) in enumerate(zip(spectra, subspaces, orders, strict=True)):
+        depth = null(subspace, dense[:, axis])
+        deep = np.sort(np.unique(depth.round(9)))[:order].max(initial=0) + 1e-9
+        passed.append((depth <= deep) & (margin_db(spectrum, dense[:, axis]) > TOLERANCE_DB))
+    expected = dense[passed[0] & passed[1]]
+    if len(expected):
+        assert len(found)
+        assert distance_deg(expected, found).min(axis=1).max() < TOLERANCE_DEG
+    return len(found), len(expected)
+
+
+@st.composite
+def cells(draw):
+    """One to three sources in the street's directions, of any phase, in noise 10 to 40 dB below one."""
+    n = draw(st.integers(1, 3))
+    u = np.array(draw(st.lists(st.floats(-0.17, 0.19), min_size=n, max_size=n)))
+    w = np.array(draw(st.lists(st.floats(0.005, 0.24), min_size=n, max_size=n)))
+    phase = np.array(draw(st.lists(st.floats(0, 2 * np.pi), min_size=n, max_size=n)))
+    power = np.array(draw(st.lists(st.floats(0.2, 2), min_size=n, max_size=n)))
+    noise = 10 ** -draw(st.floats(1, 4))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    parts = rng.standard_normal((2, ELEMENTS, ELEMENTS)) * np.sqrt(noise / 2)
+    echo = (steering(ELEMENTS, u).T * np.sqrt(power) * np.exp(1j * phase)) @ steering(ELEMENTS, w)
+    return echo + parts[0] + 1j * parts[1], noise
+
+
+@settings(deadline=None, max_examples=15)
+@given(cell=cells())
+def test_two_lines_of_spectra_are_the_plane_of_their_product(street, cell):
+    snapshot, noise = cell
+    along_u, along_w = spectra_of(street, snapshot, noise)
+    grids = np.meshgrid(along_u.cosine[::5], along_w.cosine[::5], indexing="ij")
+    expected = DensePlane(snapshot, noise).level_db(*grids)
+    found = along_u.level_db[::5, None] + along_w.level_db[None, ::5]
+    # Poles that a sample strikes are cut off.
+    is_whole = np.logical_and.outer(
+        *(line.level_db[::5] < line.level_db.max() - 1e-9 for line in (along_u, along_w))
+    )
+    # Nulls are differences of ones: their rounding shows in the deepest.
+    nulls, dense_nulls = 10 ** (-found / 20), 10 ** (-expected / 20)
+    np.testing.assert_allclose(nulls[is_whole], dense_nulls[is_whole], atol=1e-7)
+    assert is_whole.any()
+
+
+@settings(deadline=None, max_examples=4000)
+@given(cell=cells())
+def test_peaks_of_any_few_sources_are_those_of_the_dense_plane_to_a_hundredth_of_a_degree(street, cell):
+    assert_the_peaks_are_those_of_the_dense_plane(street, *cell)
+
+
+def test_peaks_on_the_street_are_those_of_the_dense_plane_to_a_hundredth_of_a_degree(street, street_cells):
+    cells, floor = street_cells
+    counts = np.array([assert_the_peaks_are_those_of_the_dense_plane(street, cell, floor) for cell in cells])
+    assert (counts > 0).all(axis=1).mean() > 0.9
