@@ -217,8 +217,7 @@ def _axis_levels(bits: NDArray[Any]) -> NDArray[np.int64]:
 def _constellation(n_bits: int) -> NDArray[np.complex128]:
     words = np.arange(2**n_bits)
     bits = (words[:, None] >> np.arange(n_bits)[::-1]) & 1
-    points: NDArray[np.complex128] = _unit(n_bits) * (
-        _axis_levels(bits[:, ::2]) + 1j * _axis_levels(bits[:, 1::2])
-    )
+    points = np.empty(len(words), dtype=np.complex128)
+    points.real, points.imag = (_unit(n_bits) * _axis_levels(bits[:, axis::2]) for axis in (0, 1))
     points.setflags(write=False)
     return points

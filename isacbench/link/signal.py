@@ -62,5 +62,5 @@ class Signal:
 
     @property
     def is_plain(self) -> bool:
-        """Whether division leaves echo and noise as the closed form has them: the whole grid, of equal powers."""
+        """Whether division leaves echo and noise as the closed form has them: all elements, equal powers."""
         return self.sensing == "all" and self.has_unit_modulus
