@@ -79,7 +79,7 @@ def test_none_of_them_are_no_sequences():
 
 def test_bits_are_balanced_and_uncorrelated_with_other_sequences_and_shifts():
     n = 40_000
-    # No sparse initial values: recursions of few taps leave stretches as short as this unbalanced after those.
+    # No sparse initial values: after those, recursions of few taps are unbalanced over stretches this short.
     c_init = np.random.default_rng(3).integers(2**31, size=5)
     signs = 1 - 2.0 * gold_sequence(c_init, n)
     # Five standard deviations of a sum of fair signs.

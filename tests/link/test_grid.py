@@ -1,5 +1,7 @@
 """The resource grid: PRS as 3GPP TS 38.211, 7.4.1.7 has it, data in the order of 7.3.1.5 elsewhere."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from py3gpp import nrPRBS, nrSymbolModulate
@@ -23,6 +25,7 @@ def c_init_as_printed(slot, symbol, n_id):
     return (2**22 * (n_id // 1024) + 2**10 * (14 * slot + symbol + 1) * (2 * n_id_mod + 1) + n_id_mod) % 2**31
 
 
+@lru_cache
 def prs_as_printed(system, n_id):
     """PRS element by element, by another implementation's sequence and mapping."""
     grid = np.zeros((system.n_subcarriers, system.n_symbols), dtype=complex)
@@ -37,6 +40,7 @@ def prs_as_printed(system, n_id):
             for m in range(system.n_subcarriers):
                 if 4 * m + first < system.n_subcarriers:
                     grid[4 * m + first, column] = sequence[m]
+    grid.setflags(write=False)
     return grid
 
 
@@ -111,7 +115,7 @@ def test_an_identity_that_does_not_exist_is_an_error(n_id):
 @each_modulation
 def test_data_go_symbol_by_symbol_from_the_lowest_subcarrier_up(modulation):
     grid = draw_grid(SYSTEM, modulation, trial=3, seed=4, n_id=5)
-    expected = prs_as_printed(SYSTEM, 5)
+    expected = prs_as_printed(SYSTEM, 5).copy()
     is_prs = expected != 0
     n_bits = bits_per_symbol(modulation)
     words = iter(grid.bits.reshape(-1, n_bits))
