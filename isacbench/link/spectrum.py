@@ -1,4 +1,4 @@
-"""Spectrum of the waveform: its power density in closed form and as measured, and how much leaves the band."""
+"""Spectrum of the waveform: its power density, in closed form and measured, and how much leaves the band."""
 
 from __future__ import annotations
 
@@ -25,9 +25,12 @@ MOST_TERMS = 2**18
 """Terms of a sum over subcarriers that are in memory at a time: two mebibytes, which a cache holds."""
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
-"""Quadrature over one subcarrier spacing, in which a spectrum has at most four half-waves."""
+"""Quadrature over one subcarrier spacing, in which the spectrum of a window has a few half-waves."""
 
-CELLS_A_SUBCARRIER = 32
+CELLS_A_SPACING = 32
+CELL_NODES, CELL_WEIGHTS = np.polynomial.legendre.leggauss(4)
+"""Quadrature over a cell, a small part of a spacing."""
+
 LARGEST_SHARE = 0.999
 
 
@@ -94,7 +97,7 @@ def power_density(system: System, frequency_hz: ArrayLike) -> Floats:
 
 
 def mean_power(system: System) -> float:
-    """Mean power of the waveform of independent symbols of unit power: less than 1 where prefix and suffix overlap.
+    """Mean power of the waveform of independent symbols of unit power: below 1 because of the overlap.
 
     In the overlap the powers of two symbols are weighted by the squares of
     windows whose sum, not whose squares' sum, is 1.
@@ -230,15 +233,14 @@ def occupied_bandwidth_hz(system: System, share: float = 0.99) -> float:
 
 def _gathered_power(system: System, n_spacings: int) -> CubicHermiteSpline:
     """Power of one subcarrier between its frequency and one some spacings away, negative below it."""
-    width = 1 / CELLS_A_SUBCARRIER
-    edge = width * np.arange(-n_spacings * CELLS_A_SUBCARRIER, n_spacings * CELLS_A_SUBCARRIER + 1)
+    width = 1 / CELLS_A_SPACING
+    edge = width * np.arange(-n_spacings * CELLS_A_SPACING, n_spacings * CELLS_A_SPACING + 1)
 
-    def density(spacings: Floats) -> Floats:
+    def density(spacings: NDArray[np.floating]) -> Floats:
         spectrum = window_spectrum(system, spacings * system.subcarrier_spacing_hz)
         value: Floats = spectrum**2 * system.subcarrier_spacing_hz / system.symbol_time_s
         return value
 
-    nodes, weights = np.polynomial.legendre.leggauss(4)
-    cells = width / 2 * (density(edge[:-1, None] + width / 2 * (1 + nodes)) @ weights)
+    cells = width / 2 * (density(edge[:-1, None] + width / 2 * (1 + CELL_NODES)) @ CELL_WEIGHTS)
     power = np.concatenate([[0.0], np.cumsum(cells)])
     return CubicHermiteSpline(edge, power - power[edge.size // 2], density(edge))
