@@ -47,7 +47,7 @@ def waveform(
     scene = load_scenario(scenario)
     system = scene.system
     merits = waveform_merits(system)
-    with progress_bar("peaks", is_idle=as_json) as show:
+    with progress_bar("peaks") as show:
         n_drawn, n_frames = 0, frames * len(modulations)
 
         def drawn() -> None:

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
     Ratios = Mapping[Modulation, NDArray[np.float64]]
 
-__all__ = ["RARE", "describe_waveform", "waveform_grids"]
+__all__ = ["describe_waveform", "waveform_grids"]
 
-RARE = 1e-3
-"""Share of the symbols above the peak-to-average power ratio that is told."""
+RARE = 1000
+"""One in so many symbols is above the peak-to-average power ratio that is told beside the median."""
 
 
 def waveform_grids(system: System, merits: WaveformMerits, papr_db: Ratios) -> list[Grid]:
@@ -56,7 +56,7 @@ def waveform_grids(system: System, merits: WaveformMerits, papr_db: Ratios) -> l
         ),
         Grid(
             f"data, and peak-to-average power ratio of {len(next(iter(papr_db.values())))} symbols",
-            ["modulation", "bits a frame", "Mbit/s", "median [dB]", f"exceeded by {RARE:g} [dB]"],
+            ["modulation", "bits a frame", "Mbit/s", "median [dB]", f"exceeded by one in {RARE} [dB]"],
             [
                 *(_data_row(system, modulation, ratios) for modulation, ratios in papr_db.items()),
                 ["theory", "", "", *(f"{value:.2f}" for value in _theory_db(system).values())],
@@ -109,19 +109,20 @@ def _lines(system: System, merits: WaveformMerits) -> list[list[str]]:
 
 def _data_row(system: System, modulation: Modulation, ratios: NDArray[np.float64]) -> list[str]:
     data = data_merits(system, modulation)
-    numbers = [str(data.data_bits), f"{data.data_rate_bps / 1e6:.1f}"]
-    return [modulation, *numbers, *(f"{value:.2f}" for value in _papr_db(ratios).values())]
+    told = _papr_db(ratios)
+    peaks = ["too few symbols" if value is None else f"{value:.2f}" for value in told.values()]
+    return [modulation, str(data.data_bits), f"{data.data_rate_bps / 1e6:.1f}", *peaks]
 
 
-def _papr_db(ratios: NDArray[np.float64]) -> dict[str, float]:
-    return {
-        "median_db": float(np.median(ratios)),
-        "rare_db": float(np.quantile(ratios, 1 - RARE, method="higher")),
-    }
+def _papr_db(ratios: NDArray[np.float64]) -> dict[str, float | None]:
+    """Median, and what a rare symbol exceeds, None where so few symbols hold no rare one."""
+    n_above = len(ratios) // RARE
+    rare_db = float(np.sort(ratios)[-1 - n_above]) if n_above else None
+    return {"median_db": float(np.median(ratios)), "rare_db": rare_db}
 
 
 def _theory_db(system: System) -> dict[str, float]:
     return {
         name: exceeded_papr_db(probability, system.n_subcarriers)
-        for name, probability in (("median_db", 0.5), ("rare_db", RARE))
+        for name, probability in (("median_db", 0.5), ("rare_db", 1 / RARE))
     }

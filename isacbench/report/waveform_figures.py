@@ -119,7 +119,8 @@ def draw_spectrum(name: str, system: System, grid: ResourceGrid) -> Figure:
     -------
     Figure
         The whole spectrum, averaged over a subcarrier spacing, and its upper
-        edge.
+        edge. Four times the critical rate folds what lies beyond it: far from
+        the band more is measured of what has no suffix than the closed form has.
     """
     shapes = [_Suffix("without suffix", without_suffix(system), COLOURS[1])]
     if system.cyclic_suffix_ratio:
@@ -140,11 +141,11 @@ def draw_spectrum(name: str, system: System, grid: ResourceGrid) -> Figure:
     edge.set_title("upper edge of the band")
     edge.set_xlabel("subcarrier spacings beyond the edge")
     for axes in (whole, edge):
-        axes.set_ylabel("level [dB]")
+        axes.set_ylabel("level [dB]", labelpad=0)
         axes.grid(True)
         axes.margins(x=0)
     whole.set_ylim(min(lowest_db) - 5, 8)
-    edge.set_ylim(-45, 8)
+    edge.set_ylim(-35, 5)
     return figure
 
 
@@ -170,7 +171,7 @@ def draw_papr(name: str, system: System, papr_db: Mapping[Modulation, Floats]) -
         Line2D([], [], color=COLOURS[k], linestyle=LINES[k % len(LINES)], label=modulation)
         for k, modulation in enumerate(papr_db)
     ]
-    title = f"{name}: peak-to-average power ratio, {n_symbols} symbols at four times the critical rate"
+    title = f"{name}: peaks of {n_symbols} symbols over their mean power"
     figure, (axes,) = panel_grid(1, [*lines, *theories], title, panel_in=(5.4, 3.4))
     for line, ratios in zip(lines, papr_db.values(), strict=True):
         share = 1 - np.arange(ratios.size) / ratios.size
@@ -184,7 +185,7 @@ def draw_papr(name: str, system: System, papr_db: Mapping[Modulation, Floats]) -
     axes.set_yscale("log")
     axes.set_ylim(0.5 / n_symbols, 1.3)
     axes.set_xlim(lowest, highest)
-    axes.set_xlabel("ratio [dB]")
+    axes.set_xlabel("peak-to-average power ratio [dB]")
     axes.set_ylabel("share of symbols above")
     axes.grid(True)
     return figure
@@ -212,7 +213,7 @@ def draw_resource_grid(name: str, grid: ResourceGrid) -> Figure:
     margins = edges(figure, left=0.65, right=0.15, bottom=below_in + 0.5, top=0.7)
     frame, slot = figure.subplots(1, 2, gridspec_kw={**margins, "wspace": 0.15, "width_ratios": [1.6, 1]})
     first = grid.is_prs[:SHOWN_SUBCARRIERS, :SLOT_SYMBOLS]
-    _draw_elements(frame, grid.is_prs.any(axis=0, keepdims=True), grid.is_prs.shape)
+    _draw_elements(frame, np.any(grid.is_prs, axis=0, keepdims=True), grid.is_prs.shape)
     frame.set_title("frame: symbols with PRS")
     _draw_elements(slot, first, first.shape)
     slot.set_title("lowest subcarriers of the first slot")
