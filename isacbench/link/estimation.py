@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PrsEstimator", "prs_estimator"]
 
-LEAST_CONCENTRATION = 1e-8
+LEAST_CONCENTRATION = 1e-10
 """Share of a basis response's energy that is within the prefix, from which it belongs to the basis."""
 
 MOST_BESIDES = 48
