@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal.windows import dpss
+from scipy.linalg import eigh_tridiagonal, matmul_toeplitz
 
 from isacbench.errors import InputError, require
 from isacbench.link.channel import isi_free_delay_s
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PrsEstimator", "prs_estimator"]
 
-LEAST_CONCENTRATION = 1e-8
+LEAST_CONCENTRATION = 1e-10
 """Share of a basis response's energy that is within the prefix, from which it belongs to the basis."""
 
 MOST_BESIDES = 48
@@ -192,10 +192,31 @@ def _basis(n_subcarriers: int, latest: float) -> NDArray[np.complex128]:
     if width >= n_subcarriers:
         return np.eye(n_subcarriers, dtype=np.complex128)
     n_most = min(int(np.ceil(width)) + MOST_BESIDES, n_subcarriers)
-    sequences, concentration = dpss(n_subcarriers, width / 2, Kmax=n_most, return_ratios=True)
-    kept = sequences[concentration >= LEAST_CONCENTRATION]
+    sequences, concentration = _prolate_sequences(n_subcarriers, width / n_subcarriers, n_most)
+    kept = sequences[:, concentration >= LEAST_CONCENTRATION]
     # The sequences are symmetric about delay 0, the prefix about half of its length.
     turn = np.exp(-1j * np.pi * latest / n_subcarriers * np.arange(n_subcarriers))
-    basis: NDArray[np.complex128] = kept.T * turn[:, None]
+    basis: NDArray[np.complex128] = kept * turn[:, None]
     basis.setflags(write=False)
     return basis
+
+
+def _prolate_sequences(
+    n: int, bandwidth: float, n_sequences: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Discrete prolate spheroidal sequences (n, n_sequences), and how much of each is within the bandwidth.
+
+    They are orthonormal, the most concentrated first. Slepian's tridiagonal
+    matrix has them as eigenvectors, far apart where their concentrations are
+    next to each other (Bell Syst. Tech. J. 57, 1978).
+
+    `scipy.signal.windows.dpss` has them too, but fails for few subcarriers.
+    """
+    index = np.arange(n)
+    diagonal = ((n - 1 - 2 * index) / 2) ** 2 * np.cos(np.pi * bandwidth)
+    beside = index[1:] * (n - index[1:]) / 2
+    _, ascending = eigh_tridiagonal(diagonal, beside, select="i", select_range=(n - n_sequences, n - 1))
+    sequences: NDArray[np.float64] = ascending[:, ::-1].astype(np.float64, copy=False)
+    within = bandwidth * np.sinc(bandwidth * index)
+    concentration: NDArray[np.float64] = np.sum(sequences * matmul_toeplitz(within, sequences), axis=0)
+    return sequences, concentration

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.link.qam import Modulation, awgn_ber
+from isacbench.link.qam import Modulation, awgn_ber, bits_per_symbol
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-__all__ = ["effective_snr_db", "response_ber", "response_evm"]
+__all__ = ["effective_snr_db", "estimated_evm", "response_ber", "response_evm"]
 
 
 def response_ber(modulation: Modulation, response: ArrayLike, snr_db: float) -> float:
@@ -71,15 +71,23 @@ def response_evm(response: ArrayLike, snr_db: float) -> float:
     return float(np.sqrt(10 ** (-snr_db / 10) * np.mean(1 / power)))
 
 
-def effective_snr_db(snr_db: float, noise_gain: float) -> float:
-    """SNR that the channel estimate's error leaves.
+def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -> float:
+    """SNR in which the receiver with a noisy channel estimate is as good as one that knows the channel.
 
-    The estimate is off by the noise power times its noise gain. Data symbols
-    are off by that times their power, which is 1 in the mean: it adds to the
-    noise. To first order in the noise gain.
+    The estimate is off by e, of power σ² times the noise gain. Its part in phase
+    with the channel scales symbols and noise alike, so that thresholds are off in
+    proportion to their place: nothing in QPSK, whose only threshold is 0. Its part
+    in quadrature turns symbols, which adds the other axis's amplitude to each
+    and makes both smaller by the second order. Over all thresholds of L levels an
+    axis the noise grows by
+
+        noise_gain ((2L² - 2L - 1) / (2L² - 2) + σ²/2),
+
+    half of the noise gain for QPSK, and nearly all of it for many levels.
 
     Parameters
     ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
     snr_db : float
     noise_gain : float
         Of the estimator, `isacbench.link.estimation.PrsEstimator.noise_gain`.
@@ -87,10 +95,42 @@ def effective_snr_db(snr_db: float, noise_gain: float) -> float:
     Returns
     -------
     float
+        To first order in the noise gain, which is small.
+
+    Raises
+    ------
+    InputError
+        If there is no such modulation.
 
     Examples
     --------
-    >>> round(effective_snr_db(10.0, 1.0), 2)
-    6.99
+    >>> round(10.0 - effective_snr_db("qpsk", 10.0, 0.02), 3)
+    0.048
     """
-    return snr_db - 10 * float(np.log10(1 + noise_gain))
+    n_levels = 2 ** (bits_per_symbol(modulation) // 2)
+    share = (2 * n_levels**2 - 2 * n_levels - 1) / (2 * n_levels**2 - 2)
+    noise_power = 10 ** (-snr_db / 10)
+    return snr_db - 10 * float(np.log10(1 + noise_gain * (share + noise_power / 2)))
+
+
+def estimated_evm(snr_db: float, noise_gain: float) -> float:
+    """Error vector magnitude in white noise behind division by a noisy channel estimate.
+
+    All of the estimate's error counts here, in phase or not.
+
+    Parameters
+    ----------
+    snr_db : float
+    noise_gain : float
+
+    Returns
+    -------
+    float
+        To first order in the noise gain.
+
+    Examples
+    --------
+    >>> round(estimated_evm(20.0, 0.02), 4)
+    0.101
+    """
+    return float(np.sqrt(10 ** (-snr_db / 10) * (1 + noise_gain)))

@@ -176,7 +176,7 @@ def test_reflection_obeys_the_laws_of_fresnel(permittivity):
     assert coefficient(1.0, "horizontal") == pytest.approx(-normal)
     for polarization in ("vertical", "horizontal"):
         assert coefficient(1e-9, polarization) == pytest.approx(-1, abs=1e-6)
-    # At Brewster's angle the reflected and the refracted ray are perpendicular: tan = 1/index from the ground.
+    # At Brewster's angle the two rays are perpendicular.
     brewster = np.sin(np.arctan(1 / index))
     assert abs(coefficient(brewster, "vertical")) < 1e-12
     assert abs(coefficient(brewster, "vertical", conductivity_spm=1.28)) > 0
@@ -213,8 +213,8 @@ def test_a_channel_that_cannot_be_is_refused(make, message):
 
 def test_paths_beyond_the_prefix_and_fast_ones_have_no_closed_form():
     late = TappedDelay("tdl_e", 53e-9)
-    with pytest.raises(InputError, match="path at 1.09455e-06 s: the closed form allows 9.11458e-07 s"):
+    with pytest.raises(InputError, match=r"path at 1\.09455e-06 s: the closed form allows 9\.11458e-07 s"):
         channel_response(SMALL, draw(late))
     fast = Paths(np.ones((1, 1), complex), np.zeros(1), np.array([5000.0]))
-    with pytest.raises(InputError, match="Doppler of 0.0208 subcarrier spacings"):
+    with pytest.raises(InputError, match=r"Doppler of 0\.0208 subcarrier spacings"):
         channel_response(SMALL, fast)
