@@ -93,15 +93,17 @@ def point_spread(
         along_range = _comb_response(np.arange(first, len(mask), step), ranges / len(mask))
         turns = np.outer(np.flatnonzero(mask[first]), dopplers) / system.n_symbols
         spread += np.outer(along_range, np.exp(-2j * np.pi * turns).sum(axis=0))
-    return spread / mask.sum()
+    spread /= mask.sum()
+    return spread
 
 
 def _comb_response(subcarriers: NDArray[np.int64], turns: NDArray[np.float64]) -> Complex:
     """Sum over evenly spaced subcarriers of echoes that turn so often from one subcarrier to the next."""
     first, n = subcarriers[0], subcarriers.size
     step = subcarriers[1] - first if n > 1 else 1
-    response: Complex = dirichlet(turns * step * n, [0.0], n)[:, 0]
-    return np.sqrt(n) * response * np.exp(2j * np.pi * first * turns)
+    unitary = dirichlet(turns * step * n, [0.0], n)[:, 0]
+    response: Complex = np.sqrt(n) * unitary * np.exp(2j * np.pi * first * turns)
+    return response
 
 
 def prs_ambiguities(system: System, n_lobes: int = 4) -> list[Ambiguity]:

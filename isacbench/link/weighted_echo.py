@@ -56,8 +56,10 @@ def weighted_echo(scenario: Scenario, gate: Gate, weight: NDArray[np.float64]) -
     echo, system = echo_parameters(scenario), scenario.system
     coordinates, basis = _dimensions(element_responses(echo, scenario.array.positions))
     at_dimensions = _cells(echo, gate, weight, coordinates)
-    n_elements = basis.shape[1]
-    cells: Complex = (at_dimensions.reshape(-1, len(basis)) @ basis).reshape(*gate.shape, n_elements)
+    # Explicit sizes, because -1 cannot be resolved where a scene is empty.
+    n_cells, (n_dimensions, n_elements) = gate.shape[0] * gate.shape[1], basis.shape
+    cells: Complex = at_dimensions.reshape(n_cells, n_dimensions) @ basis
+    cells = cells.reshape(*gate.shape, n_elements)
     if is_dust(cells, echo, float(weight.sum()) / np.sqrt(system.processing_gain)):
         cells[:] = 0
     return cells.reshape(*gate.shape, *scenario.array.shape)
