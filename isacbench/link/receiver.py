@@ -235,7 +235,7 @@ def expected_ber(
     """
     response = drawn_response(system, channel, trial, seed)
     if knowledge == "prs":
-        snr_db = effective_snr_db(snr_db, prs_estimator(system, time_order).noise_gain)
+        snr_db = effective_snr_db(modulation, snr_db, prs_estimator(system, time_order).noise_gain)
     step = system.n_symbols if _is_constant(response) else max(response.size // MOST_ELEMENTS, 1)
     return response_ber(modulation, response[:, ::step], snr_db)
 
