@@ -151,10 +151,11 @@ def receive(
     paths = channel.paths(system, random_stream("channel", trial, seed, channel.name))
     response = channel_response(system, paths)
     received = _received(grid.symbols, response, snr_db, trial, seed)
+    power = _power(_different(response))
     known, error_db = response, float("nan")
     if knowledge == "prs":
         known = prs_estimator(system, time_order).estimate(received, grid.symbols)
-        error_db = _db(_power(known - response) / _power(response))
+        error_db = _db(_power(_different(known) - _different(response)) / power)
     equalised = received
     equalised *= _inverse(known)
     is_data = ~grid.is_prs.T
@@ -169,7 +170,7 @@ def receive(
         n_bits=decided.size,
         n_bit_errors=int(np.count_nonzero(decided != grid.bits)),
         evm=float(np.sqrt(_power(data))),
-        channel_power_db=_db(_power(response)),
+        channel_power_db=_db(power),
         channel_error_db=error_db,
     )
 
@@ -202,11 +203,15 @@ def _unit_noise(shape: tuple[int, int], trial: int, seed: int) -> Complex:
 
 def _inverse(response: Complex) -> Complex:
     """Reciprocal of a response; 0 where it is 0, because such an element tells nothing."""
-    is_constant = response.strides[1] == 0
-    different = response[:, :1] if is_constant else response
+    different = _different(response)
     inverse = np.zeros_like(different)
     np.divide(1, different, out=inverse, where=different != 0)
     return np.broadcast_to(inverse, response.shape)
+
+
+def _different(response: Complex) -> Complex:
+    """Symbols of a response that do not share the memory of one: (n_subcarriers, n_symbols or 1)."""
+    return response[:, :1] if response.strides[1] == 0 else response
 
 
 def _power(values: Complex) -> float:
