@@ -19,7 +19,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.fft
@@ -36,13 +36,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from isacbench.link.ofdm import Layout
     from isacbench.model.numerology import System
 
     Complex = NDArray[np.complex128]
     Floats = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-__all__ = ["Paths", "propagate", "received_symbols"]
+__all__ = ["Paths", "delay_samples", "propagate", "received_symbols", "shown_lags"]
 
 SAMPLES_TOGETHER = 2**23
 """Received samples of all elements made at a time: 128 MB."""
@@ -91,6 +92,57 @@ class Paths:
             require_all(f"paths.{name}", np.abs(values), np.isfinite(values), "finite numbers")
         is_delay = np.isfinite(self.delay_s) & (self.delay_s >= 0)
         require_all("paths.delay_s", self.delay_s, is_delay, "finite numbers of 0 and more")
+
+
+def delay_samples(delay_s: ArrayLike, system: System) -> Floats:
+    """Convert delays to samples at the critical rate.
+
+    Parameters
+    ----------
+    delay_s : array_like, any shape
+    system : System
+
+    Returns
+    -------
+    ndarray of float64, same shape
+        Whole where only rounding keeps them from it, because windows without a
+        suffix are abrupt.
+    """
+    delay = np.asarray(delay_s, dtype=np.float64) * system.bandwidth_hz
+    whole = np.rint(delay)
+    samples: Floats = np.where(np.abs(delay - whole) <= WHOLE * whole, whole, delay)
+    return samples
+
+
+def shown_lags(delay: ArrayLike, parts: Layout, n_before: int = 0) -> tuple[Floats, Floats]:
+    """Find which symbols a receiver's window sees of late echoes.
+
+    Parameters
+    ----------
+    delay : array_like, any shape
+        In samples.
+    parts : Layout
+    n_before : int
+        Samples before the useful part that the window begins; it ends with the
+        useful part.
+
+    Returns
+    -------
+    lowest, highest : ndarray of float64, same shape
+        The latest symbol and the earliest one of which something may be seen,
+        as numbers of symbols that were sent since.
+
+    Examples
+    --------
+    >>> from isacbench.link.ofdm import Layout
+    >>> lowest, highest = shown_lags([0, 448, 449, 3000], Layout(2048, 512, 64))
+    >>> lowest.tolist(), highest.tolist()
+    ([0.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 1.0])
+    """
+    late = np.asarray(delay, dtype=np.float64)
+    lowest = np.ceil((late - (parts.n_symbol - 1)) / parts.n_symbol)
+    highest = np.floor((late + parts.n_useful + parts.n_suffix + n_before) / parts.n_symbol)
+    return lowest, highest
 
 
 def propagate(symbols: ArrayLike, system: System, paths: Paths) -> Complex:
@@ -198,18 +250,19 @@ class _Periods:
         self.parts = layout(system)
         self.sent = _by_symbol(symbols, system)
         self.gain = paths.gain
-        self.delay = _in_samples(paths.delay_s, system.bandwidth_hz)
+        self.delay = delay_samples(paths.delay_s, system)
         # Whole turns a sample leave no trace in samples.
         turns = paths.doppler_hz / system.bandwidth_hz
         self.turns = turns - np.rint(turns)
         self.n_before = n_before
         self.n_window = n_before + self.parts.n_useful
-        self.n_elements = paths.gain.shape[1]
+        self.n_elements: int = paths.gain.shape[1]
 
     @property
     def n_together(self) -> int:
         """Periods that are made at a time."""
-        return max(SAMPLES_TOGETHER // max(self.n_elements * self.n_window, 1), available_cores())
+        n_periods: int = SAMPLES_TOGETHER // max(self.n_elements * self.n_window, 1)
+        return max(n_periods, available_cores())
 
     def samples(self, periods: range) -> Complex:
         """Received samples (periods, E, n_window)."""
@@ -297,10 +350,7 @@ class _Periods:
 
     def _of_lags(self, index: Index) -> Iterator[tuple[int, Index]]:
         """Which of some paths show symbols sent so many periods before."""
-        parts, delay = self.parts, self.delay[index]
-        rest = self.n_window - self.n_before - 1 + parts.n_prefix
-        lowest = np.ceil((delay - rest) / parts.n_symbol)
-        highest = np.floor((delay + parts.n_useful + parts.n_suffix + self.n_before) / parts.n_symbol)
+        lowest, highest = shown_lags(self.delay[index], self.parts, self.n_before)
         for lag in np.unique(np.concatenate([lowest, lowest + 1, highest])):
             shown = index[(lowest <= lag) & (lag <= highest)]
             if shown.size:
@@ -363,15 +413,7 @@ def _by_symbol(symbols: ArrayLike, system: System) -> Complex:
     return np.ascontiguousarray(grid.T)
 
 
-def _in_samples(delay_s: Floats, rate_hz: float) -> Floats:
-    """Delays in samples, whole where only rounding keeps them from it: without a suffix windows are abrupt."""
-    delay = delay_s * rate_hz
-    whole = np.rint(delay)
-    in_samples: Floats = np.where(np.abs(delay - whole) <= WHOLE * whole, whole, delay)
-    return in_samples
-
-
-def _exponentials(turns: Floats, steps: NDArray[np.integer] | Floats) -> Complex:
+def _exponentials(turns: Floats, steps: NDArray[np.integer[Any] | np.floating[Any]]) -> Complex:
     """Exponentials exp(j2π turn step), shape (k, steps)."""
     phase = np.multiply.outer(2 * np.pi * turns, steps)
     exponentials: Complex = np.empty(phase.shape, dtype=np.complex128)

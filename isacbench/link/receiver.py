@@ -11,6 +11,7 @@ import numpy as np
 from isacbench.errors import InputError, require, unknown_name
 from isacbench.link.channel import channel_response
 from isacbench.link.estimation import prs_estimator
+from isacbench.link.prediction import effective_snr_db, response_ber
 from isacbench.link.qam import decide_bits
 from isacbench.model.echo import random_stream, white_gaussian
 from isacbench.model.limits import LARGEST_NOISE_AMPLITUDE
@@ -25,10 +26,13 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complex128]
 
-__all__ = ["Knowledge", "Reception", "receive"]
+__all__ = ["Knowledge", "Reception", "drawn_response", "expected_ber", "receive"]
 
 Knowledge = Literal["prs", "perfect"]
 """What the user knows of the channel: an estimate from the PRS, or all."""
+
+MOST_ELEMENTS = 2**15
+"""Resource elements whose closed forms are averaged: more change no digit that a frame shows."""
 
 LOWEST_SNR_DB = -20 * float(np.log10(LARGEST_NOISE_AMPLITUDE))
 
@@ -148,8 +152,7 @@ def receive(
     0
     """
     _require_allowed(grid, system, snr_db, knowledge)
-    paths = channel.paths(system, random_stream("channel", trial, seed, channel.name))
-    response = channel_response(system, paths)
+    response = drawn_response(system, channel, trial, seed)
     received = _received(grid.symbols, response, snr_db, trial, seed)
     power = _power(_different(response))
     known, error_db = response, float("nan")
@@ -173,6 +176,70 @@ def receive(
         channel_power_db=_db(power),
         channel_error_db=error_db,
     )
+
+
+def drawn_response(system: System, channel: Channel, trial: int = 0, seed: int = 0) -> Complex:
+    """Channel on every resource element as `receive` draws it.
+
+    Parameters
+    ----------
+    system : System
+    channel : Channel
+    trial, seed : int
+        Which fade, not negative.
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_subcarriers, n_symbols)
+        As `isacbench.link.channel.channel_response` returns it.
+
+    Raises
+    ------
+    InputError
+        As `receive`, if the closed form does not hold.
+    """
+    paths = channel.paths(system, random_stream("channel", trial, seed, channel.name))
+    return channel_response(system, paths)
+
+
+def expected_ber(
+    modulation: Modulation,
+    system: System,
+    channel: Channel,
+    snr_db: float,
+    *,
+    knowledge: Knowledge = "prs",
+    time_order: int = 0,
+    trial: int = 0,
+    seed: int = 0,
+) -> float:
+    """Bit error rate that theory expects of `receive`, given the fade and not the noise.
+
+    Parameters
+    ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+    system, channel, snr_db, knowledge, time_order, trial, seed
+        As for `receive`.
+
+    Returns
+    -------
+    float
+        The mean over resource elements of the closed form in white noise. An
+        estimate of the channel adds to the noise what it takes of it, which
+        holds where it follows the channel. Of a channel that changes in time
+        some `MOST_ELEMENTS` elements are averaged.
+
+    Raises
+    ------
+    InputError
+        As `receive`.
+    """
+    response = drawn_response(system, channel, trial, seed)
+    if knowledge == "prs":
+        snr_db = effective_snr_db(modulation, snr_db, prs_estimator(system, time_order).noise_gain)
+    different = _different(response)
+    step = max(different.size // MOST_ELEMENTS, 1)
+    return response_ber(modulation, different[:, ::step], snr_db)
 
 
 def _require_allowed(grid: ResourceGrid, system: System, snr_db: float, knowledge: Knowledge) -> None:

@@ -1,4 +1,4 @@
-"""Propagation against the formula of the continuous waveform, sample by sample, and against what must be conserved."""
+"""Propagation against the formula of the continuous waveform, and against what must be conserved."""
 
 import cmath
 import math
@@ -108,7 +108,7 @@ def test_blocks_of_paths_and_of_periods_add_up_to_the_same(monkeypatch):
 
 
 def test_a_fractional_delay_is_the_shift_of_the_oversampled_frame():
-    """A shift of the whole oversampled frame aliases what windows leak beyond half its rate: falling as its square."""
+    """Shifting a whole oversampled frame aliases what windows leak beyond half its rate: ever less."""
     system = System(n_subcarriers=64, n_symbols=3)
     grid, delay_samples = a_grid(system), 5.37
     received = propagate(grid, system, Paths(np.ones((1, 1)), [delay_samples / system.bandwidth_hz], [0.0]))
@@ -197,5 +197,5 @@ def test_grids_of_another_system_and_endless_frames_are_refused():
         propagate(np.ones((32, 3)), system, path)
     with pytest.raises(InputError, match="symbols holds nan"):
         received_symbols(np.full((32, 2), np.nan), system, path)
-    with pytest.raises(InputError, match="paths.delay_s, the longest, = 1.0: allowed is up to"):
+    with pytest.raises(InputError, match=r"paths\.delay_s, the longest, = 1.0: allowed is up to"):
         propagate(np.ones((32, 2)), system, Paths([[1.0]], [1.0], [0.0]))

@@ -1,0 +1,42 @@
+"""`isacbench image` with a choice of what is sent and what is sensed with."""
+
+import pytest
+from typer.testing import CliRunner
+
+import isacbench
+from isacbench.cli import app
+from isacbench.model.cloud_io import read_cloud
+from isacbench.model.scenario import load_scenario
+
+
+@pytest.fixture
+def image(tiny, tmp_path, monkeypatch):
+    """Image the tiny scene in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *options: CliRunner().invoke(app, ["image", "-s", str(tiny), *options])
+
+
+def test_the_image_is_that_of_the_observation_through_the_same_signal(image, tiny):
+    options = {"sensing": "prs", "modulation": "64qam", "division": "wiener"}
+    for given in ({"sensing": "prs"}, {"modulation": "64qam"}, options, {}):
+        arguments = [part for name, value in given.items() for part in (f"--{name}", value)]
+        result = image("-e", "music2d", "--snr", "15", "-o", "cloud.npy", *arguments)
+        assert result.exit_code == 0, result.output
+        observation = isacbench.observe(load_scenario(tiny), 15.0, **given)
+        expected = isacbench.get_estimator("music2d").estimate(observation)
+        assert read_cloud("cloud.npy").to_array() == pytest.approx(expected.to_array())
+        assert ", ".join(["tiny", "music2d", "15 dB", *given.values()]) in result.output
+
+
+def test_a_signal_that_does_not_exist_is_refused_in_one_sentence(image):
+    result = image("--sensing", "pss")
+    assert result.exit_code == 2
+    assert (
+        result.output.strip() == "isacbench: unknown sensing 'pss': did you mean 'prs'? allowed are all, prs"
+    )
+
+
+def test_a_recorded_frame_has_its_signal_already(image):
+    result = image("--cube", "frame.npy", "--modulation", "16qam")
+    assert result.exit_code == 2
+    assert "--sensing, --modulation and --division: allowed without --cube" in result.output
