@@ -145,7 +145,7 @@ def observe_waveform(
     *,
     n_id: int = 0,
 ) -> Observation:
-    """Observe a scenario through its waveform: modulated, reflected, demodulated and divided by what was sent.
+    """Observe a scenario through its waveform: modulated, reflected, demodulated and divided.
 
     Parameters
     ----------
@@ -224,10 +224,10 @@ def _warn_of_interference(scenario: Scenario) -> None:
     is_late = _is_late(scenario)
     if is_late.any():
         limit_m = scenario.system.isi_free_range_m
+        beyond_m = scenario.range_m.max() - limit_m
         warnings.warn(
-            f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from up to "
-            f"{scenario.range_m.max() - limit_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic "
-            f"prefix; their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
+            f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from "
+            f"up to {beyond_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic prefix; their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
             InputWarning,
             stacklevel=3,
         )
@@ -257,17 +257,18 @@ def _noise_symbols(system: System, streams: list[np.random.Generator]) -> Iterat
 
 
 def _gate_cells(symbols: Iterable[Complex], gate: Gate, system: System, n_elements: int) -> Complex:
-    """Range-Doppler cells (n_range, n_doppler, E) of divided symbols (n_subcarriers, E), one after the other."""
+    """Range-Doppler cells (n_range, n_doppler, E) of divided symbols (n_subcarriers, E)."""
     along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
     at_range = _RangeBins(gate, system)
-    cells = np.zeros((*gate.shape, n_elements), dtype=np.complex128)
+    n_range, n_doppler = gate.shape
+    cells = np.zeros((n_doppler, n_range * n_elements), dtype=np.complex128)
     remaining = iter(symbols)
     first = 0
-    while together := [at_range(symbol) for symbol in islice(remaining, SYMBOLS_TOGETHER)]:
+    while together := [at_range(symbol).ravel() for symbol in islice(remaining, SYMBOLS_TOGETHER)]:
         last = first + len(together)
-        cells += along_doppler[:, first:last] @ np.stack(together, axis=1)
+        cells += along_doppler[:, first:last] @ np.stack(together)
         first = last
-    return cells
+    return np.ascontiguousarray(cells.reshape(n_doppler, n_range, n_elements).swapaxes(0, 1))
 
 
 class _RangeBins:
