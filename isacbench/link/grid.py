@@ -10,7 +10,7 @@ import numpy as np
 from isacbench.errors import require
 from isacbench.link.gold import gold_sequence
 from isacbench.link.qam import Modulation, bits_per_symbol, modulate_bits
-from isacbench.link.signal import LARGEST_N_ID
+from isacbench.link.signal import require_n_id
 from isacbench.model.echo import random_stream
 from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
 
@@ -80,17 +80,24 @@ def draw_grid(
     >>> grid.bits.size == 4 * (2048 * 224 - 48 * 512)
     True
     """
+    for name, value in (("trial", trial), ("seed", seed)):
+        require(value >= 0, name, value, "0 or more")
     n_bits = bits_per_symbol(modulation)
     is_prs = prs_elements(system)
     n_data = is_prs.size - int(is_prs.sum())
-    stream = random_stream("data", trial, seed, modulation)
-    bits = stream.integers(0, 2, n_data * n_bits, dtype=np.uint8)
+    bits = _random_bits(n_data * n_bits, random_stream("data", trial, seed, modulation))
     # Symbols by subcarriers, so that one mask writes them in the standard's order.
     by_symbol = prs_symbols(system, n_id).T
     by_symbol[~is_prs.T] = modulate_bits(bits, modulation)
     for array in (by_symbol, is_prs, bits):
         array.setflags(write=False)
     return ResourceGrid(by_symbol.T, is_prs, bits, modulation)
+
+
+def _random_bits(n_bits: int, stream: np.random.Generator) -> NDArray[np.uint8]:
+    """Zeros and ones (n_bits,), eight of every random byte."""
+    packed = np.frombuffer(stream.bytes(-(-n_bits // 8)), dtype=np.uint8)
+    return np.unpackbits(packed, count=n_bits)
 
 
 def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
@@ -159,6 +166,6 @@ def prs_c_init(slot: NDArray[np.int64], symbol: NDArray[np.int64], n_id: int) ->
     >>> prs_c_init(np.array([0]), np.array([2]), n_id=0).tolist()
     [3072]
     """
-    require(0 <= n_id <= LARGEST_N_ID, "n_id", n_id, f"a whole number from 0 to {LARGEST_N_ID}")
+    require_n_id(n_id)
     high, low = divmod(n_id, 1024)
     return (2**22 * high + 2**10 * (SLOT_SYMBOLS * slot + symbol + 1) * (2 * low + 1) + low) % 2**31

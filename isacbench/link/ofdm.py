@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Layout", "demodulate", "layout", "modulate", "n_samples", "transmit_window"]
 
 WHOLE = 1e-9
-"""How far, as a fraction of the useful part, rounding of its ratio takes a prefix or suffix from whole samples."""
+"""Largest distance of a prefix or suffix from whole samples, as a fraction of the useful part: rounding."""
 
 CACHED_SAMPLES = 2**16
 """Samples transformed at a time: a mebibyte, which is copied to its place while it is in the cache."""

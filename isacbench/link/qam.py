@@ -91,9 +91,11 @@ def modulate_bits(bits: ArrayLike, modulation: Modulation) -> NDArray[np.complex
     if values.dtype.kind not in "biu" or (values.size and (values.min() < 0 or values.max() > 1)):
         raise InputError(f"bits of dtype {values.dtype}: allowed are the whole numbers 0 and 1")
     words = values.astype(np.uint8, copy=False).reshape(-1, n_bits)
-    index = np.zeros(len(words), dtype=np.intp)
+    # Eight bits at most: numbers of words fit into a byte.
+    index = np.zeros(len(words), dtype=np.uint8)
     for bit in words.T:
-        index = 2 * index + bit
+        index += index
+        index += bit
     return _constellation(n_bits)[index]
 
 
@@ -103,6 +105,7 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     Parameters
     ----------
     symbols : array_like of complex, any shape
+        Not NaN; infinite parts are nearest to the outermost levels.
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
 
     Returns
@@ -113,7 +116,7 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     Raises
     ------
     InputError
-        If there is no such modulation.
+        If there is no such modulation, or a symbol is NaN: it has no nearest.
 
     Examples
     --------
@@ -122,13 +125,15 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     """
     n_bits = bits_per_symbol(modulation)
     received = np.asarray(symbols, dtype=np.complex128).ravel()
-    labels, unit = _axis_labels(n_bits // 2), _unit(n_bits)
-    bits = np.empty((received.size, n_bits), dtype=np.uint8)
-    for axis, amplitude in enumerate((received.real, received.imag)):
+    if np.isnan(received).any():
+        raise InputError(f"symbols hold {int(np.isnan(received).sum())} NaN: allowed are numbers")
+    words = np.zeros(received.size, dtype=np.uint8)
+    for amplitude, share in zip((received.real, received.imag), _axis_words(n_bits), strict=True):
         # Levels are 2 units apart, the lowest at 1 - L.
-        level = np.rint((amplitude / unit + len(labels) - 1) / 2)
-        bits[:, axis::2] = labels[np.clip(level, 0, len(labels) - 1).astype(np.intp)]
-    return bits.ravel()
+        highest = len(share) - 1
+        level = np.rint(amplitude * (0.5 / _unit(n_bits)) + highest / 2)
+        words += share[np.clip(level, 0, highest, out=level).astype(np.uint8)]
+    return np.unpackbits(words[:, None], axis=1)[:, -n_bits:].ravel()
 
 
 def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
@@ -167,7 +172,8 @@ def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
     labels = _axis_labels(n_bits // 2).astype(np.int64)
     n_levels = len(labels)
     # Standard deviation along one axis, in units of half the distance of levels.
-    sigma = 10 ** (-np.asarray(snr_db, dtype=np.float64) / 20) / np.sqrt(2) / _unit(n_bits)
+    with np.errstate(over="ignore"):
+        sigma = 10 ** (-np.asarray(snr_db, dtype=np.float64) / 20) / np.sqrt(2) / _unit(n_bits)
     levels = 2.0 * np.arange(n_levels) + 1 - n_levels
     n_wrong = (labels[:, None, :] != labels[None, :, :]).sum(axis=2)
     rate = np.zeros(sigma.shape)
@@ -202,6 +208,16 @@ def _axis_labels(n_bits: int) -> NDArray[np.uint8]:
     labels = bits[np.argsort(_axis_levels(bits))].astype(np.uint8)
     labels.setflags(write=False)
     return labels
+
+
+@lru_cache
+def _axis_words(n_bits: int) -> NDArray[np.uint8]:
+    """What the levels (2, n_levels) of both axes add to the number that the bits of a symbol spell."""
+    labels = _axis_labels(n_bits // 2)
+    real = (labels * 2 ** np.arange(n_bits - 1, 0, -2, dtype=np.uint8)).sum(axis=1, dtype=np.uint8)
+    words = np.stack([real, real >> 1])
+    words.setflags(write=False)
+    return words
 
 
 def _axis_levels(bits: NDArray[Any]) -> NDArray[np.int64]:

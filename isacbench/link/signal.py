@@ -9,12 +9,13 @@ from isacbench.errors import require, unknown_name
 from isacbench.link.qam import Modulation, bits_per_symbol
 from isacbench.model.prs import Sensing
 
-__all__ = ["Division", "Signal"]
+__all__ = ["LARGEST_N_ID", "Division", "Signal", "require_n_id"]
 
 Division = Literal["reciprocal", "matched", "wiener"]
 """How what was received is divided by what was sent."""
 
 LARGEST_N_ID = 4095
+"""Largest identity of a PRS sequence (3GPP TS 38.211, 7.4.1.7.2)."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,7 @@ class Signal:
             raise unknown_name("sensing", self.sensing, get_args(Sensing))
         if self.division not in get_args(Division):
             raise unknown_name("division", self.division, get_args(Division))
-        allowed = type(self.n_id) is int and 0 <= self.n_id <= LARGEST_N_ID
-        require(allowed, "n_id", self.n_id, f"a whole number from 0 to {LARGEST_N_ID}")
+        require_n_id(self.n_id)
 
     @property
     def has_unit_modulus(self) -> bool:
@@ -64,3 +64,15 @@ class Signal:
     def is_plain(self) -> bool:
         """Whether division leaves echo and noise as the closed form has them: all elements, equal powers."""
         return self.sensing == "all" and self.has_unit_modulus
+
+
+def require_n_id(n_id: object) -> None:
+    """Refuse what is no identity of a PRS sequence.
+
+    Raises
+    ------
+    InputError
+        Naming it.
+    """
+    allowed = type(n_id) is int and 0 <= n_id <= LARGEST_N_ID
+    require(allowed, "n_id", n_id, f"a whole number from 0 to {LARGEST_N_ID}")
