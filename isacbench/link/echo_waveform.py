@@ -184,7 +184,7 @@ def observe_waveform(
     _warn_of_interference(scenario)
     if amplitude:
         noise = _noise_symbols(system, _noise_streams(scenario, elements, trial, seed))
-        symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=False))
+        symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=True))
     divided = (received / sent[:, None] for received, sent in zip(symbols, grid.symbols.T, strict=True))
     cells = _gate_cells(divided, simulator.gate, system, len(elements))
     return simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
@@ -227,7 +227,8 @@ def _warn_of_interference(scenario: Scenario) -> None:
         beyond_m = scenario.range_m.max() - limit_m
         warnings.warn(
             f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from "
-            f"up to {beyond_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic prefix; their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
+            f"up to {beyond_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic prefix; "
+            f"their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
             InputWarning,
             stacklevel=3,
         )
@@ -250,10 +251,10 @@ def _noise_symbols(system: System, streams: list[np.random.Generator]) -> Iterat
     def useful(stream: np.random.Generator) -> Complex:
         return white_gaussian(stream, (parts.n_symbol,))[parts.n_prefix :]
 
-    while True:
-        with ThreadPoolExecutor(available_cores()) as threads:
+    with ThreadPoolExecutor(available_cores()) as threads:
+        for _ in range(system.n_symbols):
             samples = np.stack(list(threads.map(useful, streams)))
-        yield scipy.fft.fft(samples, axis=1, norm="ortho", overwrite_x=True, workers=available_cores()).T
+            yield scipy.fft.fft(samples, axis=1, norm="ortho", overwrite_x=True, workers=available_cores()).T
 
 
 def _gate_cells(symbols: Iterable[Complex], gate: Gate, system: System, n_elements: int) -> Complex:

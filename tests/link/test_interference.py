@@ -1,4 +1,4 @@
-"""Interference in closed form, against the whole map from what is sent to what is received, and in the mean."""
+"""Interference in closed form, against the map from all that is sent to all received, and in the mean."""
 
 import numpy as np
 import pytest
