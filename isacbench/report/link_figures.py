@@ -127,8 +127,7 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
                 _draw_trade(axes, points, signal, modulation)
         axes.set_title(f"Image by {drawable(labels[variant])}")
         axes.set_xlabel("achievable bit rate [Gbit/s]")
-        axes.set_yscale("log")
-        _plain_ticks(axes)
+        _deviation_axis(axes, part)
         axes.grid(True)
     panels[0].set_ylabel("imaging deviation")
     return figure
@@ -172,12 +171,14 @@ def _draw_deviations(axes: Axes, part: pd.DataFrame) -> None:
         mean, half = rows["deviation_mean"], rows["deviation_band"]
         low = (mean - half).clip(lower=mean / 10)
         draw_line(axes, _signal_look(signal), rows["snr_db"], mean, low, mean + half, alpha=0.12)
+    _deviation_axis(axes, part)
+
+
+def _deviation_axis(axes: Axes, part: pd.DataFrame) -> None:
+    """Scale an axis for deviations, logarithmic with plain numbers, unless nothing was imaged."""
+    if not (part["deviation_mean"] > 0).any():
+        return
     axes.set_yscale("log")
-    _plain_ticks(axes)
-
-
-def _plain_ticks(axes: Axes) -> None:
-    """Write deviations of a logarithmic axis as plain numbers."""
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
