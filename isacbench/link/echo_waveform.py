@@ -145,7 +145,7 @@ def observe_waveform(
     *,
     n_id: int = 0,
 ) -> Observation:
-    """Observe a scenario through its waveform: modulated, reflected, demodulated and divided by what was sent.
+    """Observe a scenario through its waveform: modulated, reflected, demodulated and divided.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def observe_waveform(
     _warn_of_interference(scenario)
     if amplitude:
         noise = _noise_symbols(system, _noise_streams(scenario, elements, trial, seed))
-        symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=False))
+        symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=True))
     divided = (received / sent[:, None] for received, sent in zip(symbols, grid.symbols.T, strict=True))
     cells = _gate_cells(divided, simulator.gate, system, len(elements))
     return simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
@@ -224,10 +224,11 @@ def _warn_of_interference(scenario: Scenario) -> None:
     is_late = _is_late(scenario)
     if is_late.any():
         limit_m = scenario.system.isi_free_range_m
+        beyond_m = scenario.range_m.max() - limit_m
         warnings.warn(
-            f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from up to "
-            f"{scenario.range_m.max() - limit_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic "
-            f"prefix; their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
+            f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from "
+            f"up to {beyond_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic prefix; "
+            f"their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
             InputWarning,
             stacklevel=3,
         )
@@ -250,24 +251,25 @@ def _noise_symbols(system: System, streams: list[np.random.Generator]) -> Iterat
     def useful(stream: np.random.Generator) -> Complex:
         return white_gaussian(stream, (parts.n_symbol,))[parts.n_prefix :]
 
-    while True:
-        with ThreadPoolExecutor(available_cores()) as threads:
+    with ThreadPoolExecutor(available_cores()) as threads:
+        for _ in range(system.n_symbols):
             samples = np.stack(list(threads.map(useful, streams)))
-        yield scipy.fft.fft(samples, axis=1, norm="ortho", overwrite_x=True, workers=available_cores()).T
+            yield scipy.fft.fft(samples, axis=1, norm="ortho", overwrite_x=True, workers=available_cores()).T
 
 
 def _gate_cells(symbols: Iterable[Complex], gate: Gate, system: System, n_elements: int) -> Complex:
-    """Range-Doppler cells (n_range, n_doppler, E) of divided symbols (n_subcarriers, E), one after the other."""
+    """Range-Doppler cells (n_range, n_doppler, E) of divided symbols (n_subcarriers, E)."""
     along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
     at_range = _RangeBins(gate, system)
-    cells = np.zeros((*gate.shape, n_elements), dtype=np.complex128)
+    n_range, n_doppler = gate.shape
+    cells = np.zeros((n_doppler, n_range * n_elements), dtype=np.complex128)
     remaining = iter(symbols)
     first = 0
-    while together := [at_range(symbol) for symbol in islice(remaining, SYMBOLS_TOGETHER)]:
+    while together := [at_range(symbol).ravel() for symbol in islice(remaining, SYMBOLS_TOGETHER)]:
         last = first + len(together)
-        cells += along_doppler[:, first:last] @ np.stack(together, axis=1)
+        cells += along_doppler[:, first:last] @ np.stack(together)
         first = last
-    return cells
+    return np.ascontiguousarray(cells.reshape(n_doppler, n_range, n_elements).swapaxes(0, 1))
 
 
 class _RangeBins:

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from isacbench.link.qam import awgn_ber
-from isacbench.report.link_tables import receiver_labels, signal_label, signals_of_part
+from isacbench.report.link_tables import DIVISIONS, receiver_labels, signal_label, signals_of_part
 from isacbench.report.panels import draw_line, legend_lines, panel_grid
 from isacbench.report.style import BOUND_COLOUR, COLOURS, Look, drawable
 from isacbench.report.tables import estimator_labels
@@ -187,8 +187,17 @@ def _signal_look(signal: Signal) -> Look:
     sensing, modulation, division = signal
     if sensing == "prs":
         return PRS_LOOK
-    label = f"image, {division} division"
-    return Look(label, MODULATION_COLOURS[modulation], "o", DIVISION_LINES[division], is_bound=False)
+    return Look(
+        _division_label(division),
+        MODULATION_COLOURS[modulation],
+        "o",
+        DIVISION_LINES[division],
+        is_bound=False,
+    )
+
+
+def _division_label(division: str) -> str:
+    return f"image, {DIVISIONS.get(division, 'any')} division"
 
 
 def _receiver_looks(received: pd.DataFrame, colour: str = "0.4") -> list[Look]:
@@ -213,7 +222,7 @@ def _modulation_lines(modulations: Sequence[str]) -> list[Line2D]:
 def _sensing_lines(sensed: pd.DataFrame) -> list[Line2D]:
     """Lines of what is sensed with."""
     divisions = [one for one in dict.fromkeys(sensed["division"]) if one]
-    looks = [Look(f"image, {one} division", "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
+    looks = [Look(_division_label(one), "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
     return legend_lines([*looks, *([PRS_LOOK] if (sensed["sensing"] == "prs").any() else [])])
 
 

@@ -20,6 +20,7 @@ MODULATIONS_A_TABLE = 4
 Signal = tuple[str, str, str]
 """Sensing, modulation and division, empty where they do not matter."""
 
+DIVISIONS = {"reciprocal": "reciprocal", "matched": "matched", "wiener": "Wiener"}
 KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
 
 
@@ -47,7 +48,7 @@ def signal_label(signal: Signal) -> str:
     sensing, modulation, division = signal
     if sensing == "prs":
         return "PRS alone"
-    return modulation.upper() + (f", {division}" if division else "")
+    return modulation.upper() + (f", {DIVISIONS[division]}" if division else "")
 
 
 def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:

@@ -49,6 +49,16 @@ def test_an_echo_keeps_its_peak_and_noise_is_least_for_the_matched_division(modu
     assert division_weights(modulus * mask, "matched").noise_factor == pytest.approx(least, rel=1e-12)
 
 
+@given(moduli, st.lists(st.floats(0.01, 2.0), min_size=6, max_size=6), st.floats(-30, 30))
+@settings(max_examples=50, derandomize=True)
+def test_no_echo_weights_leave_less_noise_and_pedestal_together_than_wiener_division(sent, other, snr_db):
+    snr = 10 ** (snr_db / 10)
+    wiener = division_weights(sent, "wiener", snr_db)
+    echo = np.reshape(other, sent.shape) / np.mean(other)
+    least = wiener.noise_factor / snr + wiener.pedestal
+    assert least <= (np.mean((echo / sent) ** 2) / snr + np.var(echo)) * (1 + 1e-9)
+
+
 @pytest.mark.parametrize("division", DIVISIONS)
 def test_symbols_of_unit_modulus_are_divided_alike_and_without_a_trace(division):
     weights = division_weights(np.ones((4, 3)), division, 3.0)
