@@ -143,7 +143,7 @@ def shown_lags(delay: ArrayLike, parts: Layout, n_before: int = 0) -> tuple[Floa
     ([0.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 1.0])
     """
     late = np.asarray(delay, dtype=np.float64)
-    lowest = np.ceil((late - (parts.n_symbol - 1)) / parts.n_symbol)
+    lowest = np.ceil((late - (parts.n_symbol - 1)) / parts.n_symbol) + 0.0  # no -0
     highest = np.floor((late + parts.n_useful + parts.n_suffix + n_before) / parts.n_symbol)
     return lowest, highest
 

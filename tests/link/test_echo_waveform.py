@@ -1,5 +1,6 @@
 """The echo through its waveform is the closed form, up to what theory says of Doppler and of late echoes."""
 
+import dataclasses
 import warnings
 
 import numpy as np
@@ -17,6 +18,7 @@ from isacbench.link.echo_waveform import (
 from isacbench.link.grid import draw_grid
 from isacbench.link.interference import doppler_leakage, echo_interference, mean_inverse_power
 from isacbench.link.ofdm import demodulate
+from isacbench.link.propagation import received_symbols
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, resource_grid
 from isacbench.model.frame import get_frame
@@ -222,43 +224,33 @@ def test_the_street_through_its_waveform_is_imaged_as_in_closed_form():
         assert through_waveform == pytest.approx(in_closed_form, abs=0.1)
 
 
+def part_of(scenario, index, factor=1.0):
+    """Scenario of some of its scatterers, their amplitudes times a factor."""
+    scatterers = scenario.scatterers
+    some = Scatterers(
+        scatterers.xyz[index], scatterers.velocity[index], (scatterers.amplitude * factor)[index]
+    )
+    return dataclasses.replace(scenario, scatterers=some)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("modulation", ["qpsk", "256qam"])
-def test_doppler_within_symbols_of_the_street_is_as_weak_as_theory_has_it(modulation):
-    """The cells differ from the closed form by what fades, and by interference that is white over the map."""
+# Five times the spread that twelve frames showed: powers of 256-QAM differ much.
+@pytest.mark.parametrize(("modulation", "tolerance"), [("qpsk", 0.035), ("256qam", 0.14)])
+def test_doppler_within_symbols_of_the_street_is_as_weak_as_theory_has_it(modulation, tolerance):
     street = load_scenario("street")
     system, velocity = street.system, street.scatterers.velocity
+    grid = draw_grid(system, modulation)
+    symbols = received_symbols(grid.symbols, system, echo_paths(street, ELEMENTS))
+    divided = np.stack(list(symbols), axis=1) / grid.symbols[:, :, None]
     gain = echo_interference(system, street.range_m, velocity).useful_gain.real
-    faded = Scenario(
-        street.name,
-        system,
-        street.array,
-        street.frame,
-        street.base_station_m,
-        street.region,
-        Scatterers(street.scatterers.xyz, velocity, street.scatterers.amplitude * gain),
-    )
-    rest = observe_waveform(street, np.inf, modulation=modulation).cells - observe(faded, np.inf).cells
+    rest = divided - resource_grid(part_of(street, slice(None), gain), ELEMENTS)
     # Echoes of one speed leak together: what leaks is their sum on the resource grid.
-    elements = [(0, 0), (5, 9), (15, 15)]
-    expected = []
-    for speed in np.unique(velocity[velocity != 0]):
-        of_speed = velocity == speed
-        group = Scenario(
-            street.name,
-            system,
-            street.array,
-            street.frame,
-            street.base_station_m,
-            street.region,
-            Scatterers(
-                street.scatterers.xyz[of_speed], velocity[of_speed], street.scatterers.amplitude[of_speed]
-            ),
-        )
-        power = echo_interference(system, 0.0, speed).power
-        expected.append(power * np.mean(np.abs(resource_grid(group, elements)) ** 2, axis=(0, 1)))
-    is_prs = draw_grid(system, modulation).is_prs.mean()
-    inverse_power = is_prs + (1 - is_prs) * mean_inverse_power(modulation)
-    for k, (p, q) in enumerate(elements):
-        measured = np.mean(np.abs(rest[:, :, p, q]) ** 2)
-        assert measured == pytest.approx(inverse_power * sum(e[k] for e in expected), rel=0.15)
+    leaking = sum(
+        echo_interference(system, 0.0, speed).power
+        * np.mean(np.abs(resource_grid(part_of(street, velocity == speed), ELEMENTS)) ** 2, axis=(0, 1))
+        for speed in np.unique(velocity[velocity != 0])
+    )
+    prs_share = grid.is_prs.mean()
+    inverse_power = prs_share + (1 - prs_share) * mean_inverse_power(modulation)
+    measured = np.mean(np.abs(rest) ** 2, axis=(0, 1))
+    np.testing.assert_allclose(measured, inverse_power * leaking, rtol=tolerance)
