@@ -85,11 +85,11 @@ def image(
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
     if cube is None and transmitted is not None:
         raise InputError("--transmitted: allowed with --cube FILE, which it belongs to")
-    if cube is not None and (snr, trial, seed) != (None, None, None):
-        raise InputError("--snr, --trial and --seed: allowed without --cube, whose noise is recorded")
+    if cube is not None and (trial, seed, modulation) != (None, None, None):
+        raise InputError("--trial, --seed and --modulation: allowed without --cube, which is recorded")
+    if cube is not None and snr is not None and division != "wiener":
+        raise InputError("--snr: allowed with --cube where --division wiener takes it; the noise is recorded")
     signal = _given(sensing=sensing, modulation=modulation, division=division)
-    if cube is not None and signal:
-        raise InputError("--sensing, --modulation and --division: allowed without --cube, which is recorded")
     register(plugin)
     scene, imager = load_scenario(scenario), build_estimator(estimator)
     if cube is None:
@@ -97,8 +97,9 @@ def image(
         title = ", ".join([scene.name, estimator, f"{snr_db:g} dB", *signal.values()])
         observation = observe(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
-        title = f"{cube.name}, {scene.name}, {estimator}"
-        observation = observe_cube(cube, scene, transmitted)
+        title = ", ".join([cube.name, scene.name, estimator, *signal.values()])
+        known_snr_db = None if snr is None else _one_snr(snr)
+        observation = observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
     start = time.perf_counter()
     try:
         # Small batched algebra is slower on several threads, and much so where others use the cores.
