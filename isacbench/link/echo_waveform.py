@@ -27,6 +27,7 @@ from isacbench.model.echo import (
     Simulator,
     echo_parameters,
     element_responses,
+    is_dust,
     random_stream,
     white_gaussian,
 )
@@ -187,6 +188,8 @@ def observe_waveform(
         symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=True))
     divided = (received / sent[:, None] for received, sent in zip(symbols, grid.symbols.T, strict=True))
     cells = _gate_cells(divided, simulator.gate, system, len(elements))
+    if not amplitude and is_dust(cells, echo_parameters(scenario), np.sqrt(system.processing_gain)):
+        cells[:] = 0
     return simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
 
 

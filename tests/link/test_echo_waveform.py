@@ -171,6 +171,12 @@ def test_an_empty_scene_is_noise_of_one_unit_scatterer():
     assert np.mean(np.abs(cells) ** 2) == pytest.approx(1, rel=5 / np.sqrt(cells.size))
 
 
+@pytest.mark.parametrize("velocity_mps", [0.0, 17.0])
+def test_echoes_that_cancel_leave_nothing_to_image(velocity_mps):
+    scenario = scene([NEAR[0], NEAR[0]], velocity=velocity_mps, amplitude=[1.0, -1.0])
+    assert not observe_waveform(scenario, np.inf).cells.any()
+
+
 def test_delays_do_not_fold():
     system = System()
     range_m = system.unambiguous_range_m * 1.5
