@@ -116,13 +116,14 @@ def test_a_received_frame_is_divided_as_the_closed_form_has_it(small_street, sen
     echo = resource_grid(small_street, small_street.array.positions)
     received = (echo * grid[:, :, None]).reshape(*grid.shape, *shape)
     snr_db = 3.0 if division == "wiener" else None
-    cells = observe_cube(received, small_street, grid, sensing=sensing, division=division, snr_db=snr_db).cells
+    given = {"sensing": sensing, "division": division, "snr_db": snr_db}
+    cells = observe_cube(received, small_street, grid, **given).cells
     signal = Signal("64qam", sensing, division)
     expected = SignalSimulator(small_street, signal).echo_cells(3.0)
-    # Wiener division takes the power of this frame's symbols for the mean, the closed form the constellation's.
+    # Wiener division takes the mean power of this frame's symbols, the closed form that of the constellation.
     tolerance = 2e-3 if (sensing, division) == ("all", "wiener") else 1e-11
     np.testing.assert_allclose(cells, expected, atol=tolerance * np.abs(expected).max())
-    twice = observe_cube(received, small_street, 2 * grid, sensing=sensing, division=division, snr_db=snr_db)
+    twice = observe_cube(received, small_street, 2 * grid, **given)
     np.testing.assert_allclose(2 * twice.cells, cells, atol=1e-12 * np.abs(cells).max())
 
 
@@ -139,7 +140,7 @@ def test_of_the_prs_alone_nobody_knows_the_data(small_street, noisy_cube):
     ("given", "message"),
     [
         ({"division": "matched"}, "'matched' takes the transmitted grid, and there is none"),
-        ({"division": "wiener", "transmitted": np.ones((512, 56))}, "takes the SNR of the echo, snr_db = None"),
+        ({"division": "wiener", "transmitted": np.ones((512, 56))}, "takes the SNR of the echo"),
         ({"snr_db": 10.0}, "snr_db is allowed with division = 'wiener'"),
         ({"sensing": "some"}, "unknown sensing 'some'"),
         ({"division": "no"}, "unknown division 'no'"),
