@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from isacbench.errors import InputError
     from isacbench.metrics.score import score
     from isacbench.model.cloud import PointCloud
-    from isacbench.model.echo import observe
     from isacbench.model.observation import Observation
     from isacbench.model.scenario import Scenario, load_scenario
+    from isacbench.observing import observe
     from isacbench.registry import get_detector, get_estimator
 
 __version__ = "0.1.0"
@@ -51,7 +51,7 @@ _HOMES = {
     "get_detector": "isacbench.registry",
     "get_estimator": "isacbench.registry",
     "load_scenario": "isacbench.model.scenario",
-    "observe": "isacbench.model.echo",
+    "observe": "isacbench.observing",
     "observe_cube": "isacbench.cubes.observing",
     "run": "isacbench.bench.runner",
     "score": "isacbench.metrics.score",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
+from collections.abc import Mapping
 from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -24,6 +25,7 @@ __all__ = [
     "build_estimators_of",
     "canonical_params",
     "check_parameter",
+    "construct",
     "describe",
     "detector_names",
     "distribution",
@@ -160,8 +162,8 @@ def build_estimators_of(spec: str) -> list[tuple[str, AnyEstimator]]:
     return [(text, get_estimator(spec.name, **spec.params)) for text, spec in spec_variants(spec)]
 
 
-def canonical_params(plugin: AnyEstimator | Detector) -> str:
-    """Every parameter of an estimator or detector as canonical JSON.
+def canonical_params(plugin: object) -> str:
+    """Every parameter of an estimator, a detector or the like, a dataclass, as canonical JSON.
 
     Returns
     -------
@@ -236,7 +238,29 @@ def _build(kind: Kind, name: str, params: dict[str, Any]) -> Any:
         raise InputError(f"{kind} {name!r}: allowed is a bare name, parameters are given beside it")
     if name not in registered:
         raise unknown_name(kind, name, sorted(registered))
-    plugin = _load(registered[name])
+    return construct(kind, name, _load(registered[name]), params)
+
+
+def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]) -> Any:
+    """Instance of a dataclass with parameters that are checked against the types of its fields.
+
+    Parameters
+    ----------
+    kind, name : str
+        What it is, and what it is called, for messages.
+    plugin : type
+        A dataclass with a class attribute ``name``.
+    params : mapping of str to Any
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    InputError
+        If a parameter is unknown or missing, or a value is not allowed.
+    """
     hints = parameter_types(kind, plugin)
     for key in params:
         if key not in hints:
@@ -264,7 +288,7 @@ def required_fields(plugin: type[Any]) -> list[dataclasses.Field[Any]]:
     ]
 
 
-def parameter_types(kind: Kind, plugin: type[Any]) -> dict[str, Any]:
+def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
     """Types of a plugin's fields; `Detector` resolves even where it is imported for type checking only."""
     try:
         hints = get_type_hints(plugin, localns={"Detector": Detector}, include_extras=True)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from isacbench.bench.detection import DetectorStudy
 from isacbench.bench.efficiency import Efficiency
 from isacbench.bench.imaging import Imaging
+from isacbench.bench.link import Link
 from isacbench.bench.resolution import Resolution
 
 if TYPE_CHECKING:
@@ -20,4 +21,5 @@ STUDIES: dict[Kind, Study[Any]] = {
     "efficiency": Efficiency(),
     "resolution": Resolution(),
     "detection": DetectorStudy(),
+    "link": Link(),
 }

@@ -214,12 +214,16 @@ class ImagedScene:
     ----------
     suite : Suite
     scenario : Scenario
-        The scene, or what draws have in common; its name is the scene's.
+        The scene, or what draws have in common.
     contestants : sequence of Contestant
         Estimators.
     snr_db : sequence of float
+    name : str, optional
+        Of the scene, where one scenario makes several.
     draw : callable, optional
         Scenario of a trial.
+    simulator : callable, optional
+        What observes a scenario; by default with the whole grid.
     measure : callable, optional
         What to measure beside the scores.
     labels : mapping of str to Any
@@ -240,16 +244,19 @@ class ImagedScene:
         contestants: Sequence[Contestant[AnyEstimator]],
         snr_db: Sequence[float],
         *,
+        name: str | None = None,
         draw: Callable[[int], Scenario] | None = None,
+        simulator: Callable[[Scenario], Simulator] = Simulator,
         measure: Measure | None = None,
         labels: Mapping[str, Any] | None = None,
     ) -> None:
-        self.name = scenario.name
+        self.name = scenario.name if name is None else name
         self.snr_db = snr_db
         self.contestants = contestants
         self._suite = suite
         self.template = scenario
         self._draw = draw
+        self._observing = simulator
         self.measure = measure
         self.labels = labels or {}
         self._observed: tuple[int, Simulator] | None = None
@@ -298,7 +305,7 @@ class ImagedScene:
     def _simulator(self, trial: int) -> Simulator:
         """Simulator of a trial; the last one is kept, and what does not change with the trial."""
         if self._observed is None or (self._draw is not None and self._observed[0] != trial):
-            self._observed = trial, Simulator(self.drawn(trial))
+            self._observed = trial, self._observing(self.drawn(trial))
         return self._observed[1]
 
 

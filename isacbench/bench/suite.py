@@ -11,6 +11,9 @@ from pydantic_core import PydanticCustomError
 from isacbench.bench.maps import MapName
 from isacbench.bench.radio import DIMENSIONS, Dimension
 from isacbench.errors import InputError
+from isacbench.link.qam import Modulation
+from isacbench.link.signal import Division
+from isacbench.model.prs import Sensing
 from isacbench.tomlfile import builtin_names, describe_mistake, find_toml, read_toml
 
 if TYPE_CHECKING:
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DetectionSuite",
     "Kind",
+    "LinkSuite",
     "ResolutionSuite",
     "Suite",
     "find_suite",
@@ -39,7 +43,7 @@ MAX_NAME = 200
 MAX_SNR_DB = 300.0
 """Beyond it, of either sign, double precision holds the noise alone or the echo alone."""
 
-Kind = Literal["imaging", "efficiency", "resolution", "detection"]
+Kind = Literal["imaging", "efficiency", "resolution", "detection", "link"]
 
 Names = Annotated[tuple[str, ...], Field(min_length=1)]
 SnrDb = Annotated[float, Field(ge=-MAX_SNR_DB, le=MAX_SNR_DB)]
@@ -54,9 +58,9 @@ class Suite(BaseModel):
 
     Attributes
     ----------
-    kind : {"imaging", "efficiency", "resolution", "detection"}
-        What is made of the scenarios and measured; the last two are classes
-        of their own, with keys of their own.
+    kind : {"imaging", "efficiency", "resolution", "detection", "link"}
+        What is made of the scenarios and measured; the last three are
+        classes of their own, with keys of their own.
     name : str
     scenarios : tuple of str
         Names of built-in scenarios, or paths that end in ``.toml``.
@@ -201,13 +205,47 @@ class DetectionSuite(Suite):
         return _unrepeated(values)
 
 
+class LinkSuite(Suite):
+    """Suite of the kind ``link``.
+
+    Attributes
+    ----------
+    modulations : tuple of {"qpsk", "16qam", "64qam", "256qam"}
+        Of the data that is sent, received, and sensed with.
+    sensing : tuple of {"all", "prs"}
+        Resource elements that are sensed with.
+    divisions : tuple of {"reciprocal", "matched", "wiener"}
+        How the echo is divided by symbols of unequal power.
+    channels : tuple of str
+        Channels to the user as ``name[param=value,...]``: ``awgn``,
+        ``two_ray`` and ``tapped_delay``, see `isacbench.link.channel`.
+    receivers : tuple of str
+        Of the user, likewise: ``one_tap``, see `isacbench.bench.link.OneTap`.
+    """
+
+    KINDS: ClassVar[tuple[Kind, ...]] = ("link",)
+
+    kind: Kind = "link"
+    modulations: Annotated[tuple[Modulation, ...], Field(min_length=1)] = get_args(Modulation)
+    sensing: Annotated[tuple[Sensing, ...], Field(min_length=1)] = get_args(Sensing)
+    divisions: Annotated[tuple[Division, ...], Field(min_length=1)] = get_args(Division)
+    channels: tuple[str, ...] = ("awgn", "two_ray", "tapped_delay")
+    receivers: Annotated[tuple[str, ...], Field(min_length=1)] = ("one_tap[knowledge=perfect]", "one_tap")
+
+    @field_validator("modulations", "sensing", "divisions", "channels", "receivers")
+    @classmethod
+    def _refuse_repeated_signals(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Refuse a repeated entry, which would yield two scenes of one name."""
+        return _unrepeated(values)
+
+
 class _KindOnly(BaseModel):
     """The one key by which the others are told."""
 
     kind: Kind = "imaging"
 
 
-SUITES: tuple[type[Suite], ...] = (Suite, ResolutionSuite, DetectionSuite)
+SUITES: tuple[type[Suite], ...] = (Suite, ResolutionSuite, DetectionSuite, LinkSuite)
 
 
 def suite_names() -> list[str]:

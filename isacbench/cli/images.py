@@ -48,6 +48,19 @@ def image(
     ] = None,
     trial: Annotated[int | None, TRIAL] = None,
     seed: Annotated[int | None, SEED] = None,
+    sensing: Annotated[
+        str | None, typer.Option("--sensing", metavar="all|prs", help="Resource elements sensed with.")
+    ] = None,
+    modulation: Annotated[
+        str | None,
+        typer.Option("--modulation", metavar="qpsk|16qam|64qam|256qam", help="Of the data that are sent."),
+    ] = None,
+    division: Annotated[
+        str | None,
+        typer.Option(
+            "--division", metavar="reciprocal|matched|wiener", help="How the echo is divided by the symbols."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="cloud.csv|.ply|.mat|.npy", help="Write the cloud.")
     ] = None,
@@ -63,8 +76,8 @@ def image(
     from isacbench.cubes.observing import observe_cube
     from isacbench.metrics.score import score
     from isacbench.model.cloud_io import write_cloud
-    from isacbench.model.echo import observe
     from isacbench.model.scenario import load_scenario
+    from isacbench.observing import observe
     from isacbench.registry import build_estimator
     from isacbench.remarks import Remarks
 
@@ -72,17 +85,21 @@ def image(
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
     if cube is None and transmitted is not None:
         raise InputError("--transmitted: allowed with --cube FILE, which it belongs to")
-    if cube is not None and (snr, trial, seed) != (None, None, None):
-        raise InputError("--snr, --trial and --seed: allowed without --cube, whose noise is recorded")
+    if cube is not None and (trial, seed, modulation) != (None, None, None):
+        raise InputError("--trial, --seed and --modulation: allowed without --cube, which is recorded")
+    if cube is not None and snr is not None and division != "wiener":
+        raise InputError("--snr: allowed with --cube where --division wiener takes it; the noise is recorded")
+    signal = _given(sensing=sensing, modulation=modulation, division=division)
     register(plugin)
     scene, imager = load_scenario(scenario), build_estimator(estimator)
     if cube is None:
         snr_db = _one_snr(snr or DEFAULT_SNR)
-        title = f"{scene.name}, {estimator}, {snr_db:g} dB"
-        observation = observe(scene, snr_db, trial or 0, seed or 0)
+        title = ", ".join([scene.name, estimator, f"{snr_db:g} dB", *signal.values()])
+        observation = observe(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
-        title = f"{cube.name}, {scene.name}, {estimator}"
-        observation = observe_cube(cube, scene, transmitted)
+        title = ", ".join([cube.name, scene.name, estimator, *signal.values()])
+        known_snr_db = None if snr is None else _one_snr(snr)
+        observation = observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
     start = time.perf_counter()
     try:
         # Small batched algebra is slower on several threads, and much so where others use the cores.
@@ -186,6 +203,11 @@ def score(
         print_json(scores)
     else:
         print_scores(scores)
+
+
+def _given(**options: str | None) -> dict[str, Any]:
+    """Options that were given."""
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _dtype(precision: str) -> np.dtype[Any]:

@@ -30,9 +30,13 @@ if TYPE_CHECKING:
     from isacbench.model.scene import Scenario
 
 __all__ = [
+    "EchoParameters",
     "Simulator",
     "central_phase",
     "clean_echo",
+    "echo_parameters",
+    "element_responses",
+    "is_dust",
     "observe",
     "random_stream",
     "resource_grid",
@@ -53,8 +57,18 @@ MOST_PRODUCTS = 2**24
 
 
 @dataclass(frozen=True, eq=False)
-class _EchoParameters:
-    """What the radio sees of every scatterer: gain, fractional bins, direction cosines."""
+class EchoParameters:
+    """What the radio sees of every scatterer.
+
+    Attributes
+    ----------
+    gain : ndarray of complex128, shape (K,)
+        Amplitude, and phase with that of the carrier.
+    range_bin, doppler_bin : ndarray of float64, shape (K,)
+        Fractional, folded into the map.
+    u, w : ndarray of float64, shape (K,)
+        Direction cosines.
+    """
 
     gain: Complex
     range_bin: NDArray[np.float64]
@@ -63,7 +77,17 @@ class _EchoParameters:
     w: NDArray[np.float64]
 
 
-def _echo_parameters(scenario: Scenario) -> _EchoParameters:
+def echo_parameters(scenario: Scenario) -> EchoParameters:
+    """Gain, fractional bins and direction cosines of every echo.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    EchoParameters
+    """
     system, scatterers = scenario.system, scenario.scatterers
     offset_m = scatterers.xyz - scenario.base_station_m
     range_m = np.linalg.norm(offset_m, axis=1)
@@ -75,7 +99,7 @@ def _echo_parameters(scenario: Scenario) -> _EchoParameters:
     range_bin = np.mod(range_m / system.range_bin_m, system.n_subcarriers)
     doppler_bin = scatterers.velocity / system.velocity_bin_mps
     doppler_bin = doppler_bin - system.n_symbols * np.rint(doppler_bin / system.n_symbols)
-    return _EchoParameters(gain, range_bin, doppler_bin, u, w)
+    return EchoParameters(gain, range_bin, doppler_bin, u, w)
 
 
 def central_phase(scenario: Scenario) -> NDArray[np.float64]:
@@ -93,7 +117,7 @@ def central_phase(scenario: Scenario) -> NDArray[np.float64]:
     ndarray of float64, shape (n,)
         In radians, from -π to π.
     """
-    echo = _echo_parameters(scenario)
+    echo = echo_parameters(scenario)
     system, (n_p, n_q) = scenario.system, scenario.array.shape
     turns = (system.n_symbols - 1) / system.n_symbols * echo.doppler_bin
     turns -= (system.n_subcarriers - 1) / system.n_subcarriers * echo.range_bin
@@ -114,14 +138,14 @@ def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
     -------
     ndarray of complex128, shape (n_range, n_doppler, P, Q)
     """
-    echo = _echo_parameters(scenario)
+    echo = echo_parameters(scenario)
     system = scenario.system
     along_range = dirichlet(gate.range_bins, echo.range_bin, system.n_subcarriers)
     along_doppler = dirichlet(gate.doppler_bins, echo.doppler_bin, system.n_symbols).conj()
     n_p, n_q = scenario.array.shape
-    directions = _directions(echo, scenario.array.positions)
+    directions = element_responses(echo, scenario.array.positions)
     cells = _superposed(along_range * echo.gain, along_doppler, directions, echo.doppler_bin)
-    if _is_dust(cells, echo, np.sqrt(system.processing_gain)):
+    if is_dust(cells, echo, np.sqrt(system.processing_gain)):
         cells[:] = 0
     return cells.reshape(*gate.shape, n_p, n_q)
 
@@ -141,23 +165,33 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
     -------
     ndarray of complex128, shape (n_subcarriers, n_symbols, e)
     """
-    echo = _echo_parameters(scenario)
+    echo = echo_parameters(scenario)
     system = scenario.system
     n = np.arange(system.n_subcarriers)[subcarriers, None]
     m = np.arange(system.n_symbols)[:, None]
     delay = np.exp(-2j * np.pi * n * echo.range_bin / system.n_subcarriers)
     doppler = np.exp(2j * np.pi * m * echo.doppler_bin / system.n_symbols)
-    grid = _superposed(delay * echo.gain, doppler, _directions(echo, elements), echo.doppler_bin)
-    if _is_dust(grid, echo, 1.0):
+    grid = _superposed(delay * echo.gain, doppler, element_responses(echo, elements), echo.doppler_bin)
+    if is_dust(grid, echo, 1.0):
         grid[:] = 0
     return grid
 
 
-def _is_dust(values: Complex, echo: _EchoParameters, largest: float) -> bool:
-    """Whether superposed echoes (a, b, e) are nothing but the rounding of echoes that cancel.
+def is_dust(values: Complex, echo: EchoParameters, largest: float) -> bool:
+    """Whether superposed echoes are nothing but the rounding of echoes that cancel.
 
-    `largest` is the largest value of a unit echo. Without noise an estimator
-    sees nothing else, and would image it.
+    Without noise an estimator sees nothing else, and would image it.
+
+    Parameters
+    ----------
+    values : ndarray of complex128, shape (a, b, e)
+    echo : EchoParameters
+    largest : float
+        Largest value of a unit echo.
+
+    Returns
+    -------
+    bool
     """
     rounding = DUST * np.finfo(np.float64).eps * largest * float(np.abs(echo.gain).sum())
     # Mostly the first element tells, at little cost.
@@ -165,8 +199,19 @@ def _is_dust(values: Complex, echo: _EchoParameters, largest: float) -> bool:
     return all(float(np.abs(part).max(initial=0)) <= rounding for part in parts)
 
 
-def _directions(echo: _EchoParameters, elements: ArrayLike) -> Complex:
-    """Responses (K, e) of elements (p, q) to every echo."""
+def element_responses(echo: EchoParameters, elements: ArrayLike) -> Complex:
+    """Responses of elements of the virtual array to every echo.
+
+    Parameters
+    ----------
+    echo : EchoParameters
+    elements : array_like of int, shape (e, 2)
+        Places (p, q) in the virtual array.
+
+    Returns
+    -------
+    ndarray of complex128, shape (K, e)
+    """
     p, q = np.asarray(elements).T
     directions: Complex = np.exp(-1j * np.pi * (np.outer(echo.u, p) + np.outer(echo.w, q)))
     return directions
@@ -334,6 +379,10 @@ class Simulator:
             cells += self.clean
         else:
             cells = self.clean.copy()
+        return self.observation(cells)
+
+    def observation(self, cells: Complex) -> Observation:
+        """Wrap cells (n_range, n_doppler, P, Q), read-only from now on, with what is known beside them."""
         cells.setflags(write=False)
         scenario = self.scenario
         return Observation(

@@ -132,8 +132,9 @@ class Scenario:
 
     Notes
     -----
-    Echoes are those of endless subcarriers: one from beyond the cyclic prefix
-    is simulated without the interference between symbols that it would bring.
+    In closed form echoes are those of endless subcarriers: one from beyond the
+    cyclic prefix comes without the interference between symbols that it brings
+    to `isacbench.link.echo_waveform.observe_waveform`.
     One from beyond the unambiguous range or speed folds back, as theory has it.
     """
 
@@ -203,16 +204,21 @@ class Scenario:
             )
 
     def _warn_of_interference(self) -> None:
-        range_m = np.linalg.norm(self.scatterers.xyz - self.base_station_m, axis=1)
-        n_late = int(np.sum(range_m > self.system.isi_free_range_m))
+        n_late = int(np.sum(self.range_m > self.system.isi_free_range_m))
         if n_late:
             warnings.warn(
-                f"scenario {self.name}: {n_late} of {range_m.size} scatterers lie beyond "
+                f"scenario {self.name}: {n_late} of {self.range_m.size} scatterers lie beyond "
                 f"{self.system.isi_free_range_m:.1f} m, up to which the cyclic prefix keeps symbols apart; "
-                "the interference that their echoes would bring is not simulated",
+                "the interference that their echoes bring is no part of the closed form",
                 InputWarning,
                 stacklevel=4,
             )
+
+    @property
+    def range_m(self) -> NDArray[np.float64]:
+        """Distances (n,) of the scatterers from the base station."""
+        range_m: NDArray[np.float64] = np.linalg.norm(self.scatterers.xyz - self.base_station_m, axis=1)
+        return range_m
 
     @property
     def truth(self) -> PointCloud:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from isacbench.bench import detection, efficiency, resolution
+from isacbench.bench import detection, efficiency, link, resolution
 from isacbench.bench.maps import MAPS
 from isacbench.bench.record import POINT_COLUMNS, Results
 from isacbench.bench.store import read_results
@@ -18,6 +18,7 @@ from isacbench.model.echo import Simulator
 from isacbench.registry import build_estimators_of, canonical_params
 from isacbench.report.clouds import Image, draw_clouds, draw_comparison
 from isacbench.report.curves import draw_deviations, draw_scores
+from isacbench.report.link_figures import draw_link, draw_trade
 from isacbench.report.maps import draw_map
 from isacbench.report.pareto import summarise_points, timed_rows
 from isacbench.report.pareto_figures import draw_pareto, draw_stages
@@ -85,9 +86,9 @@ def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
         the estimators are many, and of the 16 best alone where they are
         more; where the time counts ``pareto-*.png`` and, where stages were
         timed, ``stages-*.png``. Of a study, for each scenario that it has:
-        ``efficiency-*.png``; ``resolution-*.png``; or ``maps.png`` and
-        ``roc.png``, and ``detection-*.png``. Nothing where the run holds no
-        cells.
+        ``efficiency-*.png``; ``resolution-*.png``; ``maps.png`` and
+        ``roc.png``, and ``detection-*.png``; or ``link-*.png`` and
+        ``trade-*.png``. Nothing where the run holds no cells.
 
     Raises
     ------
@@ -238,11 +239,23 @@ def _detection(results: Results) -> Iterator[Named]:
         yield f"detection-{stem}", draw_detection(summary[summary["scenario"] == scenario])
 
 
+def _link(results: Results) -> Iterator[Named]:
+    """Bit errors beside deviations of every scenario, and the trade between the two."""
+    summary = link.summarise(results.records)
+    templates = [name for name in summary["template"].unique() if name]
+    for template, stem in file_stems(templates).items():
+        yield f"link-{stem}", draw_link(summary, template)
+        trade = draw_trade(summary, template)
+        if trade is not None:
+            yield f"trade-{stem}", trade
+
+
 FIGURES: dict[Kind, Callable[[Results], Iterator[Named]]] = {
     "imaging": _imaging,
     "efficiency": _efficiency,
     "resolution": _resolution,
     "detection": _detection,
+    "link": _link,
 }
 
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 
-from isacbench.bench import detection, efficiency, resolution
+from isacbench.bench import detection, efficiency, link, resolution
 from isacbench.bench.csv_table import without_formulas
 from isacbench.bench.folder import cannot_be_written, replacing
-from isacbench.report import budgets, pareto, study_tables, tables
+from isacbench.report import budgets, link_tables, pareto, study_tables, tables
 from isacbench.report.stage_tables import is_timed, stage_grids, summarise_stages
 from isacbench.report.tables import Grid, markdown
 
@@ -34,6 +34,7 @@ TABLES: dict[Kind, Tables] = {
     "efficiency": Tables(efficiency.summarise, study_tables.efficiency_grids),
     "resolution": Tables(resolution.summarise, study_tables.resolution_grids),
     "detection": Tables(detection.summarise, study_tables.detection_grids),
+    "link": Tables(link.summarise, link_tables.link_grids),
 }
 
 ALL_TIMED = {"stages": Tables(summarise_stages, stage_grids)}
@@ -48,6 +49,7 @@ TIMED_TABLES: dict[Kind, dict[str, Tables]] = {
     "efficiency": ALL_TIMED,
     "resolution": ALL_TIMED,
     "detection": ALL_TIMED,
+    "link": ALL_TIMED,
 }
 """What is made beside the summary where any row is timed, by the stem of its files."""
 
@@ -67,7 +69,7 @@ def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") ->
         times go where no row is timed any more.
     records : DataFrame
         Rows of the run.
-    kind : {"imaging", "efficiency", "resolution", "detection"}
+    kind : {"imaging", "efficiency", "resolution", "detection", "link"}
         Of its suite.
 
     Returns

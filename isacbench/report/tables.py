@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -47,6 +47,7 @@ CONFIDENCE = 0.95
 ESTIMATORS_A_TABLE = 4
 LONGEST_LABEL = 24
 
+Item = TypeVar("Item")
 Variant = tuple[str, str]
 """Name and canonical parameters of an estimator."""
 
@@ -185,9 +186,9 @@ def _stacked(name: str) -> str:
     return "\n".join([label, *below])
 
 
-def batched(variants: Iterable[Variant], n: int) -> list[list[Variant]]:
+def batched(items: Iterable[Item], n: int) -> list[list[Item]]:
     """Cut a list into parts of at most `n`."""
-    listed = list(variants)
+    listed = list(items)
     return [listed[start : start + n] for start in range(0, len(listed), n)]
 
 

@@ -1,0 +1,222 @@
+"""The user's estimate of the channel: what the PRS tells about every resource element.
+
+Four PRS symbols in turn touch every subcarrier. What they say, one number a
+subcarrier, is noisy; a channel whose paths arrive within the prefix can only
+be a sum of few responses. Projecting on these, the first discrete prolate
+spheroidal sequences, loses nothing of the channel and most of the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eigh_tridiagonal, matmul_toeplitz
+
+from isacbench.errors import InputError, require
+from isacbench.link.channel import isi_free_delay_s
+from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.model.numerology import System
+
+__all__ = ["PrsEstimator", "prs_estimator"]
+
+LEAST_CONCENTRATION = 1e-10
+"""Share of a basis response's energy that is within the prefix, from which it belongs to the basis."""
+
+MOST_BESIDES = 48
+"""Basis responses over one a delay bin: ln(n_subcarriers) of them have a share between all and nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class PrsEstimator:
+    """Least-squares estimator of the channel from the PRS.
+
+    The response along frequency is a sum of `basis`; along time each subcarrier
+    follows a polynomial through the bursts of PRS.
+
+    Attributes
+    ----------
+    basis : ndarray of complex128, shape (n_subcarriers, n_basis)
+        Orthonormal responses of paths that arrive within the prefix.
+    bursts : tuple of ndarray of int64
+        Symbols of each burst; every subcarrier carries PRS in some of them.
+    is_prs : ndarray of bool, shape (n_subcarriers, n_symbols)
+    along_time : ndarray of float64, shape (n_symbols, n_bursts)
+        How much of each burst's estimate is in that of a symbol.
+    """
+
+    basis: NDArray[np.complex128]
+    bursts: tuple[NDArray[np.int64], ...]
+    is_prs: NDArray[np.bool_]
+    along_time: NDArray[np.float64]
+
+    @property
+    def noise_gain(self) -> float:
+        """Power of the estimate's error over the noise power, mean over the grid.
+
+        n_basis / n_prs, where the PRS touches all subcarriers equally often
+        and the channel is taken as constant.
+        """
+        leverage = np.sum(np.abs(self.basis) ** 2, axis=1)
+        of_burst = [np.mean(leverage / self._count(burst)) for burst in self.bursts]
+        return float(np.mean(self.along_time**2 @ of_burst))
+
+    def estimate(
+        self, received: NDArray[np.complex128], sent: NDArray[np.complex128]
+    ) -> NDArray[np.complex128]:
+        """Estimate the channel.
+
+        Parameters
+        ----------
+        received, sent : ndarray of complex128, shape (n_subcarriers, n_symbols)
+            Of the elements that do not carry PRS nothing is read.
+
+        Returns
+        -------
+        ndarray of complex128, shape (n_subcarriers, n_symbols)
+            Read-only, the subcarriers of a symbol side by side. Of a channel
+            taken as constant all symbols share the memory of one.
+        """
+        raw = np.stack([self._raw(received, sent, burst) for burst in self.bursts])
+        if self.is_constant:
+            smooth = self._projected(self.along_time[:1] @ raw)
+            return np.broadcast_to(smooth, self.is_prs.T.shape).T
+        by_symbol: NDArray[np.complex128] = self.along_time @ self._projected(raw)
+        by_symbol.setflags(write=False)
+        return by_symbol.T
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether all symbols have the same estimate."""
+        return bool(np.all(self.along_time == self.along_time[0]))
+
+    def _count(self, burst: NDArray[np.int64]) -> NDArray[np.int64]:
+        """PRS elements (n_subcarriers,) of a burst."""
+        count: NDArray[np.int64] = self.is_prs[:, burst].sum(axis=1)
+        return count
+
+    def _raw(
+        self, received: NDArray[np.complex128], sent: NDArray[np.complex128], burst: NDArray[np.int64]
+    ) -> NDArray[np.complex128]:
+        """Least squares (n_subcarriers,) of every subcarrier for itself; the PRS has unit power."""
+        products = received[:, burst] * sent[:, burst].conj()
+        total: NDArray[np.complex128] = np.sum(products, axis=1, where=self.is_prs[:, burst])
+        return total / self._count(burst)
+
+    def _projected(self, responses: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Nearest sums of the basis to responses (n, n_subcarriers)."""
+        if self.basis.shape[0] == self.basis.shape[1]:
+            return responses
+        projected: NDArray[np.complex128] = (responses @ self.basis.conj()) @ self.basis.T
+        return projected
+
+
+@lru_cache(maxsize=8)
+def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
+    """Channel estimator of a frame.
+
+    Parameters
+    ----------
+    system : System
+    time_order : int
+        Order of the polynomial that the channel follows in time: 0 where it
+        is constant during the frame. Each further order costs noise.
+
+    Returns
+    -------
+    PrsEstimator
+
+    Raises
+    ------
+    InputError
+        If the frame has no PRS that touches every subcarrier, or fewer bursts
+        of it than the order needs.
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> estimator = prs_estimator(System(n_subcarriers=64))
+    >>> len(estimator.bursts)
+    4
+    """
+    is_prs = prs_elements(system)
+    bursts = _bursts(is_prs)
+    if not bursts:
+        raise InputError(
+            f"n_symbols = {system.n_symbols}: too few for the channel to be estimated from the PRS, which "
+            "touches every subcarrier in symbols 2 to 5 of a slot; allowed are 6 and more"
+        )
+    allowed = type(time_order) is int and 0 <= time_order < len(bursts)
+    limits = f"a whole number below {len(bursts)}, the bursts of PRS in {system.n_symbols} symbols"
+    require(allowed, "time_order", time_order, limits)
+    basis = _basis(system.n_subcarriers, isi_free_delay_s(system) * system.bandwidth_hz)
+    return PrsEstimator(basis, bursts, is_prs, _along_time(system.n_symbols, bursts, time_order))
+
+
+def _bursts(is_prs: NDArray[np.bool_]) -> tuple[NDArray[np.int64], ...]:
+    """Symbols of the slots in which PRS touches every subcarrier."""
+    symbols = np.flatnonzero(is_prs.any(axis=0))
+    slots = symbols // SLOT_SYMBOLS
+    bursts = [symbols[slots == slot] for slot in np.unique(slots)]
+    return tuple(burst for burst in bursts if is_prs[:, burst].any(axis=1).all())
+
+
+def _along_time(n_symbols: int, bursts: tuple[NDArray[np.int64], ...], order: int) -> NDArray[np.float64]:
+    """Least-squares polynomials: weights (n_symbols, n_bursts) of the bursts in every symbol."""
+    if order == 0:
+        return np.full((n_symbols, len(bursts)), 1 / len(bursts))
+    middle = np.array([burst.mean() for burst in bursts])
+    # Times from -1 to 1, for the sake of digits.
+    at_bursts, at_symbols = (
+        np.polynomial.chebyshev.chebvander(2 * time / max(n_symbols - 1, 1) - 1, order)
+        for time in (middle, np.arange(n_symbols))
+    )
+    weights: NDArray[np.float64] = at_symbols @ np.linalg.pinv(at_bursts)
+    return weights
+
+
+@lru_cache(maxsize=4)
+def _basis(n_subcarriers: int, latest: float) -> NDArray[np.complex128]:
+    """Orthonormal basis (n_subcarriers, n_basis) of the responses of delays from 0 to the latest, in bins.
+
+    There are about as many of them as delay bins, and a few more for what paths
+    between bins and at the limits leave beyond.
+    """
+    width = max(latest, 1.0)
+    if width >= n_subcarriers:
+        return np.eye(n_subcarriers, dtype=np.complex128)
+    n_most = min(int(np.ceil(width)) + MOST_BESIDES, n_subcarriers)
+    sequences, concentration = _prolate_sequences(n_subcarriers, width / n_subcarriers, n_most)
+    kept = sequences[:, concentration >= LEAST_CONCENTRATION]
+    # The sequences are symmetric about delay 0, the prefix about half of its length.
+    turn = np.exp(-1j * np.pi * latest / n_subcarriers * np.arange(n_subcarriers))
+    basis: NDArray[np.complex128] = kept * turn[:, None]
+    basis.setflags(write=False)
+    return basis
+
+
+def _prolate_sequences(
+    n: int, bandwidth: float, n_sequences: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Discrete prolate spheroidal sequences (n, n_sequences), and how much of each is within the bandwidth.
+
+    They are orthonormal, the most concentrated first. Slepian's tridiagonal
+    matrix has them as eigenvectors, far apart where their concentrations are
+    next to each other (Bell Syst. Tech. J. 57, 1978).
+
+    `scipy.signal.windows.dpss` has them too, but fails for few subcarriers.
+    """
+    index = np.arange(n)
+    diagonal = ((n - 1 - 2 * index) / 2) ** 2 * np.cos(np.pi * bandwidth)
+    beside = index[1:] * (n - index[1:]) / 2
+    _, ascending = eigh_tridiagonal(diagonal, beside, select="i", select_range=(n - n_sequences, n - 1))
+    sequences: NDArray[np.float64] = ascending[:, ::-1].astype(np.float64, copy=False)
+    within = bandwidth * np.sinc(bandwidth * index)
+    concentration: NDArray[np.float64] = np.sum(sequences * matmul_toeplitz(within, sequences), axis=0)
+    return sequences, concentration
