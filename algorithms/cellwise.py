@@ -331,7 +331,7 @@ class CellwiseEstimator(ABC):
         aperture = self.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
         exponent = amplitude_exponent(cells)
-        gated = GatedMap(in_unit(cells, exponent), observation.gate, aperture)
+        gated = GatedMap.of(observation, in_unit(cells, exponent), aperture)
         maps = {
             dtype: gated.astype(dtype)
             for dtype in {self.dtype_in(stage) for stage in ("detection", "directions", "selection")}

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.kernels import dirichlet_slopes
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.numerology import System
@@ -108,8 +109,10 @@ class AtomMap:
         Apertures referred to their middle, the array in its bases.
     range_bins, doppler_bins : ndarray of float64
         Bins of the first two axes.
-    n_subcarriers, n_symbols : int
-        Lengths of the transforms that the bins come from.
+    n_subcarriers : int
+        Length of the transform that the range bins come from.
+    bursts : SymbolBursts
+        What the Doppler bins come from.
     bases : (ndarray of float64, ndarray of float64), shapes (P, n_u) and (Q, n_w)
         Orthonormal, of the real steering vectors along u and w.
     """
@@ -118,7 +121,7 @@ class AtomMap:
     range_bins: Floats
     doppler_bins: Floats
     n_subcarriers: int
-    n_symbols: int
+    bursts: SymbolBursts
     bases: tuple[Floats, Floats]
 
     @classmethod
@@ -149,7 +152,8 @@ class AtomMap:
         into_u, into_w = (basis.T @ _mirror_transform(len(basis)) for basis in bases)
         cells = into_u @ (gated.cells @ into_w.T)
         cells *= np.multiply.outer(along_range, along_doppler)[:, :, None, None]
-        return cls(cells, rows.astype(np.float64), columns.astype(np.float64), n_c, n_s, bases)
+        bursts = gated.doppler_kernel(n_s)
+        return cls(cells, rows.astype(np.float64), columns.astype(np.float64), n_c, bursts, bases)
 
     @property
     def array_shape(self) -> tuple[int, int]:
@@ -165,7 +169,7 @@ class AtomMap:
     @property
     def periods(self) -> Floats:
         """Rayleigh cells along each coordinate after which an atom is the same but for its sign, (4,)."""
-        return np.array([self.n_subcarriers, self.n_symbols, *self.array_shape], dtype=np.float64)
+        return np.array([self.n_subcarriers, self.bursts.n_symbols, *self.array_shape], dtype=np.float64)
 
     def line(self, places: Floats, axis: int) -> Line:
         """Factors of atoms along one coordinate.
@@ -183,8 +187,10 @@ class AtomMap:
         """
         if axis < 2:
             bins = (self.range_bins, self.doppler_bins)[axis]
-            length = (self.n_subcarriers, self.n_symbols)[axis]
-            value, slope, curvature = dirichlet_slopes(bins - places[:, None], length)
+            distance = bins - places[:, None]
+            value, slope, curvature = (
+                dirichlet_slopes(distance, self.n_subcarriers) if axis == 0 else self.bursts.slopes(distance)
+            )
             return Line(value, -slope, curvature)
         basis = self.bases[axis - 2]
         return Line(*(factor @ basis for factor in _real_steering(len(basis), places)))
