@@ -306,7 +306,7 @@ class Nomp4d:
             weak = fit.power < np.maximum(least, self._weakest(strongest_around(places, fit, atom_map.bursts)))
             weak |= np.any(np.abs(places[:, 2:] * atom_map.cell_size[2:]) > 1, axis=1)
             if not weak.any():
-                weak, places = redundant(fit, noise * atom_map.bursts.redundancy)
+                weak, places = redundant(fit, noise)
             atoms = _Atoms(places, atoms.origins).select(~weak)
             if not len(atoms.places):
                 return atoms, None

@@ -258,7 +258,7 @@ def explain_map(scatterers: Scatterers, gated: GatedMap, system: System, noise: 
     if _most_unexplained(scatterers, fit, gated, system) > HOPELESS * noise:
         return None
     while True:
-        drop, places = redundant(fit, noise * atom_map.bursts.redundancy)
+        drop, places = redundant(fit, noise)
         is_delicate = fit.delicate
         scatterers = scatterers.select(~drop)
         if not len(scatterers):

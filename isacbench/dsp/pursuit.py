@@ -145,7 +145,7 @@ class BeamSpace:
             np.arange(np.floor(lower / step), np.ceil(upper / step) + 1) / BEAMS_A_CELL
             for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:] / BEAMS_A_CELL, strict=True)
         )
-        towards_u, towards_w = atom_map.line(u, 2).value, atom_map.line(w, 3).value
+        towards_u, towards_w = atom_map.bin_gain * atom_map.line(u, 2).value, atom_map.line(w, 3).value
         reach = _around(gate.reachable_range), _around(gate.reachable_doppler)
         beams = towards_u @ (atom_map.cells[reach] @ towards_w.T)
         n_independent = float(np.count_nonzero(gate.reachable))
@@ -165,7 +165,7 @@ class BeamSpace:
             return self.beams
         atom_map, n = self.atom_map, len(fit)
         along_range, along_doppler, along_u, along_w = (line.value for line in atom_map.lines(fit.places))
-        towards_u = along_u @ atom_map.line(self.u, 2).value.T
+        towards_u = along_u @ (atom_map.bin_gain * atom_map.line(self.u, 2).value.T)
         towards_w = along_w @ atom_map.line(self.w, 3).value.T
         along_range, along_doppler = along_range[:, self.reach[0]].T, along_doppler[:, self.reach[1]]
         directions = (towards_u[:, :, None] * towards_w[:, None, :]).reshape(n, 1, -1)
@@ -359,7 +359,7 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
         return np.concatenate([strongest_around(part, fit, bursts) for part in parts])
     distance = places[:, None, :] - fit.places
     along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
-    near = (along_range < NEIGHBOURHOOD_BINS) & (bursts.to_lobe(along_doppler) < NEIGHBOURHOOD_BINS)
+    near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
     share = np.where(near, 1.0, sidelobe_envelope(distance, bursts) ** 2)
     itself = near & (along_range == 0) & (along_doppler == 0)
     itself[itself] = (distance[itself] == 0).all(axis=1)
