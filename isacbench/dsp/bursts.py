@@ -75,6 +75,11 @@ class SymbolBursts:
         """Doppler bins for every sensed symbol: so many bins hold the same noise."""
         return self.n_symbols / (self.n_bursts * self.length)
 
+    @property
+    def lobe_period(self) -> float:
+        """Doppler bins from an echo to its grating lobes; of a single burst infinite."""
+        return self.n_symbols / self.spacing if self.n_bursts > 1 else np.inf
+
     def centred(self, cells: Complex, doppler_bins: ArrayLike) -> Complex:
         """Cells as though the middle of the bursts were that of the frame.
 

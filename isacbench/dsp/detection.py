@@ -147,7 +147,7 @@ def white_noise(gated: GatedMap) -> float:
         Doppler, which keeps the sidelobes of strong echoes out of them. Where
         there are none, the median power of the map.
     """
-    seen = gated.tapered("hann", "rect") if gated.sees_lobes else gated.tapered("rect", "hann")
+    seen = gated.tapered("hann" if gated.sees_lobes else "rect", gated.doppler_taper("hann"))
     power = power_map(seen.cells, "noncoherent")[0]
     noise = reference_noise(power, seen.gate, seen.sees_lobes)
     return float(np.median(power)) if noise is None else noise

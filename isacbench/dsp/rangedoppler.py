@@ -120,6 +120,15 @@ class GatedMap:
         """Kernel of an echo along Doppler, in a frame of so many symbols."""
         return whole_frame(n_symbols) if self.bursts is None else self.bursts
 
+    def doppler_taper(self, window: Window) -> Window:
+        """Window along Doppler to use for one that suits a whole frame.
+
+        Of bursts none: between one grating lobe and the next there are no
+        sidelobes that a taper would lower, and it widens all lobes until they
+        meet.
+        """
+        return "rect" if self.sees_lobes else window
+
     def astype(self, dtype: type[np.complexfloating[Any, Any]]) -> GatedMap:
         """Map in another precision; itself where it has that already."""
         if self.cells.dtype == dtype:
