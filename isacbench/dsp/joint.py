@@ -182,54 +182,52 @@ def select_jointly(
             amplitude = _fit(matched, response, member)
         residual = np.abs(matched - response @ amplitude)
     chosen = replace(scatterers, power=np.abs(amplitude) ** 2).select(member)
-    return _at_best_lobes(chosen, gated, system) if gated.sees_lobes else chosen
+    if len(chosen) and np.isfinite(gated.doppler_kernel(system.n_symbols).lobe_period):
+        return _at_best_lobes(chosen, gated, system)
+    return chosen
 
 
 def _at_best_lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
-    """Scatterers in those of their grating lobes where the map, less all others' echoes, shows them most.
+    """Scatterers at those of their grating lobes where the map, less all others' echoes, shows them most.
 
-    One that joins before others has their sidelobes in it, and lobes that
-    differ by less than these.
+    What joins before others has their sidelobes in it, and grating lobes differ
+    by less than these.
     """
-    n, lobes = len(scatterers), _lobes(scatterers, gated, system)
-    own = np.tile(np.arange(n), len(lobes) // max(n, 1))
+    lobes, owner = _lobes(scatterers, gated, system)
+    n, everywhere = len(scatterers), np.arange(len(lobes))
     patches = _read_patches(lobes, gated)
     matched, response = _matched_filters(patches, _kernels(lobes, patches, gated, system))
-    reachable = _is_reachable(lobes, gated)
     current = np.arange(n)
     for _ in range(MAX_ROUNDS):
-        square = response[np.ix_(current, current)]
-        amplitude = np.linalg.solve(square + LOADING * np.eye(n), matched[current])
-        others = matched - response[:, current] @ amplitude + response[np.arange(len(lobes)), current[own]] * amplitude[own]
-        shown = np.where(reachable, np.abs(others), 0).reshape(-1, n)
-        best = shown.argmax(axis=0) * n + np.arange(n)
-        gain = shown.max(axis=0) - shown[current // n, np.arange(n)]
-        moves = (gain > TIE * shown.max(axis=0)) & _wins(gain, np.abs(square) > COMPETING_RESPONSE)
+        member = np.isin(everywhere, current)
+        amplitude = _fit(matched, response, member)
+        mine = current[owner]
+        shown = np.abs(matched - response @ amplitude + response[everywhere, mine] * amplitude[mine])
+        best = np.lexsort([-shown, owner])[np.searchsorted(np.sort(owner), np.arange(n))]
+        gain = shown[best] - shown[current]
+        likeness = np.abs(response[np.ix_(current, current)])
+        moves = (gain > TIE * shown[current]) & _wins(gain, likeness > COMPETING_RESPONSE)
         if not moves.any():
             break
         current = np.where(moves, best, current)
-    amplitude = np.linalg.solve(response[np.ix_(current, current)] + LOADING * np.eye(n), matched[current])
-    return replace(lobes.select(current), power=np.abs(amplitude) ** 2)
+    amplitude = _fit(matched, response, np.isin(everywhere, current))
+    return replace(lobes.select(current), power=np.abs(amplitude[current]) ** 2)
 
 
-def _lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
-    """Scatterers as they are, and behind them at all their grating lobes within the gate."""
-    period = gated.doppler_kernel(system.n_symbols).lobe_period
-    n_lobes = int(np.ptp(gated.gate.doppler_bins) / period)
-    steps = [0, *(sign * k for k in range(1, n_lobes + 1) for sign in (-1, 1))]
-    lobes = scatterers
-    for step in steps[1:]:
-        lobes = lobes.join(replace(scatterers, doppler_bin=scatterers.doppler_bin + step * period))
-    return lobes
-
-
-def _is_reachable(scatterers: Scatterers, gated: GatedMap) -> NDArray[np.bool_]:
-    """Which scatterers lie within a bin of the region's speeds."""
-    bins, reach = gated.gate.doppler_bins, gated.gate.reachable_doppler
-    reachable: NDArray[np.bool_] = (scatterers.doppler_bin >= bins[reach.start] - 1) & (
-        scatterers.doppler_bin <= bins[reach.stop - 1] + 1
-    )
-    return reachable
+def _lobes(
+    scatterers: Scatterers, gated: GatedMap, system: System
+) -> tuple[Scatterers, NDArray[np.int64]]:
+    """Scatterers, and behind them their grating lobes at speeds of the region; of which each one is."""
+    period, bins = gated.doppler_kernel(system.n_symbols).lobe_period, gated.gate.doppler_bins
+    reach, n = gated.gate.reachable_doppler, len(scatterers)
+    slowest, fastest = bins[reach.start] - 0.5, bins[reach.stop - 1] + 0.5
+    n_lobes = int((fastest - slowest) / period)
+    steps = np.repeat(np.r_[0, -n_lobes:0, 1 : n_lobes + 1], n)
+    owner = np.tile(np.arange(n), 2 * n_lobes + 1)
+    doppler_bin = scatterers.doppler_bin[owner] + np.where(steps == 0, 0.0, steps) * period
+    exists = (steps == 0) | ((doppler_bin >= slowest) & (doppler_bin <= fastest))
+    lobes = replace(scatterers.select(owner), doppler_bin=doppler_bin)
+    return lobes.select(exists), owner[exists]
 
 
 def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
