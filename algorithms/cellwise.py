@@ -262,12 +262,12 @@ class CellwiseEstimator(ABC):
         """
         maps = self._read(observation)
         detected = self._detect(maps.detection)
-        seen = maps.detection.tapered(DETECTION_WINDOW, DETECTION_WINDOW).gate
+        seen = _for_detection(maps.detection).gate
         cell = detected.strongest_cell(seen)
         spectra: tuple[Spectrum, ...] = ()
         separated = None
         look = self.looks()[-1]
-        tapered = maps.directions.tapered(look.range_window, look.doppler_window, neighbours=1)
+        tapered = _looked_at(maps.directions, look)
         if cell is not None and tapered.surrounds(bins := (np.array([cell[0]]), np.array([cell[1]]))).all():
             snapshots = _snapshots(tapered, bins, look.range_cells)
             with Remarks() as remarks:
@@ -331,7 +331,7 @@ class CellwiseEstimator(ABC):
         aperture = self.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
         exponent = amplitude_exponent(cells)
-        gated = GatedMap(in_unit(cells, exponent), observation.gate, aperture)
+        gated = GatedMap.of(observation, in_unit(cells, exponent), aperture)
         maps = {
             dtype: gated.astype(dtype)
             for dtype in {self.dtype_in(stage) for stage in ("detection", "directions", "selection")}
@@ -344,7 +344,7 @@ class CellwiseEstimator(ABC):
         )
 
     def _detect(self, gated: GatedMap) -> DetectedCells:
-        seen = gated.tapered(DETECTION_WINDOW, DETECTION_WINDOW)
+        seen = _for_detection(gated)
         return detect_cells(seen, self.cell_detector(), self.integration, self.dynamic_range_db)
 
     def _candidates(
@@ -358,7 +358,7 @@ class CellwiseEstimator(ABC):
         first_family: int,
     ) -> Scatterers:
         """Scatterers that the cells show in one look."""
-        tapered = gated.tapered(look.range_window, look.doppler_window, neighbours=1)
+        tapered = _looked_at(gated, look)
         # Cells at the map's edge are detected only where the gate has no room for margins.
         inside = tapered.surrounds(detected)
         bins = detected[0][inside], detected[1][inside]
@@ -371,7 +371,7 @@ class CellwiseEstimator(ABC):
             waves,
             tapered,
             bins,
-            (look.range_window, look.doppler_window),
+            (look.range_window, gated.doppler_taper(look.doppler_window)),
             OWN_CELL_EXCESS,
             self.local_dynamic_range_db,
             first_family,
@@ -383,6 +383,16 @@ class CellwiseEstimator(ABC):
 def middle(snapshots: Snapshots) -> Snapshots:
     """Snapshots (n, *elements) of the cells themselves, out of those (n, s, *elements) with neighbours."""
     return snapshots[:, snapshots.shape[1] // 2]
+
+
+def _for_detection(gated: GatedMap) -> GatedMap:
+    """Map behind the windows that cells are detected with."""
+    return gated.tapered(DETECTION_WINDOW, gated.doppler_taper(DETECTION_WINDOW))
+
+
+def _looked_at(gated: GatedMap, look: Look) -> GatedMap:
+    """Map behind the windows of a look."""
+    return gated.tapered(look.range_window, gated.doppler_taper(look.doppler_window), neighbours=1)
 
 
 def _levels(maps: _Maps, detected: DetectedCells) -> Levels:

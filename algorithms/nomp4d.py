@@ -48,6 +48,7 @@ from numpy.typing import NDArray
 from isacbench.contracts import Needs
 from isacbench.dsp.atomfit import AtomFit, refine_atoms, refit_atoms
 from isacbench.dsp.atoms import N_COORDINATES, AtomMap
+from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.detection import white_noise
 from isacbench.dsp.pursuit import (
     BeamSpace,
@@ -205,7 +206,7 @@ class Nomp4d:
         """
         with stage("rdm"):
             exponent = amplitude_exponent(observation.cells)
-            gated = GatedMap(in_unit(observation.cells, exponent), observation.gate)
+            gated = GatedMap.of(observation, in_unit(observation.cells, exponent))
             atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
         with stage("detection"):
             noise = white_noise(gated)
@@ -269,10 +270,12 @@ class Nomp4d:
         places, gain = space.peaks(residual, level)
         eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
         if fit is not None:
-            eligible &= gain > self._weakest(strongest_around(places, fit))
+            eligible &= gain > self._weakest(strongest_around(places, fit, space.atom_map.bursts))
         order = descending(gain)
         movable = eligible[order]
-        clear = _clear_of_sidelobes(places, gain, order[movable], order[~movable][:MOST_LEFT])
+        bursts = space.atom_map.bursts
+        left = _no_images(places, gain, order[movable], order[~movable], bursts)[:MOST_LEFT]
+        clear = _clear_of_sidelobes(places, gain, order[movable], left, bursts)
         places, gain = places[clear], gain[clear]
         n_new = len(places)
         offsets = np.zeros_like(places)
@@ -284,7 +287,7 @@ class Nomp4d:
             offsets = np.concatenate([offsets, splits.offsets])
             gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
         room = max(self.max_scatterers - (0 if fit is None else len(fit)), 0)
-        chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map.periods, room)
+        chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map, room)
         split = chosen[chosen >= n_new]
         return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 
@@ -300,7 +303,7 @@ class Nomp4d:
         fit = refit_atoms(atom_map, fit, everyone, boxed)
         while True:
             places = fit.places
-            weak = fit.power < np.maximum(least, self._weakest(strongest_around(places, fit)))
+            weak = fit.power < np.maximum(least, self._weakest(strongest_around(places, fit, atom_map.bursts)))
             weak |= np.any(np.abs(places[:, 2:] * atom_map.cell_size[2:]) > 1, axis=1)
             if not weak.any():
                 weak, places = redundant(fit, noise)
@@ -339,7 +342,11 @@ def _released(
 
 
 def _clear_of_sidelobes(
-    places: Floats, gain: Floats, candidates: NDArray[np.int64], left: NDArray[np.int64]
+    places: Floats,
+    gain: Floats,
+    candidates: NDArray[np.int64],
+    left: NDArray[np.int64],
+    bursts: SymbolBursts,
 ) -> NDArray[np.int64]:
     """Candidates, by descending gain, that are no sidelobes of the peaks that no move explains and that stay.
 
@@ -350,10 +357,26 @@ def _clear_of_sidelobes(
     for part in np.split(candidates, range(LOOKED_AT, len(candidates), LOOKED_AT)):
         if part.size and gain[part[0]] < best * 10 ** (-ROUND_RANGE_DB / 10):
             break
-        part = part[gain[part] >= sidelobe_energy(places[part], places[left], gain[left])]
+        part = part[gain[part] >= sidelobe_energy(places[part], places[left], gain[left], bursts)]
         best = max(best, float(gain[part].max(initial=0)))
         clear.append(part)
     return np.concatenate(clear)
+
+
+def _no_images(
+    places: Floats,
+    gain: Floats,
+    candidates: NDArray[np.int64],
+    left: NDArray[np.int64],
+    bursts: SymbolBursts,
+) -> NDArray[np.int64]:
+    """Of the peaks that stay those that are no grating lobes of the best candidate moves."""
+    if bursts.is_whole_frame:
+        return left
+    left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
+    distance = places[left][:, None] - places[best]
+    lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
+    return left[gain[left] > lobes]
 
 
 def _near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
@@ -378,7 +401,7 @@ def _mostly_unexplained(space: BeamSpace, residual: Complex, least: float) -> bo
 
 
 def _choose(
-    places: Floats, gain: Floats, is_new: NDArray[np.bool_], periods: Floats, room: int
+    places: Floats, gain: Floats, is_new: NDArray[np.bool_], atom_map: AtomMap, room: int
 ) -> NDArray[np.int64]:
     """Indices of at most `room` moves of a round: the best, apart, and no sidelobe of a better one."""
     if not gain.max(initial=0) > 0:
@@ -393,8 +416,8 @@ def _choose(
     while candidates.size and len(chosen) < room:
         move, candidates, along = int(candidates[0]), candidates[1:], along[:, 1:]
         chosen.append(move)
-        distance = unwrapped(along.T, places[move], periods) - places[move]
-        sidelobes = sidelobes[1:] + sidelobe_envelope(distance) * amplitude[move]
+        distance = unwrapped(along.T, places[move], atom_map.periods) - places[move]
+        sidelobes = sidelobes[1:] + sidelobe_envelope(distance, atom_map.bursts) * amplitude[move]
         kept = (np.abs(distance) >= APART_CELLS).any(axis=1)
         kept &= ~is_new[candidates] | (amplitude[candidates] >= sidelobes)
         candidates, along, sidelobes = candidates[kept], along[:, kept], sidelobes[kept]

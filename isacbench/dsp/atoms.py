@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.kernels import dirichlet_slopes
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.numerology import System
@@ -105,11 +106,14 @@ class AtomMap:
     Attributes
     ----------
     cells : ndarray of complex128, shape (n_range, n_doppler, n_u, n_w)
-        Apertures referred to their middle, the array in its bases.
+        Apertures referred to their middle, the array in its bases; over
+        `bin_gain`, so that noise is white in what the atoms span.
     range_bins, doppler_bins : ndarray of float64
         Bins of the first two axes.
-    n_subcarriers, n_symbols : int
-        Lengths of the transforms that the bins come from.
+    n_subcarriers : int
+        Length of the transform that the range bins come from.
+    bursts : SymbolBursts
+        What the Doppler bins come from.
     bases : (ndarray of float64, ndarray of float64), shapes (P, n_u) and (Q, n_w)
         Orthonormal, of the real steering vectors along u and w.
     """
@@ -118,7 +122,7 @@ class AtomMap:
     range_bins: Floats
     doppler_bins: Floats
     n_subcarriers: int
-    n_symbols: int
+    bursts: SymbolBursts
     bases: tuple[Floats, Floats]
 
     @classmethod
@@ -142,19 +146,29 @@ class AtomMap:
         n_c, n_s = system.n_subcarriers, system.n_symbols
         rows, columns = gated.gate.range_bins, gated.gate.doppler_bins
         along_range = np.exp(-1j * np.pi * (n_c - 1) / n_c * rows)
-        along_doppler = np.exp(1j * np.pi * (n_s - 1) / n_s * columns)
+        bursts = gated.doppler_kernel(n_s)
+        along_doppler = np.exp(1j * np.pi * (n_s - 1) / n_s * columns) / np.sqrt(bursts.redundancy)
         n_p, n_q = gated.cells.shape[2:]
         limits = (None, None) if cosine_limits is None else cosine_limits
         bases = _steering_basis(n_p, limits[0]), _steering_basis(n_q, limits[1])
         into_u, into_w = (basis.T @ _mirror_transform(len(basis)) for basis in bases)
         cells = into_u @ (gated.cells @ into_w.T)
         cells *= np.multiply.outer(along_range, along_doppler)[:, :, None, None]
-        return cls(cells, rows.astype(np.float64), columns.astype(np.float64), n_c, n_s, bases)
+        return cls(cells, rows.astype(np.float64), columns.astype(np.float64), n_c, bursts, bases)
 
     @property
     def array_shape(self) -> tuple[int, int]:
         """Virtual elements (P, Q)."""
         return len(self.bases[0]), len(self.bases[1])
+
+    @property
+    def bin_gain(self) -> float:
+        """Amplitude of an atom's matched filter over what the cell holds that the atom peaks in.
+
+        1 of a whole frame. Where Doppler bins outnumber the symbols, an atom's
+        energy is spread over several of them.
+        """
+        return float(np.sqrt(self.bursts.redundancy))
 
     @property
     def cell_size(self) -> Floats:
@@ -165,7 +179,7 @@ class AtomMap:
     @property
     def periods(self) -> Floats:
         """Rayleigh cells along each coordinate after which an atom is the same but for its sign, (4,)."""
-        return np.array([self.n_subcarriers, self.n_symbols, *self.array_shape], dtype=np.float64)
+        return np.array([self.n_subcarriers, self.bursts.n_symbols, *self.array_shape], dtype=np.float64)
 
     def line(self, places: Floats, axis: int) -> Line:
         """Factors of atoms along one coordinate.
@@ -183,11 +197,18 @@ class AtomMap:
         """
         if axis < 2:
             bins = (self.range_bins, self.doppler_bins)[axis]
-            length = (self.n_subcarriers, self.n_symbols)[axis]
-            value, slope, curvature = dirichlet_slopes(bins - places[:, None], length)
+            value, slope, curvature = self._slopes(bins - places[:, None], axis)
             return Line(value, -slope, curvature)
         basis = self.bases[axis - 2]
         return Line(*(factor @ basis for factor in _real_steering(len(basis), places)))
+
+    def _slopes(self, distance: Floats, axis: int) -> tuple[Floats, Floats, Floats]:
+        """Kernel along range or Doppler, of unit energy over all bins, and its first two derivatives."""
+        if axis == 0:
+            return dirichlet_slopes(distance, self.n_subcarriers)
+        value, slope, curvature = self.bursts.slopes(distance)
+        scale = 1 / self.bin_gain
+        return scale * value, scale * slope, scale * curvature
 
     def lines(self, places: Floats) -> Lines:
         """Factors of atoms along range, Doppler, u and w.

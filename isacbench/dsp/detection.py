@@ -107,25 +107,30 @@ def power_map(
     return np.einsum("rde,rde->rd", parts, parts) / n_looks, n_looks
 
 
-def reference_noise(power: NDArray[np.float64], gate: Gate) -> float | None:
-    """Noise power in Doppler bins that no speed of the region reaches.
+def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = False) -> float | None:
+    """Noise power in Doppler bins that no speed of the region reaches, or in range bins that no range reaches.
 
     Parameters
     ----------
     power : ndarray of float64, shape (n_range, n_doppler)
     gate : Gate
         Bins of the map.
+    sees_lobes : bool, default False
+        Whether every echo shows along all Doppler bins, in grating lobes: it
+        is then range that leaves noise alone.
 
     Returns
     -------
     float or None
-        Median over those bins of their mean over range, so that a mover
-        beyond the region's speeds does not count as noise; None where the
-        gate has no such bins.
+        Median over those bins of their mean over the others' axis, so that a
+        mover beyond the region's speeds does not count as noise; None where
+        the gate has no such bins.
     """
-    reach = gate.reachable_doppler
-    outside = np.r_[0 : max(reach.start - CLEAR_BINS, 0), reach.stop + CLEAR_BINS : gate.doppler_bins.size]
-    return float(np.median(power[:, outside].mean(axis=0))) if outside.size else None
+    axis = 0 if sees_lobes else 1
+    reach = gate.reachable_range if sees_lobes else gate.reachable_doppler
+    outside = np.r_[0 : max(reach.start - CLEAR_BINS, 0), reach.stop + CLEAR_BINS : power.shape[axis]]
+    clear = power[outside] if sees_lobes else power[:, outside]
+    return float(np.median(clear.mean(axis=1 - axis))) if outside.size else None
 
 
 def white_noise(gated: GatedMap) -> float:
@@ -142,9 +147,9 @@ def white_noise(gated: GatedMap) -> float:
         Doppler, which keeps the sidelobes of strong echoes out of them. Where
         there are none, the median power of the map.
     """
-    seen = gated.tapered("rect", "hann")
+    seen = gated.tapered("hann" if gated.sees_lobes else "rect", gated.doppler_taper("hann"))
     power = power_map(seen.cells, "noncoherent")[0]
-    noise = reference_noise(power, seen.gate)
+    noise = reference_noise(power, seen.gate, seen.sees_lobes)
     return float(np.median(power)) if noise is None else noise
 
 
@@ -199,7 +204,7 @@ def detect_cells(
     """
     gate = gated.gate
     power, looks = power_map(gated.cells, integration)
-    noise = reference_noise(power, gate)
+    noise = reference_noise(power, gate, gated.sees_lobes)
     if noise is None:
         noise = float(np.median(detector.detect(power, looks).noise))
     strongest = np.sort(power[gate.reachable])[-PEAK_CELLS:].mean()

@@ -11,19 +11,22 @@ one column and one row of the array are read, those of u and w add instead.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.dsp.atomfit import AtomFit, refine_atoms, settle_atoms
 from isacbench.dsp.atoms import AtomMap
+from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.kernels import dirichlet
 from isacbench.dsp.pursuit import redundant
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import Scatterers
-from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["explain_map", "refine_jointly", "select_jointly"]
 
@@ -155,9 +158,9 @@ def select_jointly(
     if not len(scatterers):
         return scatterers
     patches = _read_patches(scatterers, gated)
-    matched, response = _matched_filters(patches, _kernels(scatterers, patches, gated.gate, system))
+    matched, response = _matched_filters(patches, _kernels(scatterers, patches, gated, system))
     likeness = np.where(_known_apart(scatterers), 0, np.abs(response))
-    nearby = _nearby(scatterers)
+    nearby = _nearby(scatterers, gated.doppler_kernel(system.n_symbols))
     weakest = 10 ** (-dynamic_range_db / 20)
     member = np.arange(len(scatterers)) < n_members
     amplitude = _fit(matched, response, member)
@@ -178,7 +181,53 @@ def select_jointly(
             member &= ~leaves
             amplitude = _fit(matched, response, member)
         residual = np.abs(matched - response @ amplitude)
-    return replace(scatterers, power=np.abs(amplitude) ** 2).select(member)
+    chosen = replace(scatterers, power=np.abs(amplitude) ** 2).select(member)
+    if len(chosen) and np.isfinite(gated.doppler_kernel(system.n_symbols).lobe_period):
+        return _at_best_lobes(chosen, gated, system)
+    return chosen
+
+
+def _at_best_lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
+    """Scatterers at those of their grating lobes where the map, less all others' echoes, shows them most.
+
+    What joins before others has their sidelobes in it, and grating lobes differ
+    by less than these.
+    """
+    lobes, owner = _lobes(scatterers, gated, system)
+    n, everywhere = len(scatterers), np.arange(len(lobes))
+    patches = _read_patches(lobes, gated)
+    matched, response = _matched_filters(patches, _kernels(lobes, patches, gated, system))
+    current = np.arange(n)
+    for _ in range(MAX_ROUNDS):
+        member = np.isin(everywhere, current)
+        amplitude = _fit(matched, response, member)
+        mine = current[owner]
+        shown = np.abs(matched - response @ amplitude + response[everywhere, mine] * amplitude[mine])
+        best = np.lexsort([-shown, owner])[np.searchsorted(np.sort(owner), np.arange(n))]
+        gain = shown[best] - shown[current]
+        likeness = np.abs(response[np.ix_(current, current)])
+        moves = (gain > TIE * shown[current]) & _wins(gain, likeness > COMPETING_RESPONSE)
+        if not moves.any():
+            break
+        current = np.where(moves, best, current)
+    amplitude = _fit(matched, response, np.isin(everywhere, current))
+    return replace(lobes.select(current), power=np.abs(amplitude[current]) ** 2)
+
+
+def _lobes(
+    scatterers: Scatterers, gated: GatedMap, system: System
+) -> tuple[Scatterers, NDArray[np.int64]]:
+    """Scatterers, and behind them their grating lobes at speeds of the region; of which each one is."""
+    period, bins = gated.doppler_kernel(system.n_symbols).lobe_period, gated.gate.doppler_bins
+    reach, n = gated.gate.reachable_doppler, len(scatterers)
+    slowest, fastest = bins[reach.start] - 0.5, bins[reach.stop - 1] + 0.5
+    n_lobes = int((fastest - slowest) / period)
+    steps = np.repeat(np.r_[0, -n_lobes:0, 1 : n_lobes + 1], n)
+    owner = np.tile(np.arange(n), 2 * n_lobes + 1)
+    doppler_bin = scatterers.doppler_bin[owner] + np.where(steps == 0, 0.0, steps) * period
+    exists = (steps == 0) | ((doppler_bin >= slowest) & (doppler_bin <= fastest))
+    lobes = replace(scatterers.select(owner), doppler_bin=doppler_bin)
+    return lobes.select(exists), owner[exists]
 
 
 def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
@@ -210,16 +259,16 @@ def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> S
     patches = _read_patches(scatterers, gated)
     refined = scatterers
     everyone = np.ones(len(scatterers), dtype=np.bool_)
-    kernels = _kernels(refined, patches, gated.gate, system)
+    kernels = _kernels(refined, patches, gated, system)
     amplitude = _fit(*_matched_filters(patches, kernels), everyone)
     for _ in range(REFINEMENTS):
-        range_step, doppler_step = _gauss_newton(refined, amplitude, patches, kernels, gated.gate, system)
+        range_step, doppler_step = _gauss_newton(refined, amplitude, patches, kernels, gated, system)
         refined = replace(
             refined,
             range_bin=_limited(refined.range_bin + range_step, scatterers.range_bin),
             doppler_bin=_limited(refined.doppler_bin + doppler_step, scatterers.doppler_bin),
         )
-        kernels = _kernels(refined, patches, gated.gate, system)
+        kernels = _kernels(refined, patches, gated, system)
         amplitude = _fit(*_matched_filters(patches, kernels), everyone)
     return replace(refined, power=np.abs(amplitude) ** 2)
 
@@ -285,7 +334,7 @@ def _most_unexplained(scatterers: Scatterers, fit: AtomFit, gated: GatedMap, sys
 def _unexplained(scatterers: Scatterers, gated: GatedMap, system: System) -> Floats:
     """Mean power per element (n,) that the map holds beside all echoes, around each scatterer."""
     patches = _read_patches(scatterers, gated)
-    kernels = _kernels(scatterers, patches, gated.gate, system)
+    kernels = _kernels(scatterers, patches, gated, system)
     everyone = np.ones(len(scatterers), dtype=np.bool_)
     # What a loaded fit leaves of echoes 76 dB above the noise would count as unexplained.
     amplitude = _fit(*_matched_filters(patches, kernels), everyone, LEAST_LOADING)
@@ -322,9 +371,10 @@ def _around(places: Floats, bins: NDArray[np.int64], n_side: int) -> NDArray[np.
     return around
 
 
-def _kernels(scatterers: Scatterers, patches: _Patches, gate: Gate, system: System) -> _Kernels:
+def _kernels(scatterers: Scatterers, patches: _Patches, gated: GatedMap, system: System) -> _Kernels:
+    gate, doppler = gated.gate, gated.doppler_kernel(system.n_symbols)
     along_range = dirichlet(gate.range_bins, scatterers.range_bin, system.n_subcarriers)
-    along_doppler = dirichlet(gate.doppler_bins, scatterers.doppler_bin, system.n_symbols).conj()
+    along_doppler = doppler.response(gate.doppler_bins, scatterers.doppler_bin)
     return _Kernels(
         along_range[patches.rows] / np.sqrt(system.n_subcarriers),
         along_doppler[patches.columns] / np.sqrt(system.n_symbols),
@@ -345,11 +395,11 @@ def _matched_filters(patches: _Patches, kernels: _Kernels) -> tuple[Complex, Com
     return matched / own, response / own[:, None]
 
 
-def _nearby(scatterers: Scatterers) -> NDArray[np.bool_]:
+def _nearby(scatterers: Scatterers, doppler: SymbolBursts) -> NDArray[np.bool_]:
     """Pairs (n, n) close enough in range and Doppler to be held against each other."""
     range_bin, doppler_bin = scatterers.range_bin, scatterers.doppler_bin
     near: NDArray[np.bool_] = (np.abs(range_bin[:, None] - range_bin) < NEIGHBOURHOOD_BINS) & (
-        np.abs(doppler_bin[:, None] - doppler_bin) < NEIGHBOURHOOD_BINS
+        doppler.to_lobe(np.abs(doppler_bin[:, None] - doppler_bin)) < NEIGHBOURHOOD_BINS
     )
     return near
 
@@ -384,7 +434,7 @@ def _gauss_newton(
     amplitude: Complex,
     patches: _Patches,
     kernels: _Kernels,
-    gate: Gate,
+    gated: GatedMap,
     system: System,
 ) -> tuple[Floats, Floats]:
     """Steps (n,) in range and Doppler bins, each scatterer's amplitude free, all others held."""
@@ -394,7 +444,7 @@ def _gauss_newton(
     others = _echoes(kernels, shares)
     own_range, own_doppler = kernels.own_range, kernels.own_doppler
     echo = own_range[:, :, None] * own_doppler[:, None, :]
-    range_slope, doppler_slope = _own_slopes(scatterers, patches, gate, system)
+    range_slope, doppler_slope = _own_slopes(scatterers, patches, gated, system)
     strength = np.abs(amplitude)
     phase = np.divide(amplitude, strength, out=np.ones_like(amplitude), where=strength > 0)[:, None, None]
     # Slopes of a unit echo: the four columns then have one unit, whatever that of the map.
@@ -416,20 +466,26 @@ def _gauss_newton(
 
 
 def _own_slopes(
-    scatterers: Scatterers, patches: _Patches, gate: Gate, system: System
+    scatterers: Scatterers, patches: _Patches, gated: GatedMap, system: System
 ) -> tuple[Complex, Complex]:
     """Derivatives (n, r) and (n, d) of each scatterer's echo on its own patch with its place, per bin."""
-    range_slope = _slope(gate.range_bins, scatterers.range_bin, system.n_subcarriers)
-    doppler_slope = _slope(gate.doppler_bins, scatterers.doppler_bin, system.n_symbols).conj()
+    gate, n_subcarriers, n_symbols = gated.gate, system.n_subcarriers, system.n_symbols
+    doppler = gated.doppler_kernel(n_symbols)
+    range_slope = _slope(
+        lambda places: dirichlet(gate.range_bins, places, n_subcarriers), scatterers.range_bin, n_subcarriers
+    )
+    doppler_slope = _slope(
+        lambda places: doppler.response(gate.doppler_bins, places), scatterers.doppler_bin, n_symbols
+    )
     return (
         np.take_along_axis(range_slope, patches.rows, axis=1),
         np.take_along_axis(doppler_slope, patches.columns, axis=1),
     )
 
 
-def _slope(bins: NDArray[np.int64], places: Floats, n: int) -> Complex:
+def _slope(kernel: Callable[[Floats], Complex], places: Floats, n: int) -> Complex:
     """Derivative (n, bins) of unit-peak echoes with their place, by a central difference."""
     step = 1e-4  # truncation error 1e-8, far below what a Gauss-Newton step needs
-    difference = dirichlet(bins, places + step, n) - dirichlet(bins, places - step, n)
+    difference = kernel(places + step) - kernel(places - step)
     slope: Complex = difference.T / (2 * step * np.sqrt(n))
     return slope

@@ -21,6 +21,7 @@ from scipy.ndimage import uniform_filter
 
 from isacbench.dsp.atomfit import AtomFit
 from isacbench.dsp.atoms import N_COORDINATES, AtomMap, product_matrix
+from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.ties import rounded
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
@@ -82,6 +83,10 @@ LOST = 0.5
 """Standard deviation of a coordinate in Rayleigh cells from which an atom has no place."""
 
 
+UNGAPPED = whole_frame(1)
+"""Symbols of a frame that is sensed as a whole: the bound of its sidelobes holds for any number of them."""
+
+
 class Peaks4d(NamedTuple):
     """Peaks of a residual: places (n, 4) in Rayleigh cells, and energies (n,)."""
 
@@ -140,7 +145,7 @@ class BeamSpace:
             np.arange(np.floor(lower / step), np.ceil(upper / step) + 1) / BEAMS_A_CELL
             for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:] / BEAMS_A_CELL, strict=True)
         )
-        towards_u, towards_w = atom_map.line(u, 2).value, atom_map.line(w, 3).value
+        towards_u, towards_w = atom_map.bin_gain * atom_map.line(u, 2).value, atom_map.line(w, 3).value
         reach = _around(gate.reachable_range), _around(gate.reachable_doppler)
         beams = towards_u @ (atom_map.cells[reach] @ towards_w.T)
         n_independent = float(np.count_nonzero(gate.reachable))
@@ -160,7 +165,7 @@ class BeamSpace:
             return self.beams
         atom_map, n = self.atom_map, len(fit)
         along_range, along_doppler, along_u, along_w = (line.value for line in atom_map.lines(fit.places))
-        towards_u = along_u @ atom_map.line(self.u, 2).value.T
+        towards_u = along_u @ (atom_map.bin_gain * atom_map.line(self.u, 2).value.T)
         towards_w = along_w @ atom_map.line(self.w, 3).value.T
         along_range, along_doppler = along_range[:, self.reach[0]].T, along_doppler[:, self.reach[1]]
         directions = (towards_u[:, :, None] * towards_w[:, None, :]).reshape(n, 1, -1)
@@ -313,15 +318,17 @@ def noise_maximum(n_independent: float, chance: float) -> float:
     return float(level)
 
 
-def sidelobe_envelope(distance: Floats) -> Floats:
+def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floats:
     """Bound of an atom's amplitude response at distances (..., 4) in Rayleigh cells, shape (...)."""
     envelope = np.ones(distance.shape[:-1])
     for axis in range(N_COORDINATES):
-        envelope /= np.maximum(np.pi * np.abs(distance[..., axis]), 1)
+        along = distance[..., axis]
+        drop = bursts.sidelobe_drop(along) if axis == 1 else np.maximum(np.pi * np.abs(along), 1)
+        envelope /= drop
     return envelope
 
 
-def sidelobe_energy(places: Floats, others: Floats, energy: Floats) -> Floats:
+def sidelobe_energy(places: Floats, others: Floats, energy: Floats, bursts: SymbolBursts = UNGAPPED) -> Floats:
     """Most that echoes at other places show of their sidelobes, all in phase.
 
     Parameters
@@ -336,11 +343,11 @@ def sidelobe_energy(places: Floats, others: Floats, energy: Floats) -> Floats:
     -------
     ndarray of float64, shape (n,)
     """
-    amplitude = sidelobe_envelope(places[:, None, :] - others) @ np.sqrt(energy)
+    amplitude = sidelobe_envelope(places[:, None, :] - others, bursts) @ np.sqrt(energy)
     return amplitude**2
 
 
-def strongest_around(places: Floats, fit: AtomFit) -> Floats:
+def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPPED) -> Floats:
     """Energy (n,) that the strongest atom can show at places (n, 4).
 
     The larger of two: sidelobes of an atom anywhere, and all of the energy of
@@ -349,11 +356,11 @@ def strongest_around(places: Floats, fit: AtomFit) -> Floats:
     """
     if len(places) > (most := MOST_PAIRS // len(fit)):
         parts = np.split(places, range(most, len(places), most))
-        return np.concatenate([strongest_around(part, fit) for part in parts])
+        return np.concatenate([strongest_around(part, fit, bursts) for part in parts])
     distance = places[:, None, :] - fit.places
     along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
     near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
-    share = np.where(near, 1.0, sidelobe_envelope(distance) ** 2)
+    share = np.where(near, 1.0, sidelobe_envelope(distance, bursts) ** 2)
     itself = near & (along_range == 0) & (along_doppler == 0)
     itself[itself] = (distance[itself] == 0).all(axis=1)
     share[itself] = 0

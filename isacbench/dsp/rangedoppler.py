@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,11 +10,13 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isacbench.dsp.aperture import Aperture, Plane
+from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, taper
 from isacbench.stages import stage
 
 if TYPE_CHECKING:
     from isacbench.model.gate import Gate
+    from isacbench.model.observation import Observation
 
 __all__ = ["Bins", "GatedMap", "range_doppler_map"]
 
@@ -59,11 +61,45 @@ class GatedMap:
     gate : Gate
     elements : Aperture, optional
         The elements that the cells hold; without it a plane.
+    bursts : SymbolBursts, optional
+        Symbols that the cells come from, to the middle of which they are
+        referred (`SymbolBursts.centred`); without it the whole frame.
     """
 
     cells: NDArray[np.complexfloating[Any, Any]]
     gate: Gate
     elements: Aperture | None = None
+    bursts: SymbolBursts | None = None
+
+    @classmethod
+    def of(
+        cls,
+        observation: Observation,
+        cells: NDArray[np.complexfloating[Any, Any]],
+        elements: Aperture | None = None,
+    ) -> GatedMap:
+        """Map of what an observation holds.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : ndarray of complex, shape (n_range, n_doppler, *elements)
+            Its cells, in any unit.
+        elements : Aperture, optional
+            The elements that the cells hold; without it a plane.
+
+        Returns
+        -------
+        GatedMap
+            Referred to the middle of the symbols that were sensed with.
+
+        Raises
+        ------
+        InputError
+            If the kernel of these symbols is not known (`symbol_bursts`).
+        """
+        gate, bursts = observation.gate, symbol_bursts(observation.system, observation.sensing)
+        return cls(bursts.centred(cells, gate.doppler_bins), gate, elements, bursts)
 
     @property
     def aperture(self) -> Aperture:
@@ -75,11 +111,29 @@ class GatedMap:
         """Virtual elements that the cells hold."""
         return self.aperture.n_elements
 
+    @property
+    def sees_lobes(self) -> bool:
+        """Whether echoes show in Doppler bins far from their own."""
+        return self.bursts is not None and not self.bursts.is_whole_frame
+
+    def doppler_kernel(self, n_symbols: int) -> SymbolBursts:
+        """Kernel of an echo along Doppler, in a frame of so many symbols."""
+        return whole_frame(n_symbols) if self.bursts is None else self.bursts
+
+    def doppler_taper(self, window: Window) -> Window:
+        """Window along Doppler to use for one that suits a whole frame.
+
+        Of bursts none: between one grating lobe and the next there are no
+        sidelobes that a taper would lower, and it widens all lobes until they
+        meet.
+        """
+        return "rect" if self.sees_lobes else window
+
     def astype(self, dtype: type[np.complexfloating[Any, Any]]) -> GatedMap:
         """Map in another precision; itself where it has that already."""
         if self.cells.dtype == dtype:
             return self
-        return GatedMap(self.cells.astype(dtype), self.gate, self.elements)
+        return replace(self, cells=self.cells.astype(dtype))
 
     def tapered(self, range_window: Window, doppler_window: Window, neighbours: int = 0) -> GatedMap:
         """Map behind windows along range and Doppler, without the outermost bins that lack neighbours.
@@ -100,7 +154,7 @@ class GatedMap:
         with stage("rdm"):
             wrapped = self._wrapped(reaches, neighbours)
             cells = taper(taper(wrapped.cells, range_window, axis=0), doppler_window, axis=1)
-        return GatedMap(cells, wrapped.gate.trim(*reaches), self.elements)
+        return replace(self, cells=cells, gate=wrapped.gate.trim(*reaches))
 
     def _wrapped(self, reaches: tuple[int, int], neighbours: int) -> GatedMap:
         """Map with bins repeated from the other end where an axis wraps; itself where none does."""
@@ -112,7 +166,7 @@ class GatedMap:
                 added[axis] = n_side + neighbours
                 index = np.arange(-added[axis], n_bins + added[axis]) % n_bins
                 cells = np.take(cells, index, axis=axis)
-        return self if added == [0, 0] else GatedMap(cells, self.gate.extend(*added), self.elements)
+        return self if added == [0, 0] else replace(self, cells=cells, gate=self.gate.extend(*added))
 
     def surrounds(self, bins: Bins) -> NDArray[np.bool_]:
         """Which absolute range and Doppler bins, shape (n,), lie in the map with all four neighbours."""

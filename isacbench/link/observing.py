@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -99,8 +100,12 @@ class SignalSimulator(Simulator):
         if noise_amplitude:
             noise = noise_amplitude * self.noise_cells(snr_db, trial, seed)
             noise += cells
-            return self.observation(noise)
-        return self.observation(cells.copy())
+            return self._sensed(noise)
+        return self._sensed(cells.copy())
+
+    def _sensed(self, cells: Complex) -> Observation:
+        """Observation that tells which resource elements were sensed with."""
+        return replace(self.observation(cells), sensing=self.signal.sensing)
 
     def weights(self, snr_db: float, trial: int = 0, seed: int = 0) -> Weights:
         """Weights of echo and noise on the resource grid."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from isacbench.model.frame import Frame
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
+    from isacbench.model.prs import Sensing
     from isacbench.model.region import Interval, Region
 
 __all__ = ["Observation", "cross_elements", "cross_of"]
@@ -49,6 +50,8 @@ class Observation:
     frame : Frame
     base_station_m : ndarray of float64, shape (3,)
     region : Region
+    sensing : {"all", "prs"}
+        Resource elements that the cells come from.
     """
 
     cells: NDArray[np.complexfloating[Any, Any]]
@@ -58,6 +61,7 @@ class Observation:
     frame: Frame
     base_station_m: NDArray[np.float64]
     region: Region
+    sensing: Sensing = "all"
 
     @cached_property
     def cross(self) -> NDArray[np.complexfloating[Any, Any]]:

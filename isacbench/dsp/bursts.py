@@ -1,0 +1,236 @@
+"""The Doppler kernel of an echo that is sensed in bursts of symbols: grating lobes under an envelope.
+
+Bursts of L successive symbols that start every P symbols leave of an echo, x of
+N Doppler bins away and referred to the middle of the bursts,
+
+    sin(π B P x/N) / (B sin(π P x/N))  ·  sin(π L x/N) / (L sin(π x/N)),
+
+a Dirichlet kernel of the B bursts, which repeats every N/P bins, times that of
+one burst. A frame sensed as a whole is one burst of all its symbols.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isacbench.dsp.kernels import dirichlet, dirichlet_slopes
+from isacbench.errors import InputError
+from isacbench.model.prs import resource_elements
+
+if TYPE_CHECKING:
+    from isacbench.model.numerology import System
+    from isacbench.model.prs import Sensing
+
+__all__ = ["SymbolBursts", "symbol_bursts", "whole_frame"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complexfloating[Any, Any]]
+
+
+PLACE_ERROR_BINS = 0.5
+"""Of the distance of two peaks that are read twice a bin."""
+
+
+@dataclass(frozen=True)
+class SymbolBursts:
+    """Evenly spaced bursts of symbols, as long as each other.
+
+    Attributes
+    ----------
+    n_symbols : int
+        Of the frame: transform length.
+    first : int
+        First symbol of the first burst.
+    length : int
+        Symbols of a burst.
+    n_bursts : int
+    spacing : int
+        Symbols from the start of a burst to that of the next.
+    """
+
+    n_symbols: int
+    first: int
+    length: int
+    n_bursts: int = 1
+    spacing: int = 0
+
+    @property
+    def is_whole_frame(self) -> bool:
+        """Whether all symbols are sensed with, so that noise is white and echoes have one mainlobe."""
+        return self.length == self.n_symbols
+
+    @property
+    def delay_symbols(self) -> float:
+        """From the middle of the bursts to that of the frame."""
+        last = self.first + (self.n_bursts - 1) * self.spacing + self.length - 1
+        return (self.n_symbols - 1 - self.first - last) / 2
+
+    @property
+    def redundancy(self) -> float:
+        """Doppler bins for every sensed symbol: so many bins hold the same noise."""
+        return self.n_symbols / (self.n_bursts * self.length)
+
+    @property
+    def lobe_period(self) -> float:
+        """Doppler bins from an echo to its grating lobes; of a single burst infinite."""
+        return self.n_symbols / self.spacing if self.n_bursts > 1 else np.inf
+
+    def centred(self, cells: Complex, doppler_bins: ArrayLike) -> Complex:
+        """Cells as though the middle of the bursts were that of the frame.
+
+        Then tapers act on the bursts symmetrically, and kernels are real but
+        for the phase that they have of a whole frame.
+
+        Parameters
+        ----------
+        cells : ndarray of complex, shape (n_range, n_doppler, *elements)
+        doppler_bins : array_like of int, shape (n_doppler,)
+
+        Returns
+        -------
+        ndarray of complex, same shape and precision
+            The cells themselves where nothing is to be done.
+        """
+        if self.delay_symbols == 0:
+            return cells
+        turns = np.asarray(doppler_bins) * self.delay_symbols / self.n_symbols
+        phase = np.exp(-2j * np.pi * turns).astype(cells.dtype)
+        return cells * phase.reshape(-1, *(1,) * (cells.ndim - 2))
+
+    def response(self, bins: ArrayLike, places: ArrayLike) -> Complex:
+        """Response of the bins of a unitary DFT to unit exponentials at fractional bins, centred.
+
+        Parameters
+        ----------
+        bins : array_like, shape (b,)
+        places : array_like, shape (k,)
+
+        Returns
+        -------
+        ndarray of complex128, shape (b, k)
+            √n_symbols at the exponential itself, as of a whole frame.
+        """
+        n = self.n_symbols
+        if self.is_whole_frame:
+            return dirichlet(bins, places, n).conj()
+        distance = np.asarray(bins, dtype=np.float64)[:, None] - np.asarray(places, dtype=np.float64)
+        distance -= n * np.rint(distance / n)
+        phase = np.exp(-1j * np.pi * (n - 1) / n * distance)
+        response: Complex = np.sqrt(n) * self.slopes(distance)[0] * phase
+        return response
+
+    def slopes(self, distance: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Kernel referred to the middle of the bursts, and its first two derivatives.
+
+        Parameters
+        ----------
+        distance : array_like, any shape
+            In bins.
+
+        Returns
+        -------
+        tuple of ndarray of float64, each of the same shape
+            1 at distance 0, and the derivatives per bin.
+
+        Examples
+        --------
+        Bursts a quarter of the frame apart repeat every fourth bin, upside down.
+
+        >>> quarters = SymbolBursts(n_symbols=224, first=2, length=12, n_bursts=4, spacing=56)
+        >>> quarters.slopes([0.0, 2.0, 4.0])[0].round(3).tolist()
+        [1.0, 0.0, -0.926]
+        """
+        if self.is_whole_frame:
+            return dirichlet_slopes(distance, self.n_symbols)
+        distance = np.asarray(distance, dtype=np.float64)
+        one, of_one = self._stretched(distance, self.length, self.length)
+        if self.n_bursts == 1:
+            return one, *of_one
+        all_, of_all = self._stretched(distance, self.n_bursts * self.spacing, self.n_bursts)
+        return (
+            one * all_,
+            one * of_all[0] + of_one[0] * all_,
+            one * of_all[1] + 2 * of_one[0] * of_all[0] + of_one[1] * all_,
+        )
+
+    def sidelobe_drop(self, distance: Floats) -> Floats:
+        """How far below its peak a kernel is at least at distances in bins, as a ratio of amplitudes.
+
+        Of bursts, distances are taken to be known to half a bin.
+        """
+        if self.is_whole_frame:
+            drop: Floats = np.maximum(np.pi * np.abs(distance), 1)
+            return drop
+        angle = np.pi / self.n_symbols * np.maximum(np.abs(distance) - PLACE_ERROR_BINS, 0)
+        one = np.maximum(self.length * np.abs(np.sin(angle)), 1)
+        all_ = np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1) if self.n_bursts > 1 else 1
+        drop = one * all_
+        return drop
+
+    def to_lobe(self, distance: Floats) -> Floats:
+        """How far distances in bins, 0 and more, are from the next mainlobe or grating lobe."""
+        if self.n_bursts == 1:
+            return distance
+        period = self.n_symbols / self.spacing
+        nearest: Floats = np.abs(distance - period * np.rint(distance / period))
+        return nearest
+
+    def _stretched(self, distance: Floats, span: int, n: int) -> tuple[Floats, tuple[Floats, Floats]]:
+        """Dirichlet kernel of n samples that span so many symbols; its derivatives."""
+        rate = span / self.n_symbols
+        value, slope, curvature = dirichlet_slopes(rate * distance, n)
+        return value, (rate * slope, rate**2 * curvature)
+
+
+def whole_frame(n_symbols: int) -> SymbolBursts:
+    """All symbols of a frame as one burst."""
+    return SymbolBursts(n_symbols, 0, n_symbols)
+
+
+@lru_cache(maxsize=8)
+def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
+    """Bursts of symbols that are sensed with.
+
+    Parameters
+    ----------
+    system : System
+    sensing : {"all", "prs"}
+
+    Returns
+    -------
+    SymbolBursts
+
+    Raises
+    ------
+    InputError
+        If `sensing` is neither, or no symbol is sensed with, or the frame ends
+        within a burst, or the middle of the bursts is none of the frame's
+        sampling times shifted by whole symbols.
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> symbol_bursts(System(), "prs")
+    SymbolBursts(n_symbols=224, first=2, length=12, n_bursts=4, spacing=56)
+    """
+    if sensing == "all":
+        return whole_frame(system.n_symbols)
+    sensed = np.concatenate([[False], resource_elements(system, sensing).any(axis=0), [False]])
+    edges = np.flatnonzero(np.diff(sensed.astype(np.int8)))
+    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    even = starts.size > 0 and np.unique(lengths).size == 1 and np.unique(np.diff(starts)).size <= 1
+    if even:
+        spacing = int(starts[1] - starts[0]) if starts.size > 1 else 0
+        bursts = SymbolBursts(system.n_symbols, int(starts[0]), int(lengths[0]), starts.size, spacing)
+        if bursts.delay_symbols.is_integer():
+            return bursts
+    raise InputError(
+        f"n_symbols = {system.n_symbols}: the frame ends within a burst of PRS, or has none, or an odd number "
+        "of symbols, and estimators do not know its Doppler kernel; allowed with sensing = 'prs' are even "
+        "numbers of symbols whose last burst is complete"
+    )
