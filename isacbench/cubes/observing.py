@@ -13,11 +13,10 @@ from isacbench.cubes.cube import Cube, require_shape
 from isacbench.cubes.opening import open_cube, read_grid
 from isacbench.cubes.transform import GateTransform
 from isacbench.errors import InputError
-from isacbench.link.division import division_weights
+from isacbench.link.division import division_factors, sensed_elements
 from isacbench.link.signal import Signal
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation, cross_elements
-from isacbench.model.prs import resource_elements
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,6 +48,7 @@ class CubeObservation(Observation):
         scenario: Scenario,
         factors: NDArray[np.complex128] | None,
         workers: int | None,
+        sensing: Sensing,
     ) -> None:
         known = {
             "gate": build_gate(scenario.system, scenario.base_station_m, scenario.region),
@@ -57,6 +57,7 @@ class CubeObservation(Observation):
             "frame": scenario.frame,
             "base_station_m": scenario.base_station_m,
             "region": scenario.region,
+            "sensing": sensing,
             "_source": source,
             "_factors": factors,
             "_workers": workers,
@@ -150,11 +151,14 @@ def observe_cube(
     with open_cube(array_or_path) as cube:
         require_shape(cube, scenario.system, scenario.array)
         grid = cube.transmitted if transmitted is None else _read_transmitted(transmitted)
-        sensed = resource_elements(scenario.system, sensing)
+        sensed = sensed_elements(scenario.system, sensing)
         symbols = None if grid is None else _checked(grid, cube, sensed)
         _require_known(cube, symbols, division, snr_db)
-    factors = _factors(symbols, sensed, signal, np.inf if snr_db is None else snr_db)
-    return CubeObservation(array_or_path, scenario, factors, workers)
+        factors = None
+        if symbols is not None or not sensed.all():
+            known = np.ones(sensed.shape) if symbols is None else symbols
+            factors = division_factors(known, sensed, signal.division, np.inf if snr_db is None else snr_db)
+    return CubeObservation(array_or_path, scenario, factors, workers, sensing)
 
 
 def _read_transmitted(transmitted: ArrayLike | str | Path) -> NDArray[Any]:
@@ -174,24 +178,6 @@ def _require_known(
         raise InputError(f"{cube.name}: division = 'wiener' takes the SNR of the echo, snr_db = {snr_db}")
     if division != "wiener" and snr_db is not None:
         raise InputError(f"{cube.name}: snr_db is allowed with division = 'wiener', not {division!r}")
-
-
-def _factors(
-    symbols: NDArray[np.complex128] | None, sensed: NDArray[np.bool_], signal: Signal, snr_db: float
-) -> NDArray[np.complex128] | None:
-    """What each resource element is multiplied by; None where that is 1 everywhere."""
-    if symbols is None:
-        if sensed.all():
-            return None
-        symbols = np.ones(sensed.shape, dtype=np.complex128)
-    if sensed.all() and signal.division == "reciprocal":
-        return 1 / symbols
-    known = np.where(sensed, symbols, 1)
-    amplitude = np.sqrt(np.mean(np.abs(known[sensed]) ** 2))
-    moduli = np.abs(known)
-    weights = division_weights(np.where(sensed, moduli, 0) / amplitude, signal.division, snr_db)
-    factors: NDArray[np.complex128] = weights.noise / amplitude * known.conj() / moduli
-    return factors
 
 
 def _checked(grid: NDArray[Any], cube: Cube, sensed: NDArray[np.bool_]) -> NDArray[np.complex128]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from isacbench.cores import available_cores
 from isacbench.dsp.partialdft import (
     DopplerSums,
     RangeMethod,
@@ -33,17 +33,12 @@ if TYPE_CHECKING:
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
 
-__all__ = ["GateTransform", "available_cores"]
+__all__ = ["GateTransform"]
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 TILES_AHEAD = 1
 """Tiles that wait beside those being transformed: a source that reads in sequence goes on meanwhile."""
-
-
-def available_cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -214,9 +214,7 @@ def _at_best_lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> S
     return replace(lobes.select(current), power=np.abs(amplitude[current]) ** 2)
 
 
-def _lobes(
-    scatterers: Scatterers, gated: GatedMap, system: System
-) -> tuple[Scatterers, NDArray[np.int64]]:
+def _lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> tuple[Scatterers, NDArray[np.int64]]:
     """Scatterers, and behind them their grating lobes at speeds of the region; of which each one is."""
     period, bins = gated.doppler_kernel(system.n_symbols).lobe_period, gated.gate.doppler_bins
     reach, n = gated.gate.reachable_doppler, len(scatterers)

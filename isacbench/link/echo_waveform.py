@@ -10,19 +10,22 @@ from __future__ import annotations
 
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 
-from isacbench.cubes.transform import available_cores
+from isacbench.cores import available_cores
 from isacbench.dsp.partialdft import doppler_rows, range_method, range_rows
 from isacbench.errors import InputError, InputWarning
+from isacbench.link.division import division_factors, sensed_elements
 from isacbench.link.grid import draw_grid
 from isacbench.link.interference import echo_interference
 from isacbench.link.ofdm import layout
 from isacbench.link.propagation import Paths, propagate, received_symbols
+from isacbench.link.signal import Signal
 from isacbench.model.echo import (
     Simulator,
     echo_parameters,
@@ -40,9 +43,11 @@ if TYPE_CHECKING:
 
     from isacbench.link.grid import ResourceGrid
     from isacbench.link.qam import Modulation
+    from isacbench.link.signal import Division
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
     from isacbench.model.observation import Observation
+    from isacbench.model.prs import Sensing
     from isacbench.model.scene import Scenario
 
     Complex = NDArray[np.complex128]
@@ -142,8 +147,10 @@ def observe_waveform(
     snr_db: float,
     trial: int = 0,
     seed: int = 0,
-    modulation: Modulation = "qpsk",
     *,
+    modulation: Modulation = "qpsk",
+    sensing: Sensing = "all",
+    division: Division = "reciprocal",
     n_id: int = 0,
 ) -> Observation:
     """Observe a scenario through its waveform: modulated, reflected, demodulated and divided.
@@ -159,6 +166,10 @@ def observe_waveform(
         not the draw of `isacbench.observe`.
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
         Of the data.
+    sensing : {"all", "prs"}
+        Resource elements that are sensed with.
+    division : {"reciprocal", "matched", "wiener"}
+        How what was received is divided by what was sent.
     n_id : int
         Identity of the PRS sequence.
 
@@ -179,18 +190,21 @@ def observe_waveform(
     """
     simulator, system = Simulator(scenario), scenario.system
     amplitude = simulator.noise_amplitude(snr_db)
+    signal = Signal(modulation, sensing, division, n_id)
     grid = draw_grid(system, modulation, trial=trial, seed=seed, n_id=n_id)
+    factors = division_factors(grid.symbols, sensed_elements(system, sensing), signal.division, snr_db)
     elements = scenario.array.positions
     symbols = received_symbols(grid.symbols, system, echo_paths(scenario, elements))
     _warn_of_interference(scenario)
     if amplitude:
         noise = _noise_symbols(system, _noise_streams(scenario, elements, trial, seed))
         symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=True))
-    divided = (received / sent[:, None] for received, sent in zip(symbols, grid.symbols.T, strict=True))
+    divided = (received * by[:, None] for received, by in zip(symbols, factors.T, strict=True))
     cells = _gate_cells(divided, simulator.gate, system, len(elements))
     if not amplitude and is_dust(cells, echo_parameters(scenario), np.sqrt(system.processing_gain)):
         cells[:] = 0
-    return simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
+    observation = simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
+    return replace(observation, sensing=sensing)
 
 
 def interference_to_echo_db(scenario: Scenario) -> float:

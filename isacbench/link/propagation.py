@@ -25,7 +25,7 @@ import numpy as np
 import scipy.fft
 from threadpoolctl import threadpool_limits
 
-from isacbench.cubes.transform import available_cores
+from isacbench.cores import available_cores
 from isacbench.errors import InputError, require
 from isacbench.link.ofdm import layout, n_samples, transmit_window
 from isacbench.model.frozen import freeze_arrays

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.link.division import division_weights, symbol_moduli
+from isacbench.link.division import division_factors, division_weights, symbol_moduli
 from isacbench.link.qam import constellation
 from isacbench.link.signal import Signal
 from isacbench.model.numerology import System
@@ -122,3 +122,18 @@ def test_a_grid_without_a_prs_is_refused():
 def test_a_division_that_does_not_exist_is_refused():
     with pytest.raises(InputError, match="unknown division 'matchd': did you mean 'matched'"):
         division_weights(np.ones((2, 2)), "matchd")
+
+
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+def test_factors_are_the_weights_with_the_phase_of_the_symbols_in_any_unit(division):
+    rng = np.random.default_rng(5)
+    symbols = rng.standard_normal((6, 8, 2)) @ [1, 1j]
+    sensed = rng.random((6, 8)) < 0.7
+    symbols[~sensed] = np.nan
+    factors = division_factors(symbols, sensed, division, snr_db=2.0)
+    moduli = np.where(sensed, np.abs(symbols), 0)
+    unit = np.sqrt(np.mean(moduli[sensed] ** 2))
+    weights = division_weights(moduli / unit, division, snr_db=2.0)
+    np.testing.assert_allclose(factors[sensed] * symbols[sensed], weights.echo[sensed], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(factors) * unit, weights.noise, rtol=1e-12)
+    np.testing.assert_allclose(division_factors(3 * symbols, sensed, division, 2.0), factors / 3, rtol=1e-12)

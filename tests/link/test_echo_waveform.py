@@ -129,10 +129,15 @@ def test_gates_of_many_range_bins_take_another_way_to_the_same(monkeypatch):
     np.testing.assert_allclose(by_fft.cells, by_product.cells, rtol=0, atol=1e-11)
 
 
-def test_an_observation_of_a_still_scene_is_that_of_the_closed_form():
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+@pytest.mark.parametrize("sensing", ["all", "prs"])
+def test_an_observation_of_a_still_scene_is_that_of_the_closed_form(sensing, division):
+    signal = {"modulation": "256qam", "sensing": sensing, "division": division}
     scenario = scene()
-    cells = observe_waveform(scenario, np.inf, modulation="256qam").cells
-    np.testing.assert_allclose(cells, observe(scenario, np.inf).cells, rtol=0, atol=1e-10)
+    observation, expected = (see(scenario, np.inf, trial=1, **signal) for see in (observe_waveform, observe))
+    scale = np.abs(expected.cells).max()
+    np.testing.assert_allclose(observation.cells, expected.cells, rtol=0, atol=1e-12 * scale)
+    assert observation.sensing == expected.sensing == sensing
 
 
 def test_noise_has_the_stated_power_in_waveform_and_grid():
