@@ -127,7 +127,7 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
                 _draw_trade(axes, points, signal, modulation)
         axes.set_title(f"Image by {drawable(labels[variant])}")
         axes.set_xlabel("achievable bit rate [Gbit/s]")
-        _deviation_axis(axes, part)
+        axes.set_ylim(bottom=0)
         axes.grid(True)
     panels[0].set_ylabel("imaging deviation")
     return figure
@@ -143,7 +143,7 @@ def _draw_trade(
     look, division = _signal_look(signal), signal[2]
     colour = MODULATION_COLOURS[modulation]
     axes.plot(rate, deviation, color=colour, linestyle=look.line, marker=look.marker)
-    if division in ("", "reciprocal"):
+    if signal[0] == "all" and division in ("", "reciprocal"):
         for x, y, snr_db in zip(rate, deviation, snrs_db, strict=True):
             axes.annotate(
                 f"{snr_db:g}", (x, y), textcoords="offset points", xytext=(3, 3), fontsize=6, color="0.35"
