@@ -7,12 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from isacbench.entries import isolated_plugins
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
 from isacbench.model.scenario import load_scenario
+
+# How long an example takes on a busy machine decides no test.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 PLUGINS = '''
 from dataclasses import dataclass
