@@ -252,11 +252,14 @@ class _Periods:
     def __init__(self, symbols: ArrayLike, system: System, paths: Paths, n_before: int) -> None:
         self.parts = layout(system)
         self.sent = _by_symbol(symbols, system)
-        self.gain = paths.gain
         self.delay = delay_samples(paths.delay_s, system)
-        # Whole turns a sample leave no trace in samples.
+        # Whole turns a sample leave no trace in samples but the sign that they
+        # have at the zero of the phase, which may be midway between two samples.
         turns = paths.doppler_hz / system.bandwidth_hz
-        self.turns = turns - np.rint(turns)
+        whole = np.rint(turns)
+        self.turns = turns - whole
+        is_reversed = np.mod(whole, 2) * (self.parts.n_useful - 1) % 2 == 1
+        self.gain = np.where(is_reversed[:, None], -paths.gain, paths.gain)
         self.n_before = n_before
         self.n_window = n_before + self.parts.n_useful
         self.n_elements: int = paths.gain.shape[1]

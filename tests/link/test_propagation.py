@@ -84,6 +84,19 @@ def test_the_received_waveform_is_that_of_the_continuous_formula(ratios):
     )
 
 
+@pytest.mark.parametrize("n_subcarriers", [7, 8])
+def test_doppler_beyond_half_the_sampling_rate_is_that_of_the_continuous_formula(n_subcarriers):
+    """Samples do not tell a whole turn between them, but its phase is zero midway between two of them."""
+    system = System(n_subcarriers=n_subcarriers, n_symbols=2, cyclic_prefix_ratio=0, cyclic_suffix_ratio=0)
+    ratio = np.array([0.51, -0.7, 1.3, -2.2]) * n_subcarriers
+    paths, grid = paths_of(system, [0, 0.4, 5.3, 0], ratio), a_grid(system)
+    received = propagate(grid, system, paths)
+    expected = received_by_formula(grid, system, paths, len(received))
+    np.testing.assert_allclose(received, expected, rtol=0, atol=1e-12)
+    symbols = np.stack(list(received_symbols(grid, system, paths)), axis=1)
+    np.testing.assert_allclose(symbols, demodulate(expected, system), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("n_elements", [1, 3, 20])
 @pytest.mark.parametrize("ratios", [(0.25, 0.125), (0.5, 0.5), (0.5, 0), (0, 0)])
 def test_symbols_received_one_by_one_are_those_of_the_whole_waveform(ratios, n_elements):
