@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from isacbench.entries import isolated_plugins
 from isacbench.model.array import VirtualArray
@@ -130,6 +131,19 @@ class PluginFolder(NamedTuple):
             lines.append(f"[isacbench.{group}]")
             lines += [f"{name} = {module}:{attribute}" for name, attribute in names.items()]
         (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread():
+    """Keep linear algebra on one thread, as runs do: small matrices gain nothing from threads that wait.
+
+    Tests that are about threads set their number themselves.
+    """
+    # Only libraries that are loaded are limited, and that of scipy is not the one of numpy.
+    import scipy.linalg  # noqa: F401
+
+    with threadpool_limits(limits=1):
+        yield
 
 
 @pytest.fixture

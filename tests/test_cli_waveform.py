@@ -5,7 +5,8 @@ import pytest
 from typer.testing import CliRunner
 
 from isacbench.cli import app
-from isacbench.link.merits import data_merits, draw_papr_db
+from isacbench.link.grid import draw_grid
+from isacbench.link.merits import draw_papr_db
 from isacbench.model.scenario import load_scenario
 
 
@@ -36,7 +37,7 @@ def test_json_holds_what_the_modules_compute(cli):
     system = load_scenario("tiny.toml").system
     assert list(found["modulations"]) == ["16qam"]
     told = found["modulations"]["16qam"]
-    assert told["data_bits"] == data_merits(system, "16qam").data_bits
+    assert told["n_data_bits"] == draw_grid(system, "16qam").bits.size
     assert told["papr"]["n_symbols"] == 2 * system.n_symbols
     assert told["papr"]["median_db"] == np.median(draw_papr_db(system, "16qam", 2, seed=5))
     assert found["sampling_rate_hz"] == system.bandwidth_hz

@@ -10,6 +10,7 @@ of them came out wrong.
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.special import stdtrit
+from scipy.special import bdtr, bdtrc, stdtrit
 
 from isacbench.bench.cell import failed_by, failure
 from isacbench.bench.content import digest
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
     from isacbench.model.scenario import Scenario
 
-__all__ = ["Link", "OneTap", "UserScene", "signals_of", "summarise"]
+__all__ = ["Link", "OneTap", "UserScene", "outside_interval", "signals_of", "summarise"]
 
 CHANNELS: dict[str, type[Channel]] = {kind.name: kind for kind in (Awgn, TwoRay, TappedDelay)}
 
@@ -356,6 +357,9 @@ def _common_system(scenarios: Mapping[str, Scenario]) -> System:
     return scenario.system
 
 
+FAMILY_CONFIDENCE = 0.99
+"""Of the interval that all counts of bit errors of a run are held against together."""
+
 GROUP = [
     "scenario",
     "template",
@@ -403,6 +407,39 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         row |= _received(fine) if row["channel"] else _imaged(fine)
         rows.append(row | {"time_estimate_s_median": fine["time_estimate_s"].median()})
     return pd.DataFrame(rows)
+
+
+def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
+    """Tell which counts of bit errors lie outside the family-wise interval of what was expected.
+
+    Of receivers that know the channel: given the fade, errors of bits are those
+    of the closed form, and nearly independent. The family is all their counts.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `summarise` returns it.
+
+    Returns
+    -------
+    Series of bool
+        Of the index of the receivers' rows that know the channel.
+
+    Notes
+    -----
+    The interval is that of the binomial distribution with Šidák's level for
+    99 % of the family. Over several fades the expected rate is a mean: counts
+    then vary less than binomially, and the interval errs by being wide.
+    """
+    knows = summary["params"].map(lambda params: json.loads(params).get("knowledge") == "perfect")
+    known = summary[(summary["channel"] != "") & knows]
+    known = known[known["n_bits"] > 0]
+    n_bits, n_errors = (known[name].to_numpy(dtype=np.int64) for name in ("n_bits", "n_bit_errors"))
+    expected = known["ber_expected"].to_numpy()
+    level = (1 - FAMILY_CONFIDENCE ** (1 / max(len(known), 1))) / 2
+    as_few = bdtr(n_errors, n_bits, expected)
+    as_many = np.where(n_errors > 0, bdtrc(n_errors - 1, n_bits, expected), 1.0)
+    return pd.Series((as_few < level) | (as_many < level), index=known.index)
 
 
 def _imaged(part: pd.DataFrame) -> dict[str, float]:

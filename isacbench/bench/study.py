@@ -203,7 +203,7 @@ class ImageEncounter:
         shown = self.observation
         arrays = shown.cells, shown.gate.range_bins, shown.gate.doppler_bins, shown.base_station_m
         bounds = shown.gate.reachable_range, shown.gate.reachable_doppler
-        known = repr((bounds, shown.system, shown.array, shown.frame, shown.region))
+        known = repr((bounds, shown.system, shown.array, shown.frame, shown.region, shown.sensing))
         return digest([known, *map(array_digest, arrays)])
 
 

@@ -61,6 +61,9 @@ def image(
             "--division", metavar="reciprocal|matched|wiener", help="How the echo is divided by the symbols."
         ),
     ] = None,
+    waveform: Annotated[
+        bool, typer.Option("--waveform", help="Simulate the echo in the time domain, not in closed form.")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="cloud.csv|.ply|.mat|.npy", help="Write the cloud.")
     ] = None,
@@ -74,6 +77,7 @@ def image(
 
     from isacbench.bench.runner import estimate_cloud
     from isacbench.cubes.observing import observe_cube
+    from isacbench.link.echo_waveform import observe_waveform
     from isacbench.metrics.score import score
     from isacbench.model.cloud_io import write_cloud
     from isacbench.model.scenario import load_scenario
@@ -85,20 +89,25 @@ def image(
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
     if cube is None and transmitted is not None:
         raise InputError("--transmitted: allowed with --cube FILE, which it belongs to")
-    if cube is not None and (snr, trial, seed) != (None, None, None):
-        raise InputError("--snr, --trial and --seed: allowed without --cube, whose noise is recorded")
+    if cube is not None and (trial, seed, modulation, waveform) != (None, None, None, False):
+        raise InputError(
+            "--trial, --seed, --modulation and --waveform: allowed without --cube, which is recorded"
+        )
+    if cube is not None and snr is not None and division != "wiener":
+        raise InputError("--snr: allowed with --cube where --division wiener takes it; the noise is recorded")
     signal = _given(sensing=sensing, modulation=modulation, division=division)
-    if cube is not None and signal:
-        raise InputError("--sensing, --modulation and --division: allowed without --cube, which is recorded")
     register(plugin)
     scene, imager = load_scenario(scenario), build_estimator(estimator)
     if cube is None:
         snr_db = _one_snr(snr or DEFAULT_SNR)
-        title = ", ".join([scene.name, estimator, f"{snr_db:g} dB", *signal.values()])
-        observation = observe(scene, snr_db, trial or 0, seed or 0, **signal)
+        told = [*signal.values(), *(["waveform"] if waveform else [])]
+        title = ", ".join([scene.name, estimator, f"{snr_db:g} dB", *told])
+        simulated = observe_waveform if waveform else observe
+        observation = simulated(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
-        title = f"{cube.name}, {scene.name}, {estimator}"
-        observation = observe_cube(cube, scene, transmitted)
+        title = ", ".join([cube.name, scene.name, estimator, *signal.values()])
+        known_snr_db = None if snr is None else _one_snr(snr)
+        observation = observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
     start = time.perf_counter()
     try:
         # Small batched algebra is slower on several threads, and much so where others use the cores.

@@ -13,12 +13,16 @@ from isacbench.cubes.cube import Cube, require_shape
 from isacbench.cubes.opening import open_cube, read_grid
 from isacbench.cubes.transform import GateTransform
 from isacbench.errors import InputError
+from isacbench.link.division import division_factors, sensed_elements
+from isacbench.link.signal import Signal
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation, cross_elements
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from isacbench.link.signal import Division
+    from isacbench.model.prs import Sensing
     from isacbench.model.scene import Scenario
 
 __all__ = ["CubeObservation", "observe_cube"]
@@ -35,15 +39,16 @@ class CubeObservation(Observation):
     """
 
     _source: CubeLike
-    _transmitted: NDArray[np.complexfloating[Any, Any]] | None
+    _factors: NDArray[np.complex128] | None
     _workers: int | None
 
     def __init__(
         self,
         source: CubeLike,
         scenario: Scenario,
-        transmitted: NDArray[np.complexfloating[Any, Any]] | None,
+        factors: NDArray[np.complex128] | None,
         workers: int | None,
+        sensing: Sensing,
     ) -> None:
         known = {
             "gate": build_gate(scenario.system, scenario.base_station_m, scenario.region),
@@ -52,8 +57,9 @@ class CubeObservation(Observation):
             "frame": scenario.frame,
             "base_station_m": scenario.base_station_m,
             "region": scenario.region,
+            "sensing": sensing,
             "_source": source,
-            "_transmitted": transmitted,
+            "_factors": factors,
             "_workers": workers,
         }
         for name, value in known.items():
@@ -75,7 +81,7 @@ class CubeObservation(Observation):
     def _transformed(self, elements: NDArray[np.int64]) -> NDArray[np.complex128]:
         transform = GateTransform(self.gate, self.system)
         with open_cube(self._source) as cube:
-            cells = transform.cells(cube, elements, self._transmitted, self._workers)
+            cells = transform.cells(cube, elements, self._factors, self._workers)
         cells.setflags(write=False)
         return cells
 
@@ -85,6 +91,10 @@ def observe_cube(
     scenario: Scenario,
     transmitted: ArrayLike | str | Path | None = None,
     workers: int | None = None,
+    *,
+    sensing: Sensing = "all",
+    division: Division = "reciprocal",
+    snr_db: float | None = None,
 ) -> Observation:
     """Observe a recorded frame; its cells are transformed when an estimator reads them.
 
@@ -105,6 +115,13 @@ def observe_cube(
         divided.
     workers : int, optional
         Threads of the transform; by default all cores.
+    sensing : {"all", "prs"}
+        Resource elements that are sensed with. What is not sensed with need
+        not be known: there the transmitted grid may be anything.
+    division : {"reciprocal", "matched", "wiener"}
+        How the cube is divided by the transmitted grid.
+    snr_db : float, optional
+        SNR of the echo per resource element, which Wiener division takes.
 
     Returns
     -------
@@ -115,8 +132,9 @@ def observe_cube(
     Raises
     ------
     InputError
-        If the file cannot be read or is damaged, or the cube has the wrong
-        shape or is not complex.
+        If the file cannot be read or is damaged, the cube has the wrong
+        shape or is not complex, or a division lacks the transmitted grid or the
+        SNR that it takes.
 
     Examples
     --------
@@ -129,19 +147,40 @@ def observe_cube(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers {workers}: allowed is 1 or more")
+    signal = Signal(sensing=sensing, division=division)
     with open_cube(array_or_path) as cube:
         require_shape(cube, scenario.system, scenario.array)
         grid = cube.transmitted if transmitted is None else _read_transmitted(transmitted)
-        if grid is not None:
-            grid = _checked(grid, cube)
-    return CubeObservation(array_or_path, scenario, grid, workers)
+        sensed = sensed_elements(scenario.system, sensing)
+        symbols = None if grid is None else _checked(grid, cube, sensed)
+        _require_known(cube, symbols, division, snr_db)
+        factors = None
+        if symbols is not None or not sensed.all():
+            known = np.ones(sensed.shape) if symbols is None else symbols
+            factors = division_factors(known, sensed, signal.division, np.inf if snr_db is None else snr_db)
+    return CubeObservation(array_or_path, scenario, factors, workers, sensing)
 
 
 def _read_transmitted(transmitted: ArrayLike | str | Path) -> NDArray[Any]:
     return read_grid(transmitted) if isinstance(transmitted, (str, PathLike)) else np.asarray(transmitted)
 
 
-def _checked(grid: NDArray[Any], cube: Cube) -> NDArray[np.complex128]:
+def _require_known(
+    cube: Cube, symbols: NDArray[np.complex128] | None, division: Division, snr_db: float | None
+) -> None:
+    """Refuse divisions that need to know what nobody said, and an SNR that is good for nothing."""
+    if symbols is None and division != "reciprocal":
+        raise InputError(
+            f"{cube.name}: division = {division!r} takes the transmitted grid, and there is none; allowed is "
+            "'reciprocal' for a cube that is divided"
+        )
+    if division == "wiener" and (snr_db is None or np.isnan(snr_db)):
+        raise InputError(f"{cube.name}: division = 'wiener' takes the SNR of the echo, snr_db = {snr_db}")
+    if division != "wiener" and snr_db is not None:
+        raise InputError(f"{cube.name}: snr_db is allowed with division = 'wiener', not {division!r}")
+
+
+def _checked(grid: NDArray[Any], cube: Cube, sensed: NDArray[np.bool_]) -> NDArray[np.complex128]:
     """Transmitted grid that something can be divided by."""
     if grid.shape != cube.shape[:2]:
         raise InputError(
@@ -151,7 +190,7 @@ def _checked(grid: NDArray[Any], cube: Cube) -> NDArray[np.complex128]:
     if grid.dtype.kind not in "fiuc":
         raise InputError(f"{cube.name}: the transmitted grid has dtype {grid.dtype}; allowed are numbers")
     values = grid.astype(np.complex128)
-    faulty = ~np.isfinite(values) | (values == 0)
+    faulty = sensed & (~np.isfinite(values) | (values == 0))
     if faulty.any():
         n, m = np.unravel_index(int(faulty.argmax()), faulty.shape)
         raise InputError(

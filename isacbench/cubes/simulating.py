@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from isacbench.cubes.transform import available_cores
+from isacbench.cores import available_cores
 from isacbench.cubes.writing import create_cube
 from isacbench.dsp.partialdft import doppler_rows, range_rows, transform_block
 from isacbench.errors import require

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from isacbench.cores import available_cores
 from isacbench.dsp.partialdft import (
     DopplerSums,
     RangeMethod,
@@ -33,17 +33,12 @@ if TYPE_CHECKING:
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
 
-__all__ = ["GateTransform", "available_cores"]
+__all__ = ["GateTransform"]
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 TILES_AHEAD = 1
 """Tiles that wait beside those being transformed: a source that reads in sequence goes on meanwhile."""
-
-
-def available_cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +63,7 @@ class GateTransform:
         self,
         cube: Cube,
         elements: NDArray[np.intp],
-        transmitted: NDArray[np.complexfloating[Any, Any]] | None = None,
+        factors: NDArray[np.complexfloating[Any, Any]] | None = None,
         workers: int | None = None,
     ) -> NDArray[np.complex128]:
         """Transform some elements of a cube.
@@ -78,8 +73,8 @@ class GateTransform:
         cube : Cube
         elements : ndarray of int, shape (e, 2)
             Places (p, q).
-        transmitted : ndarray of complex, shape (n_subcarriers, n_symbols), optional
-            Grid by which the cube is still to be divided.
+        factors : ndarray of complex, shape (n_subcarriers, n_symbols), optional
+            What each resource element is multiplied by first.
         workers : int, optional
             Threads; by default all cores.
 
@@ -98,8 +93,8 @@ class GateTransform:
         n_workers = available_cores() if workers is None else workers
         # What is not finite is looked for at the end, once.
         with np.errstate(all="ignore"):
-            inverse = None if transmitted is None else (1 / transmitted).astype(cube.dtype)
-            sums = self._summed(cube, elements, inverse, n_workers)
+            weights = None if factors is None else factors.astype(cube.dtype)
+            sums = self._summed(cube, elements, weights, n_workers)
             cells = self._doppler_sums.bins(sums).astype(np.complex128, copy=False)
         if not np.isfinite(cells).all():
             raise InputError(f"{cube.name}: {_find_fault(cube, elements)}")
@@ -114,7 +109,7 @@ class GateTransform:
         return range_rows(self.gate.range_bins, self.system.n_subcarriers)
 
     def _summed(
-        self, cube: Cube, elements: NDArray[np.intp], inverse: Complex | None, n_workers: int
+        self, cube: Cube, elements: NDArray[np.intp], weights: Complex | None, n_workers: int
     ) -> Complex:
         """Sum what the tiles give: range bins, or lines whose range bins one FFT yields in the end."""
         along_doppler = self._doppler_sums.rows_in(cube.dtype)
@@ -128,8 +123,8 @@ class GateTransform:
             """Share of a tile, and whether it is lines."""
             block, rows = with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
             with np.errstate(all="ignore"):  # a thread has its own
-                if inverse is not None:
-                    block = block * inverse[tile.subcarriers, tile.symbols, None]
+                if weights is not None:
+                    block = block * weights[tile.subcarriers, tile.symbols, None]
                 if self._has_fast_lines(block):
                     return False, transform_lines(block, rows, self.gate.range_bins)
                 if lines.size:

@@ -328,7 +328,9 @@ def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floa
     return envelope
 
 
-def sidelobe_energy(places: Floats, others: Floats, energy: Floats, bursts: SymbolBursts = UNGAPPED) -> Floats:
+def sidelobe_energy(
+    places: Floats, others: Floats, energy: Floats, bursts: SymbolBursts = UNGAPPED
+) -> Floats:
     """Most that echoes at other places show of their sidelobes, all in phase.
 
     Parameters

@@ -79,7 +79,7 @@ def point_spread(
 
     >>> from isacbench.model.numerology import System
     >>> abs(point_spread(System(), "prs", [0], [0, 2, 4])).round(3).tolist()
-    [[1.0, 0.0, 0.926]]
+    [[1.0, 0.0, 0.927]]
     """
     mask = resource_elements(system, sensing)
     if not mask.any():
@@ -131,7 +131,7 @@ def prs_ambiguities(system: System, n_lobes: int = 4) -> list[Ambiguity]:
     >>> from isacbench.model.numerology import System
     >>> nearest = prs_ambiguities(System())[0]
     >>> round(nearest.speed_mps, 2), round(nearest.height, 3)
-    (7.34, 0.926)
+    (7.34, 0.927)
     """
     n, m = system.n_subcarriers, system.n_symbols
     places = [(0.0, lobe * m / (SLOT_PERIOD * SLOT_SYMBOLS)) for lobe in range(1, n_lobes + 1)]

@@ -13,7 +13,9 @@ given that covariance, so that with q = 1 it stays what it is:
   noise, the covariance is a product of the transform with eigenvalues. They
   must not be negative, which decides how large a torus has to be. The whole
   map is one on which they are q²;
-- by a Cholesky factor, where only the whole map would do and the gate is small.
+- where a few strong elements alone make eigenvalues of small tori negative, by
+  embedding what remains below a level; the rest of the strong elements' noise
+  is drawn on the resource grid and transformed.
 
 All three are exact.
 
@@ -34,6 +36,7 @@ import numpy as np
 import scipy.fft
 import scipy.linalg
 
+from isacbench.dsp.partialdft import doppler_rows, range_rows
 from isacbench.model.echo import white_gaussian
 
 if TYPE_CHECKING:
@@ -46,11 +49,11 @@ __all__ = ["coloured_noise", "noise_covariance"]
 NEGLIGIBLE = 1e-12
 """Share of the largest below which covariances and eigenvalues are rounding."""
 
-MOST_FACTORED = 4096
-"""Cells of a gate up to which their covariance matrix is factored: 268 MB."""
+LEVELS = (0.99, 0.98, 0.95, 0.9, 0.8, 0.6, 0.0)
+"""Shares of the resource elements below a level, tried in turn; at the last one what remains is white."""
 
 MOST_NUMBERS = 2**22
-"""Complex numbers of all elements' tori that are transformed at a time: 64 MB."""
+"""Complex numbers of an intermediate array that are held at a time: 64 MB."""
 
 
 def noise_covariance(weight: NDArray[np.float64]) -> Complex:
@@ -93,17 +96,19 @@ def coloured_noise(white: Complex, weight: NDArray[np.float64], stream: np.rando
         A linear function of `white` and of what was drawn; `white` itself where
         all weights are 1.
     """
-    shape = white.shape[:2]
+    shape, power = white.shape[:2], weight**2
     covariance = noise_covariance(weight)
     if _is_white_along_range(covariance, shape):
         return _coloured_along_doppler(white, covariance)
-    for torus in _small_tori(shape, covariance.shape):
-        spectrum = _spectrum(covariance, shape, torus)
-        if spectrum is not None:
-            return _embedded(white, spectrum, stream)
-    if shape != weight.shape and np.prod(shape) <= MOST_FACTORED and weight.min() > 0:
-        return _factored(white, covariance)
-    return _embedded(white, weight**2, stream)
+    spectrum = _small_spectrum(covariance, shape)
+    if spectrum is not None:
+        return _embedded(white, spectrum, stream)
+    if power.min() == 0 or not _small_tori(shape, weight.shape):
+        return _embedded(white, power, stream)
+    level, spectrum = _level(power, shape)
+    coloured = _embedded(white, spectrum, stream)
+    coloured += _drawn_on_grid(np.sqrt(np.maximum(power - level, 0)), white.shape, stream)
+    return coloured
 
 
 def _is_white_along_range(covariance: Complex, shape: tuple[int, ...]) -> bool:
@@ -136,6 +141,23 @@ def _small_tori(shape: tuple[int, ...], whole: tuple[int, ...]) -> list[tuple[in
     ]
     tori = sorted(product(*lengths), key=lambda torus: torus[0] * torus[1])
     return [torus for torus in tori if torus != whole]
+
+
+def _small_spectrum(covariance: Complex, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Eigenvalues on the smallest torus on which none is negative, None if that is the whole map."""
+    spectra = (_spectrum(covariance, shape, torus) for torus in _small_tori(shape, covariance.shape))
+    return next((spectrum for spectrum in spectra if spectrum is not None), None)
+
+
+def _level(power: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[float, NDArray[np.float64]]:
+    """Highest level for which noise up to it has no negative eigenvalues on a small torus, and these."""
+    for level in np.quantile(power, LEVELS, method="lower"):
+        spectrum = _small_spectrum(noise_covariance(np.sqrt(np.minimum(power, level))), shape)
+        if spectrum is not None:
+            break
+    # White at the lowest level, which every torus embeds.
+    assert spectrum is not None
+    return float(level), spectrum
 
 
 def _spectrum(
@@ -172,11 +194,22 @@ def _embedded(white: Complex, spectrum: NDArray[np.float64], stream: np.random.G
     return np.ascontiguousarray(coloured.transpose(1, 2, 0)).reshape(white.shape)
 
 
-def _factored(white: Complex, covariance: Complex) -> Complex:
-    """White noise times the Cholesky factor of its covariance."""
-    n_range, n_doppler = white.shape[:2]
-    r, d = (index.ravel() for index in np.indices((n_range, n_doppler)))
-    matrix = covariance[np.subtract.outer(r, r), np.subtract.outer(d, d)]
-    factor = scipy.linalg.cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
-    coloured: Complex = scipy.linalg.blas.ztrmm(1.0, factor, white.reshape(r.size, -1), lower=True)
-    return coloured.reshape(white.shape)
+def _drawn_on_grid(
+    amplitude: NDArray[np.float64], shape: tuple[int, ...], stream: np.random.Generator
+) -> Complex:
+    """Noise (n_range, n_doppler, P, Q) of the resource elements of some amplitude, few of them."""
+    (n_range, n_doppler, n_p, n_q), (n_subcarriers, n_symbols) = shape, amplitude.shape
+    # Where in the map the gate lies does not matter to the law.
+    along_range = range_rows(np.arange(n_range), n_subcarriers)
+    along_doppler = doppler_rows(np.arange(n_doppler), n_symbols)
+    cells = np.zeros((n_range, n_doppler * n_p * n_q), dtype=np.complex128)
+    n_together = max(MOST_NUMBERS // cells.shape[1], 1)
+    for first in range(0, n_subcarriers, n_together):
+        some = amplitude[first : first + n_together]
+        lines = np.empty((len(some), n_doppler, n_p * n_q), dtype=np.complex128)
+        for line, amplitudes in zip(lines, some, strict=True):
+            symbols = np.flatnonzero(amplitudes)
+            noise = white_gaussian(stream, (symbols.size, n_p * n_q))
+            line[:] = (along_doppler[:, symbols] * amplitudes[symbols]) @ noise
+        cells += along_range[:, first : first + len(some)] @ lines.reshape(len(some), -1)
+    return cells.reshape(shape)

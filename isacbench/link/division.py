@@ -21,12 +21,13 @@ from isacbench.link.signal import Division
 from isacbench.model.prs import resource_elements
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from isacbench.link.signal import Signal
     from isacbench.model.numerology import System
+    from isacbench.model.prs import Sensing
 
-__all__ = ["Weights", "division_weights", "symbol_moduli"]
+__all__ = ["Weights", "division_factors", "division_weights", "sensed_elements", "symbol_moduli"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +75,38 @@ def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0)
     InputError
         If no element of the grid is sensed with.
     """
-    sensed = resource_elements(system, signal.sensing)
-    if not sensed.any():
-        raise InputError(
-            f"sensing = {signal.sensing!r}: a grid of {system.n_subcarriers} subcarriers and "
-            f"{system.n_symbols} symbols has none of these resource elements; allowed are 3 symbols and more"
-        )
+    sensed = sensed_elements(system, signal.sensing)
     if signal.has_unit_modulus:
         return sensed.astype(np.float64)
     # All elements carry symbols: sensing with the PRS alone has unit modulus.
     grid = draw_grid(system, signal.modulation, trial=trial, seed=seed, n_id=signal.n_id)
     return np.abs(grid.symbols)
+
+
+def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
+    """Resource elements that are sensed with, of which there must be some.
+
+    Parameters
+    ----------
+    system : System
+    sensing : {"all", "prs"}
+
+    Returns
+    -------
+    ndarray of bool, shape (n_subcarriers, n_symbols)
+
+    Raises
+    ------
+    InputError
+        If there is no such sensing, or no such element of the grid.
+    """
+    sensed = resource_elements(system, sensing)
+    if not sensed.any():
+        raise InputError(
+            f"sensing = {sensing!r}: a grid of {system.n_subcarriers} subcarriers and {system.n_symbols} "
+            "symbols has none of these resource elements; allowed are 3 symbols and more"
+        )
+    return sensed
 
 
 def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: float = np.inf) -> Weights:
@@ -131,6 +153,49 @@ def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: fl
     scale = 1 / np.mean(filter_gain * moduli)
     noise = scale * filter_gain
     return Weights(noise * moduli, noise)
+
+
+def division_factors(
+    symbols: ArrayLike, sensed: NDArray[np.bool_], division: Division, snr_db: float = np.inf
+) -> NDArray[np.complex128]:
+    """What received resource elements are multiplied by to divide them by what was sent.
+
+    Parameters
+    ----------
+    symbols : array_like of complex, shape (n_subcarriers, n_symbols)
+        What was sent, in any unit; anything where an element is not sensed with,
+        and no 0 where it is.
+    sensed : ndarray of bool, same shape
+        Elements that are sensed with.
+    division : {"reciprocal", "matched", "wiener"}
+    snr_db : float
+        SNR of the echo per resource element, for Wiener division: of the mean
+        power of the symbols sensed with.
+
+    Returns
+    -------
+    ndarray of complex128, same shape
+        0 where an element is not sensed with. The echo's weights have mean 1.
+
+    Raises
+    ------
+    InputError
+        If there is no such division.
+
+    Examples
+    --------
+    >>> division_factors([[2j, 2]], np.array([[True, False]]), "reciprocal").tolist()
+    [[-1j, 0j]]
+    """
+    sent = np.where(sensed, symbols, 1)
+    if division == "reciprocal":
+        factors: NDArray[np.complex128] = sensed / (sent * np.mean(sensed))
+        return factors
+    moduli = np.abs(sent)
+    amplitude = np.sqrt(np.mean(moduli[sensed] ** 2))
+    weights = division_weights(np.where(sensed, moduli, 0) / amplitude, division, snr_db)
+    factors = weights.noise / amplitude * sent.conj() / moduli
+    return factors
 
 
 def _wiener_gain(

@@ -10,23 +10,27 @@ from __future__ import annotations
 
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 
-from isacbench.cubes.transform import available_cores
+from isacbench.cores import available_cores
 from isacbench.dsp.partialdft import doppler_rows, range_method, range_rows
 from isacbench.errors import InputError, InputWarning
+from isacbench.link.division import division_factors, sensed_elements
 from isacbench.link.grid import draw_grid
 from isacbench.link.interference import echo_interference
 from isacbench.link.ofdm import layout
 from isacbench.link.propagation import Paths, propagate, received_symbols
+from isacbench.link.signal import Signal
 from isacbench.model.echo import (
     Simulator,
     echo_parameters,
     element_responses,
+    is_dust,
     random_stream,
     white_gaussian,
 )
@@ -39,9 +43,11 @@ if TYPE_CHECKING:
 
     from isacbench.link.grid import ResourceGrid
     from isacbench.link.qam import Modulation
+    from isacbench.link.signal import Division
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
     from isacbench.model.observation import Observation
+    from isacbench.model.prs import Sensing
     from isacbench.model.scene import Scenario
 
     Complex = NDArray[np.complex128]
@@ -141,11 +147,13 @@ def observe_waveform(
     snr_db: float,
     trial: int = 0,
     seed: int = 0,
-    modulation: Modulation = "qpsk",
     *,
+    modulation: Modulation = "qpsk",
+    sensing: Sensing = "all",
+    division: Division = "reciprocal",
     n_id: int = 0,
 ) -> Observation:
-    """Observe a scenario through its waveform: modulated, reflected, demodulated and divided by what was sent.
+    """Observe a scenario through its waveform: modulated, reflected, demodulated and divided.
 
     Parameters
     ----------
@@ -158,6 +166,10 @@ def observe_waveform(
         not the draw of `isacbench.observe`.
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
         Of the data.
+    sensing : {"all", "prs"}
+        Resource elements that are sensed with.
+    division : {"reciprocal", "matched", "wiener"}
+        How what was received is divided by what was sent.
     n_id : int
         Identity of the PRS sequence.
 
@@ -178,16 +190,21 @@ def observe_waveform(
     """
     simulator, system = Simulator(scenario), scenario.system
     amplitude = simulator.noise_amplitude(snr_db)
+    signal = Signal(modulation, sensing, division, n_id)
     grid = draw_grid(system, modulation, trial=trial, seed=seed, n_id=n_id)
+    factors = division_factors(grid.symbols, sensed_elements(system, sensing), signal.division, snr_db)
     elements = scenario.array.positions
     symbols = received_symbols(grid.symbols, system, echo_paths(scenario, elements))
     _warn_of_interference(scenario)
     if amplitude:
         noise = _noise_symbols(system, _noise_streams(scenario, elements, trial, seed))
-        symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=False))
-    divided = (received / sent[:, None] for received, sent in zip(symbols, grid.symbols.T, strict=True))
+        symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=True))
+    divided = (received * by[:, None] for received, by in zip(symbols, factors.T, strict=True))
     cells = _gate_cells(divided, simulator.gate, system, len(elements))
-    return simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
+    if not amplitude and is_dust(cells, echo_parameters(scenario), np.sqrt(system.processing_gain)):
+        cells[:] = 0
+    observation = simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
+    return replace(observation, sensing=sensing)
 
 
 def interference_to_echo_db(scenario: Scenario) -> float:
@@ -224,10 +241,11 @@ def _warn_of_interference(scenario: Scenario) -> None:
     is_late = _is_late(scenario)
     if is_late.any():
         limit_m = scenario.system.isi_free_range_m
+        beyond_m = scenario.range_m.max() - limit_m
         warnings.warn(
-            f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from up to "
-            f"{scenario.range_m.max() - limit_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic "
-            f"prefix; their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
+            f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from "
+            f"up to {beyond_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic prefix; "
+            f"their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
             InputWarning,
             stacklevel=3,
         )
@@ -250,24 +268,25 @@ def _noise_symbols(system: System, streams: list[np.random.Generator]) -> Iterat
     def useful(stream: np.random.Generator) -> Complex:
         return white_gaussian(stream, (parts.n_symbol,))[parts.n_prefix :]
 
-    while True:
-        with ThreadPoolExecutor(available_cores()) as threads:
+    with ThreadPoolExecutor(available_cores()) as threads:
+        for _ in range(system.n_symbols):
             samples = np.stack(list(threads.map(useful, streams)))
-        yield scipy.fft.fft(samples, axis=1, norm="ortho", overwrite_x=True, workers=available_cores()).T
+            yield scipy.fft.fft(samples, axis=1, norm="ortho", overwrite_x=True, workers=available_cores()).T
 
 
 def _gate_cells(symbols: Iterable[Complex], gate: Gate, system: System, n_elements: int) -> Complex:
-    """Range-Doppler cells (n_range, n_doppler, E) of divided symbols (n_subcarriers, E), one after the other."""
+    """Range-Doppler cells (n_range, n_doppler, E) of divided symbols (n_subcarriers, E)."""
     along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
     at_range = _RangeBins(gate, system)
-    cells = np.zeros((*gate.shape, n_elements), dtype=np.complex128)
+    n_range, n_doppler = gate.shape
+    cells = np.zeros((n_doppler, n_range * n_elements), dtype=np.complex128)
     remaining = iter(symbols)
     first = 0
-    while together := [at_range(symbol) for symbol in islice(remaining, SYMBOLS_TOGETHER)]:
+    while together := [at_range(symbol).ravel() for symbol in islice(remaining, SYMBOLS_TOGETHER)]:
         last = first + len(together)
-        cells += along_doppler[:, first:last] @ np.stack(together, axis=1)
+        cells += along_doppler[:, first:last] @ np.stack(together)
         first = last
-    return cells
+    return np.ascontiguousarray(cells.reshape(n_doppler, n_range, n_elements).swapaxes(0, 1))
 
 
 class _RangeBins:

@@ -147,8 +147,8 @@ def doppler_leakage(doppler_ratio: ArrayLike, offset: ArrayLike, n_subcarriers: 
     """
     steps = np.asarray(offset)
     gain = doppler_gain(np.asarray(doppler_ratio, dtype=np.float64) + steps, n_subcarriers)
-    leakage: Complex = gain * np.exp(1j * np.pi * steps * (n_subcarriers - 1) / n_subcarriers)
-    return leakage
+    phase: Complex = np.exp(1j * np.pi * steps * (n_subcarriers - 1) / n_subcarriers)
+    return gain * phase
 
 
 def mean_inverse_power(modulation: Modulation) -> float:
@@ -191,7 +191,7 @@ def echo_interference(
     --------
     >>> from isacbench.model.numerology import System
     >>> echo_interference(System(), [100.0, 100.0, 200.0], [0.0, 30.0, 0.0]).to_signal_db.round(1).tolist()
-    [-inf, -19.5, -6.4]
+    [-inf, -19.5, -7.3]
     """
     delay_s = 2 * np.asarray(range_m, dtype=np.float64) / SPEED_OF_LIGHT_MPS
     doppler_hz = 2 * np.asarray(velocity_mps, dtype=np.float64) * system.carrier_hz / SPEED_OF_LIGHT_MPS

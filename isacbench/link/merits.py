@@ -1,4 +1,4 @@
-"""Figures of merit of the waveform: what it takes of time and band, and what it carries."""
+"""Figures of merit of the waveform: what it takes of time and band, and how high its peaks are."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from isacbench.link.grid import draw_grid
 from isacbench.link.ofdm import Layout, layout
 from isacbench.link.papr import symbol_papr_db
-from isacbench.link.qam import bits_per_symbol
 from isacbench.link.spectrum import occupied_bandwidth_hz, out_of_band_db
 from isacbench.model.limits import require_count
 from isacbench.model.prs import prs_elements
@@ -25,9 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "OFFSETS",
-    "DataMerits",
     "WaveformMerits",
-    "data_merits",
     "draw_papr_db",
     "waveform_merits",
     "without_suffix",
@@ -76,22 +73,6 @@ class WaveformMerits:
     plain_out_of_band_db: tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class DataMerits:
-    """What a frame carries of data in one modulation.
-
-    Attributes
-    ----------
-    data_bits : int
-        Uncoded bits of a frame, on all elements without PRS.
-    data_rate_bps : float
-        These over the frame's duration.
-    """
-
-    data_bits: int
-    data_rate_bps: float
-
-
 def waveform_merits(system: System) -> WaveformMerits:
     """Compute the figures of merit of a waveform in closed form.
 
@@ -116,41 +97,13 @@ def waveform_merits(system: System) -> WaveformMerits:
         symbol_time_s=system.symbol_time_s,
         prefix_s=system.cyclic_prefix_ratio / system.subcarrier_spacing_hz,
         suffix_s=system.cyclic_suffix_ratio / system.subcarrier_spacing_hz,
-        frame_duration_s=_frame_duration_s(system),
+        frame_duration_s=system.n_symbols * system.symbol_time_s,
         isi_free_range_m=system.isi_free_range_m,
         prs_share=float(prs_elements(system).mean()),
         occupied_bandwidth_hz=occupied_bandwidth_hz(system),
         out_of_band_db=tuple(out_of_band_db(system, offsets_hz).tolist()),
         plain_out_of_band_db=tuple(out_of_band_db(without_suffix(system), offsets_hz).tolist()),
     )
-
-
-def data_merits(system: System, modulation: Modulation) -> DataMerits:
-    """Count what a frame carries.
-
-    Parameters
-    ----------
-    system : System
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-
-    Returns
-    -------
-    DataMerits
-
-    Raises
-    ------
-    InputError
-        If there is no such modulation.
-
-    Examples
-    --------
-    >>> from isacbench.model.numerology import System
-    >>> data_merits(System(), "qpsk").data_bits
-    868352
-    """
-    is_prs = prs_elements(system)
-    data_bits = bits_per_symbol(modulation) * (is_prs.size - int(is_prs.sum()))
-    return DataMerits(data_bits, data_bits / _frame_duration_s(system))
 
 
 def draw_papr_db(
@@ -197,7 +150,3 @@ def draw_papr_db(
 def without_suffix(system: System) -> System:
     """Leave the suffix, and with it the smooth window, out of a system."""
     return replace(system, cyclic_suffix_ratio=0.0)
-
-
-def _frame_duration_s(system: System) -> float:
-    return system.n_symbols * system.symbol_time_s

@@ -25,7 +25,7 @@ import numpy as np
 import scipy.fft
 from threadpoolctl import threadpool_limits
 
-from isacbench.cubes.transform import available_cores
+from isacbench.cores import available_cores
 from isacbench.errors import InputError, require
 from isacbench.link.ofdm import layout, n_samples, transmit_window
 from isacbench.model.frozen import freeze_arrays
@@ -50,6 +50,9 @@ SAMPLES_TOGETHER = 2**23
 
 TABLE_VALUES = 2**19
 """Values of a table of paths and samples made at a time: 8 MB."""
+
+FEW_VALUES = 2**17
+"""Values to work on up to which starting threads takes longer than the work."""
 
 WHOLE = 4 * np.finfo(np.float64).eps
 """Relative distance up to which a delay is a whole number of samples: rounding of seconds."""
@@ -140,7 +143,7 @@ def shown_lags(delay: ArrayLike, parts: Layout, n_before: int = 0) -> tuple[Floa
     ([0.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 1.0])
     """
     late = np.asarray(delay, dtype=np.float64)
-    lowest = np.ceil((late - (parts.n_symbol - 1)) / parts.n_symbol)
+    lowest = np.ceil((late - (parts.n_symbol - 1)) / parts.n_symbol) + 0.0  # no -0
     highest = np.floor((late + parts.n_useful + parts.n_suffix + n_before) / parts.n_symbol)
     return lowest, highest
 
@@ -287,9 +290,8 @@ class _Periods:
             self._add_speed(received, periods, index)
         for lag, index in self._of_lags(self._single):
             self._add_paths(received, periods, lag, index)
-        spectra: Complex = scipy.fft.fft(
-            received, axis=2, norm="ortho", overwrite_x=True, workers=available_cores()
-        )
+        workers = _n_threads(received.size)
+        spectra: Complex = scipy.fft.fft(received, axis=2, norm="ortho", overwrite_x=True, workers=workers)
         return spectra
 
     def _nothing(self, n_periods: int) -> Complex:
@@ -374,7 +376,7 @@ class _Periods:
                 gain = self.gain[some] * self._of_period(self.turns[some], period)[:, None]
                 received[period - periods.start] += gain.T @ waves
 
-            _side_by_side(add, shown)
+            _side_by_side(add, shown, table.size)
 
     def _add_speed(self, received: Complex, periods: range, index: Index) -> None:
         """Add undisturbed paths of one speed, summed before their inverse DFT."""
@@ -386,7 +388,7 @@ class _Periods:
             waves *= doppler * self._of_period(turns, period)
             received[period - periods.start] += waves
 
-        _side_by_side(add, periods)
+        _side_by_side(add, periods, response.size)
 
     def _waves(self, spectra: Complex) -> Complex:
         """Periodic waves (k, n_window) of spectra (k, n_subcarriers), which are overwritten."""
@@ -396,11 +398,20 @@ class _Periods:
         return np.concatenate([waves[:, self.parts.n_useful - self.n_before :], waves], axis=1)
 
 
-def _side_by_side(add: Callable[[int], None], periods: range) -> None:
-    """Work on periods in several threads; each has samples of its own."""
-    with threadpool_limits(limits=1), ThreadPoolExecutor(available_cores()) as threads:
+def _side_by_side(add: Callable[[int], None], periods: range, n_values: int) -> None:
+    """Work on periods of so many values, in several threads; each has samples of its own."""
+    n_threads = _n_threads(n_values * len(periods))
+    if n_threads == 1:
+        for period in periods:
+            add(period)
+        return
+    with threadpool_limits(limits=1), ThreadPoolExecutor(n_threads) as threads:
         for _ in threads.map(add, periods):
             pass
+
+
+def _n_threads(n_values: int) -> int:
+    return 1 if n_values <= FEW_VALUES else available_cores()
 
 
 def _by_symbol(symbols: ArrayLike, system: System) -> Complex:

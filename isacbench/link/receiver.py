@@ -154,10 +154,11 @@ def receive(
     _require_allowed(grid, system, snr_db, knowledge)
     response = drawn_response(system, channel, trial, seed)
     received = _received(grid.symbols, response, snr_db, trial, seed)
+    power = _power(_different(response))
     known, error_db = response, float("nan")
     if knowledge == "prs":
         known = prs_estimator(system, time_order).estimate(received, grid.symbols)
-        error_db = _db(_power(known - response) / _power(response))
+        error_db = _db(_power(_different(known) - _different(response)) / power)
     equalised = received
     equalised *= _inverse(known)
     is_data = ~grid.is_prs.T
@@ -172,7 +173,7 @@ def receive(
         n_bits=decided.size,
         n_bit_errors=int(np.count_nonzero(decided != grid.bits)),
         evm=float(np.sqrt(_power(data))),
-        channel_power_db=_db(_power(response)),
+        channel_power_db=_db(power),
         channel_error_db=error_db,
     )
 
@@ -235,9 +236,10 @@ def expected_ber(
     """
     response = drawn_response(system, channel, trial, seed)
     if knowledge == "prs":
-        snr_db = effective_snr_db(snr_db, prs_estimator(system, time_order).noise_gain)
-    step = system.n_symbols if _is_constant(response) else max(response.size // MOST_ELEMENTS, 1)
-    return response_ber(modulation, response[:, ::step], snr_db)
+        snr_db = effective_snr_db(modulation, snr_db, prs_estimator(system, time_order).noise_gain)
+    different = _different(response)
+    step = max(different.size // MOST_ELEMENTS, 1)
+    return response_ber(modulation, different[:, ::step], snr_db)
 
 
 def _require_allowed(grid: ResourceGrid, system: System, snr_db: float, knowledge: Knowledge) -> None:
@@ -268,15 +270,15 @@ def _unit_noise(shape: tuple[int, int], trial: int, seed: int) -> Complex:
 
 def _inverse(response: Complex) -> Complex:
     """Reciprocal of a response; 0 where it is 0, because such an element tells nothing."""
-    different = response[:, :1] if _is_constant(response) else response
+    different = _different(response)
     inverse = np.zeros_like(different)
     np.divide(1, different, out=inverse, where=different != 0)
     return np.broadcast_to(inverse, response.shape)
 
 
-def _is_constant(response: Complex) -> bool:
-    """Whether all symbols share the memory of one."""
-    return response.strides[1] == 0
+def _different(response: Complex) -> Complex:
+    """Symbols of a response that do not share the memory of one: (n_subcarriers, n_symbols or 1)."""
+    return response[:, :1] if response.strides[1] == 0 else response
 
 
 def _power(values: Complex) -> float:

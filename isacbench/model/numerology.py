@@ -101,8 +101,8 @@ class System:
 
     @property
     def isi_free_range_m(self) -> float:
-        """Range up to which echoes stay inside the undisturbed cyclic prefix."""
-        undisturbed_ratio = self.cyclic_prefix_ratio - self.cyclic_suffix_ratio
+        """Range up to which echoes stay inside the undisturbed cyclic prefix, at least 0."""
+        undisturbed_ratio = max(self.cyclic_prefix_ratio - self.cyclic_suffix_ratio, 0.0)
         return SPEED_OF_LIGHT_MPS * undisturbed_ratio / (2 * self.subcarrier_spacing_hz)
 
     @property

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from isacbench.link.qam import awgn_ber
-from isacbench.report.link_tables import receiver_labels, signal_label, signals_of_part
+from isacbench.report.link_tables import DIVISIONS, receiver_labels, signal_label, signals_of_part
 from isacbench.report.panels import draw_line, legend_lines, panel_grid
 from isacbench.report.style import BOUND_COLOUR, COLOURS, Look, drawable
 from isacbench.report.tables import estimator_labels
@@ -127,8 +127,7 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
                 _draw_trade(axes, points, signal, modulation)
         axes.set_title(f"Image by {drawable(labels[variant])}")
         axes.set_xlabel("achievable bit rate [Gbit/s]")
-        axes.set_yscale("log")
-        _plain_ticks(axes)
+        _deviation_axis(axes, part)
         axes.grid(True)
     panels[0].set_ylabel("imaging deviation")
     return figure
@@ -172,12 +171,14 @@ def _draw_deviations(axes: Axes, part: pd.DataFrame) -> None:
         mean, half = rows["deviation_mean"], rows["deviation_band"]
         low = (mean - half).clip(lower=mean / 10)
         draw_line(axes, _signal_look(signal), rows["snr_db"], mean, low, mean + half, alpha=0.12)
+    _deviation_axis(axes, part)
+
+
+def _deviation_axis(axes: Axes, part: pd.DataFrame) -> None:
+    """Scale an axis for deviations, logarithmic with plain numbers, unless nothing was imaged."""
+    if not (part["deviation_mean"] > 0).any():
+        return
     axes.set_yscale("log")
-    _plain_ticks(axes)
-
-
-def _plain_ticks(axes: Axes) -> None:
-    """Write deviations of a logarithmic axis as plain numbers."""
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
@@ -187,8 +188,17 @@ def _signal_look(signal: Signal) -> Look:
     sensing, modulation, division = signal
     if sensing == "prs":
         return PRS_LOOK
-    label = f"image, {division} division"
-    return Look(label, MODULATION_COLOURS[modulation], "o", DIVISION_LINES[division], is_bound=False)
+    return Look(
+        _division_label(division),
+        MODULATION_COLOURS[modulation],
+        "o",
+        DIVISION_LINES[division],
+        is_bound=False,
+    )
+
+
+def _division_label(division: str) -> str:
+    return f"image, {DIVISIONS.get(division, 'any')} division"
 
 
 def _receiver_looks(received: pd.DataFrame, colour: str = "0.4") -> list[Look]:
@@ -213,7 +223,7 @@ def _modulation_lines(modulations: Sequence[str]) -> list[Line2D]:
 def _sensing_lines(sensed: pd.DataFrame) -> list[Line2D]:
     """Lines of what is sensed with."""
     divisions = [one for one in dict.fromkeys(sensed["division"]) if one]
-    looks = [Look(f"image, {one} division", "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
+    looks = [Look(_division_label(one), "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
     return legend_lines([*looks, *([PRS_LOOK] if (sensed["sensing"] == "prs").any() else [])])
 
 

@@ -6,7 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.link import summarise
+from isacbench.bench.link import outside_interval, summarise
 from isacbench.report.tables import Grid, Variant, batched, estimator_labels
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ MODULATIONS_A_TABLE = 4
 Signal = tuple[str, str, str]
 """Sensing, modulation and division, empty where they do not matter."""
 
+DIVISIONS = {"reciprocal": "reciprocal", "matched": "matched", "wiener": "Wiener"}
 KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
 
 
@@ -47,7 +48,7 @@ def signal_label(signal: Signal) -> str:
     sensing, modulation, division = signal
     if sensing == "prs":
         return "PRS alone"
-    return modulation.upper() + (f", {division}" if division else "")
+    return modulation.upper() + (f", {DIVISIONS[division]}" if division else "")
 
 
 def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
@@ -97,13 +98,13 @@ def _deviation(entry: pd.Series[Any] | None) -> str:
 
 def _received(summary: pd.DataFrame) -> list[Grid]:
     """Bit error rates, modulations over SNR, one table a channel and receiver."""
-    labels = receiver_labels(summary)
+    labels, outside = receiver_labels(summary), outside_interval(summary)
     found = []
     for (channel, name, params), part in summary.groupby(["channel", "estimator", "params"], sort=False):
         title = (
             f"{channel}, {labels[str(name), str(params)]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
             f"{part['n_cells'].max()} frames"
-        )
+        ) + _held(outside.reindex(part.index).dropna())
         modulations = list(part["modulation"].unique())
         for chosen in batched(modulations, MODULATIONS_A_TABLE):
             rows = []
@@ -112,6 +113,15 @@ def _received(summary: pd.DataFrame) -> list[Grid]:
                 rows.append([f"{snr_db:.4g}", *(_reception(entries.get(one)) for one in chosen)])
             found.append(Grid(title, ["SNR: [dB]", *(one.upper() for one in chosen)], rows))
     return found
+
+
+def _held(outside: pd.Series[bool]) -> str:
+    """Whether counts of errors are as expected, empty where none can be held against anything."""
+    if outside.empty:
+        return ""
+    if not outside.any():
+        return "; all counts of errors within the family-wise 99 % interval"
+    return f"; {int(outside.sum())} of {outside.size} counts of errors outside the family-wise 99 % interval"
 
 
 def _reception(entry: pd.Series[Any] | None) -> str:

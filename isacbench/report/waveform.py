@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.link.merits import OFFSETS, data_merits
+from isacbench.link.merits import OFFSETS
 from isacbench.link.papr import exceeded_papr_db
+from isacbench.link.rates import frame_rates
 from isacbench.report.tables import Grid
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ def describe_waveform(system: System, merits: WaveformMerits, papr_db: Ratios) -
         ],
         "modulations": {
             modulation: {
-                **asdict(data_merits(system, modulation)),
+                **_carried(system, modulation),
                 "papr": {"n_symbols": len(ratios), **_papr_db(ratios)},
             }
             for modulation, ratios in papr_db.items()
@@ -108,10 +109,16 @@ def _lines(system: System, merits: WaveformMerits) -> list[list[str]]:
 
 
 def _data_row(system: System, modulation: Modulation, ratios: NDArray[np.float64]) -> list[str]:
-    data = data_merits(system, modulation)
+    rates = frame_rates(system, modulation)
     told = _papr_db(ratios)
     peaks = ["too few symbols" if value is None else f"{value:.2f}" for value in told.values()]
-    return [modulation, str(data.data_bits), f"{data.data_rate_bps / 1e6:.1f}", *peaks]
+    return [modulation, str(rates.n_data_bits), f"{rates.bit_rate_bps / 1e6:.1f}", *peaks]
+
+
+def _carried(system: System, modulation: Modulation) -> dict[str, float]:
+    """Data of a frame, for JSON."""
+    rates = frame_rates(system, modulation)
+    return {"n_data_bits": rates.n_data_bits, "bit_rate_bps": rates.bit_rate_bps}
 
 
 def _papr_db(ratios: NDArray[np.float64]) -> dict[str, float | None]:

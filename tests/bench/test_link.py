@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from isacbench.bench.link import signals_of, summarise
+from isacbench.bench.link import outside_interval, signals_of, summarise
 from isacbench.bench.runner import run
 from isacbench.bench.suite import LinkSuite, Suite
 from isacbench.errors import InputError
@@ -96,6 +96,20 @@ def test_the_summary_pools_bits_and_averages_deviations(suite):
     expected = records.query("scenario == 'tiny-prs' and snr_db == 60")["deviation"].mean()
     assert one["deviation_mean"].item() == pytest.approx(expected)
     assert one["ber"].isna().all()
+
+
+def test_counts_of_errors_lie_within_the_family_wise_interval_and_others_are_told(suite):
+    summary = summarise(run(suite))
+    outside = outside_interval(summary)
+    assert len(outside) == 2 * 2 * 2
+    assert not outside.any()
+    wrong = summary.copy()
+    row = outside.index[0]
+    wrong.loc[row, "n_bit_errors"] = int(1.1 * wrong.loc[row, "n_bit_errors"])
+    assert outside_interval(wrong).sum() == 1
+    never = summary["ber_expected"] == 0
+    wrong.loc[never, "n_bit_errors"] = 1
+    assert outside_interval(wrong).sum() == 1 + (never & wrong.index.isin(outside.index)).sum()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from time import perf_counter
 import numpy as np
 import pytest
 from isacbench_algorithms.music2d import Music2d
-from threadpoolctl import threadpool_limits
 
 from isacbench.dsp.detection import detect_cells, white_noise
 from isacbench.dsp.joint import select_jointly
@@ -207,13 +206,6 @@ class Scene:
     @cached_property
     def chosen(self):
         return self.selected()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_thread():
-    """Linear algebra on one thread, as estimates are timed."""
-    with threadpool_limits(limits=1):
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -12,8 +12,13 @@ from isacbench import observe_cube
 from isacbench.cubes import observing, transform
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
+from isacbench.link.grid import draw_grid
+from isacbench.link.observing import SignalSimulator
+from isacbench.link.signal import Signal
+from isacbench.model.echo import resource_grid
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation, cross_elements
+from isacbench.model.prs import prs_elements
 
 ESTIMATORS = [Music2d(), Music2d(integration="element"), Fft4d()]
 ids = ["music2d", "music2d-element", "fft4d"]
@@ -101,6 +106,49 @@ def test_a_received_frame_is_divided_by_the_transmitted_grid(small_street, noisy
     cells = observe_cube(received, small_street, transmitted).cells
     expected = observe_cube(noisy_cube, small_street).cells
     np.testing.assert_allclose(cells, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+@pytest.mark.parametrize("sensing", ["all", "prs"])
+def test_a_received_frame_is_divided_as_the_closed_form_has_it(small_street, sensing, division):
+    system, shape = small_street.system, small_street.array.shape
+    grid = draw_grid(system, "64qam").symbols
+    echo = resource_grid(small_street, small_street.array.positions)
+    received = (echo * grid[:, :, None]).reshape(*grid.shape, *shape)
+    snr_db = 3.0 if division == "wiener" else None
+    given = {"sensing": sensing, "division": division, "snr_db": snr_db}
+    cells = observe_cube(received, small_street, grid, **given).cells
+    signal = Signal("64qam", sensing, division)
+    expected = SignalSimulator(small_street, signal).echo_cells(3.0)
+    # Wiener division takes the mean power of this frame's symbols, the closed form that of the constellation.
+    tolerance = 2e-3 if (sensing, division) == ("all", "wiener") else 1e-11
+    np.testing.assert_allclose(cells, expected, atol=tolerance * np.abs(expected).max())
+    twice = observe_cube(received, small_street, 2 * grid, **given)
+    np.testing.assert_allclose(2 * twice.cells, cells, atol=1e-12 * np.abs(cells).max())
+
+
+def test_of_the_prs_alone_nobody_knows_the_data(small_street, noisy_cube):
+    is_prs = prs_elements(small_street.system)
+    grid = np.where(is_prs, np.exp(1j * np.arange(is_prs.size).reshape(is_prs.shape)), np.nan)
+    received = noisy_cube * np.where(is_prs, grid, 7)[:, :, None, None]
+    unknown = observe_cube(received, small_street, grid, sensing="prs").cells
+    divided = observe_cube(noisy_cube, small_street, sensing="prs").cells
+    np.testing.assert_allclose(unknown, divided, atol=1e-12 * np.abs(divided).max())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"division": "matched"}, "'matched' takes the transmitted grid, and there is none"),
+        ({"division": "wiener", "transmitted": np.ones((512, 56))}, "takes the SNR of the echo"),
+        ({"snr_db": 10.0}, "snr_db is allowed with division = 'wiener'"),
+        ({"sensing": "some"}, "unknown sensing 'some'"),
+        ({"division": "no"}, "unknown division 'no'"),
+    ],
+)
+def test_a_division_that_lacks_something_is_refused_at_once(small_street, noisy_cube, given, message):
+    with pytest.raises(InputError, match=message):
+        observe_cube(noisy_cube, small_street, **given)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, complex(0, -np.inf)])

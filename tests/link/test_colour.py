@@ -20,39 +20,42 @@ def exact_covariance(weight, shape):
     return (rows * weight.ravel() ** 2) @ rows.conj().T
 
 
+class Tracer:
+    """Stands in for random numbers: of all that are drawn, each element gets another one as 1, all else 0."""
+
+    def __init__(self):
+        self.torus, self.n_elements_done, self.n_numbers = None, 0, 0
+
+    def __call__(self, stream, size):
+        numbers = np.zeros(size, dtype=complex)
+        if len(size) == 3:  # elements, torus
+            self.torus, self.n_numbers = size[1:], size[1] * size[2]
+            for element, field in enumerate(numbers.reshape(size[0], -1), self.n_elements_done):
+                field[element : element + 1] = 1
+            self.n_elements_done += size[0]
+        else:  # numbers, elements
+            for number, of_elements in enumerate(numbers, self.n_numbers):
+                of_elements[number : number + 1] = 1
+            self.n_numbers += size[0]
+        return numbers
+
+
 def made_covariance(weight, shape, monkeypatch):
     """Covariance that coloured noise has: products of the linear map from all numbers that it is made of."""
-    n_cells, drawn = int(np.prod(shape)), []
-
-    def fresh(stream, size):
-        drawn.append(size)
-        return np.zeros(size, dtype=complex)
-
-    monkeypatch.setattr(colour, "white_gaussian", fresh)
+    n_cells = int(np.prod(shape))
+    silent = Tracer()
+    monkeypatch.setattr(colour, "white_gaussian", lambda stream, size: 0 * silent(stream, size))
     # Every cell of the gate's white noise in turn, as elements of one array.
     white = np.eye(n_cells, dtype=complex).reshape(*shape, n_cells, 1)
     of_white = coloured_noise(white, weight, None).reshape(n_cells, n_cells)
     total = of_white @ of_white.conj().T
-    if drawn:
-        torus = drawn[0][1:]
-        outside = np.ones(torus, dtype=bool)
-        outside[: shape[0], : shape[1]] = False
-        places = np.argwhere(outside)
-
-        def unit_vectors(stream, size):
-            numbers = np.zeros(size, dtype=complex)
-            first = unit_vectors.done
-            for element, (r, d) in enumerate(places[first : first + size[0]]):
-                numbers[element, r, d] = 1
-            unit_vectors.done += size[0]
-            return numbers
-
-        unit_vectors.done = 0
-        monkeypatch.setattr(colour, "white_gaussian", unit_vectors)
-        silence = np.zeros((*shape, len(places), 1), dtype=complex)
-        of_fresh = coloured_noise(silence, weight, None).reshape(n_cells, len(places))
+    if silent.n_numbers:
+        monkeypatch.setattr(colour, "white_gaussian", Tracer())
+        silence = np.zeros((*shape, silent.n_numbers, 1), dtype=complex)
+        of_fresh = coloured_noise(silence, weight, None).reshape(n_cells, -1)
         total += of_fresh @ of_fresh.conj().T
-    return total, (drawn[0][1:] if drawn else None)
+    n_on_grid = silent.n_numbers - int(np.prod(silent.torus)) if silent.torus else 0
+    return total, silent.torus, n_on_grid
 
 
 def weights_of(kind, n_subcarriers, n_symbols):
@@ -70,29 +73,22 @@ def weights_of(kind, n_subcarriers, n_symbols):
     [
         ("slight", (40, 21), (5, 4), (9, 7)),
         ("slight", (12, 9), (12, 9), (12, 9)),
-        ("strong", (40, 21), (5, 4), None),
+        ("strong", (40, 21), (5, 4), (9, 7)),
+        ("strong", (12, 9), (12, 9), (12, 9)),
+        ("strong", (12, 9), (12, 8), (12, 9)),
         ("prs", (32, 28), (7, 5), None),
         ("prs", (32, 14), (1, 6), None),
-        ("prs", (8, 14), (6, 5), "whole"),
-        ("prs", (30, 14), (5, 5), "any"),
+        ("prs", (8, 14), (6, 5), (8, 14)),
     ],
 )
 def test_the_covariance_is_that_of_the_resource_grid_to_rounding(kind, grid, shape, torus, monkeypatch):
     weight = weights_of(kind, *grid)
-    made, used = made_covariance(weight, shape, monkeypatch)
+    made, used, n_on_grid = made_covariance(weight, shape, monkeypatch)
     np.testing.assert_allclose(made, exact_covariance(weight, shape), atol=1e-12 * np.mean(weight**2))
-    if torus == "whole":
-        assert used == grid
-    elif torus != "any":
-        assert used == torus
-
-
-def test_large_gates_whose_small_tori_have_negative_eigenvalues_are_embedded_in_the_whole_map(monkeypatch):
-    monkeypatch.setattr(colour, "MOST_FACTORED", 1)
-    weight = weights_of("strong", 20, 11)
-    made, used = made_covariance(weight, (5, 4), monkeypatch)
-    assert used == weight.shape
-    np.testing.assert_allclose(made, exact_covariance(weight, (5, 4)), atol=1e-12 * np.mean(weight**2))
+    assert used == torus
+    # Strong elements that no small torus holds are drawn on the grid, and they alone.
+    is_split = kind == "strong" and torus != grid
+    assert n_on_grid == (np.sum(weight > 1) if is_split else 0)
 
 
 @given(st.integers(1, 12), st.integers(1, 9), st.floats(0, 1), st.floats(0, 1), st.integers(0, 2**32 - 1))
@@ -103,7 +99,7 @@ def test_any_weights_and_gates_get_their_covariance(n, m, share_n, share_m, seed
     weight[0, 0] = 1
     shape = 1 + int(share_n * (n - 1)), 1 + int(share_m * (m - 1))
     with pytest.MonkeyPatch.context() as monkeypatch:
-        made, _ = made_covariance(weight, shape, monkeypatch)
+        made, _, _ = made_covariance(weight, shape, monkeypatch)
     np.testing.assert_allclose(made, exact_covariance(weight, shape), atol=1e-11 * np.mean(weight**2))
 
 

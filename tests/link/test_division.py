@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.link.division import division_weights, symbol_moduli
+from isacbench.link.division import division_factors, division_weights, symbol_moduli
 from isacbench.link.qam import constellation
 from isacbench.link.signal import Signal
 from isacbench.model.numerology import System
@@ -47,6 +47,16 @@ def test_an_echo_keeps_its_peak_and_noise_is_least_for_the_matched_division(modu
     least = 1 / np.mean((modulus * mask) ** 2)
     assert weights.noise_factor >= least * (1 - 1e-12)
     assert division_weights(modulus * mask, "matched").noise_factor == pytest.approx(least, rel=1e-12)
+
+
+@given(moduli, st.lists(st.floats(0.01, 2.0), min_size=6, max_size=6), st.floats(-30, 30))
+@settings(max_examples=50, derandomize=True)
+def test_no_echo_weights_leave_less_noise_and_pedestal_together_than_wiener_division(sent, other, snr_db):
+    snr = 10 ** (snr_db / 10)
+    wiener = division_weights(sent, "wiener", snr_db)
+    echo = np.reshape(other, sent.shape) / np.mean(other)
+    least = wiener.noise_factor / snr + wiener.pedestal
+    assert least <= (np.mean((echo / sent) ** 2) / snr + np.var(echo)) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("division", DIVISIONS)
@@ -112,3 +122,18 @@ def test_a_grid_without_a_prs_is_refused():
 def test_a_division_that_does_not_exist_is_refused():
     with pytest.raises(InputError, match="unknown division 'matchd': did you mean 'matched'"):
         division_weights(np.ones((2, 2)), "matchd")
+
+
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+def test_factors_are_the_weights_with_the_phase_of_the_symbols_in_any_unit(division):
+    rng = np.random.default_rng(5)
+    symbols = rng.standard_normal((6, 8, 2)) @ [1, 1j]
+    sensed = rng.random((6, 8)) < 0.7
+    symbols[~sensed] = np.nan
+    factors = division_factors(symbols, sensed, division, snr_db=2.0)
+    moduli = np.where(sensed, np.abs(symbols), 0)
+    unit = np.sqrt(np.mean(moduli[sensed] ** 2))
+    weights = division_weights(moduli / unit, division, snr_db=2.0)
+    np.testing.assert_allclose(factors[sensed] * symbols[sensed], weights.echo[sensed], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(factors) * unit, weights.noise, rtol=1e-12)
+    np.testing.assert_allclose(division_factors(3 * symbols, sensed, division, 2.0), factors / 3, rtol=1e-12)

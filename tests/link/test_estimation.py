@@ -59,16 +59,16 @@ def test_noise_reaches_the_estimate_as_the_noise_gain_says(n_symbols, time_order
 def test_no_delay_within_the_prefix_is_lost(fraction):
     estimator, grid = prs_estimator(SMALL), draw_grid(SMALL)
     response = late_by(SMALL, fraction * isi_free_delay_s(SMALL))
-    assert error_db(estimator.estimate(response * grid.symbols, grid.symbols), response) < -70
+    assert error_db(estimator.estimate(response * grid.symbols, grid.symbols), response) < -95
 
 
 @pytest.mark.parametrize("channel", [TwoRay(), TappedDelay(), TappedDelay("tdl_e", 40e-9)])
-def test_the_floor_of_the_whole_band_is_below_80_db(channel):
+def test_channels_of_the_whole_band_are_estimated_to_95_db(channel):
     system = System()
     response = channel_response(system, channel.paths(system, random_stream("draw", 0, 0)))
     grid = draw_grid(system)
     estimate = prs_estimator(system).estimate(response * grid.symbols, grid.symbols)
-    assert error_db(estimate, response) < -80
+    assert error_db(estimate, response) < -95
 
 
 def test_data_does_not_change_the_estimate():

@@ -4,7 +4,7 @@ from scipy.constants import speed_of_light
 
 from isacbench.errors import InputError
 from isacbench.link.grid import draw_grid
-from isacbench.link.merits import data_merits, draw_papr_db, waveform_merits, without_suffix
+from isacbench.link.merits import draw_papr_db, waveform_merits, without_suffix
 from isacbench.link.papr import symbol_papr_db
 from isacbench.model.numerology import System
 
@@ -29,13 +29,6 @@ def test_levels_beside_the_band_fall_and_are_lower_with_the_suffix():
     assert (np.array(merits.out_of_band_db) < merits.plain_out_of_band_db).all()
     plain = waveform_merits(without_suffix(SMALL))
     assert plain.out_of_band_db == plain.plain_out_of_band_db == merits.plain_out_of_band_db
-
-
-@pytest.mark.parametrize("modulation", ["qpsk", "256qam"])
-def test_a_frame_carries_the_bits_that_its_grid_holds(modulation):
-    data = data_merits(SMALL, modulation)
-    assert data.data_bits == draw_grid(SMALL, modulation).bits.size
-    assert data.data_rate_bps == pytest.approx(data.data_bits / (28 * 1.25 / 240e3))
 
 
 def test_ratios_are_those_of_the_grids_frame_by_frame():

@@ -58,14 +58,14 @@ def crowd(scenario, n, n_speeds):
 
 
 @pytest.mark.parametrize(("n", "n_speeds"), [(0, 0), (1, 1), (40, 2), (20, 20)])
-@pytest.mark.parametrize("most_numbers", [1, 2**23])
+@pytest.mark.parametrize("most_numbers", [1000, 2**23])
 @pytest.mark.parametrize("method", ["partial", "fft"])
 def test_weighted_cells_are_the_transform_of_the_weighted_grid(
     scenario, n, n_speeds, most_numbers, method, monkeypatch
 ):
     monkeypatch.setattr(weighted_echo_module, "MOST_NUMBERS", most_numbers)
     monkeypatch.setattr(weighted_echo_module, "range_method", lambda *_: method)
-    # A small grid, of which blocks of one subcarrier are not too many.
+    # A small grid, in blocks of few subcarriers, of one where every echo has a speed of its own.
     system = System(n_subcarriers=64, n_symbols=20)
     scene = dataclasses.replace(crowd(scenario, n, n_speeds), system=system)
     gate, weight = gate_of(scene), random_weight(system)
@@ -135,12 +135,12 @@ def test_noise_has_the_power_that_division_leaves(scenario, signal):
     simulator = SignalSimulator(scenario, signal)
     snr_db = -5.0
     powers, expected = [], []
-    for trial in range(12):
+    for trial in range(6):
         noise = simulator.observe(snr_db, trial).cells - simulator.echo_cells(snr_db, trial)
         powers.append(np.mean(np.abs(noise) ** 2))
         expected.append(simulator.noise_power(snr_db) * simulator.weights(snr_db, trial).noise_factor)
-    # Noise of the PRS has few degrees of freedom along Doppler; 16 elements, 12 trials.
-    n_free = 12 * 16 * simulator.gate.shape[0] * 4
+    # Noise of the PRS has few degrees of freedom along Doppler; 16 elements, 6 trials.
+    n_free = 6 * 16 * simulator.gate.shape[0] * 4
     assert np.mean(powers) == pytest.approx(np.mean(expected), rel=5 / np.sqrt(n_free))
 
 
@@ -180,7 +180,7 @@ def test_self_noise_of_matched_division_is_a_pedestal_of_known_height(scenario):
     signal = Signal("16qam", division="matched")
     simulator = SignalSimulator(scenario, signal)
     power = np.mean(
-        [np.mean(np.abs(simulator.echo_cells(np.inf, t) - simulator.clean) ** 2) for t in range(20)]
+        [np.mean(np.abs(simulator.echo_cells(np.inf, t) - simulator.clean) ** 2) for t in range(8)]
     )
     total = np.sum(scenario.scatterers.amplitude**2)
     # Data alone vary: E|X|⁴ - 1 = 0.32 of 16QAM, on all elements but those of the PRS.

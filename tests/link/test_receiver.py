@@ -12,7 +12,7 @@ from isacbench.link.estimation import prs_estimator
 from isacbench.link.grid import ResourceGrid, draw_grid
 from isacbench.link.prediction import effective_snr_db, estimated_evm, response_ber, response_evm
 from isacbench.link.qam import awgn_ber, bits_per_symbol, constellation, decide_bits
-from isacbench.link.receiver import receive
+from isacbench.link.receiver import expected_ber, receive
 from isacbench.model.echo import random_stream, white_gaussian
 from isacbench.model.numerology import System
 from isacbench.model.prs import prs_elements
@@ -139,9 +139,11 @@ def test_bit_errors_over_a_known_channel_are_those_of_its_elements(small_grids, 
     grid = small_grids[modulation]
     reception = receive(grid, SMALL, channel, snr_db, knowledge="perfect")
     paths = channel.paths(SMALL, random_stream("channel", 0, 0, channel.name))
-    response = channel_response(SMALL, paths)[~grid.is_prs]
-    ber = response_ber(modulation, response, snr_db)
+    response = channel_response(SMALL, paths)
+    # All symbols see one response, and all subcarriers carry as many data symbols.
+    ber = response_ber(modulation, response[:, 0], snr_db)
     assert is_likely(reception.n_bit_errors, reception.n_bits, ber, len(FADED))
+    response = response[~grid.is_prs]
     # Errors of weak elements count most: the kurtosis of the mean is that of 1/|H|².
     inverse = 1 / np.abs(response) ** 2
     deviation = np.sqrt(np.sum(inverse**2)) / np.sum(inverse)
@@ -234,6 +236,18 @@ def test_without_noise_no_bit_is_wrong(small_grids, modulation, channel):
     estimated = receive(small_grids[modulation], SMALL, channel, np.inf)
     assert estimated.n_bit_errors == 0
     assert estimated.channel_error_db < -80
+
+
+def test_receptions_have_the_expected_errors_of_their_fades(small_grids):
+    channel, trials = TappedDelay("tdl_c", 80e-9), range(20)
+    counted = sum(receive(small_grids["16qam"], SMALL, channel, 12.0, trial=trial).ber for trial in trials)
+    expected, known = (
+        sum(expected_ber("16qam", SMALL, channel, 12.0, knowledge=knowledge, trial=trial) for trial in trials)
+        for knowledge in ("prs", "perfect")
+    )
+    # Some 400 000 errors; what the estimate adds is several times what is allowed.
+    assert counted == pytest.approx(expected, rel=0.005)
+    assert expected > 1.01 * known
 
 
 def test_a_walking_user_needs_an_estimate_that_follows_in_time(small_grids):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from isacbench.link.grid import draw_grid
-from isacbench.link.merits import data_merits, draw_papr_db, waveform_merits, without_suffix
+from isacbench.link.merits import draw_papr_db, waveform_merits, without_suffix
 from isacbench.model.numerology import System
 from isacbench.report.waveform import describe_waveform, waveform_grids
 from isacbench.report.waveform_figures import draw_papr, draw_resource_grid, draw_spectrum, draw_waveform
@@ -30,7 +30,7 @@ def test_tables_and_json_tell_the_same(papr_db):
     *rows, theory = data.rows
     for name, *numbers in rows:
         known = described["modulations"][name]
-        assert int(numbers[0]) == known["data_bits"] == data_merits(SYSTEM, name).data_bits
+        assert int(numbers[0]) == known["n_data_bits"] == draw_grid(SYSTEM, name).bits.size
         assert numbers[2:] == [f"{known['papr']['median_db']:.2f}", "too few symbols"]
         assert known["papr"] == {"n_symbols": 112, "median_db": np.median(papr_db[name]), "rare_db": None}
     assert theory[3:] == [f"{described['papr_theory'][key]:.2f}" for key in ("median_db", "rare_db")]
