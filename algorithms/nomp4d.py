@@ -305,7 +305,8 @@ class Nomp4d:
         fit = refit_atoms(atom_map, fit, everyone, boxed)
         while True:
             places = fit.places
-            weak = fit.power < np.maximum(least, self._weakest(strongest_around(places, fit, atom_map.bursts)))
+            strongest = strongest_around(places, fit, atom_map.bursts)
+            weak = fit.power < np.maximum(least, self._weakest(strongest))
             weak |= np.any(np.abs(places[:, 2:] * atom_map.cell_size[2:]) > 1, axis=1)
             if not weak.any():
                 weak, places = redundant(fit, noise)
@@ -322,7 +323,7 @@ class Nomp4d:
 
 
 def _at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:
-    """Atoms at those of their grating lobes where the map, less all others, shows them most; boxes with them."""
+    """Atoms, and their boxes, at those of their grating lobes where the map without the others shows them most."""
     if atom_map.bursts.is_whole_frame:
         return atoms
     owner, doppler = lobes_within(atoms.places[:, 1], atom_map.bursts, gate)
@@ -395,7 +396,8 @@ def _no_images(
     left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
     distance = places[left][:, None] - places[best]
     lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
-    return left[gain[left] > lobes]
+    kept: NDArray[np.int64] = left[gain[left] > lobes]
+    return kept
 
 
 def _near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
