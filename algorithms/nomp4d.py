@@ -323,7 +323,7 @@ class Nomp4d:
 
 
 def _at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:
-    """Atoms, and their boxes, at those of their grating lobes where the map without the others shows them most."""
+    """Atoms, and their boxes, at those of their grating lobes where the map shows them most."""
     if atom_map.bursts.is_whole_frame:
         return atoms
     owner, doppler = lobes_within(atoms.places[:, 1], atom_map.bursts, gate)
