@@ -36,6 +36,10 @@ PLACE_ERROR_BINS = 0.5
 """Of the distance of two peaks that are read twice a bin."""
 
 
+OFFSETS = 513
+"""Of an echo from a bin, at which the kernel is tabulated."""
+
+
 @dataclass(frozen=True)
 class SymbolBursts:
     """Evenly spaced bursts of symbols, as long as each other.
@@ -162,7 +166,7 @@ class SymbolBursts:
     def sidelobe_drop(self, distance: Floats) -> Floats:
         """How far below its peak a kernel is at least at distances in bins, as a ratio of amplitudes.
 
-        Of bursts, distances are taken to be known to half a bin.
+        Of bursts, the envelope is taken half a bin nearer: peaks are read there.
         """
         if self.is_whole_frame:
             drop: Floats = np.maximum(np.pi * np.abs(distance), 1)
@@ -172,6 +176,24 @@ class SymbolBursts:
         if self.n_bursts > 1:
             one *= np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
         return one
+
+    def fractional_bin(self, own: Floats, other: Floats) -> Floats:
+        """Offset of an echo from its strongest bin, from the amplitudes there and in the next bin.
+
+        Parameters
+        ----------
+        own, other : ndarray of float64, same shape
+
+        Returns
+        -------
+        ndarray of float64, same shape
+            Bins towards the other, 0 to 1; 1/2 at equal amplitudes.
+        """
+        offsets = np.linspace(0, 1, OFFSETS)
+        kernel = np.abs(self.slopes(offsets)[0])
+        share = np.divide(other, own + other, out=np.zeros_like(own), where=own + other > 0)
+        offset: Floats = np.interp(share, kernel[::-1] / (kernel + kernel[::-1]), offsets)
+        return offset
 
     def to_lobe(self, distance: Floats) -> Floats:
         """How far distances in bins, 0 and more, are from the next mainlobe or grating lobe."""

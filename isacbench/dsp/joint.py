@@ -188,6 +188,8 @@ def select_jointly(
 
 def _at_best_lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
     """Scatterers at those of their grating lobes where the map, less all others' echoes, shows them most."""
+    if not len(scatterers):
+        return scatterers
     bursts = gated.doppler_kernel(system.n_symbols)
     owner, doppler_bin = lobes_within(scatterers.doppler_bin, bursts, gated.gate)
     lobes = replace(scatterers.select(owner), doppler_bin=doppler_bin)

@@ -85,6 +85,8 @@ def best_lobes(
     """
     n, everywhere = int(owner.max(initial=-1)) + 1, np.arange(owner.size)
     current = np.arange(n)
+    if not n:
+        return current
     first = np.searchsorted(np.sort(owner), current)
     for _ in range(MAX_ROUNDS):
         square = response[np.ix_(current, current)]
