@@ -107,6 +107,6 @@ def test_bursts_are_those_of_the_resource_elements(n_symbols):
 @pytest.mark.parametrize("n_symbols", [1, 15, 62, 223])
 def test_frames_without_a_real_kernel_are_refused(n_symbols):
     system = System(n_subcarriers=16, n_symbols=n_symbols)
-    with pytest.raises(InputError, match=f"n_symbols = {n_symbols}.*sensing = 'prs'"):
+    with pytest.raises(InputError, match=rf"n_symbols = {n_symbols}.*sensing = 'prs'"):
         symbol_bursts(system, "prs")
     assert symbol_bursts(system, "all").is_whole_frame

@@ -71,7 +71,7 @@ def test_one_by_one_lobes_are_mistaken_and_together_they_are_not():
         strongest = [np.where(owner == k, np.abs(matched), 0).argmax() for k in range(3)]
         mistaken += np.any(np.abs(place[strongest] - truth) > 1)
         np.testing.assert_allclose(place[best_lobes(matched, response, owner)], truth)
-    assert mistaken > 10
+    assert mistaken > 3
 
 
 def test_of_no_scatterers_there_are_no_lobes():
