@@ -197,8 +197,8 @@ def _doppler_profile(offset: Floats, window: Window, bursts: SymbolBursts | None
         return bin_profile(offset, window)
     steps = np.arange(-1, 2)
     # Kernels of neighbouring bins alternate in sign.
-    profile: NDArray[np.complex128] = (-1.0) ** steps * bursts.slopes(steps - offset[..., None])[0] + 0j
-    return profile
+    kernel = bursts.slopes(steps - offset[..., None])[0]
+    return ((-1.0) ** steps * kernel).astype(np.complex128)
 
 
 def _is_one_echo(profile: NDArray[np.complex128], model: NDArray[np.complex128]) -> NDArray[np.bool_]:
