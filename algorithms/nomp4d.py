@@ -47,9 +47,10 @@ from numpy.typing import NDArray
 
 from isacbench.contracts import Needs
 from isacbench.dsp.atomfit import AtomFit, refine_atoms, refit_atoms
-from isacbench.dsp.atoms import N_COORDINATES, AtomMap
+from isacbench.dsp.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.detection import white_noise
+from isacbench.dsp.lobes import best_lobes, lobes_within
 from isacbench.dsp.pursuit import (
     BeamSpace,
     descending,
@@ -242,7 +243,7 @@ class Nomp4d:
                 break
             before = atoms
             with stage("refinement"):
-                atoms, fit = self._settle(atom_map, moves.made(atoms), STEPS, least, noise)
+                atoms, fit = self._settle(atom_map, observation.gate, moves.made(atoms), STEPS, least, noise)
             unsplit = np.concatenate([unsplit, moves.centres[~_is_pair(moves.centres, atoms.places)]])
             if len(before.places) + moves.number >= self.max_scatterers:
                 break
@@ -253,7 +254,7 @@ class Nomp4d:
                 residual = space.residual(fit)
             with stage("refinement"):
                 atoms = _released(space, residual, atoms, fit, noise)
-                atoms, fit = self._settle(atom_map, atoms, LAST_STEPS, least, noise)
+                atoms, fit = self._settle(atom_map, observation.gate, atoms, LAST_STEPS, least, noise)
         return fit
 
     def _moves(
@@ -292,18 +293,20 @@ class Nomp4d:
         return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 
     def _settle(
-        self, atom_map: AtomMap, atoms: _Atoms, n_steps: int, least: float, noise: float
+        self, atom_map: AtomMap, gate: Gate, atoms: _Atoms, n_steps: int, least: float, noise: float
     ) -> tuple[_Atoms, AtomFit | None]:
         """Move all atoms, each in its box, and drop those that explain nothing of their own."""
         if not len(atoms.places):
             return atoms, None
+        atoms = _at_best_lobes(atom_map, gate, atoms)
         fit = refine_atoms(atom_map, atoms.places, n_steps)
         boxed = np.clip(fit.places, atoms.origins - BOX_CELLS, atoms.origins + BOX_CELLS)
         everyone = np.ones(len(boxed), dtype=np.bool_)
         fit = refit_atoms(atom_map, fit, everyone, boxed)
         while True:
             places = fit.places
-            weak = fit.power < np.maximum(least, self._weakest(strongest_around(places, fit, atom_map.bursts)))
+            strongest = strongest_around(places, fit, atom_map.bursts)
+            weak = fit.power < np.maximum(least, self._weakest(strongest))
             weak |= np.any(np.abs(places[:, 2:] * atom_map.cell_size[2:]) > 1, axis=1)
             if not weak.any():
                 weak, places = redundant(fit, noise)
@@ -317,6 +320,23 @@ class Nomp4d:
     def _weakest(self, strongest: Floats) -> Floats:
         """Energy that an atom beside a stronger one must have."""
         return strongest * 10 ** (-self.local_dynamic_range_db / 10)
+
+
+def _at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:
+    """Atoms, and their boxes, at those of their grating lobes where the map shows them most."""
+    if atom_map.bursts.is_whole_frame:
+        return atoms
+    owner, doppler = lobes_within(atoms.places[:, 1], atom_map.bursts, gate)
+    places = atoms.places[owner]
+    places[:, 1] = doppler
+    lines = atom_map.lines(places)
+    gram = product_matrix(atom_map.products(lines), None, None)
+    # Of what lies within the gate: of two lobes that counts which explains more.
+    scale = 1 / np.sqrt(gram.diagonal())
+    gram *= np.multiply.outer(scale, scale)
+    chosen = best_lobes(scale * atom_map.correlate(lines).value, gram, owner)
+    moved = places[chosen]
+    return _Atoms(moved, atoms.origins + moved - atoms.places)
 
 
 def _reachable(places: Floats, gate: Gate) -> NDArray[np.bool_]:
@@ -376,7 +396,8 @@ def _no_images(
     left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
     distance = places[left][:, None] - places[best]
     lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
-    return left[gain[left] > lobes]
+    kept: NDArray[np.int64] = left[gain[left] > lobes]
+    return kept
 
 
 def _near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:

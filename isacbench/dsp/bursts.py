@@ -36,6 +36,10 @@ PLACE_ERROR_BINS = 0.5
 """Of the distance of two peaks that are read twice a bin."""
 
 
+OFFSETS = 513
+"""Of an echo from a bin, at which the kernel is tabulated."""
+
+
 @dataclass(frozen=True)
 class SymbolBursts:
     """Evenly spaced bursts of symbols, as long as each other.
@@ -100,7 +104,8 @@ class SymbolBursts:
             return cells
         turns = np.asarray(doppler_bins) * self.delay_symbols / self.n_symbols
         phase = np.exp(-2j * np.pi * turns).astype(cells.dtype)
-        return cells * phase.reshape(-1, *(1,) * (cells.ndim - 2))
+        centred: Complex = cells * phase.reshape(-1, *(1,) * (cells.ndim - 2))
+        return centred
 
     def response(self, bins: ArrayLike, places: ArrayLike) -> Complex:
         """Response of the bins of a unitary DFT to unit exponentials at fractional bins, centred.
@@ -161,16 +166,34 @@ class SymbolBursts:
     def sidelobe_drop(self, distance: Floats) -> Floats:
         """How far below its peak a kernel is at least at distances in bins, as a ratio of amplitudes.
 
-        Of bursts, distances are taken to be known to half a bin.
+        Of bursts, the envelope is taken half a bin nearer: peaks are read there.
         """
         if self.is_whole_frame:
             drop: Floats = np.maximum(np.pi * np.abs(distance), 1)
             return drop
         angle = np.pi / self.n_symbols * np.maximum(np.abs(distance) - PLACE_ERROR_BINS, 0)
-        one = np.maximum(self.length * np.abs(np.sin(angle)), 1)
-        all_ = np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1) if self.n_bursts > 1 else 1
-        drop = one * all_
-        return drop
+        one: Floats = np.maximum(self.length * np.abs(np.sin(angle)), 1)
+        if self.n_bursts > 1:
+            one *= np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
+        return one
+
+    def fractional_bin(self, own: Floats, other: Floats) -> Floats:
+        """Offset of an echo from its strongest bin, from the amplitudes there and in the next bin.
+
+        Parameters
+        ----------
+        own, other : ndarray of float64, same shape
+
+        Returns
+        -------
+        ndarray of float64, same shape
+            Bins towards the other, 0 to 1; 1/2 at equal amplitudes.
+        """
+        offsets = np.linspace(0, 1, OFFSETS)
+        kernel = np.abs(self.slopes(offsets)[0])
+        share = np.divide(other, own + other, out=np.zeros_like(own), where=own + other > 0)
+        offset: Floats = np.interp(share, kernel[::-1] / (kernel + kernel[::-1]), offsets)
+        return offset
 
     def to_lobe(self, distance: Floats) -> Floats:
         """How far distances in bins, 0 and more, are from the next mainlobe or grating lobe."""
@@ -208,9 +231,9 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     Raises
     ------
     InputError
-        If `sensing` is neither, or no symbol is sensed with, or the frame ends
-        within a burst, or the middle of the bursts is none of the frame's
-        sampling times shifted by whole symbols.
+        If `sensing` is neither, or no symbol is sensed with, or bursts differ in
+        length, or their middle and that of the frame are no whole number of
+        symbols apart: then kernels are not real.
 
     Examples
     --------
@@ -230,7 +253,7 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
         if bursts.delay_symbols.is_integer():
             return bursts
     raise InputError(
-        f"n_symbols = {system.n_symbols}: the frame ends within a burst of PRS, or has none, or an odd number "
-        "of symbols, and estimators do not know its Doppler kernel; allowed with sensing = 'prs' are even "
-        "numbers of symbols whose last burst is complete"
+        f"system.n_symbols = {system.n_symbols}: estimators do not know the Doppler kernel of a frame that "
+        f"ends within a burst, or of an odd number of symbols; allowed with sensing = {sensing!r} are "
+        "even numbers from 14 on whose last burst is complete"
     )

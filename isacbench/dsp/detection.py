@@ -108,7 +108,7 @@ def power_map(
 
 
 def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = False) -> float | None:
-    """Noise power in Doppler bins that no speed of the region reaches, or in range bins that no range reaches.
+    """Noise power in Doppler bins that no speed of the region reaches, or in range bins that no place does.
 
     Parameters
     ----------

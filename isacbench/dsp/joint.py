@@ -20,6 +20,7 @@ from isacbench.dsp.atomfit import AtomFit, refine_atoms, settle_atoms
 from isacbench.dsp.atoms import AtomMap
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.kernels import dirichlet
+from isacbench.dsp.lobes import best_lobes, lobes_within
 from isacbench.dsp.pursuit import redundant
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import Scatterers
@@ -182,50 +183,21 @@ def select_jointly(
             amplitude = _fit(matched, response, member)
         residual = np.abs(matched - response @ amplitude)
     chosen = replace(scatterers, power=np.abs(amplitude) ** 2).select(member)
-    if len(chosen) and np.isfinite(gated.doppler_kernel(system.n_symbols).lobe_period):
-        return _at_best_lobes(chosen, gated, system)
-    return chosen
+    return _at_best_lobes(chosen, gated, system) if gated.sees_lobes else chosen
 
 
 def _at_best_lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
-    """Scatterers at those of their grating lobes where the map, less all others' echoes, shows them most.
-
-    What joins before others has their sidelobes in it, and grating lobes differ
-    by less than these.
-    """
-    lobes, owner = _lobes(scatterers, gated, system)
-    n, everywhere = len(scatterers), np.arange(len(lobes))
+    """Scatterers at those of their grating lobes where the map, less all others' echoes, shows them most."""
+    if not len(scatterers):
+        return scatterers
+    bursts = gated.doppler_kernel(system.n_symbols)
+    owner, doppler_bin = lobes_within(scatterers.doppler_bin, bursts, gated.gate)
+    lobes = replace(scatterers.select(owner), doppler_bin=doppler_bin)
     patches = _read_patches(lobes, gated)
     matched, response = _matched_filters(patches, _kernels(lobes, patches, gated, system))
-    current = np.arange(n)
-    for _ in range(MAX_ROUNDS):
-        member = np.isin(everywhere, current)
-        amplitude = _fit(matched, response, member)
-        mine = current[owner]
-        shown = np.abs(matched - response @ amplitude + response[everywhere, mine] * amplitude[mine])
-        best = np.lexsort([-shown, owner])[np.searchsorted(np.sort(owner), np.arange(n))]
-        gain = shown[best] - shown[current]
-        likeness = np.abs(response[np.ix_(current, current)])
-        moves = (gain > TIE * shown[current]) & _wins(gain, likeness > COMPETING_RESPONSE)
-        if not moves.any():
-            break
-        current = np.where(moves, best, current)
-    amplitude = _fit(matched, response, np.isin(everywhere, current))
-    return replace(lobes.select(current), power=np.abs(amplitude[current]) ** 2)
-
-
-def _lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> tuple[Scatterers, NDArray[np.int64]]:
-    """Scatterers, and behind them their grating lobes at speeds of the region; of which each one is."""
-    period, bins = gated.doppler_kernel(system.n_symbols).lobe_period, gated.gate.doppler_bins
-    reach, n = gated.gate.reachable_doppler, len(scatterers)
-    slowest, fastest = bins[reach.start] - 0.5, bins[reach.stop - 1] + 0.5
-    n_lobes = int((fastest - slowest) / period)
-    steps = np.repeat(np.r_[0, -n_lobes:0, 1 : n_lobes + 1], n)
-    owner = np.tile(np.arange(n), 2 * n_lobes + 1)
-    doppler_bin = scatterers.doppler_bin[owner] + np.where(steps == 0, 0.0, steps) * period
-    exists = (steps == 0) | ((doppler_bin >= slowest) & (doppler_bin <= fastest))
-    lobes = replace(scatterers.select(owner), doppler_bin=doppler_bin)
-    return lobes.select(exists), owner[exists]
+    chosen = best_lobes(matched, response, owner)
+    amplitude = _fit(matched[chosen], response[np.ix_(chosen, chosen)], np.ones(chosen.size, dtype=np.bool_))
+    return replace(lobes.select(chosen), power=np.abs(amplitude) ** 2)
 
 
 def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
+from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.ties import rounded
@@ -154,14 +155,15 @@ def locate(
     kept &= np.maximum(faster, slower) <= own_cell_excess[1] * level
     if one_doppler:
         profile = np.stack([amplitudes[4], amplitudes[0], amplitudes[3]], axis=-1)
-        kept &= _is_one_echo(profile, _offset(own, faster, slower, windows[1]), windows[1])
+        doppler_offset = _doppler_offset(own, faster, slower, windows[1], tapered.bursts)
+        kept &= _is_one_echo(profile, _doppler_profile(doppler_offset, windows[1], tapered.bursts))
     range_offset = _offset(own[kept], farther[kept], nearer[kept], windows[0])
     profile = np.stack([amplitudes[2][kept], amplitudes[0][kept], amplitudes[1][kept]], axis=-1)
-    range_offset[~_is_one_echo(profile, range_offset, windows[0])] = 0
+    range_offset[~_is_one_echo(profile, bin_profile(range_offset, windows[0]))] = 0
     family = np.full(len(own), -1)
     if waves.resolved is not None:
         family[waves.resolved] = first_family + np.flatnonzero(waves.resolved)
-    doppler_offset = _offset(own[kept], faster[kept], slower[kept], windows[1])
+    doppler_offset = _doppler_offset(own[kept], faster[kept], slower[kept], windows[1], tapered.bursts)
     return Scatterers(
         np.broadcast_to(bins[0][:, None], own.shape)[kept] + range_offset,
         np.broadcast_to(bins[1][:, None], own.shape)[kept] + doppler_offset,
@@ -179,9 +181,28 @@ def _offset(own: Floats, behind: Floats, before: Floats, window: Window) -> Floa
     return towards * fractional_bin(ratio, window)
 
 
-def _is_one_echo(profile: NDArray[np.complex128], offset: Floats, window: Window) -> NDArray[np.bool_]:
-    """Whether amplitudes (..., 3) around a bin are those of one echo at that offset."""
-    model = bin_profile(offset, window)
+def _doppler_offset(
+    own: Floats, faster: Floats, slower: Floats, window: Window, bursts: SymbolBursts | None
+) -> Floats:
+    """The same along Doppler, where bursts have a kernel of their own and no window."""
+    if bursts is None or bursts.is_whole_frame:
+        return _offset(own, faster, slower, window)
+    stronger = np.maximum(faster, slower)
+    return np.where(faster >= slower, 1, -1) * bursts.fractional_bin(own, stronger)
+
+
+def _doppler_profile(offset: Floats, window: Window, bursts: SymbolBursts | None) -> NDArray[np.complex128]:
+    """Amplitudes (..., 3) that a unit echo leaves in its own Doppler bin and in the two next to it."""
+    if bursts is None or bursts.is_whole_frame:
+        return bin_profile(offset, window)
+    steps = np.arange(-1, 2)
+    # Kernels of neighbouring bins alternate in sign.
+    kernel = bursts.slopes(steps - offset[..., None])[0]
+    return ((-1.0) ** steps * kernel).astype(np.complex128)
+
+
+def _is_one_echo(profile: NDArray[np.complex128], model: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Whether amplitudes (..., 3) around a bin are those of one echo."""
     explained = np.abs(np.sum(model.conj() * profile, axis=-1)) ** 2
     energy = np.sum(np.abs(model) ** 2, axis=-1) * np.sum(np.abs(profile) ** 2, axis=-1)
     one: NDArray[np.bool_] = explained >= ONE_ECHO * energy

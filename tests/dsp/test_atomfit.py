@@ -1,5 +1,7 @@
 """Joint fits against dense least squares, numerical gradients and the Cramér-Rao bound."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -33,14 +35,7 @@ def dense(atom_map, places):
 
 def with_cells(atom_map, cells):
     """The same map with other cells."""
-    return AtomMap(
-        np.reshape(cells, atom_map.cells.shape),
-        atom_map.range_bins,
-        atom_map.doppler_bins,
-        atom_map.n_subcarriers,
-        atom_map.n_symbols,
-        atom_map.bases,
-    )
+    return dataclasses.replace(atom_map, cells=np.reshape(cells, atom_map.cells.shape))
 
 
 def noisy(gate, places, amplitude, noise_std, seed=0):

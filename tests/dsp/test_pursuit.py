@@ -1,5 +1,6 @@
 """Moves of a pursuit on small maps of known echoes."""
 
+import dataclasses
 from itertools import product
 
 import numpy as np
@@ -41,14 +42,7 @@ def noisy(places, amplitude, noise=NOISE, seed=0):
     empty = AtomMap.from_map(GatedMap(cells * np.sqrt(noise / 2), GATE), SYSTEM)
     factors = [line.value for line in empty.lines(places)]
     echo = np.einsum("k,kr,kd,ku,kw->rduw", np.asarray(amplitude, complex), *factors)
-    return AtomMap(
-        empty.cells + echo,
-        empty.range_bins,
-        empty.doppler_bins,
-        empty.n_subcarriers,
-        empty.n_symbols,
-        empty.bases,
-    )
+    return dataclasses.replace(empty, cells=empty.cells + echo)
 
 
 def space_of(atom_map):

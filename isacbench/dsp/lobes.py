@@ -1,0 +1,109 @@
+"""Which of its grating lobes a scatterer is: told by what the map holds there beside all other echoes.
+
+Lobes next to each other differ by less than the sidelobes of other echoes.
+Taken one by one, scatterers are easily put at a wrong one; together they are
+told apart, because each has the others' echoes taken away.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from isacbench.dsp.bursts import SymbolBursts
+    from isacbench.model.gate import Gate
+
+__all__ = ["best_lobes", "lobes_within"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+COMPETING_RESPONSE = 0.3
+"""Response from which two scatterers do not change their lobes at once."""
+
+MAX_ROUNDS = 16
+"""Of changes; two to four are usual."""
+
+TIE = 1e-6
+"""Difference of two lobes, relative to them, that is rounding: of such a scatterer stays."""
+
+LOADING = 1e-3
+"""Of unit responses: keeps the amplitudes of scatterers half a bin apart from cancelling each other."""
+
+
+def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple[Indices, Floats]:
+    """Places where scatterers would show as they do, were they at one of their grating lobes.
+
+    Parameters
+    ----------
+    doppler_bin : ndarray of float64, shape (n,)
+    bursts : SymbolBursts
+    gate : Gate
+        Lobes are looked for at speeds of the region.
+
+    Returns
+    -------
+    owner : ndarray of int64, shape (m,)
+        Scatterer of each place: the n scatterers as they are, then their lobes.
+    place : ndarray of float64, shape (m,)
+        Doppler bins.
+    """
+    n, reach = doppler_bin.size, gate.reachable_doppler
+    slowest, fastest = gate.doppler_bins[reach.start] - 0.5, gate.doppler_bins[reach.stop - 1] + 0.5
+    n_lobes = int((fastest - slowest) / bursts.lobe_period)
+    steps = np.repeat(np.r_[0, -n_lobes:0, 1 : n_lobes + 1], n)
+    owner = np.tile(np.arange(n), 2 * n_lobes + 1)
+    # Of a single burst the period is infinite, and there is no step but 0.
+    place = doppler_bin[owner] + (steps * bursts.lobe_period if n_lobes else 0.0)
+    exists = (steps == 0) | ((place >= slowest) & (place <= fastest))
+    return owner[exists], place[exists]
+
+
+def best_lobes(
+    matched: NDArray[np.complexfloating[Any, Any]],
+    response: NDArray[np.inexact[Any]],
+    owner: Indices,
+) -> Indices:
+    """Choose for every scatterer the place where the map, less all others' echoes, shows it most.
+
+    Parameters
+    ----------
+    matched : ndarray of complex128, shape (m,)
+        Outputs of the matched filters of all places; what they are is compared.
+    response : ndarray, shape (m, m)
+        Of filter i to a scatterer at place j, 1 at its own.
+    owner : ndarray of int64, shape (m,)
+        Scatterer of each place, the first n of them 0 to n - 1.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Place of each scatterer.
+    """
+    n, everywhere = int(owner.max(initial=-1)) + 1, np.arange(owner.size)
+    current = np.arange(n)
+    if not n:
+        return current
+    first = np.searchsorted(np.sort(owner), current)
+    for _ in range(MAX_ROUNDS):
+        square = response[np.ix_(current, current)]
+        amplitude = np.linalg.solve(square + LOADING * np.eye(n), matched[current])
+        own = response[everywhere, current[owner]] * amplitude[owner]
+        shown = np.abs(matched - response[:, current] @ amplitude + own)
+        best = np.lexsort([-shown, owner])[first]
+        gain = shown[best] - shown[current]
+        changes = (gain > TIE * shown[current]) & _leads(gain, np.abs(square) > COMPETING_RESPONSE)
+        if not changes.any():
+            break
+        current = np.where(changes, best, current)
+    return current
+
+
+def _leads(gain: Floats, competes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which scatterers (n,) gain most among those that they compete with; of equals the first."""
+    leader = np.where(competes, gain, -np.inf).argmax(axis=1)
+    leads: NDArray[np.bool_] = leader == np.arange(gain.size)
+    return leads
