@@ -198,7 +198,8 @@ def propagate(symbols: ArrayLike, system: System, paths: Paths) -> Complex:
     for together in _runs(-(-n // parts.n_symbol), periods.n_together):
         block = periods.samples(together)
         first = together.start * parts.n_symbol
-        joined = block.transpose(1, 0, 2).reshape(len(received), -1)
+        # Explicit sizes, because -1 cannot be resolved where there are no elements.
+        joined = block.transpose(1, 0, 2).reshape(len(received), len(together) * parts.n_symbol)
         received[:, first : first + joined.shape[1]] = joined[:, : n - first]
     return received.T
 

@@ -175,6 +175,14 @@ def test_doppler_turns_the_waveform_along_the_time_of_the_whole_frame():
     np.testing.assert_allclose(received[:, 0], turned, rtol=0, atol=1e-12)
 
 
+def test_no_elements_receive_nothing():
+    system = System(n_subcarriers=32, n_symbols=2)
+    paths = Paths(np.ones((1, 0)), np.array([2 / system.bandwidth_hz]), np.zeros(1))
+    grid = a_grid(system)
+    assert propagate(grid, system, paths).shape == (n_samples(layout(system), 2) + 2, 0)
+    assert [symbol.shape for symbol in received_symbols(grid, system, paths)] == [(32, 0)] * 2
+
+
 def test_no_paths_bring_nothing():
     system = System(n_subcarriers=32, n_symbols=2)
     none = Paths(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
