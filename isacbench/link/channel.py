@@ -14,6 +14,7 @@ from scipy import constants
 from isacbench.errors import InputError, require, unknown_name
 from isacbench.link.profiles import ProfileName, delay_profile
 from isacbench.link.propagation import Paths
+from isacbench.model.limits import LARGEST_PLACE_M
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 
 if TYPE_CHECKING:
@@ -35,6 +36,9 @@ Polarization = Literal["vertical", "horizontal"]
 
 LARGEST_INTERFERENCE = 1e-4
 """Power that Doppler may spread from each subcarrier over the others, relative to its own."""
+
+CANCELLED = 1e-24
+"""Power of two rays of power 1 that is nothing but rounding."""
 
 RAYS_A_TAP = 16
 """Rays that a fading tap of a moving user consists of."""
@@ -128,7 +132,8 @@ class TwoRay:
     def __post_init__(self) -> None:
         for name in ("base_station_height_m", "ue_height_m", "distance_m"):
             value = getattr(self, name)
-            require(0 < value < np.inf, name, value, "a positive number of m")
+            allowed = 0 < value <= LARGEST_PLACE_M
+            require(allowed, name, value, f"a positive number of m, at most {LARGEST_PLACE_M:g}")
         require(1 <= self.permittivity < np.inf, "permittivity", self.permittivity, "a number from 1")
         allowed = 0 <= self.conductivity_spm < np.inf
         require(allowed, "conductivity_spm", self.conductivity_spm, "a number of S/m from 0")
@@ -136,7 +141,13 @@ class TwoRay:
             raise unknown_name("polarization", self.polarization, get_args(Polarization))
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
-        """Direct and reflected ray, in this order."""
+        """Direct and reflected ray, in this order.
+
+        Raises
+        ------
+        InputError
+            If they cancel.
+        """
         direct_m = np.hypot(self.distance_m, self.base_station_height_m - self.ue_height_m)
         heights_m = self.base_station_height_m + self.ue_height_m
         reflected_m = np.hypot(self.distance_m, heights_m)
@@ -154,7 +165,14 @@ class TwoRay:
         delay_s = np.array([0.0, longer_m / SPEED_OF_LIGHT_MPS])
         gain = np.array([1.0, reflected])
         response = _along_delay(system, delay_s) @ gain
-        gain /= np.sqrt(np.mean(np.abs(response) ** 2))
+        power = float(np.mean(np.abs(response) ** 2))
+        if power <= CANCELLED:
+            raise InputError(
+                f"two_ray: at heights of {self.base_station_height_m:g} m and {self.ue_height_m:g} m and a "
+                f"distance of {self.distance_m:g} m the rays cancel but for rounding; allowed are places "
+                "where something arrives"
+            )
+        gain /= np.sqrt(power)
         return _paths(gain, delay_s, np.zeros(2))
 
 

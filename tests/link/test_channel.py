@@ -198,6 +198,7 @@ def test_a_metal_ground_reflects_everything():
     [
         (lambda: TwoRay(distance_m=0), "distance_m = 0"),
         (lambda: TwoRay(ue_height_m=float("nan")), "ue_height_m = nan"),
+        (lambda: TwoRay(base_station_height_m=1e200), r"base_station_height_m = 1e\+200"),
         (lambda: TwoRay(permittivity=0.5), "permittivity = 0.5"),
         (lambda: TwoRay(conductivity_spm=-1), "conductivity_spm = -1"),
         (lambda: TwoRay(polarization="circular"), "unknown polarization 'circular'"),
@@ -218,3 +219,10 @@ def test_paths_beyond_the_prefix_and_fast_ones_have_no_closed_form():
     fast = Paths(np.ones((1, 1), complex), np.zeros(1), np.array([5000.0]))
     with pytest.raises(InputError, match=r"Doppler of 0\.0208 subcarrier spacings"):
         channel_response(SMALL, fast)
+
+
+def test_two_rays_that_cancel_are_refused():
+    """Flat on the ground the reflection is the direct ray turned round."""
+    channel = TwoRay(base_station_height_m=1e-12, ue_height_m=1e-12, distance_m=1e6)
+    with pytest.raises(InputError, match=r"^two_ray: .* distance of 1e\+06 m the rays cancel"):
+        draw(channel)
