@@ -192,7 +192,9 @@ def division_factors(
         factors: NDArray[np.complex128] = sensed / (sent * np.mean(sensed))
         return factors
     moduli = np.abs(sent)
-    amplitude = np.sqrt(np.mean(moduli[sensed] ** 2))
+    # In units of the largest, of which no square overflows.
+    largest = np.max(moduli[sensed])
+    amplitude = largest * np.sqrt(np.mean((moduli[sensed] / largest) ** 2))
     weights = division_weights(np.where(sensed, moduli, 0) / amplitude, division, snr_db)
     factors = weights.noise / amplitude * sent.conj() / moduli
     return factors

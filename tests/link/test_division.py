@@ -137,3 +137,12 @@ def test_factors_are_the_weights_with_the_phase_of_the_symbols_in_any_unit(divis
     np.testing.assert_allclose(factors[sensed] * symbols[sensed], weights.echo[sensed], rtol=1e-12)
     np.testing.assert_allclose(np.abs(factors) * unit, weights.noise, rtol=1e-12)
     np.testing.assert_allclose(division_factors(3 * symbols, sensed, division, 2.0), factors / 3, rtol=1e-12)
+
+
+@pytest.mark.parametrize("division", DIVISIONS)
+@pytest.mark.parametrize("unit", [2.0**-600, 2.0**600])
+def test_symbols_in_very_small_and_large_units_are_divided_as_in_others(unit, division):
+    symbols = constellation("16qam").reshape(2, -1)
+    sensed = np.ones(symbols.shape, dtype=bool)
+    expected = division_factors(symbols, sensed, division, 2.0)
+    np.testing.assert_allclose(division_factors(unit * symbols, sensed, division, 2.0) * unit, expected)
