@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.errors import require
 from isacbench.link.gold import gold_sequence
 from isacbench.link.qam import Modulation, bits_per_symbol, modulate_bits
 from isacbench.link.signal import require_n_id
@@ -80,8 +79,6 @@ def draw_grid(
     >>> grid.bits.size == 4 * (2048 * 224 - 48 * 512)
     True
     """
-    for name, value in (("trial", trial), ("seed", seed)):
-        require(value >= 0, name, value, "0 or more")
     n_bits = bits_per_symbol(modulation)
     is_prs = prs_elements(system)
     n_data = is_prs.size - int(is_prs.sum())

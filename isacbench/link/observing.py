@@ -45,9 +45,12 @@ class _Last(Generic[T]):
 
     def of(self, key: Key, compute: Callable[[], T]) -> T:
         """Value under a key, computed unless it is the last one."""
-        if self._kept is None or self._kept[0] != key:
-            self._kept = key, compute()
-        return self._kept[1]
+        # Looked at once: another thread may put another value there meanwhile.
+        kept = self._kept
+        if kept is None or kept[0] != key:
+            kept = key, compute()
+            self._kept = kept
+        return kept[1]
 
 
 class SignalSimulator(Simulator):

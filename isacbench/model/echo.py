@@ -267,7 +267,15 @@ def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> n
     Returns
     -------
     Generator
+
+    Raises
+    ------
+    InputError
+        If trial or seed is no whole number, or negative.
     """
+    for name, value in (("trial", trial), ("seed", seed)):
+        is_whole = isinstance(value, int | np.integer)
+        require(is_whole and value >= 0, name, value, "a whole number of 0 and more")
     keys = [
         int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
         for text in (scenario_name, *purpose)
@@ -397,10 +405,13 @@ class Simulator:
 
     def unit_noise(self, trial: int, seed: int) -> Complex:
         """Noise of unit power (n_range, n_doppler, P, Q); the last trial's is kept."""
-        if self._drawn is None or self._drawn[0] != (trial, seed):
+        # Looked at once: another thread may put its trial there meanwhile.
+        drawn = self._drawn
+        if drawn is None or drawn[0] != (trial, seed):
             shape = (*self.gate.shape, *self.scenario.array.shape)
-            self._drawn = (trial, seed), unit_noise(self.scenario.name, trial, seed, shape)
-        return self._drawn[1]
+            drawn = (trial, seed), unit_noise(self.scenario.name, trial, seed, shape)
+            self._drawn = drawn
+        return drawn[1]
 
 
 def observe(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:

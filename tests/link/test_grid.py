@@ -196,7 +196,7 @@ def test_small_frames_carry_what_prs_fits_and_data_elsewhere(n_subcarriers, n_sy
 
 @pytest.mark.parametrize("name", ["trial", "seed"])
 def test_a_negative_number_of_a_draw_is_an_error(name):
-    with pytest.raises(InputError, match=f"^{name} = -1: allowed is 0 or more$"):
+    with pytest.raises(InputError, match=f"^{name} = -1: allowed is a whole number of 0 and more$"):
         draw_grid(SYSTEM, **{name: -1})
 
 

@@ -8,6 +8,7 @@ import pytest
 import isacbench
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
+from isacbench.link import observing
 from isacbench.link import weighted_echo as weighted_echo_module
 from isacbench.link.division import symbol_moduli
 from isacbench.link.grid import draw_grid
@@ -255,3 +256,25 @@ def test_an_observation_without_a_link_does_not_load_one():
         "sys.exit('isacbench.link.observing' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+class Meanwhile(tuple):
+    """Key during whose comparison another thread asks the same memory for something else."""
+
+    def __new__(cls, key, meddle):
+        made = super().__new__(cls, key)
+        made.meddle = meddle
+        return made
+
+    def __ne__(self, other):
+        self.meddle()
+        return tuple.__ne__(self, other)
+
+    __hash__ = tuple.__hash__
+
+
+def test_what_another_thread_asks_for_meanwhile_is_not_returned():
+    last = observing._Last()
+    last.of((1,), lambda: "own")
+    key = Meanwhile((1,), lambda: last.of((2,), lambda: "other"))
+    assert last.of(key, lambda: "own") == "own"

@@ -499,6 +499,12 @@ def test_noise_is_the_same_for_every_frame_and_phase(make_scenario):
     )
 
 
+@pytest.mark.parametrize(("name", "value"), [("trial", -1), ("seed", -1), ("trial", 1.5)])
+def test_draws_that_no_whole_number_tells_are_refused(make_scenario, name, value):
+    with pytest.raises(InputError, match=f"^{name} = {value}: allowed is a whole number of 0 and more$"):
+        observe(make_scenario(), 0.0, **{name: value})
+
+
 def test_every_purpose_has_a_stream_of_its_own_beside_the_noise():
     streams = [(), ("place",), ("echo",), ("place", "echo")]
     draws = [random_stream("few", 0, 0, *purpose).standard_normal(1000) for purpose in streams]
