@@ -375,7 +375,8 @@ class CellwiseEstimator(ABC):
             OWN_CELL_EXCESS,
             self.local_dynamic_range_db,
             first_family,
-            look.one_doppler,
+            # Grating lobes put echoes of all speeds into every bin: next to none looks like one.
+            look.one_doppler and not gated.sees_lobes,
         )
         return merge_duplicates(located)
 

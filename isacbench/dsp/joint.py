@@ -135,7 +135,8 @@ def select_jointly(
     unexplained join, the strongest of those that compete; all amplitudes are
     fitted anew, and members that turn out weak beside their neighbours leave.
     Those of one family do not compete with each other: their cell has told them
-    apart.
+    apart. Of gapped symbols, what was selected changes to its best grating lobes in
+    the end (`isacbench.dsp.lobes`).
 
     Parameters
     ----------

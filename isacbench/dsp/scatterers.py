@@ -155,11 +155,10 @@ def locate(
     kept &= np.maximum(faster, slower) <= own_cell_excess[1] * level
     if one_doppler:
         profile = np.stack([amplitudes[4], amplitudes[0], amplitudes[3]], axis=-1)
-        doppler_offset = _doppler_offset(own, faster, slower, windows[1], tapered.bursts)
-        kept &= _is_one_echo(profile, _doppler_profile(doppler_offset, windows[1], tapered.bursts))
+        kept &= _is_one_echo(profile, _offset(own, faster, slower, windows[1]), windows[1])
     range_offset = _offset(own[kept], farther[kept], nearer[kept], windows[0])
     profile = np.stack([amplitudes[2][kept], amplitudes[0][kept], amplitudes[1][kept]], axis=-1)
-    range_offset[~_is_one_echo(profile, bin_profile(range_offset, windows[0]))] = 0
+    range_offset[~_is_one_echo(profile, range_offset, windows[0])] = 0
     family = np.full(len(own), -1)
     if waves.resolved is not None:
         family[waves.resolved] = first_family + np.flatnonzero(waves.resolved)
@@ -191,18 +190,9 @@ def _doppler_offset(
     return np.where(faster >= slower, 1, -1) * bursts.fractional_bin(own, stronger)
 
 
-def _doppler_profile(offset: Floats, window: Window, bursts: SymbolBursts | None) -> NDArray[np.complex128]:
-    """Amplitudes (..., 3) that a unit echo leaves in its own Doppler bin and in the two next to it."""
-    if bursts is None or bursts.is_whole_frame:
-        return bin_profile(offset, window)
-    steps = np.arange(-1, 2)
-    # Kernels of neighbouring bins alternate in sign.
-    kernel = bursts.slopes(steps - offset[..., None])[0]
-    return ((-1.0) ** steps * kernel).astype(np.complex128)
-
-
-def _is_one_echo(profile: NDArray[np.complex128], model: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Whether amplitudes (..., 3) around a bin are those of one echo."""
+def _is_one_echo(profile: NDArray[np.complex128], offset: Floats, window: Window) -> NDArray[np.bool_]:
+    """Whether amplitudes (..., 3) around a bin are those of one echo at that offset."""
+    model = bin_profile(offset, window)
     explained = np.abs(np.sum(model.conj() * profile, axis=-1)) ** 2
     energy = np.sum(np.abs(model) ** 2, axis=-1) * np.sum(np.abs(profile) ** 2, axis=-1)
     one: NDArray[np.bool_] = explained >= ONE_ECHO * energy

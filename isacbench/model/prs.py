@@ -72,6 +72,9 @@ def resource_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray of bool, shape (n_subcarriers, n_symbols)
+        Of the PRS the slots that the frame holds whole, because what bursts of
+        different length leave of an echo has no simple form; where it holds
+        none, what there is of the first.
 
     Raises
     ------
@@ -79,7 +82,11 @@ def resource_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
         If `sensing` is neither.
     """
     if sensing == "prs":
-        return prs_elements(system)
+        mask = prs_elements(system)
+        n_whole = system.n_symbols // SLOT_SYMBOLS
+        if n_whole:
+            mask[:, n_whole * SLOT_SYMBOLS :] = False
+        return mask
     if sensing == "all":
         return np.ones((system.n_subcarriers, system.n_symbols), dtype=np.bool_)
     raise unknown_name("sensing", sensing, get_args(Sensing))

@@ -41,6 +41,15 @@ def test_bursts_repeat_every_56_symbols():
     assert np.flatnonzero(mask.any(axis=0))[:13].tolist() == [*range(2, 14), 58]
 
 
+def test_a_slot_that_the_frame_cuts_off_is_not_sensed_with_unless_there_is_no_other():
+    system = System(n_subcarriers=16, n_symbols=64)
+    sensed = resource_elements(system, "prs")
+    assert np.flatnonzero(sensed.any(axis=0)).tolist() == [*range(2, 14)]
+    np.testing.assert_array_equal(sensed[:, :56], prs_elements(system)[:, :56])
+    short = System(n_subcarriers=16, n_symbols=9)
+    np.testing.assert_array_equal(resource_elements(short, "prs"), prs_elements(short))
+
+
 def test_all_is_the_whole_grid_and_another_name_an_error():
     assert resource_elements(SYSTEM, "all").all()
     assert resource_elements(SYSTEM, "all").shape == (2048, 224)
