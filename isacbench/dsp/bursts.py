@@ -32,10 +32,6 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 
-PLACE_ERROR_BINS = 0.5
-"""Of the distance of two peaks that are read twice a bin."""
-
-
 OFFSETS = 513
 """Of an echo from a bin, at which the kernel is tabulated."""
 
@@ -124,7 +120,6 @@ class SymbolBursts:
         if self.is_whole_frame:
             return dirichlet(bins, places, n).conj()
         distance = np.asarray(bins, dtype=np.float64)[:, None] - np.asarray(places, dtype=np.float64)
-        distance -= n * np.rint(distance / n)
         phase = np.exp(-1j * np.pi * (n - 1) / n * distance)
         response: Complex = np.sqrt(n) * self.slopes(distance)[0] * phase
         return response
@@ -166,16 +161,11 @@ class SymbolBursts:
     def sidelobe_drop(self, distance: Floats) -> Floats:
         """How far below its peak a kernel is at least at distances in bins, as a ratio of amplitudes.
 
-        Of bursts, the envelope is taken half a bin nearer: peaks are read there.
+        Grating lobes count as high as the peak: of the two, read between
+        bins, either may be the higher.
         """
-        if self.is_whole_frame:
-            drop: Floats = np.maximum(np.pi * np.abs(distance), 1)
-            return drop
-        angle = np.pi / self.n_symbols * np.maximum(np.abs(distance) - PLACE_ERROR_BINS, 0)
-        one: Floats = np.maximum(self.length * np.abs(np.sin(angle)), 1)
-        if self.n_bursts > 1:
-            one *= np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
-        return one
+        drop: Floats = np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
+        return drop
 
     def fractional_bin(self, own: Floats, other: Floats) -> Floats:
         """Offset of an echo from its strongest bin, from the amplitudes there and in the next bin.
@@ -232,8 +222,7 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     ------
     InputError
         If `sensing` is neither, or no symbol is sensed with, or bursts differ in
-        length, or their middle and that of the frame are no whole number of
-        symbols apart: then kernels are not real.
+        length or spacing: then the kernel is another.
 
     Examples
     --------
@@ -247,13 +236,10 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     edges = np.flatnonzero(np.diff(sensed.astype(np.int8)))
     starts, lengths = edges[::2], edges[1::2] - edges[::2]
     even = starts.size > 0 and np.unique(lengths).size == 1 and np.unique(np.diff(starts)).size <= 1
-    if even:
-        spacing = int(starts[1] - starts[0]) if starts.size > 1 else 0
-        bursts = SymbolBursts(system.n_symbols, int(starts[0]), int(lengths[0]), starts.size, spacing)
-        if bursts.delay_symbols.is_integer():
-            return bursts
-    raise InputError(
-        f"system.n_symbols = {system.n_symbols}: estimators do not know the Doppler kernel of a frame that "
-        f"ends within a burst, or of an odd number of symbols; allowed with sensing = {sensing!r} are "
-        "even numbers from 14 on whose last burst is complete"
-    )
+    if not even:
+        raise InputError(
+            f"system.n_symbols = {system.n_symbols}: with sensing = {sensing!r} this frame has bursts of "
+            f"{lengths.tolist()} symbols; allowed are one and more, evenly spaced and of one length"
+        )
+    spacing = int(starts[1] - starts[0]) if starts.size > 1 else 0
+    return SymbolBursts(system.n_symbols, int(starts[0]), int(lengths[0]), starts.size, spacing)
