@@ -11,7 +11,7 @@ one burst. A frame sensed as a whole is one burst of all its symbols.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,9 @@ __all__ = ["SymbolBursts", "symbol_bursts", "whole_frame"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
+
+PLACE_ERROR_BINS = 0.5
+"""Of the distance of two peaks that are read twice a bin."""
 
 OFFSETS = 513
 """Of an echo from a bin, at which the kernel is tabulated."""
@@ -79,6 +82,11 @@ class SymbolBursts:
     def lobe_period(self) -> float:
         """Doppler bins from an echo to its grating lobes; of a single burst infinite."""
         return self.n_symbols / self.spacing if self.n_bursts > 1 else np.inf
+
+    @property
+    def with_equal_lobes(self) -> SymbolBursts:
+        """Bursts of one symbol each, whose grating lobes are as high as their peak; itself where none are."""
+        return replace(self, length=1) if self.n_bursts > 1 else self
 
     def centred(self, cells: Complex, doppler_bins: ArrayLike) -> Complex:
         """Cells as though the middle of the bursts were that of the frame.
@@ -161,10 +169,15 @@ class SymbolBursts:
     def sidelobe_drop(self, distance: Floats) -> Floats:
         """How far below its peak a kernel is at least at distances in bins, as a ratio of amplitudes.
 
-        Grating lobes count as high as the peak: of the two, read between
-        bins, either may be the higher.
+        Of bursts, the envelope is taken half a bin nearer: peaks are read there.
         """
-        drop: Floats = np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
+        if self.is_whole_frame:
+            drop: Floats = np.maximum(np.pi * np.abs(distance), 1)
+            return drop
+        angle = np.pi / self.n_symbols * np.maximum(np.abs(distance) - PLACE_ERROR_BINS, 0)
+        drop = np.maximum(self.length * np.abs(np.sin(angle)), 1)
+        if self.n_bursts > 1:
+            drop *= np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
         return drop
 
     def fractional_bin(self, own: Floats, other: Floats) -> Floats:

@@ -107,3 +107,10 @@ def test_a_frame_without_prs_is_refused():
     with pytest.raises(InputError, match=r"n_symbols = 2.*sensing = 'prs'"):
         symbol_bursts(system, "prs")
     assert symbol_bursts(system, "all").is_whole_frame
+
+
+def test_single_symbols_have_lobes_as_high_as_the_peak():
+    equal = PRS.with_equal_lobes
+    np.testing.assert_allclose(np.abs(equal.slopes(4.0 * np.arange(5))[0]), 1)
+    np.testing.assert_array_equal(equal.sidelobe_drop(4.0 * np.arange(5)), 1)
+    assert whole_frame(8).with_equal_lobes == whole_frame(8)
