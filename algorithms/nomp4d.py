@@ -431,6 +431,8 @@ def _choose(
     eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
     candidates = eligible[descending(worth[eligible])]
     amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
+    # Read between bins, a grating lobe may be the higher one: none joins beside its peak.
+    bursts = atom_map.bursts.with_equal_lobes
     # Coordinate by coordinate in memory: a map without echoes has ten thousands of candidates.
     along = places[candidates].T.copy()
     chosen: list[int] = []
@@ -438,7 +440,7 @@ def _choose(
         move, candidates, along = int(candidates[0]), candidates[1:], along[:, 1:]
         chosen.append(move)
         distance = unwrapped(along.T, places[move], atom_map.periods) - places[move]
-        sidelobes = sidelobes[1:] + sidelobe_envelope(distance, atom_map.bursts) * amplitude[move]
+        sidelobes = sidelobes[1:] + sidelobe_envelope(distance, bursts) * amplitude[move]
         kept = (np.abs(distance) >= APART_CELLS).any(axis=1)
         kept &= ~is_new[candidates] | (amplitude[candidates] >= sidelobes)
         candidates, along, sidelobes = candidates[kept], along[:, kept], sidelobes[kept]

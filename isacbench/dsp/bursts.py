@@ -11,7 +11,7 @@ one burst. A frame sensed as a whole is one burst of all its symbols.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +34,6 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 
 PLACE_ERROR_BINS = 0.5
 """Of the distance of two peaks that are read twice a bin."""
-
 
 OFFSETS = 513
 """Of an echo from a bin, at which the kernel is tabulated."""
@@ -84,6 +83,11 @@ class SymbolBursts:
         """Doppler bins from an echo to its grating lobes; of a single burst infinite."""
         return self.n_symbols / self.spacing if self.n_bursts > 1 else np.inf
 
+    @property
+    def with_equal_lobes(self) -> SymbolBursts:
+        """Bursts of one symbol each, whose grating lobes are as high as their peak; itself where none are."""
+        return replace(self, length=1) if self.n_bursts > 1 else self
+
     def centred(self, cells: Complex, doppler_bins: ArrayLike) -> Complex:
         """Cells as though the middle of the bursts were that of the frame.
 
@@ -124,7 +128,6 @@ class SymbolBursts:
         if self.is_whole_frame:
             return dirichlet(bins, places, n).conj()
         distance = np.asarray(bins, dtype=np.float64)[:, None] - np.asarray(places, dtype=np.float64)
-        distance -= n * np.rint(distance / n)
         phase = np.exp(-1j * np.pi * (n - 1) / n * distance)
         response: Complex = np.sqrt(n) * self.slopes(distance)[0] * phase
         return response
@@ -172,10 +175,10 @@ class SymbolBursts:
             drop: Floats = np.maximum(np.pi * np.abs(distance), 1)
             return drop
         angle = np.pi / self.n_symbols * np.maximum(np.abs(distance) - PLACE_ERROR_BINS, 0)
-        one: Floats = np.maximum(self.length * np.abs(np.sin(angle)), 1)
+        drop = np.maximum(self.length * np.abs(np.sin(angle)), 1)
         if self.n_bursts > 1:
-            one *= np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
-        return one
+            drop *= np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
+        return drop
 
     def fractional_bin(self, own: Floats, other: Floats) -> Floats:
         """Offset of an echo from its strongest bin, from the amplitudes there and in the next bin.
@@ -232,8 +235,7 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     ------
     InputError
         If `sensing` is neither, or no symbol is sensed with, or bursts differ in
-        length, or their middle and that of the frame are no whole number of
-        symbols apart: then kernels are not real.
+        length or spacing: then the kernel is another.
 
     Examples
     --------
@@ -247,13 +249,10 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     edges = np.flatnonzero(np.diff(sensed.astype(np.int8)))
     starts, lengths = edges[::2], edges[1::2] - edges[::2]
     even = starts.size > 0 and np.unique(lengths).size == 1 and np.unique(np.diff(starts)).size <= 1
-    if even:
-        spacing = int(starts[1] - starts[0]) if starts.size > 1 else 0
-        bursts = SymbolBursts(system.n_symbols, int(starts[0]), int(lengths[0]), starts.size, spacing)
-        if bursts.delay_symbols.is_integer():
-            return bursts
-    raise InputError(
-        f"system.n_symbols = {system.n_symbols}: estimators do not know the Doppler kernel of a frame that "
-        f"ends within a burst, or of an odd number of symbols; allowed with sensing = {sensing!r} are "
-        "even numbers from 14 on whose last burst is complete"
-    )
+    if not even:
+        raise InputError(
+            f"system.n_symbols = {system.n_symbols}: with sensing = {sensing!r} this frame has bursts of "
+            f"{lengths.tolist()} symbols; allowed are one and more, evenly spaced and of one length"
+        )
+    spacing = int(starts[1] - starts[0]) if starts.size > 1 else 0
+    return SymbolBursts(system.n_symbols, int(starts[0]), int(lengths[0]), starts.size, spacing)
