@@ -156,7 +156,11 @@ def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: fl
 
 
 def division_factors(
-    symbols: ArrayLike, sensed: NDArray[np.bool_], division: Division, snr_db: float = np.inf
+    symbols: ArrayLike,
+    sensed: NDArray[np.bool_],
+    division: Division,
+    snr_db: float = np.inf,
+    unit: float | None = None,
 ) -> NDArray[np.complex128]:
     """What received resource elements are multiplied by to divide them by what was sent.
 
@@ -169,8 +173,11 @@ def division_factors(
         Elements that are sensed with.
     division : {"reciprocal", "matched", "wiener"}
     snr_db : float
-        SNR of the echo per resource element, for Wiener division: of the mean
-        power of the symbols sensed with.
+        SNR of the echo per resource element, for Wiener division: of a symbol
+        whose amplitude is the unit.
+    unit : float, optional
+        Amplitude that counts as 1; the root mean square of the symbols sensed
+        with unless given.
 
     Returns
     -------
@@ -192,12 +199,16 @@ def division_factors(
         factors: NDArray[np.complex128] = sensed / (sent * np.mean(sensed))
         return factors
     moduli = np.abs(sent)
-    # In units of the largest, of which no square overflows.
-    largest = np.max(moduli[sensed])
-    amplitude = largest * np.sqrt(np.mean((moduli[sensed] / largest) ** 2))
+    amplitude = _root_mean_square(moduli[sensed]) if unit is None else unit
     weights = division_weights(np.where(sensed, moduli, 0) / amplitude, division, snr_db)
     factors = weights.noise / amplitude * sent.conj() / moduli
     return factors
+
+
+def _root_mean_square(moduli: NDArray[np.float64]) -> float:
+    """Root mean square, in units of the largest, of which no square overflows."""
+    largest = float(np.max(moduli))
+    return largest * float(np.sqrt(np.mean((moduli / largest) ** 2)))
 
 
 def _wiener_gain(

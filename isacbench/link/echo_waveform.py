@@ -192,7 +192,9 @@ def observe_waveform(
     amplitude = simulator.noise_amplitude(snr_db)
     signal = Signal(modulation, sensing, division, n_id)
     grid = draw_grid(system, modulation, trial=trial, seed=seed, n_id=n_id)
-    factors = division_factors(grid.symbols, sensed_elements(system, sensing), signal.division, snr_db)
+    # Of unit mean power are constellations, not the symbols of one frame.
+    sensed = sensed_elements(system, sensing)
+    factors = division_factors(grid.symbols, sensed, signal.division, snr_db, unit=1.0)
     elements = scenario.array.positions
     symbols = received_symbols(grid.symbols, system, echo_paths(scenario, elements))
     _warn_of_interference(scenario)

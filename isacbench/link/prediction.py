@@ -5,16 +5,29 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from isacbench.link.qam import Modulation, awgn_ber, bits_per_symbol
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["effective_snr_db", "estimated_evm", "response_ber", "response_evm"]
 
 
-def response_ber(modulation: Modulation, response: ArrayLike, snr_db: float) -> float:
+MOST_SUMMED = 2**12
+"""Elements up to which the closed form is summed for each; beyond, a table of it is interpolated."""
+
+STEP_DB = 0.05
+"""Of the table. Cubics through logarithms of error rates are off by less than 1e-7 of them."""
+
+WEAKEST_DB, STRONGEST_DB = -120.0, 120.0
+"""Ends of the table, where error rates have been even for long."""
+
+
+def response_ber(
+    modulation: Modulation, response: ArrayLike, snr_db: float, n_symbols: ArrayLike | None = None
+) -> float:
     """Bit error rate over a channel that the user knows: the mean over its elements, each in white noise.
 
     Parameters
@@ -24,6 +37,9 @@ def response_ber(modulation: Modulation, response: ArrayLike, snr_db: float) -> 
         Of the elements that carry data.
     snr_db : float
         Of an element whose response is 1.
+    n_symbols : array_like, shape of `response`, optional
+        Data symbols that each element of the response stands for; the same
+        for all unless given.
 
     Returns
     -------
@@ -41,7 +57,21 @@ def response_ber(modulation: Modulation, response: ArrayLike, snr_db: float) -> 
     """
     with np.errstate(divide="ignore"):
         gain_db = 20 * np.log10(np.abs(np.asarray(response)))
-    return float(np.mean(awgn_ber(modulation, snr_db + gain_db)))
+    element_snr_db = snr_db + gain_db
+    error_rates = awgn_ber if element_snr_db.size <= MOST_SUMMED else _interpolated_ber
+    weights = None if n_symbols is None else np.asarray(n_symbols, dtype=np.float64)
+    return float(np.average(error_rates(modulation, element_snr_db), weights=weights))
+
+
+def _interpolated_ber(modulation: Modulation, snr_db: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`isacbench.link.qam.awgn_ber` of many SNRs, from a table."""
+    within_db = np.clip(snr_db, WEAKEST_DB, STRONGEST_DB)
+    first, last = np.floor(within_db.min() / STEP_DB), np.ceil(within_db.max() / STEP_DB)
+    table_db = STEP_DB * np.arange(first, last + 2)
+    smallest = np.finfo(np.float64).tiny
+    logarithm = CubicSpline(table_db, np.log(np.maximum(awgn_ber(modulation, table_db), smallest)))
+    rates: NDArray[np.float64] = np.exp(logarithm(within_db))
+    return rates
 
 
 def response_evm(response: ArrayLike, snr_db: float) -> float:

@@ -15,6 +15,7 @@ from isacbench.link.prediction import effective_snr_db, response_ber
 from isacbench.link.qam import decide_bits
 from isacbench.model.echo import random_stream, white_gaussian
 from isacbench.model.limits import LARGEST_NOISE_AMPLITUDE
+from isacbench.model.prs import prs_elements
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,9 +31,6 @@ __all__ = ["Knowledge", "Reception", "drawn_response", "expected_ber", "receive"
 
 Knowledge = Literal["prs", "perfect"]
 """What the user knows of the channel: an estimate from the PRS, or all."""
-
-MOST_ELEMENTS = 2**15
-"""Resource elements whose closed forms are averaged: more change no digit that a frame shows."""
 
 LOWEST_SNR_DB = -20 * float(np.log10(LARGEST_NOISE_AMPLITUDE))
 
@@ -224,10 +222,9 @@ def expected_ber(
     Returns
     -------
     float
-        The mean over resource elements of the closed form in white noise. An
+        The mean over data elements of the closed form in white noise. An
         estimate of the channel adds to the noise what it takes of it, which
-        holds where it follows the channel. Of a channel that changes in time
-        some `MOST_ELEMENTS` elements are averaged.
+        holds where it follows the channel.
 
     Raises
     ------
@@ -237,9 +234,9 @@ def expected_ber(
     response = drawn_response(system, channel, trial, seed)
     if knowledge == "prs":
         snr_db = effective_snr_db(modulation, snr_db, prs_estimator(system, time_order).noise_gain)
-    different = _different(response)
-    step = max(different.size // MOST_ELEMENTS, 1)
-    return response_ber(modulation, different[:, ::step], snr_db)
+    different, is_data = _different(response), ~prs_elements(system)
+    n_symbols = is_data if different.shape == is_data.shape else is_data.sum(axis=1, keepdims=True)
+    return response_ber(modulation, different, snr_db, n_symbols)
 
 
 def _require_allowed(grid: ResourceGrid, system: System, snr_db: float, knowledge: Knowledge) -> None:

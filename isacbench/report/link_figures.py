@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +38,7 @@ LOWEST_BER = 1e-6
 
 TRADE_SNRS_DB = 0.0, 10.0, 20.0, 30.0
 PANEL_IN = 3.1, 2.5
+TITLE_WIDTH = 42
 
 
 def draw_link(summary: pd.DataFrame, template: str) -> Figure:
@@ -66,7 +68,7 @@ def draw_link(summary: pd.DataFrame, template: str) -> Figure:
     for unused in above[len(channels) :]:
         unused.set_visible(False)
     for axes, channel in zip(above, channels, strict=False):
-        axes.set_title(f"User behind {drawable(channel)}")
+        axes.set_title(_wrapped(f"User behind {drawable(channel)}"))
         _draw_errors(axes, received[received["channel"] == channel])
     labels = estimator_labels(estimators)
     for axes, variant in zip(below, estimators, strict=True):
@@ -148,6 +150,11 @@ def _draw_trade(
             axes.annotate(
                 f"{snr_db:g}", (x, y), textcoords="offset points", xytext=(3, 3), fontsize=6, color="0.35"
             )
+
+
+def _wrapped(title: str) -> str:
+    """Title of a panel, broken between words and parameters where it is wider than its panel."""
+    return textwrap.fill(title.replace(",", ", "), TITLE_WIDTH, break_on_hyphens=False)
 
 
 def _draw_errors(axes: Axes, part: pd.DataFrame) -> None:

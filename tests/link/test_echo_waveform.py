@@ -17,8 +17,10 @@ from isacbench.link.echo_waveform import (
 )
 from isacbench.link.grid import draw_grid
 from isacbench.link.interference import doppler_leakage, echo_interference, mean_inverse_power
+from isacbench.link.observing import SignalSimulator
 from isacbench.link.ofdm import demodulate
 from isacbench.link.propagation import received_symbols
+from isacbench.link.signal import Signal
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, resource_grid
 from isacbench.model.frame import get_frame
@@ -265,3 +267,22 @@ def test_doppler_within_symbols_of_the_street_is_as_weak_as_theory_has_it(modula
     inverse_power = prs_share + (1 - prs_share) * mean_inverse_power(modulation)
     measured = np.mean(np.abs(rest) ** 2, axis=(0, 1))
     np.testing.assert_allclose(measured, inverse_power * leaking, rtol=tolerance)
+
+
+def test_wiener_division_takes_the_snr_as_the_closed_form_does():
+    """The mean power of a few symbols is not that of their constellation."""
+    scenario = scene(n_subcarriers=32, n_symbols=2)
+    with_noise = observe_waveform(scenario, 0.0, modulation="256qam", division="wiener").cells
+    paths = echo_paths(scenario, scenario.array.positions)
+    grid = draw_grid(scenario.system, "256qam")
+    weights = SignalSimulator(scenario, Signal("256qam", division="wiener")).weights(0.0)
+    by = (weights.noise * np.exp(-1j * np.angle(grid.symbols)))[:, :, None]
+    gate = Simulator(scenario).gate
+    echo = np.stack(list(received_symbols(grid.symbols, scenario.system, paths)), axis=1)
+    noise = demodulate(
+        received_waveform(scenario, grid, scenario.array.positions, 0.0)
+        - received_waveform(scenario, grid, scenario.array.positions),
+        scenario.system,
+    )
+    cells = range_doppler_map((echo + noise) * by)[np.ix_(gate.range_bins, gate.doppler_bins)]
+    np.testing.assert_allclose(with_noise, cells.reshape(with_noise.shape), rtol=0, atol=1e-10)

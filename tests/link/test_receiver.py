@@ -7,12 +7,13 @@ from scipy.special import erfc, ndtr
 from scipy.stats import binom
 
 from isacbench.errors import InputError
+from isacbench.link import prediction
 from isacbench.link.channel import Awgn, TappedDelay, TwoRay, channel_response
 from isacbench.link.estimation import prs_estimator
 from isacbench.link.grid import ResourceGrid, draw_grid
 from isacbench.link.prediction import effective_snr_db, estimated_evm, response_ber, response_evm
 from isacbench.link.qam import awgn_ber, bits_per_symbol, constellation, decide_bits
-from isacbench.link.receiver import expected_ber, receive
+from isacbench.link.receiver import drawn_response, expected_ber, receive
 from isacbench.model.echo import random_stream, white_gaussian
 from isacbench.model.numerology import System
 from isacbench.model.prs import prs_elements
@@ -323,3 +324,26 @@ def test_what_cannot_be_received_is_refused(small_grids):
 
 def test_prs_is_not_counted_as_data():
     assert receive(draw_grid(SMALL), SMALL, Awgn(), 10.0).n_bits == 2 * np.sum(~prs_elements(SMALL))
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 5.0])
+@pytest.mark.parametrize("n_symbols", [10, 224])
+def test_the_expected_error_rate_is_the_mean_over_all_data_and_nothing_else(speed_mps, n_symbols):
+    """Counts of a frame tell a mean over some symbols from that over all: fades move through the frame."""
+    system = System(n_symbols=n_symbols)
+    channel = TappedDelay("tdl_a", 53e-9, speed_mps)
+    response = drawn_response(system, channel, trial=3)
+    with np.errstate(divide="ignore"):
+        snr_db = 20.0 + 20 * np.log10(np.abs(response[~prs_elements(system)]))
+    expected = expected_ber("qpsk", system, channel, 20.0, knowledge="perfect", trial=3)
+    assert expected == pytest.approx(float(np.mean(awgn_ber("qpsk", snr_db))), rel=1e-7)
+
+
+@pytest.mark.parametrize("modulation", ["qpsk", "256qam"])
+def test_error_rates_from_a_table_are_those_of_the_closed_form(modulation):
+    snr_db = np.random.default_rng(0).uniform(-50, 40, prediction.MOST_SUMMED + 1)
+    snr_db[0], snr_db[1] = -np.inf, np.inf
+    rates = prediction._interpolated_ber(modulation, snr_db)
+    exact = awgn_ber(modulation, snr_db)
+    np.testing.assert_allclose(rates[1:], exact[1:], rtol=1e-7, atol=1e-15)
+    np.testing.assert_allclose(rates[0], exact[0], rtol=1e-6)

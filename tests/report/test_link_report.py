@@ -102,3 +102,29 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, 
     assert known.rows[1][1].startswith("0 (0) | -40")
     assert not math.isnan(results.records["ber_expected"].max())
     assert {path.name for path in draw_run(tmp_path / "run")} == {"link-tiny.png", "trade-tiny.png"}
+
+
+def test_a_suite_without_users_has_tables_and_a_figure_of_images(plugins, tiny, tmp_path):
+    suite = LinkSuite(
+        name="test",
+        scenarios=[str(tiny)],
+        estimators=["blob"],
+        modulations=["qpsk"],
+        sensing=["all"],
+        channels=[],
+        snr_db=[40],
+        trials=1,
+    )
+    results = run_suite(suite, tmp_path / "run")
+    (grid,) = grids_of(results.records, "link")
+    assert grid.header == ["SNR: [dB]", "QPSK"]
+    assert [path.name for path in draw_run(tmp_path / "run")] == ["link-tiny.png"]
+
+
+def test_a_channel_of_many_parameters_has_a_title_as_wide_as_its_panel():
+    name = "tapped_delay[profile=tdl_d,delay_spread_s=26e-9,speed_mps=0.2]"
+    figure = draw_link(summary().replace({"channel": {"awgn": name}}), "room")
+    panel = figure.axes[0]
+    assert panel.get_title().replace("\n", " ").endswith(name.replace(",", ", "))
+    figure.canvas.draw()
+    assert panel.title.get_window_extent().width < 1.25 * panel.get_window_extent().width
