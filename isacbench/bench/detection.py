@@ -18,12 +18,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.special import stdtrit
 
 from isacbench.bench.cell import failed_by, failure
 from isacbench.bench.content import digest
 from isacbench.bench.imaging import require_scatterers
-from isacbench.bench.intervals import CONFIDENCE, wilson_interval
+from isacbench.bench.intervals import mean_band, wilson_interval
 from isacbench.bench.isolation import array_digest
 from isacbench.bench.maps import PowerMap, draw_map, near
 from isacbench.bench.radio import gain_db
@@ -247,9 +246,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for key, part in records.groupby(GROUP, sort=False):
         counts = {name: int(part[name].sum()) for name in COUNTS}
-        deviation = part["deviation"].dropna()
-        n = len(deviation)
-        quantile = float(stdtrit(n - 1, (1 + CONFIDENCE) / 2)) if n > 1 else math.nan
+        deviation_mean, deviation_band = mean_band(part["deviation"].dropna().to_numpy())
         row: dict[str, Any] = {
             **dict(zip(GROUP, key, strict=True)),
             "snr_gain_db": part["snr_gain_db"].iloc[0],
@@ -262,8 +259,8 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
             share = counts[hits] / counts[of] if counts[of] else math.nan
             row |= {name: share, f"{name}_low": low, f"{name}_high": high}
         row |= {
-            "deviation_mean": deviation.mean(),
-            "deviation_band": deviation.std() * quantile / math.sqrt(n) if n > 1 else math.nan,
+            "deviation_mean": deviation_mean,
+            "deviation_band": deviation_band,
             "time_estimate_s_median": part["time_estimate_s"].median(),
         }
         rows.append(row)

@@ -6,16 +6,40 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import bdtr, chdtri, ndtri
+from scipy.special import bdtr, chdtri, ndtri, stdtrit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
-__all__ = ["CONFIDENCE", "median_interval", "rms_interval", "wilson_interval"]
+__all__ = ["CONFIDENCE", "mean_band", "median_interval", "rms_interval", "wilson_interval"]
 
 CONFIDENCE = 0.95
+
+
+def mean_band(values: Floats) -> tuple[float, float]:
+    """Mean and half the width of its 95 % confidence interval (Student's t).
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n,)
+
+    Returns
+    -------
+    mean, half_width : float
+        NaN without values; no width of a single one.
+
+    Examples
+    --------
+    >>> [round(number, 3) for number in mean_band(np.array([1.0, 2.0, 3.0]))]
+    [2.0, 2.484]
+    """
+    n = values.size
+    if n < 2:
+        return (float(values[0]) if n else math.nan), math.nan
+    quantile = float(stdtrit(n - 1, (1 + CONFIDENCE) / 2))
+    return float(values.mean()), float(values.std(ddof=1)) * quantile / math.sqrt(n)
 
 
 def median_interval(values: Floats) -> tuple[float, float, float]:

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.special import bdtr, bdtrc, stdtrit
+from scipy.special import bdtr, bdtrc
 
 from isacbench.bench.cell import failed_by, failure
 from isacbench.bench.content import digest
 from isacbench.bench.imaging import require_scatterers
-from isacbench.bench.intervals import CONFIDENCE, wilson_interval
+from isacbench.bench.intervals import mean_band, wilson_interval
 from isacbench.bench.isolation import array_digest
 from isacbench.bench.radio import gain_db
 from isacbench.bench.record import DRAW_COLUMNS, Cell, Outcome, Record
@@ -446,11 +446,10 @@ def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
 
 def _imaged(part: pd.DataFrame) -> dict[str, float]:
     """Means of the scores of images, and the band of the deviation."""
-    n = len(part)
-    quantile = float(stdtrit(n - 1, (1 + CONFIDENCE) / 2)) if n > 1 else math.nan
+    mean, half = mean_band(part["deviation"].dropna().to_numpy())
     return {
-        "deviation_mean": part["deviation"].mean(),
-        "deviation_band": part["deviation"].std() * quantile / math.sqrt(n) if n > 1 else math.nan,
+        "deviation_mean": mean,
+        "deviation_band": half,
         **{f"{name}_mean": part[name].mean() for name in ("n_estimated", "precision", "recall")},
     }
 
