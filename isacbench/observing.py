@@ -26,7 +26,7 @@ def observe(
     sensing: Sensing = "all",
     division: Division = "reciprocal",
 ) -> Observation:
-    """Observe a scenario once; what was computed of the last two scenarios is kept.
+    """Observe a scenario once; what was computed of the last two scenarios and signals is kept.
 
     Parameters
     ----------
@@ -66,8 +66,7 @@ def observe(
     if (modulation, sensing, division) == ("qpsk", "all", "reciprocal"):
         return observe_plainly(scenario, snr_db, trial, seed)
     # Loaded where it is needed: the link brings in what most runs do without.
-    from isacbench.link.observing import observe as observe_link
+    from isacbench.link.observing import kept_simulator
+    from isacbench.link.signal import Signal
 
-    return observe_link(
-        scenario, snr_db, trial, seed, modulation=modulation, sensing=sensing, division=division
-    )
+    return kept_simulator(scenario, Signal(modulation, sensing, division)).observe(snr_db, trial, seed)

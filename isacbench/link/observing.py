@@ -19,15 +19,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.link.division import Weights
-    from isacbench.link.qam import Modulation
-    from isacbench.link.signal import Division
     from isacbench.model.observation import Observation
-    from isacbench.model.prs import Sensing
     from isacbench.model.scene import Scenario
 
     Complex = NDArray[np.complex128]
 
-__all__ = ["SignalSimulator", "observe"]
+__all__ = ["SignalSimulator", "kept_simulator"]
 
 PLAIN = Signal()
 
@@ -155,57 +152,17 @@ class SignalSimulator(Simulator):
         return (trial, seed, float(snr_db)) if self.signal.division == "wiener" else (trial, seed)
 
 
-def observe(
-    scenario: Scenario,
-    snr_db: float,
-    trial: int = 0,
-    seed: int = 0,
-    *,
-    modulation: Modulation = "qpsk",
-    sensing: Sensing = "all",
-    division: Division = "reciprocal",
-) -> Observation:
-    """Observe a scenario once; what was computed of the last two scenarios and signals is kept.
+@lru_cache(maxsize=2)
+def kept_simulator(scenario: Scenario, signal: Signal) -> SignalSimulator:
+    """Simulator of a scenario and a signal; the last two are kept, with what they have computed.
 
     Parameters
     ----------
     scenario : Scenario
-    snr_db : float
-        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element,
-        whatever is sensed with; infinity for no noise.
-    trial, seed : int
-        Which data and which noise.
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-        Of the data.
-    sensing : {"all", "prs"}
-        Resource elements that are sensed with.
-    division : {"reciprocal", "matched", "wiener"}
-        How what was received is divided by what was sent.
+    signal : Signal
 
     Returns
     -------
-    Observation
-
-    Raises
-    ------
-    InputError
-        If a value is not allowed, or the SNR is no number, or so low that the
-        noise overflows.
-
-    Examples
-    --------
-    The PRS is 5.4 % of the resource elements, and noise is the stronger for it.
-
-    >>> import numpy as np
-    >>> from isacbench.model.scenario import load_scenario
-    >>> empty = load_scenario("single")
-    >>> whole, pilots = (observe(empty, 0, sensing=name).cells for name in ("all", "prs"))
-    >>> round(10 * np.log10(np.mean(abs(pilots) ** 2) / np.mean(abs(whole) ** 2)))
-    13
+    SignalSimulator
     """
-    return _simulator(scenario, Signal(modulation, sensing, division)).observe(snr_db, trial, seed)
-
-
-@lru_cache(maxsize=2)
-def _simulator(scenario: Scenario, signal: Signal) -> SignalSimulator:
     return SignalSimulator(scenario, signal)

@@ -12,7 +12,7 @@ from isacbench.link import observing
 from isacbench.link import weighted_echo as weighted_echo_module
 from isacbench.link.division import symbol_moduli
 from isacbench.link.grid import draw_grid
-from isacbench.link.observing import SignalSimulator, observe
+from isacbench.link.observing import SignalSimulator
 from isacbench.link.signal import Signal
 from isacbench.link.weighted_echo import weighted_echo
 from isacbench.model.echo import Simulator, clean_echo, resource_grid
@@ -20,6 +20,7 @@ from isacbench.model.gate import build_gate
 from isacbench.model.numerology import System
 from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers
+from isacbench.observing import observe
 
 ESTIMATORS = ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "oracle"]
 SIGNALS = [

@@ -10,12 +10,13 @@ import isacbench
 from isacbench.dsp.bursts import symbol_bursts
 from isacbench.dsp.detection import white_noise
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.link.observing import SignalSimulator, observe
+from isacbench.link.observing import SignalSimulator
 from isacbench.link.signal import Signal
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, echo_parameters
 from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers
+from isacbench.observing import observe
 
 PRS = Signal(sensing="prs")
 LOBE_MPS = 7.34
