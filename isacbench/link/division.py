@@ -201,7 +201,7 @@ def division_factors(
     moduli = np.abs(sent)
     amplitude = _root_mean_square(moduli[sensed]) if unit is None else unit
     weights = division_weights(np.where(sensed, moduli, 0) / amplitude, division, snr_db)
-    factors = weights.noise / amplitude * sent.conj() / moduli
+    factors = (weights.noise / amplitude * sent.conj() / moduli).astype(np.complex128, copy=False)
     return factors
 
 
