@@ -16,9 +16,12 @@ from isacbench.cli.printing import print_grid, print_json, print_scores, progres
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
 
     from isacbench.model.cloud import PointCloud
+    from isacbench.model.observation import Observation
     from isacbench.model.region import Region
 
 __all__ = ["image", "plan", "score", "simulate"]
@@ -77,11 +80,9 @@ def image(
 
     from isacbench.bench.runner import estimate_cloud
     from isacbench.cubes.observing import observe_cube
-    from isacbench.link.echo_waveform import observe_waveform
     from isacbench.metrics.score import score
     from isacbench.model.cloud_io import write_cloud
     from isacbench.model.scenario import load_scenario
-    from isacbench.observing import observe
     from isacbench.registry import build_estimator
     from isacbench.remarks import Remarks
 
@@ -102,8 +103,7 @@ def image(
         snr_db = _one_snr(snr or DEFAULT_SNR)
         told = [*signal.values(), *(["waveform"] if waveform else [])]
         title = ", ".join([scene.name, estimator, f"{snr_db:g} dB", *told])
-        simulated = observe_waveform if waveform else observe
-        observation = simulated(scene, snr_db, trial or 0, seed or 0, **signal)
+        observation = _simulated(waveform)(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
         title = ", ".join([cube.name, scene.name, estimator, *signal.values()])
         known_snr_db = None if snr is None else _one_snr(snr)
@@ -211,6 +211,17 @@ def score(
         print_json(scores)
     else:
         print_scores(scores)
+
+
+def _simulated(waveform: bool) -> Callable[..., Observation]:
+    """What observes a simulated frame: the closed form, or the waveform in the time domain."""
+    if waveform:
+        from isacbench.link.echo_waveform import observe_waveform
+
+        return observe_waveform
+    from isacbench.observing import observe
+
+    return observe
 
 
 def _given(**options: str | None) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from isacbench.dsp.kernels import dirichlet
-from isacbench.errors import InputError
-from isacbench.model.prs import COMB_SIZE, SLOT_PERIOD, SLOT_SYMBOLS, resource_elements
+from isacbench.link.division import sensed_elements
+from isacbench.model.prs import COMB_SIZE, SLOT_PERIOD, SLOT_SYMBOLS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -81,9 +81,7 @@ def point_spread(
     >>> abs(point_spread(System(), "prs", [0], [0, 2, 4])).round(3).tolist()
     [[1.0, 0.0, 0.927]]
     """
-    mask = resource_elements(system, sensing)
-    if not mask.any():
-        raise InputError(f"sensing = {sensing!r}: no resource element of {mask.shape} is sensed with")
+    mask = sensed_elements(system, sensing)
     ranges, dopplers = (
         np.atleast_1d(np.asarray(x, np.float64)) for x in (range_offset_bins, doppler_offset_bins)
     )

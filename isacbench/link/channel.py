@@ -28,7 +28,6 @@ __all__ = [
     "TappedDelay",
     "TwoRay",
     "channel_response",
-    "isi_free_delay_s",
     "reflection_coefficient",
 ]
 
@@ -307,12 +306,6 @@ def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
     return by_symbol.T
 
 
-def isi_free_delay_s(system: System) -> float:
-    """Delay up to which a path stays inside the part of the prefix that no suffix overlaps, at least 0."""
-    undisturbed_ratio = system.cyclic_prefix_ratio - system.cyclic_suffix_ratio
-    return max(undisturbed_ratio, 0.0) / system.subcarrier_spacing_hz
-
-
 def _paths(
     gain: NDArray[np.complex128 | np.float64], delay_s: NDArray[np.float64], doppler_hz: NDArray[np.float64]
 ) -> Paths:
@@ -320,7 +313,7 @@ def _paths(
 
 
 def _require_closed_form(system: System, paths: Paths) -> None:
-    latest_s, limit_s = float(paths.delay_s.max()), isi_free_delay_s(system)
+    latest_s, limit_s = float(paths.delay_s.max()), system.isi_free_delay_s
     if latest_s > limit_s:
         raise InputError(
             f"path at {latest_s:g} s: the closed form allows {limit_s:g} s, the prefix without the suffix"

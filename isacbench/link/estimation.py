@@ -16,7 +16,6 @@ import numpy as np
 from scipy.linalg import eigh_tridiagonal, matmul_toeplitz
 
 from isacbench.errors import InputError, require
-from isacbench.link.channel import isi_free_delay_s
 from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
 
 if TYPE_CHECKING:
@@ -155,7 +154,7 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
     allowed = type(time_order) is int and 0 <= time_order < len(bursts)
     limits = f"a whole number below {len(bursts)}, the bursts of PRS in {system.n_symbols} symbols"
     require(allowed, "time_order", time_order, limits)
-    basis = _basis(system.n_subcarriers, isi_free_delay_s(system) * system.bandwidth_hz)
+    basis = _basis(system.n_subcarriers, system.isi_free_delay_s * system.bandwidth_hz)
     return PrsEstimator(basis, bursts, is_prs, _along_time(system.n_symbols, bursts, time_order))
 
 

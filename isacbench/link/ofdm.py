@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complex128]
 
-__all__ = ["Layout", "demodulate", "layout", "modulate", "n_samples", "transmit_window"]
+__all__ = ["Layout", "checked_grid", "demodulate", "layout", "modulate", "n_samples", "transmit_window"]
 
 WHOLE = 1e-9
 """Largest distance of a prefix or suffix from whole samples, as a fraction of the useful part: rounding."""
@@ -87,6 +87,30 @@ def layout(system: System, oversampling: int = 1) -> Layout:
             f" {system.cyclic_prefix_ratio!r}, because the suffix overlaps the next prefix"
         )
     return Layout(n_useful, n_prefix, n_suffix)
+
+
+def checked_grid(symbols: ArrayLike, system: System) -> Complex:
+    """Symbols as an array of the system's shape.
+
+    Parameters
+    ----------
+    symbols : array_like, shape (n_subcarriers, n_symbols)
+    system : System
+
+    Returns
+    -------
+    ndarray of complex128, same shape
+
+    Raises
+    ------
+    InputError
+        If the shape is another one.
+    """
+    grid = np.asarray(symbols, dtype=np.complex128)
+    shape = system.n_subcarriers, system.n_symbols
+    if grid.shape != shape:
+        raise InputError(f"symbols of shape {grid.shape}: allowed is {shape}, subcarriers by symbols")
+    return grid
 
 
 def n_samples(layout: Layout, n_symbols: int) -> int:
@@ -181,7 +205,7 @@ def modulate(symbols: ArrayLike, system: System, oversampling: int = 1) -> Compl
     True
     """
     parts = layout(system, oversampling)
-    by_symbol = _grid(symbols, system).T
+    by_symbol = checked_grid(symbols, system).T
     waveform: Complex = np.empty(n_samples(parts, system.n_symbols), dtype=np.complex128)
     frame, tail = _frame(waveform, parts, system.n_symbols), waveform[waveform.size - parts.n_suffix :]
     n_together = max(CACHED_SAMPLES // parts.n_useful, 1)
@@ -240,15 +264,6 @@ def _rise(place: NDArray[np.float64]) -> NDArray[np.float64]:
     """Raised cosine from 0 at place 0 to 1 at place 1, and on."""
     rise: NDArray[np.float64] = (1 - np.cos(np.pi * np.clip(place, 0, 1))) / 2
     return rise
-
-
-def _grid(symbols: ArrayLike, system: System) -> Complex:
-    """Symbols as an array of the system's shape."""
-    grid = np.asarray(symbols, dtype=np.complex128)
-    shape = system.n_subcarriers, system.n_symbols
-    if grid.shape != shape:
-        raise InputError(f"symbols of shape {grid.shape}: allowed is {shape}, subcarriers by symbols")
-    return grid
 
 
 def _require_finite(what: str, one_of_each: Complex) -> None:

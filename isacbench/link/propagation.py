@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from isacbench.cores import available_cores
 from isacbench.errors import InputError, require
-from isacbench.link.ofdm import layout, n_samples, transmit_window
+from isacbench.link.ofdm import checked_grid, layout, n_samples, transmit_window
 from isacbench.model.frozen import freeze_arrays
 from isacbench.model.limits import require_all
 
@@ -420,10 +420,7 @@ def _n_threads(n_values: int) -> int:
 
 def _by_symbol(symbols: ArrayLike, system: System) -> Complex:
     """Grid as (n_symbols, n_subcarriers)."""
-    grid = np.asarray(symbols, dtype=np.complex128)
-    shape = system.n_subcarriers, system.n_symbols
-    if grid.shape != shape:
-        raise InputError(f"symbols of shape {grid.shape}: allowed is {shape}, subcarriers by symbols")
+    grid = checked_grid(symbols, system)
     require_all("symbols", np.abs(grid), np.isfinite(grid), "finite numbers")
     return np.ascontiguousarray(grid.T)
 

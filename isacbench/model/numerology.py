@@ -100,10 +100,15 @@ class System:
         return self.range_bin_m * self.n_subcarriers
 
     @property
+    def isi_free_delay_s(self) -> float:
+        """Delay up to which a path stays inside the undisturbed cyclic prefix, at least 0."""
+        undisturbed_ratio = max(self.cyclic_prefix_ratio - self.cyclic_suffix_ratio, 0.0)
+        return undisturbed_ratio / self.subcarrier_spacing_hz
+
+    @property
     def isi_free_range_m(self) -> float:
         """Range up to which echoes stay inside the undisturbed cyclic prefix, at least 0."""
-        undisturbed_ratio = max(self.cyclic_prefix_ratio - self.cyclic_suffix_ratio, 0.0)
-        return SPEED_OF_LIGHT_MPS * undisturbed_ratio / (2 * self.subcarrier_spacing_hz)
+        return SPEED_OF_LIGHT_MPS * self.isi_free_delay_s / 2
 
     @property
     def velocity_bin_mps(self) -> float:

@@ -10,7 +10,6 @@ from isacbench.link.channel import (
     TappedDelay,
     TwoRay,
     channel_response,
-    isi_free_delay_s,
     reflection_coefficient,
 )
 from isacbench.link.grid import draw_grid
@@ -63,7 +62,7 @@ def test_the_closed_form_is_a_plain_double_loop(n_paths, speed_hz, seed):
     system = System(n_subcarriers=7, n_symbols=3)
     stream = np.random.default_rng(seed)
     gain = stream.standard_normal((n_paths, 2)) @ [1, 1j]
-    delay_s = stream.uniform(0, isi_free_delay_s(system), n_paths)
+    delay_s = stream.uniform(0, system.isi_free_delay_s, n_paths)
     doppler_hz = stream.uniform(-speed_hz, speed_hz, n_paths)
     response = channel_response(system, Paths(gain[:, None], delay_s, doppler_hz))
     samples = (np.arange(7) - 3) / system.bandwidth_hz
@@ -159,7 +158,7 @@ def test_two_rays_have_unit_mean_power_and_the_delay_of_mirror_geometry(distance
     # Small grazing delays cancel in the difference of distances: hence the tolerance.
     longer_m = np.hypot(distance_m, sum(heights_m)) - np.hypot(distance_m, heights_m[0] - heights_m[1])
     assert paths.delay_s[1] * 299792458.0 == pytest.approx(longer_m, rel=1e-9, abs=1e-11)
-    if paths.delay_s[1] <= isi_free_delay_s(SMALL):
+    if paths.delay_s[1] <= SMALL.isi_free_delay_s:
         assert np.mean(np.abs(channel_response(SMALL, paths)) ** 2) == pytest.approx(1)
     # A passive ground reflects no more than arrives, over a longer way.
     assert abs(paths.gain[1, 0]) < abs(paths.gain[0, 0])

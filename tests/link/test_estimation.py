@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from isacbench.errors import InputError
-from isacbench.link.channel import TappedDelay, TwoRay, channel_response, isi_free_delay_s
+from isacbench.link.channel import TappedDelay, TwoRay, channel_response
 from isacbench.link.estimation import prs_estimator
 from isacbench.link.grid import draw_grid
 from isacbench.link.propagation import Paths
@@ -58,7 +58,7 @@ def test_noise_reaches_the_estimate_as_the_noise_gain_says(n_symbols, time_order
 @given(fraction=st.floats(0, 1))
 def test_no_delay_within_the_prefix_is_lost(fraction):
     estimator, grid = prs_estimator(SMALL), draw_grid(SMALL)
-    response = late_by(SMALL, fraction * isi_free_delay_s(SMALL))
+    response = late_by(SMALL, fraction * SMALL.isi_free_delay_s)
     assert error_db(estimator.estimate(response * grid.symbols, grid.symbols), response) < -95
 
 
