@@ -13,7 +13,8 @@ import dataclasses
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -33,13 +34,15 @@ from isacbench.bench.statuses import failed
 from isacbench.bench.study import Contestant, ImagedScene, build_estimators, element_snrs_db
 from isacbench.bench.timing import Trial, timed
 from isacbench.errors import InputError, unknown_name
-from isacbench.link.channel import Awgn, TappedDelay, TwoRay
+from isacbench.link.channel import Awgn, TappedDelay, TwoRay, require_closed_form
+from isacbench.link.estimation import require_estimable
 from isacbench.link.grid import draw_grid
 from isacbench.link.observing import SignalSimulator
 from isacbench.link.rates import frame_rates
 from isacbench.link.receiver import Knowledge, expected_ber, receive
 from isacbench.link.signal import Signal
 from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import random_stream
 from isacbench.registry import canonical_params, construct
 from isacbench.spec import parse_spec
 
@@ -123,6 +126,8 @@ class Link:
         system = _common_system(scenarios)
         receivers = [_receiver(text) for text in suite.receivers]
         channels = {text: _channel(text) for text in suite.channels}
+        if channels:
+            _require_possible(suite, system, channels, receivers)
         return scenes + [
             UserScene(suite, system, text, channel, modulation, receivers)
             for text, channel in channels.items()
@@ -337,6 +342,36 @@ def _receiver(text: str) -> Contestant[OneTap]:
         raise unknown_name("receiver", name, [OneTap.name])
     receiver: OneTap = construct("receiver", name, OneTap, params)
     return Contestant(name, canonical_params(receiver), receiver)
+
+
+def _require_possible(
+    suite: LinkSuite,
+    system: System,
+    channels: Mapping[str, Channel],
+    receivers: Sequence[Contestant[OneTap]],
+) -> None:
+    """Refuse before anything runs what would fail in every cell of a channel or a receiver.
+
+    Of a user who moves only the first fade is looked at; a later one of more
+    Doppler fails in its own cells.
+    """
+    for text, channel in channels.items():
+        stream = random_stream("channel", 0, suite.seed, channel.name)
+        with _named(f"channels: {text!r}"):
+            require_closed_form(system, channel.paths(system, stream))
+    for text, receiver in zip(suite.receivers, receivers, strict=True):
+        if receiver.plugin.knowledge == "prs":
+            with _named(f"receivers: {text!r}"):
+                require_estimable(system, receiver.plugin.time_order)
+
+
+@contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Put before a refusal what is refused."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
 
 
 def _common_system(scenarios: Mapping[str, Scenario]) -> System:

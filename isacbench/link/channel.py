@@ -29,6 +29,7 @@ __all__ = [
     "TwoRay",
     "channel_response",
     "reflection_coefficient",
+    "require_closed_form",
 ]
 
 Polarization = Literal["vertical", "horizontal"]
@@ -294,7 +295,7 @@ def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
         If a path is so late, or its Doppler so high, that resource elements
         interfere with each other: no factor of single elements describes that.
     """
-    _require_closed_form(system, paths)
+    require_closed_form(system, paths)
     along_delay = _along_delay(system, paths.delay_s).T
     gain = paths.gain[:, 0]
     shape = (system.n_symbols, system.n_subcarriers)
@@ -306,13 +307,19 @@ def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
     return by_symbol.T
 
 
-def _paths(
-    gain: NDArray[np.complex128 | np.float64], delay_s: NDArray[np.float64], doppler_hz: NDArray[np.float64]
-) -> Paths:
-    return Paths(gain.astype(np.complex128)[:, None], delay_s, doppler_hz)
+def require_closed_form(system: System, paths: Paths) -> None:
+    """Refuse paths that no factor of single resource elements describes.
 
+    Parameters
+    ----------
+    system : System
+    paths : Paths
 
-def _require_closed_form(system: System, paths: Paths) -> None:
+    Raises
+    ------
+    InputError
+        As `channel_response`.
+    """
     latest_s, limit_s = float(paths.delay_s.max()), system.isi_free_delay_s
     if latest_s > limit_s:
         raise InputError(
@@ -325,6 +332,12 @@ def _require_closed_form(system: System, paths: Paths) -> None:
             f"Doppler of {share:.3g} subcarrier spacings: subcarriers interfere with {interference:.1e} of "
             f"their power; the closed form allows {LARGEST_INTERFERENCE:g}"
         )
+
+
+def _paths(
+    gain: NDArray[np.complex128 | np.float64], delay_s: NDArray[np.float64], doppler_hz: NDArray[np.float64]
+) -> Paths:
+    return Paths(gain.astype(np.complex128)[:, None], delay_s, doppler_hz)
 
 
 def _along_delay(system: System, delay_s: NDArray[np.float64]) -> NDArray[np.complex128]:

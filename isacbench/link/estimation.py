@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from isacbench.model.numerology import System
 
-__all__ = ["PrsEstimator", "prs_estimator"]
+__all__ = ["PrsEstimator", "prs_estimator", "require_estimable"]
 
 LEAST_CONCENTRATION = 1e-10
 """Share of a basis response's energy that is within the prefix, from which it belongs to the basis."""
@@ -144,8 +144,27 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
     >>> len(estimator.bursts)
     4
     """
+    require_estimable(system, time_order)
     is_prs = prs_elements(system)
     bursts = _bursts(is_prs)
+    basis = _basis(system.n_subcarriers, system.isi_free_delay_s * system.bandwidth_hz)
+    return PrsEstimator(basis, bursts, is_prs, _along_time(system.n_symbols, bursts, time_order))
+
+
+def require_estimable(system: System, time_order: int = 0) -> None:
+    """Refuse what `prs_estimator` cannot estimate, at hardly any cost.
+
+    Parameters
+    ----------
+    system : System
+    time_order : int
+
+    Raises
+    ------
+    InputError
+        As `prs_estimator`.
+    """
+    bursts = _bursts(prs_elements(system))
     if not bursts:
         raise InputError(
             f"n_symbols = {system.n_symbols}: too few for the channel to be estimated from the PRS, which "
@@ -154,8 +173,6 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
     allowed = type(time_order) is int and 0 <= time_order < len(bursts)
     limits = f"a whole number below {len(bursts)}, the bursts of PRS in {system.n_symbols} symbols"
     require(allowed, "time_order", time_order, limits)
-    basis = _basis(system.n_subcarriers, system.isi_free_delay_s * system.bandwidth_hz)
-    return PrsEstimator(basis, bursts, is_prs, _along_time(system.n_symbols, bursts, time_order))
 
 
 def _bursts(is_prs: NDArray[np.bool_]) -> tuple[NDArray[np.int64], ...]:

@@ -121,6 +121,9 @@ def test_counts_of_errors_lie_within_the_family_wise_interval_and_others_are_tol
         ({"receivers": ["two_tap"]}, "unknown receiver 'two_tap': did you mean 'one_tap'"),
         ({"receivers": ["one_tap[knowledge=some]"]}, "receiver one_tap: knowledge = 'some'"),
         ({"modulations": ["8psk"]}, "modulations"),
+        ({"channels": ["tapped_delay[delay_spread_s=1e-3]"]}, r"channels: 'tapped_delay\[.*: path at"),
+        ({"channels": ["tapped_delay[delay_spread_s=1e-8,speed_mps=1e3]"]}, "channels: .*: Doppler of"),
+        ({"receivers": ["one_tap[time_order=9]"]}, r"receivers: 'one_tap\[.*: time_order = 9: allowed is"),
         ({"snr_gain_db": [0.0]}, "takes snr_db"),
     ],
 )
