@@ -24,9 +24,20 @@ class InputWarning(UserWarning):
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str | None:
-    """Name that was probably meant by one that does not exist, None where no one is near."""
-    close = difflib.get_close_matches(name, list(allowed), n=1)
-    return close[0] if close else None
+    """Name that was probably meant by one that does not exist, None where no one is near.
+
+    Examples
+    --------
+    >>> nearest("16-qam", ["qpsk", "16qam"]), nearest("QPSK", ["qpsk", "16qam"])
+    ('16qam', 'qpsk')
+    """
+    if not isinstance(name, str):
+        return None
+    allowed = list(allowed)
+    for spelling in (name, name.lower(), name.upper()):
+        if close := difflib.get_close_matches(spelling, allowed, n=1):
+            return close[0]
+    return None
 
 
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:

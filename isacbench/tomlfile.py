@@ -124,8 +124,19 @@ def describe_mistake(error: ValidationError, model: type[BaseModel]) -> str:
     if kind == "union_tag_invalid":
         tag, allowed = mistake["ctx"]["tag"], _union_tags(model, location)
         return f"{key}.{_tag_key(mistake)} = {quoted(tag)}: {did_you_mean(tag, allowed)}"
-    message = mistake["msg"].removeprefix("Value error, ")
+    message = _message(mistake)
     return f"{key} = {quoted(mistake['input'])}: {message[0].lower()}{message[1:]}"
+
+
+def _message(mistake: ErrorDetails) -> str:
+    """What is wrong in one value; lists in the words of TOML, which has no tuples."""
+    if mistake["type"] == "too_short":
+        return f"allowed is a list of {mistake['ctx']['min_length']} or more"
+    if mistake["type"] == "too_long":
+        return f"allowed is a list of {mistake['ctx']['max_length']} or fewer"
+    if mistake["type"] in ("tuple_type", "list_type"):
+        return "allowed is a list"
+    return mistake["msg"].removeprefix("Value error, ")
 
 
 def _builtin_folder(folder: str) -> Path:

@@ -31,6 +31,7 @@ class Drawing(Strict):
     title: str
     shapes: tuple[Annotated[Disc | Box, Field(discriminator="shape")], ...] = ()
     disc: Disc | None = None
+    tags: Annotated[tuple[str, ...], Field(min_length=1)] = ("plain",)
 
 
 def mistake(content):
@@ -48,8 +49,8 @@ DISC = {"shape": "disc", "radius": 1.0}
     [
         ({}, "missing key title"),
         ({"title": 3}, "title = 3: input should be a valid string"),
-        ({"titel": "a"}, "unknown key titel: did you mean 'title'? allowed are title, shapes, disc"),
-        ({"title": "a", "zzz": 1}, "unknown key zzz: allowed are title, shapes, disc"),
+        ({"titel": "a"}, "unknown key titel: did you mean 'title'? allowed are title, shapes, disc, tags"),
+        ({"title": "a", "zzz": 1}, "unknown key zzz: allowed are title, shapes, disc, tags"),
         (
             {"title": 3, "shapes": [{**DISC, "radios": 1}]},
             "unknown key shapes[0].radios: did you mean 'radius'?",
@@ -63,7 +64,12 @@ DISC = {"shape": "disc", "radius": 1.0}
             {"title": "a", "shapes": [{"shape": "bax"}]},
             "shapes[0].shape = 'bax': did you mean 'box'? allowed are box, disc",
         ),
-        ({"title": "a", "shapes": {"shape": "box"}}, "shapes = {'shape': 'box'}: "),
+        ({"title": "a", "shapes": {"shape": "box"}}, "shapes = {'shape': 'box'}: allowed is a list"),
+        ({"title": "a", "tags": []}, "tags = []: allowed is a list of 1 or more"),
+        (
+            {"title": "a", "shapes": [{"shape": "box", "sides": [1, 2, 3]}]},
+            "shapes[0].sides = [1, 2, 3]: allowed is a list of 2 or fewer",
+        ),
     ],
 )
 def test_a_mistake_is_described_by_its_key_its_value_and_what_is_allowed(content, message):
