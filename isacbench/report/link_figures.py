@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import textwrap
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from isacbench.link.qam import awgn_ber
 from isacbench.report.link_tables import DIVISIONS, receiver_labels, signal_label, signals_of_part
 from isacbench.report.panels import draw_line, legend_lines, panel_grid
+from isacbench.report.placing import place_labels
 from isacbench.report.style import BOUND_COLOUR, COLOURS, Look, drawable
 from isacbench.report.tables import estimator_labels
 
@@ -37,6 +39,17 @@ LOWEST_BER = 1e-6
 """A frame has a few million bits: fewer errors are not seen."""
 
 TRADE_SNRS_DB = 0.0, 10.0, 20.0, 30.0
+SNR_SIZE_PT, SNR_COLOUR = 6.0, "0.35"
+SNR_OFFSETS_PT = [(x, y) for x in (0.0, 10.0, -10.0) for y in (8.0, -8.0, 16.0, -16.0)]
+SNR_ENTRY = Line2D(
+    [],
+    [],
+    linestyle="",
+    marker="$20$",
+    markeredgewidth=0,
+    color=SNR_COLOUR,
+    label="SNR along solid lines [dB]",
+)
 PANEL_IN = 3.1, 2.5
 TITLE_WIDTH = 42
 
@@ -113,11 +126,12 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
     labels, known = estimator_labels(estimators), receiver_labels(received)[receiver]
     title = f"{drawable(template)}: image against bit rate behind {drawable(channel)}, {known}"
     modulations = list(of_channel["modulation"].unique())
-    legend = [*_modulation_lines(modulations), *_sensing_lines(sensed)]
+    prs_look = dataclasses.replace(PRS_LOOK, colour="0.4")
+    legend = [*_modulation_lines(modulations), *_sensing_lines(sensed, prs_look), SNR_ENTRY]
     figure, panels = panel_grid(len(estimators), legend, title, panel_in=PANEL_IN)
     snrs_db = [snr for snr in TRADE_SNRS_DB if snr in set(sensed["snr_db"]) & set(received["snr_db"])]
     for axes, variant in zip(panels, estimators, strict=True):
-        part = _of(sensed, variant)
+        part, labelled = _of(sensed, variant), []
         for signal in signals_of_part(part):
             rows = _of_signal(part, signal).set_index("snr_db")["deviation_mean"]
             for modulation in modulations if signal[0] == "prs" else [signal[1]]:
@@ -127,10 +141,13 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
                     if (modulation, snr) in rates.index and snr in rows.index
                 ]
                 _draw_trade(axes, points, signal, modulation)
+                if signal[0] == "all" and signal[2] in ("", "reciprocal"):
+                    labelled += [(*point, MODULATION_COLOURS[modulation]) for point in points]
         axes.set_title(f"Image by {drawable(labels[variant])}")
         axes.set_xlabel("achievable bit rate [Gbit/s]")
         axes.set_ylim(bottom=0)
         axes.grid(True)
+        _write_snrs(axes, labelled)
     panels[0].set_ylabel("imaging deviation")
     return figure
 
@@ -138,18 +155,36 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
 def _draw_trade(
     axes: Axes, points: Sequence[tuple[float, float, float]], signal: Signal, modulation: str
 ) -> None:
-    """Draw one signal's path through the plane, its SNRs beside it."""
+    """Draw one signal's path through the plane."""
     if not points:
         return
-    rate, deviation, snrs_db = np.transpose(points)
-    look, division = _signal_look(signal), signal[2]
-    colour = MODULATION_COLOURS[modulation]
+    rate, deviation, _ = np.transpose(points)
+    look, colour = _signal_look(signal), MODULATION_COLOURS[modulation]
     axes.plot(rate, deviation, color=colour, linestyle=look.line, marker=look.marker)
-    if signal[0] == "all" and division in ("", "reciprocal"):
-        for x, y, snr_db in zip(rate, deviation, snrs_db, strict=True):
-            axes.annotate(
-                f"{snr_db:g}", (x, y), textcoords="offset points", xytext=(3, 3), fontsize=6, color="0.35"
-            )
+
+
+def _write_snrs(axes: Axes, points: Sequence[tuple[float, float, float, str]]) -> None:
+    """Write SNRs beside points in their colours, none over another; one that has no room is left out."""
+    points = [point for point in points if np.isfinite(point[:2]).all()]
+    if not points:
+        return
+    texts = [f"{snr_db:g}" for _, _, snr_db, _ in points]
+    place_pt = axes.transData.transform([point[:2] for point in points]) * 72 / axes.figure.dpi
+    sizes_pt = [(0.65 * SNR_SIZE_PT * len(text), 1.2 * SNR_SIZE_PT) for text in texts]
+    offsets = place_labels(place_pt, sizes_pt, [SNR_OFFSETS_PT] * len(points))
+    for (rate, deviation, _, colour), text, offset in zip(points, texts, offsets, strict=True):
+        if offset is None:
+            continue
+        axes.annotate(
+            text,
+            (rate, deviation),
+            textcoords="offset points",
+            xytext=(offset[0], offset[1]),
+            fontsize=SNR_SIZE_PT,
+            color=colour,
+            ha="center",
+            va="center",
+        )
 
 
 def _wrapped(title: str) -> str:
@@ -227,11 +262,11 @@ def _modulation_lines(modulations: Sequence[str]) -> list[Line2D]:
     return legend_lines(Look(one.upper(), MODULATION_COLOURS[one], "o", "-", False) for one in modulations)
 
 
-def _sensing_lines(sensed: pd.DataFrame) -> list[Line2D]:
+def _sensing_lines(sensed: pd.DataFrame, prs_look: Look = PRS_LOOK) -> list[Line2D]:
     """Lines of what is sensed with."""
     divisions = [one for one in dict.fromkeys(sensed["division"]) if one]
     looks = [Look(_division_label(one), "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
-    return legend_lines([*looks, *([PRS_LOOK] if (sensed["sensing"] == "prs").any() else [])])
+    return legend_lines([*looks, *([prs_look] if (sensed["sensing"] == "prs").any() else [])])
 
 
 def _variants(part: pd.DataFrame) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.link import outside_interval, summarise
+from isacbench.report.style import counted
 from isacbench.report.tables import Grid, Variant, batched, estimator_labels
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def _sensed(summary: pd.DataFrame) -> list[Grid]:
         time_ms = 1e3 * part["time_estimate_s_median"].median()
         title = (
             f"{template}, {labels[str(name), str(params)]}: imaging deviation ± 95 % interval by what is "
-            f"sensed with, {part['n_cells'].max()} trials, {time_ms:.1f} ms"
+            f"sensed with, {counted(part['n_cells'].max(), 'trial')}, {time_ms:.1f} ms an image"
         )
         for signals in batched(signals_of_part(part), SIGNALS_A_TABLE):
             rows = []
@@ -81,7 +82,7 @@ def _sensed(summary: pd.DataFrame) -> list[Grid]:
                     (row["sensing"], row["modulation"], row["division"]): row for _, row in group.iterrows()
                 }
                 rows.append([f"{snr_db:.4g}", *(_deviation(entries.get(signal)) for signal in signals)])
-            found.append(Grid(title, ["SNR: [dB]", *map(signal_label, signals)], rows))
+            found.append(Grid(title, ["SNR [dB]", *map(signal_label, signals)], rows))
     return found
 
 
@@ -103,7 +104,7 @@ def _received(summary: pd.DataFrame) -> list[Grid]:
     for (channel, name, params), part in summary.groupby(["channel", "estimator", "params"], sort=False):
         title = (
             f"{channel}, {labels[str(name), str(params)]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
-            f"{part['n_cells'].max()} frames"
+            f"{counted(part['n_cells'].max(), 'frame')}"
         ) + _held(outside.reindex(part.index).dropna())
         modulations = list(part["modulation"].unique())
         for chosen in batched(modulations, MODULATIONS_A_TABLE):
@@ -111,7 +112,7 @@ def _received(summary: pd.DataFrame) -> list[Grid]:
             for snr_db, group in part.sort_values("snr_db").groupby("snr_db"):
                 entries = {row["modulation"]: row for _, row in group.iterrows()}
                 rows.append([f"{snr_db:.4g}", *(_reception(entries.get(one)) for one in chosen)])
-            found.append(Grid(title, ["SNR: [dB]", *(one.upper() for one in chosen)], rows))
+            found.append(Grid(title, ["SNR [dB]", *(one.upper() for one in chosen)], rows))
     return found
 
 
@@ -132,7 +133,7 @@ def _reception(entry: pd.Series[Any] | None) -> str:
     if math.isnan(entry["ber"]):
         return failed.strip()
     expected = "-" if math.isnan(entry["ber_expected"]) else _rate(entry["ber_expected"])
-    figures = f"{_rate(entry['ber'])} ({expected}) | {entry['evm_db']:.1f} | {entry['rate_bps'] / 1e9:.2f}"
+    figures = f"{_rate(entry['ber'])} ({expected}) | {entry['evm_db']:z.1f} | {entry['rate_bps'] / 1e9:.2f}"
     return figures + failed
 
 

@@ -285,6 +285,8 @@ def legend_height_in(width_in: float, labels: Sequence[str]) -> float:
 
 
 def _legend_columns(width_in: float, labels: Sequence[str]) -> int:
-    """Columns of a legend that a width has room for."""
+    """Columns of a legend that a width has room for; no more than its rows need, so that all are filled."""
     widest_in = 0.55 + 0.06 * max(map(len, labels))
-    return max(1, min(len(labels), int(width_in / widest_in)))
+    n_most = max(1, min(len(labels), int(width_in / widest_in)))
+    n_rows = math.ceil(len(labels) / n_most)
+    return math.ceil(len(labels) / n_rows)

@@ -1,7 +1,17 @@
 import pytest
+from matplotlib.lines import Line2D
 
 from isacbench.model.region import Region
-from isacbench.report.style import assign_looks, counted, drawable, file_stems, velocity_colours
+from isacbench.report.style import (
+    assign_looks,
+    counted,
+    drawable,
+    file_stems,
+    legend_below,
+    legend_height_in,
+    new_figure,
+    velocity_colours,
+)
 
 
 def test_stems_are_safe_short_and_unique_whatever_the_case():
@@ -40,3 +50,17 @@ def test_a_static_region_has_colours():
 
 def test_things_are_counted_in_singular_and_plural():
     assert [counted(n, "point") for n in (0, 1, 2)] == ["0 points", "1 point", "2 points"]
+
+
+@pytest.mark.parametrize("n_labels", range(1, 14))
+def test_a_legend_takes_as_few_columns_as_its_rows_allow(n_labels):
+    labels = ["a label of some length"] * n_labels
+    drawn = {}
+    for width_in in (4.0, 6.0, 11.0):
+        figure = new_figure(width_in, 3)
+        legend_below(figure, [Line2D([], [], label=label) for label in labels])
+        n_columns = drawn[width_in] = figure.legends[0]._ncols
+        n_rows = -(-n_labels // n_columns)
+        assert legend_height_in(width_in, labels) == pytest.approx(0.15 + 0.175 * n_rows)
+        assert n_columns == 1 or -(-n_labels // (n_columns - 1)) > n_rows
+    assert drawn[4.0] <= 2

@@ -93,7 +93,7 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, 
     )
     results = run_suite(suite, tmp_path / "run")
     imaged_grid, known, estimated = grids_of(results.records, "link")
-    header = ["SNR: [dB]", "QPSK", "16QAM, reciprocal", "16QAM, matched", "16QAM, Wiener", "PRS alone"]
+    header = ["SNR [dB]", "QPSK", "16QAM, reciprocal", "16QAM, matched", "16QAM, Wiener", "PRS alone"]
     assert imaged_grid.header == header
     assert [row[0] for row in imaged_grid.rows] == ["0", "40"]
     assert all("±" in cell for row in imaged_grid.rows for cell in row[1:])
@@ -117,8 +117,46 @@ def test_a_suite_without_users_has_tables_and_a_figure_of_images(plugins, tiny, 
     )
     results = run_suite(suite, tmp_path / "run")
     (grid,) = grids_of(results.records, "link")
-    assert grid.header == ["SNR: [dB]", "QPSK"]
+    assert grid.header == ["SNR [dB]", "QPSK"]
     assert [path.name for path in draw_run(tmp_path / "run")] == ["link-tiny.png"]
+
+
+def test_one_trial_is_no_trials_and_no_decibel_has_no_sign(plugins, tiny, tmp_path):
+    records = run_suite(
+        LinkSuite(
+            name="test",
+            scenarios=[str(tiny)],
+            estimators=["blob"],
+            modulations=["qpsk"],
+            sensing=["all"],
+            channels=["awgn"],
+            snr_db=[0],
+            trials=1,
+        ),
+        tmp_path / "run",
+    ).records
+    sensed, known, _ = grids_of(records.assign(evm_db=-0.01), "link")
+    assert ", 1 trial, " in sensed.title
+    assert sensed.title.endswith(" ms an image")
+    assert ", 1 frame;" in known.title
+    assert " | 0.0 | " in known.rows[0][1]
+
+
+def test_snrs_beside_the_points_do_not_cover_each_other():
+    # Once all bits arrive, neither the rate nor the image grows any further.
+    figure = draw_trade(summary().assign(rate_bps=1e9, deviation_mean=4.0), "room")
+    figure.canvas.draw()
+    for axes in figure.axes:
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert len(boxes) == len(SNRS)
+        assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
+
+
+def test_the_legend_of_the_trade_says_what_numbers_are_and_gives_the_prs_no_modulations_colour():
+    figure = draw_trade(summary(), "room")
+    entries = {line.get_label(): line for line in figure.legends[0].get_lines()}
+    assert any("SNR" in label and "dB" in label for label in entries)
+    assert entries["image, PRS alone"].get_color() == entries["image, matched division"].get_color()
 
 
 def test_a_channel_of_many_parameters_has_a_title_as_wide_as_its_panel():
