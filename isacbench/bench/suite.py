@@ -220,7 +220,7 @@ class LinkSuite(Suite):
         Channels to the user as ``name[param=value,...]``: ``awgn``,
         ``two_ray`` and ``tapped_delay``, see `isacbench.link.channel`.
     receivers : tuple of str
-        Of the user, likewise: ``one_tap``, see `isacbench.bench.link.OneTap`.
+        Of the user, likewise: ``one_tap``, see `isacbench.bench.user.OneTap`.
     """
 
     KINDS: ClassVar[tuple[Kind, ...]] = ("link",)
