@@ -145,7 +145,8 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
                     labelled += [(*point, MODULATION_COLOURS[modulation]) for point in points]
         axes.set_title(f"Image by {drawable(labels[variant])}")
         axes.set_xlabel("achievable bit rate [Gbit/s]")
-        axes.set_ylim(bottom=0)
+        # Deviations far above 0 leave the automatic margin too narrow for a marker.
+        axes.set_ylim(0, 1.06 * axes.get_ylim()[1])
         axes.grid(True)
         _write_snrs(axes, labelled)
     panels[0].set_ylabel("imaging deviation")

@@ -166,3 +166,10 @@ def test_a_channel_of_many_parameters_has_a_title_as_wide_as_its_panel():
     assert panel.get_title().replace("\n", " ").endswith(name.replace(",", ", "))
     figure.canvas.draw()
     assert panel.title.get_window_extent().width < 1.25 * panel.get_window_extent().width
+
+
+def test_markers_of_the_trade_are_drawn_whole_where_all_deviations_are_far_above_0():
+    figure = draw_trade(summary().assign(deviation_mean=12.0), "room")
+    for axes in figure.axes:
+        assert axes.get_ylim()[0] == 0
+        assert axes.get_ylim()[1] > 1.06 * max(max(line.get_ydata()) for line in axes.lines)
