@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from isacbench.bench.link import outside_interval, signals_of, summarise
+from isacbench.bench.link import Link, outside_interval, signals_of, summarise
+from isacbench.bench.record import COLUMNS
 from isacbench.bench.runner import run
 from isacbench.bench.suite import LinkSuite, Suite
+from isacbench.bench.tolerance import direction
 from isacbench.errors import InputError
 from isacbench.link.qam import awgn_ber, bits_per_symbol
 from isacbench.model.prs import prs_elements
@@ -142,3 +144,12 @@ def test_scenarios_of_different_systems_are_refused(suite, tiny):
     other.write_text(text)
     with pytest.raises(InputError, match="'tiny' and 'other' have different systems"):
         run(suite.replace(scenarios=[str(tiny), str(other)]))
+
+
+def test_columns_of_the_link_have_the_direction_that_is_better():
+    columns = [*COLUMNS, *Link.columns]
+    assert direction("rate_bps", "paper", columns) == "higher"
+    assert {direction(name, "paper", columns) for name in ("n_bit_errors", "evm_db")} == {"lower"}
+    for name in ("n_bits", "ber_expected"):
+        with pytest.raises(InputError, match=name):
+            direction(name, "paper", columns)
