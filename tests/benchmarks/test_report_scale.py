@@ -12,8 +12,9 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.csv_table import write_csv_table
+from isacbench.bench.job import load_job
 from isacbench.bench.record import CLOUD_KEYS, DRAW_COLUMNS, POINT_COLUMNS, Results
-from isacbench.bench.store import write_results
+from isacbench.bench.store import Session, describe_run, write_manifest, write_results
 from isacbench.bench.suite import Suite
 from isacbench.model.scenario import load_scenario
 from isacbench.report.figures import draw_run
@@ -55,6 +56,9 @@ def made_up_results(n_snrs, n_trials, n_variants):
             "n_true": 466,
             "n_estimated": np.where(failed, 0, N_POINTS),
             **{name: np.where(failed, np.nan, random.random(n)) for name in SCORES},
+            "timing": False,
+            "scenario_content": "made up",
+            "environment": "",
         }
     )
     clouds = records[CLOUD_KEYS].loc[np.repeat(records.index, N_POINTS)].reset_index(drop=True)
@@ -87,6 +91,8 @@ def test_a_million_rows_are_reported(tmp_path, n_snrs, n_trials, n_variants):
     results = made_up_results(n_snrs, n_trials, n_variants)
     assert len(results.records) == 1_000_000
     write_results(results, tmp_path)
+    session = Session(results.started).describe(0.0, False)
+    write_manifest(tmp_path, describe_run(load_job(results.suite)), {}, [session])
     before_mib = largest_memory_mib()
     spent_s = {}
 
