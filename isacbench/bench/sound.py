@@ -63,8 +63,11 @@ class _Machine(_Part):
     cores: int | None = None
 
 
+Version = str | None
+
+
 class _Environment(_Part):
-    versions: dict[str, str | dict[str, Any] | None] = {}
+    versions: dict[str, Version | dict[str, Version | dict[str, Version]]] = {}
     machine: _Machine = _Machine()
 
 

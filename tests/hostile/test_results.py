@@ -382,6 +382,16 @@ def test_a_manifest_that_nobody_wrote_is_used_or_refused(bounded, made, run_fold
     use_or_refuse(bounded, run_folder, made[1])
 
 
+@pytest.mark.parametrize("value", [False, 3, [], {"a": {"b": 1}}])
+def test_a_version_that_is_no_text_is_refused(made, run_folder, value):
+    manifest = manifest_of(run_folder)
+    (environment,) = manifest["environments"].values()
+    environment["versions"]["isacbench"]["digest"] = value
+    (run_folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=r"manifest.json: .*versions"):
+        read_results(run_folder)
+
+
 def test_a_path_that_is_no_text_is_kept(made, run_folder):
     """Names of files are bytes; the manifest holds them as JSON can."""
     folder = Path(os.fsdecode(os.fsencode(run_folder.parent) + b"/\xff"))
