@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.ties import stepped
 from isacbench.dsp.wavefit import WaveFit, fit_waves
 
 __all__ = ["refine_directions", "resolve_directions"]
@@ -211,8 +212,9 @@ def _refined(
         # Shortened as a whole, a step still descends.
         length = np.abs(step * half_cells).max(axis=1)
         step /= np.maximum(1, length / LARGEST_STEP)[:, None]
-        step_u, step_w = np.split(step, 2, axis=1)
-        new = fit_waves(snapshots[moving], old.u + step_u, old.w + step_w, found[moving])
+        places = np.concatenate([old.u, old.w], axis=1) + step
+        u, w = np.split(stepped(places * half_cells, step * half_cells) / half_cells, 2, axis=1)
+        new = fit_waves(snapshots[moving], u, w, found[moving])
         # A step that seems to lose no more than rounding may be as good, and is taken, lest rounding decide.
         better = new.unexplained <= old.unexplained + np.maximum(old.rounding, new.rounding)
         fit.put(moving[better], new.at(better))

@@ -10,9 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["rounded"]
+__all__ = ["rounded", "stepped"]
 
 Floats = NDArray[np.float64]
+
+STEP_BITS = 8
+"""Binary digits that are kept below the square of a step."""
 
 
 def rounded(values: Floats, digits: int) -> Floats:
@@ -36,3 +39,37 @@ def rounded(values: Floats, digits: int) -> Floats:
     mantissa, exponent = np.frexp(values)
     few: Floats = np.ldexp(np.round(mantissa, digits), exponent)
     return few
+
+
+def stepped(places: Floats, steps: Floats) -> Floats:
+    """Places after a step, without the digits that the step cannot know.
+
+    A Newton step of length s ends about s² from its aim, in units in which the
+    curvature changes by its own size. Digits far below s² carry rounding alone,
+    which the next steps would magnify wherever they are not yet near their aim:
+    two processors whose sums differ in the last digit would part. So they are
+    dropped. Near its aim a step is short, and the digits stay.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (..., m)
+        In Rayleigh cells.
+    steps : ndarray of float64, shape (..., m)
+        Steps that have led there. All coordinates keep the digits of the longest.
+
+    Returns
+    -------
+    ndarray of float64, shape (..., m)
+
+    Examples
+    --------
+    >>> stepped(np.array([0.123456789, 0.5]), np.array([0.1, 0.0]))
+    array([0.12347412, 0.5       ])
+    >>> stepped(np.array([0.123456789]), np.array([1e-8]))
+    array([0.12345679])
+    """
+    longest = np.abs(steps).max(axis=-1, keepdims=True, initial=0)
+    _, exponent = np.frexp(longest)
+    pitch = np.ldexp(1.0, np.where(longest > 0, 2 * exponent - STEP_BITS, -1000))
+    kept: Floats = np.rint(places / pitch) * pitch
+    return kept

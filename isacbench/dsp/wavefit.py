@@ -160,7 +160,8 @@ def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: NDArray[np.bool_]
     lines = _line(snapshots.shape[2], u, found), _line(snapshots.shape[3], w, found)
     power = np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
     parts = _by_products(snapshots, lines, power, found)
-    condition = np.einsum("nii->ni", parts.inverse).real.max(axis=1, initial=0)
+    # Of waves that coincide, rounding decides the sign.
+    condition = np.abs(np.einsum("nii->ni", parts.inverse).real).max(axis=1, initial=0)
     delicate = (condition > WORST_CONDITION) | (parts.unexplained < LEAST_UNEXPLAINED * power)
     cells = np.flatnonzero(delicate & found.any(axis=1))
     if cells.size:
@@ -188,8 +189,6 @@ def _by_products(
     matched, *sloped = (np.einsum("nskq,nkq->nks", turned[:, :, i], along_w[j].conj()) for i, j in _ORDERS)
     in_u, in_w = _products(along_u), _products(along_w)
     gram = in_u[0, 0] * in_w[0, 0] + (DIAGONAL_LOADING + ~found)[:, None, :] * np.eye(k)
-    inverse = np.linalg.inv(gram)
-    amplitude = inverse @ matched
     cross = np.concatenate([in_u[1, 0] * in_w[0, 0], in_u[0, 0] * in_w[1, 0]], axis=1)
     mixed = in_u[1, 0] * in_w[1, 0].conj().transpose(0, 2, 1)
     slopes = np.concatenate(
@@ -199,7 +198,10 @@ def _by_products(
         ],
         axis=1,
     )
-    leaning = inverse @ cross.conj().transpose(0, 2, 1)
+    # Solved, not multiplied by an inverse: of waves that coincide its elements have no digits that count.
+    wanted = [np.broadcast_to(np.eye(k), gram.shape), matched, cross.conj().transpose(0, 2, 1)]
+    solved = np.linalg.solve(gram, np.concatenate(wanted, axis=2))
+    inverse, amplitude, leaning = np.split(solved, [k, k + matched.shape[2]], axis=2)
     bends = (in_u[2, 0] * in_w[0, 0], in_u[1, 0] * in_w[1, 0], in_u[0, 0] * in_w[2, 0])
     return _Parts(
         amplitude,
