@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from isacbench.stress.estimating import EstimatorCase
-from isacbench.stress.imaging import EVERY, LAYOUT, NO_FALSE_POINT, THREADS
+from isacbench.stress.imaging import BLAS_KERNELS, EVERY, LAYOUT, NO_FALSE_POINT, THREADS
 from isacbench.stress.shots import NARROW, Layout, observed, with_cells
 from isacbench.stress.spaces import choice, real
 
@@ -54,7 +54,7 @@ class Blank(EstimatorCase):
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """A cloud; an empty one of zeros."""
         empty = (NO_FALSE_POINT,) if self.filled == "zeros" else ()
-        return *EVERY, *empty, THREADS, LAYOUT
+        return *EVERY, *empty, THREADS, BLAS_KERNELS, LAYOUT
 
     def shot(self, seed: int) -> Shot:
         """Fill the cells of a gate."""

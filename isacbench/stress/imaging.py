@@ -16,6 +16,7 @@ from isacbench.conformance.scenes import Shot
 from isacbench.contracts import Diagnoser
 from isacbench.model.frame import Frame
 from isacbench.model.observation import REGION_TOLERANCE_M
+from isacbench.stress.blas_kernels import other_kernels, process_under
 from isacbench.stress.case import BrokenPromiseError, NotApplicableError, Promise
 from isacbench.stress.drift import cells_apart, cloud_drift
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ANY_SCALE",
+    "BLAS_KERNELS",
     "ELEMENT_ORDER",
     "EVERY",
     "FINITE",
@@ -53,7 +55,7 @@ __all__ = [
 ]
 
 INVARIANCE = 1e-9
-"""What neither threads, nor memory, nor the order of elements may exceed."""
+"""What neither threads, nor the BLAS kernel, nor memory, nor the order of elements may exceed."""
 
 LIMITS = 2.0**-490, 2.0**490
 """Amplitudes, about 1e-147 and 1e147, whose squares and sums of squares are still numbers."""
@@ -198,6 +200,22 @@ def _threads(imaging: Imaging) -> float:
     return max(imaging.drift(one), imaging.drift(two))
 
 
+def _blas_kernels(imaging: Imaging) -> float:
+    """Other kernels that the processor can run, each in a process of its own."""
+    kernels = other_kernels()
+    if not kernels:
+        raise NotApplicableError("the BLAS has no other kernel that this processor runs")
+    estimator, truth = imaging.estimator, imaging.shot.scenario.truth
+    drifts = []
+    for name, core_type in kernels.items():
+        try:
+            image = process_under(core_type).image(estimator, imaging.shot.observation(), truth)
+            drifts.append(imaging.drift(image))
+        except (RuntimeError, BrokenPromiseError) as error:
+            raise BrokenPromiseError(f"under the BLAS kernel {name}: {error}") from error
+    return max(drifts)
+
+
 def _layout(imaging: Imaging) -> float:
     """Fortran order, elements first in memory, and every second item of a larger array."""
     cells = imaging.shot.seen.cells
@@ -331,6 +349,7 @@ RESOLVED_ECHOES = NO_FALSE_POINT, FOUND
 TWO_POWER_SCALE = Promise("scale by powers of two", 0.0, _of_cells(_two_power_scale))
 ANY_SCALE = Promise("scale", 1e-10, _of_cells(_any_scale))
 THREADS = Promise("threads", INVARIANCE, _of_cells(_threads))
+BLAS_KERNELS = Promise("BLAS kernels", INVARIANCE, _of_cells(_blas_kernels))
 LAYOUT = Promise("memory order", INVARIANCE, _of_cells(_layout))
 ELEMENT_ORDER = Promise("element order", INVARIANCE, _of_cells(_element_order))
 SINGLE_PRECISION = Promise("single precision", SINGLE_POINT, _of_cells(_single_precision))
@@ -344,5 +363,5 @@ SINGLE_STAGES = (
 EVERY = FINITE, REPEAT
 """What holds of every image, whatever is imaged."""
 
-INVARIANT = TWO_POWER_SCALE, ANY_SCALE, THREADS, LAYOUT, ELEMENT_ORDER
+INVARIANT = TWO_POWER_SCALE, ANY_SCALE, THREADS, BLAS_KERNELS, LAYOUT, ELEMENT_ORDER
 """What holds where nothing is left to a tie."""

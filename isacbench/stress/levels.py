@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from isacbench.stress.case import adapted
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.imaging import (
+    BLAS_KERNELS,
     ELEMENT_ORDER,
     EVERY,
     FOUND,
@@ -80,7 +81,7 @@ class Amplitude(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """All are found, and no more."""
-        return *EVERY, *RESOLVED_ECHOES, POWER, THREADS, LAYOUT, ELEMENT_ORDER
+        return *EVERY, *RESOLVED_ECHOES, POWER, THREADS, BLAS_KERNELS, LAYOUT, ELEMENT_ORDER
 
     def shot(self, seed: int) -> Shot:
         """Observe the echoes."""

@@ -12,6 +12,7 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.stress.estimating import EstimatorCase
 from isacbench.stress.imaging import (
+    BLAS_KERNELS,
     EVERY,
     FOUND,
     FOUND_FIRST,
@@ -139,7 +140,7 @@ class Beyond(EstimatorCase):
         Points of what leaks in from beyond the gate, which is no echo of the
         model, may hang on the last digits.
         """
-        return *EVERY, FOUND_FIRST, *((THREADS, LAYOUT) if self.what == "gate" else INVARIANT)
+        return *EVERY, FOUND_FIRST, *((THREADS, BLAS_KERNELS, LAYOUT) if self.what == "gate" else INVARIANT)
 
     def shot(self, seed: int) -> Shot:
         """Observe both."""

@@ -21,6 +21,7 @@ from isacbench.registry import (
     parse_spec,
     spec_variants,
 )
+from isacbench.stress.blas_kernels import other_kernels, set_kernels
 from isacbench.stress.examine import BROKEN, Verdict, examine
 from isacbench.stress.families import find_cases, require_kind, table_of
 
@@ -178,7 +179,7 @@ class Examiner:
 
     def __init__(self, timeout_s: float = TIMEOUT_S) -> None:
         self._timeout_s = timeout_s
-        self._process = GuardedProcess(_start, local_plugins())
+        self._process = GuardedProcess(_start, local_plugins(), other_kernels())
 
     def close(self) -> None:
         """End the process."""
@@ -234,7 +235,8 @@ class Examiners:
 _plugins: dict[tuple[Kind, str], Any] = {}
 
 
-def _start(plugins: tuple[PluginFile, ...]) -> None:
+def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
+    set_kernels(kernels)
     for plugin in plugins:
         register_plugin(plugin)
 

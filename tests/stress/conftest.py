@@ -1,0 +1,13 @@
+"""What the tests of the promises share."""
+
+import pytest
+
+from isacbench.stress import blas_kernels
+
+
+@pytest.fixture(autouse=True)
+def kernels(monkeypatch):
+    """Let no process start under another BLAS kernel; a test may put kernels in."""
+    others = {}
+    monkeypatch.setattr(blas_kernels, "_known", others)
+    return others
