@@ -1,23 +1,23 @@
-"""Which code a plugin is: its version, and a digest of its sources, which a checkout changes without one."""
+"""Versions of plugins: of their packages, and digests of the code that they run.
+
+A checkout changes its code without changing its version. The digest tells.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib import import_module
-from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES
-from pathlib import Path
-from typing import Any
 
 from isacbench.entries import GROUPS, entries, local_plugins
+from isacbench.import_closure import digest_of, import_closure
 from isacbench.plugin_files import PluginFile
 
-__all__ = ["plugin_version"]
+__all__ = ["library_code", "plugin_version"]
 
-CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
+LIBRARY = "isacbench"
 
 
 def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
@@ -32,9 +32,9 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
     dict of str to dict
         For each distribution, or local file, that the classes and their bases
         come from: ``version``, None for a file, and ``digest``, the SHA-256 of
-        the files of code in the top-level package, None where they are not on
-        disk. What every plugin builds on, the package `isacbench` itself, is
-        not looked at.
+        their modules and of all that these import from the same top-level
+        package, None where they are not on disk. What they import from
+        `isacbench` itself, `library_code` tells.
 
     Examples
     --------
@@ -45,16 +45,42 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
     """
     local = {file.module_name: file for file in local_plugins()}
     found: dict[str, dict[str, str | None]] = {}
-    roots: dict[tuple[str, str | None], set[str]] = {}
-    for module in {module for part in _parts(plugin) for module in _modules(type(part))}:
+    packaged: dict[tuple[str, str | None], set[str]] = {}
+    for module in _modules(plugin):
         if module in local:
             found[_shown(local[module])] = {"version": None, "digest": local[module].digest}
         else:
-            root = _root(module)
-            roots.setdefault(_distribution(root), set()).add(root)
-    for (package, version), names in roots.items():
-        found[package] = {"version": version, "digest": _digest(*sorted(names))}
+            packaged.setdefault(_distribution(_root(module)), set()).add(module)
+    for (package, version), modules in packaged.items():
+        found[package] = {"version": version, "digest": _digest(frozenset(modules))}
     return dict(sorted(found.items()))
+
+
+def library_code(plugin: object, harness: Iterable[str] = ()) -> str:
+    """Digest of the code of isacbench that a plugin runs, and that of the harness.
+
+    Parameters
+    ----------
+    plugin : Estimator, TruthEstimator or Detector
+        Together with the detectors in its parameters.
+    harness : iterable of str
+        Modules of isacbench that every row follows from.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal.
+
+    Examples
+    --------
+    >>> from isacbench.registry import get_estimator
+    >>> library_code(get_estimator("music2d")) == library_code(get_estimator("nomp4d"))
+    False
+    """
+    local = {file.module_name: file.source for file in local_plugins()}
+    modules = frozenset(_modules(plugin))
+    sources = tuple((name, local[name]) for name in sorted(modules & local.keys()))
+    return _library_digest(frozenset(modules - local.keys()), frozenset(harness), sources)
 
 
 def _shown(file: PluginFile) -> str:
@@ -74,11 +100,12 @@ def _parts(plugin: object) -> Iterator[object]:
             yield from _parts(getattr(plugin, field.name))
 
 
-def _modules(plugin: type[Any]) -> Iterator[str]:
-    """Modules that a class and its bases are defined in, without Python's and the harness's own."""
-    for base in plugin.__mro__:
-        if base.__module__.partition(".")[0] not in {*sys.stdlib_module_names, "isacbench"}:
-            yield base.__module__
+def _modules(plugin: object) -> frozenset[str]:
+    """Modules of the classes of a plugin and of its parts, and of their bases, but for Python's own."""
+    classes = {base for part in _parts(plugin) for base in type(part).__mro__}
+    own = {*sys.stdlib_module_names, LIBRARY}
+    modules = {base.__module__ for base in classes}
+    return frozenset(module for module in modules if module.partition(".")[0] not in own)
 
 
 def _root(module: str) -> str:
@@ -99,25 +126,19 @@ def _distribution(root: str) -> tuple[str, str | None]:
 
 
 @cache
-def _digest(*roots: str) -> str | None:
-    """Digest of the files of code of packages and single modules."""
-    files = [found for root in roots for found in _code_files(root)]
-    if not files:
-        return None
-    content = hashlib.sha256()
-    for name, path in sorted(files):
-        code = path.read_bytes()
-        content.update(f"{name}\0{len(code)}\0".encode() + code)
-    return content.hexdigest()
+def _digest(modules: frozenset[str]) -> str | None:
+    """Digest of modules and of what they import from their own packages."""
+    on_disk = [module for module in modules if getattr(sys.modules[module], "__file__", None)]
+    code = import_closure(on_disk, {_root(module) for module in on_disk})
+    return digest_of(code) if code else None
 
 
-def _code_files(root: str) -> Iterator[tuple[str, Path]]:
-    """Files of code of a package, or of a single module, each with its path from the package on."""
-    module = import_module(root)
-    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
-    for folder in folders:
-        for path in folder.rglob("*"):
-            if path.name.endswith(CODE_SUFFIXES):
-                yield f"{root}/{path.relative_to(folder).as_posix()}", path
-    if not folders and module.__file__ is not None and Path(module.__file__).is_file():
-        yield root, Path(module.__file__)
+@cache
+def _library_digest(
+    modules: frozenset[str], harness: frozenset[str], sources: tuple[tuple[str, str], ...]
+) -> str:
+    """Digest of what modules, and texts of modules, import from isacbench, and of the harness."""
+    on_disk = {module for module in modules if getattr(sys.modules[module], "__file__", None)}
+    packages = {LIBRARY, *(_root(module) for module in on_disk)}
+    code = import_closure(on_disk | harness, packages, dict(sources))
+    return digest_of({name: text for name, text in code.items() if name.partition(".")[0] == LIBRARY})

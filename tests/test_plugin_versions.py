@@ -4,8 +4,8 @@ import sys
 import pytest
 
 import isacbench
-from isacbench import plugin_versions
-from isacbench.plugin_versions import plugin_version
+from isacbench import import_closure, plugin_versions
+from isacbench.plugin_versions import library_code, plugin_version
 from isacbench.registry import PluginFile, build_estimator, get_detector, get_estimator, register_plugin
 
 DETECTOR = """
@@ -42,11 +42,21 @@ class Packaged:
 """
 
 
+def forget():
+    for remembered in (
+        plugin_versions._digest,
+        plugin_versions._library_digest,
+        plugin_versions._distribution,
+        import_closure._code,
+        import_closure._spec,
+    ):
+        remembered.cache_clear()
+
+
 @pytest.fixture(autouse=True)
 def _no_memory():
     """Packages of different tests have equal names."""
-    for remembered in (plugin_versions._digest, plugin_versions._distribution):
-        remembered.cache_clear()
+    forget()
 
 
 @pytest.fixture
@@ -64,7 +74,7 @@ def package(plugin_folder, monkeypatch):
 
 
 def digest(plugin, package):
-    plugin_versions._digest.cache_clear()
+    forget()
     return plugin_version(plugin)[package]["digest"]
 
 
@@ -72,20 +82,37 @@ def test_built_in_plugins_are_of_this_package():
     for plugin in (get_estimator("music2d"), get_detector("os")):
         assert list(plugin_version(plugin)) == ["isacbench"]
         assert plugin_version(plugin)["isacbench"]["version"] == isacbench.__version__
-    assert digest(get_estimator("music2d"), "isacbench") == digest(get_estimator("fft4d"), "isacbench")
 
 
-def test_any_changed_file_of_the_package_changes_the_digest_and_other_files_do_not(package):
+def test_a_changed_file_that_the_plugin_imports_changes_its_digest_and_other_files_do_not(package):
     plugin = get_estimator("packaged")
     assert plugin_version(plugin)["packed-plugins"]["version"] == "1.0"
     before = digest(plugin, "packed-plugins")
     (package / "notes.txt").write_text("nothing")
+    (package / "other.py").write_text("# of another plugin")
     assert digest(plugin, "packed-plugins") == before
     (package / "helper.py").write_text("HELP = 2\n")
     changed = digest(plugin, "packed-plugins")
     assert changed != before
     (package / "helper.py").rename(package / "renamed.py")
     assert digest(plugin, "packed-plugins") not in (before, changed)
+
+
+def test_of_a_package_that_imports_by_name_every_file_counts(package):
+    plugin = get_estimator("packaged")
+    (package / "helper.py").write_text("from importlib import import_module\nHELP = 1\n")
+    before = digest(plugin, "packed-plugins")
+    (package / "other.py").write_text("# perhaps imported")
+    assert digest(plugin, "packed-plugins") != before
+
+
+def test_of_the_library_those_files_count_that_a_plugin_imports(write_plugin):
+    register_plugin(PluginFile("local.py", DETECTOR))
+    register_plugin(PluginFile("heir.py", HEIR))
+    music, pursuit = get_estimator("music2d"), get_estimator("nomp4d")
+    assert len({library_code(one) for one in (music, pursuit, get_detector("never"))}) == 3
+    # Through its base.
+    assert library_code(get_estimator("heir")) == library_code(music)
 
 
 def test_a_single_module_is_its_file_alone(plugins):

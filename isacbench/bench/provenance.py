@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import subprocess
@@ -15,7 +14,7 @@ from threadpoolctl import threadpool_info
 
 import isacbench
 from isacbench.bench.content import digest
-from isacbench.plugin_versions import plugin_version
+from isacbench.plugin_versions import library_code, plugin_version
 
 if TYPE_CHECKING:
     from isacbench.contracts import Detector
@@ -41,25 +40,16 @@ PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "pebble", "threadpoolctl")
 RESULT_PACKAGES = ("numpy", "scipy")
 """Packages whose versions rows can hang on."""
 
+DIGITS = 16
+"""Hexadecimal digits of a digest of code."""
+
 GIT_TIMEOUT_S = 30.0
 
 SOURCE = Path(isacbench.__file__).parent
-NO_PART_OF_ROWS = (
-    "report",
-    "conformance",
-    "stress",
-    "cli",
-    "cubes",
-    "planning.py",
-    "preload.py",
-    "process_server.py",
-    "__main__.py",
-    *(
-        f"bench/{name}.py"
-        for name in ("compare", "merge", "paired", "pairing", "rescore", "scoretable", "tolerance")
-    ),
-)
-"""Parts of the source that no row follows from: a change of one makes no stored row another version's."""
+
+ROW_MAKERS = "isacbench.bench.job", "isacbench.bench.workbench"
+"""Modules that plan cells and make their rows: with what they import, the part of the harness that rows
+follow from."""
 
 
 def environment_of(plugin: AnyEstimator | Detector) -> Environment:
@@ -68,14 +58,14 @@ def environment_of(plugin: AnyEstimator | Detector) -> Environment:
     Returns
     -------
     dict
-        ``versions``: of isacbench with a digest of its source, of the
-        packages that the plugin and its detectors come from likewise, of
-        Python, NumPy and SciPy. ``machine``: its system, processor and cores.
+        ``versions``: of isacbench with `code_digest`, of the packages that
+        the plugin and its detectors come from likewise, of Python, NumPy and
+        SciPy. ``machine``: its system, processor and cores.
         Rows whose ``versions`` are equal may stand in one table.
     """
     return {
         "versions": {
-            "isacbench": {"version": isacbench.__version__, "digest": code_digest()},
+            "isacbench": {"version": isacbench.__version__, "digest": code_digest(plugin)},
             "plugins": plugin_version(plugin),
             "python": python_version(),
             **{name: package_version(name) for name in RESULT_PACKAGES},
@@ -89,15 +79,13 @@ def environment_id(environment: Environment) -> str:
     return digest(environment)[:12]
 
 
-@cache
-def code_digest() -> str:
-    """Digest of the source of isacbench, as far as rows can follow from it."""
-    total = hashlib.sha256()
-    for path in sorted(SOURCE.rglob("*.py")):
-        inside = path.relative_to(SOURCE)
-        if inside.parts[0] not in NO_PART_OF_ROWS and inside.as_posix() not in NO_PART_OF_ROWS:
-            total.update(inside.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return total.hexdigest()[:16]
+def code_digest(plugin: AnyEstimator | Detector) -> str:
+    """Digest of the code of isacbench that the rows of an estimator or detector follow from.
+
+    It is that of the modules that make rows, of those that the plugin and its
+    detectors come from, and of all that these import.
+    """
+    return library_code(plugin, ROW_MAKERS)[:DIGITS]
 
 
 @cache
