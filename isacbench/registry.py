@@ -10,6 +10,7 @@ from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from isacbench.added_fields import identity_fields
 from isacbench.contracts import Detector, Estimator, TruthEstimator
 from isacbench.entries import Entry, Kind, entries, load_plugin_file, local_plugins, register_plugin
 from isacbench.errors import InputError, nearest, unknown_name
@@ -170,7 +171,9 @@ def canonical_params(plugin: object) -> str:
     str
         Sorted keys, no spaces, defaults included; a nested detector is an
         object with its ``name`` beside its parameters. Equal parameters give
-        equal strings.
+        equal strings. A field that was added later
+        (`isacbench.added_fields.added_field`) is left out at the value that
+        stands for the behaviour before.
     """
     return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
@@ -332,7 +335,7 @@ def _suggestion(value: Any, hint: Any) -> str:
 
 
 def _plain_params(plugin: Any) -> dict[str, Any]:
-    return {field.name: _plain(getattr(plugin, field.name)) for field in dataclasses.fields(plugin)}
+    return {name: _plain(value) for name, value in identity_fields(plugin).items()}
 
 
 def _plain(value: Any) -> Any:

@@ -111,8 +111,13 @@ def run_cell(
 
 def score_image(scenario: Scenario, cloud: PointCloud) -> dict[str, Any]:
     """Scores of a cloud by the metric ``paper``, given the scenario that was observed."""
-    velocity_bin_mps = scenario.system.velocity_bin_mps
-    return dict(score(scenario.truth, cloud, region=scenario.region, velocity_bin_mps=velocity_bin_mps))
+    return score(
+        scenario.truth,
+        cloud,
+        region=scenario.region,
+        velocity_bin_mps=scenario.system.velocity_bin_mps,
+        radius_m=scenario.radius_m,
+    )
 
 
 def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from isacbench.added_fields import identity_fields
 from isacbench.bench.record import POINT_COLUMNS
 from isacbench.model.array import VirtualArray
 from isacbench.model.frame import Frame, PaperFrame, get_frame
@@ -31,6 +32,9 @@ __all__ = [
 
 SIGNIFICANT = 10
 """Significant digits of a number in a digest; drawn places go through sines, whose last digits vary."""
+
+ADDED = ("radius_m",)
+"""Plain numbers of a scenario that older descriptions lack."""
 
 DIGITS = 16
 """Hexadecimal digits of a digest: 64 bits tell more contents apart than anybody will ever store."""
@@ -66,22 +70,25 @@ def scenario_digest(scenario: Scenario) -> str:
         regions and scatterers give equal digests.
     """
     scatterers = scenario.scatterers
-    arrays = {
-        field.name: getattr(scatterers, field.name).tolist() for field in dataclasses.fields(scatterers)
-    }
+    arrays = {name: values.tolist() for name, values in identity_fields(scatterers).items()}
     content = {"name": scenario.name, "radio": describe_scenario(scenario), "scatterers": arrays}
     return digest(_rounded(content))
 
 
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:
-    """Describe a scenario without its scatterers, which the truth holds."""
+    """Describe a scenario without its scatterers, which the truth holds.
+
+    Fields that were added later are left out at the value that stands for the
+    behaviour before (`isacbench.added_fields`), so that digests stay.
+    """
     frame = "paper" if isinstance(scenario.frame, PaperFrame) else "panel"
+    parts = {name: getattr(scenario, name) for name in ("system", "array", "region")}
+    own = {name: value for name, value in identity_fields(scenario).items() if name in ADDED}
     return {
-        "system": dataclasses.asdict(scenario.system),
-        "array": dataclasses.asdict(scenario.array),
+        **{name: identity_fields(part) for name, part in parts.items()},
         "frame": {"name": frame, **_fields(scenario.frame)},
         "base_station_m": scenario.base_station_m.tolist(),
-        "region": dataclasses.asdict(scenario.region),
+        **own,
     }
 
 
@@ -95,6 +102,7 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
         frame=get_frame(**described["frame"]),
         base_station_m=np.array(described["base_station_m"]),
         region=Region(**{key: _tupled(value) for key, value in described["region"].items()}),
+        **{name: described[name] for name in ADDED if name in described},
         scatterers=Scatterers(xyz=points[:, :3], velocity=points[:, 3], amplitude=np.sqrt(points[:, 4])),
     )
 
@@ -116,7 +124,7 @@ def _rounded(content: Any) -> Any:
 
 
 def _fields(frame: Frame) -> dict[str, float]:
-    return {name: getattr(frame, name) for name in getattr(frame, "__dataclass_fields__", ())}
+    return identity_fields(frame) if dataclasses.is_dataclass(frame) else {}
 
 
 def _tupled(value: Any) -> Any:

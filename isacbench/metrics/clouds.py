@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from isacbench.errors import require
 from isacbench.metrics.geometry import CloudPair, box_diagonal_m
 
 if TYPE_CHECKING:
@@ -24,11 +25,9 @@ __all__ = ["CloudScores", "cloud_scores", "gospa_m", "pair_scores"]
 
 Indices = NDArray[np.intp]
 
-GOSPA_CUTOFF_M = 1.0
-"""Distance c from which a true scatterer counts as missed and an estimated point as false."""
-
-MATCH_RADIUS_M = 1.0
-"""Largest distance at which a point counts as right for precision and recall."""
+RADIUS_M = 1.0
+"""Distance, where no scenario says another: up to it a point counts as right for precision and recall; from
+it a true scatterer counts as missed and an estimated point as false in GOSPA, whose cut-off c it is."""
 
 MANY_PAIRS = 2**18
 """Pairs of points from which it is asked whether most of them are near: 500 points each."""
@@ -48,11 +47,11 @@ class CloudScores:
     completeness_m : float
         Mean over the true scatterers of the distance to the nearest estimated point.
     gospa_m : float
-        GOSPA with c = 1 m, p = 2, α = 2.
+        GOSPA with c = the radius, p = 2, α = 2.
     precision : float
-        Share of the estimated points within 1 m of a true scatterer.
+        Share of the estimated points within the radius of a true scatterer.
     recall : float
-        Share of the true scatterers within 1 m of an estimated point.
+        Share of the true scatterers within the radius of an estimated point.
     """
 
     accuracy_m: float
@@ -67,7 +66,9 @@ class CloudScores:
         return (self.accuracy_m + self.completeness_m) / 2
 
 
-def cloud_scores(truth: PointCloud, estimate: PointCloud, region: Region | None = None) -> CloudScores:
+def cloud_scores(
+    truth: PointCloud, estimate: PointCloud, region: Region | None = None, radius_m: float = RADIUS_M
+) -> CloudScores:
     """Compare the positions of two clouds.
 
     The chamfer distance is that of reference [1]_ ("chamfer-L1"): the mean of
@@ -85,6 +86,8 @@ def cloud_scores(truth: PointCloud, estimate: PointCloud, region: Region | None 
         Estimated points, possibly none.
     region : Region or None
         Where scatterers can be; None takes the truth's bounding box.
+    radius_m : float
+        Distance in m within which a point counts as one of a scatterer.
 
     Returns
     -------
@@ -94,34 +97,35 @@ def cloud_scores(truth: PointCloud, estimate: PointCloud, region: Region | None 
     Raises
     ------
     InputError
-        If the truth is empty.
+        If the truth is empty, or the radius is no positive number.
 
     References
     ----------
     .. [1] L. Mescheder et al., "Occupancy Networks: Learning 3D
        Reconstruction in Function Space", CVPR 2019.
     """
-    return pair_scores(CloudPair(truth, estimate), region)
+    return pair_scores(CloudPair(truth, estimate), region, radius_m)
 
 
-def pair_scores(pair: CloudPair, region: Region | None = None) -> CloudScores:
+def pair_scores(pair: CloudPair, region: Region | None = None, radius_m: float = RADIUS_M) -> CloudScores:
     """Score a pair as `cloud_scores` does, sharing its searches with other metrics."""
+    require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive number of m")
     if not len(pair.estimate):
         diagonal_m = box_diagonal_m(pair.truth.xyz, region)
-        empty_gospa_m = GOSPA_CUTOFF_M * math.sqrt(len(pair.truth) / 2)
+        empty_gospa_m = radius_m * math.sqrt(len(pair.truth) / 2)
         return CloudScores(diagonal_m, diagonal_m, empty_gospa_m, precision=0.0, recall=0.0)
     forward_m, backward_m = pair.truth_to_estimate_m, pair.estimate_to_truth_m
     return CloudScores(
         accuracy_m=float(backward_m.mean()),
         completeness_m=float(forward_m.mean()),
-        gospa_m=_tree_gospa_m(pair.truth_tree, pair.estimate_tree),
-        precision=float((backward_m <= MATCH_RADIUS_M).mean()),
-        recall=float((forward_m <= MATCH_RADIUS_M).mean()),
+        gospa_m=_tree_gospa_m(pair.truth_tree, pair.estimate_tree, radius_m),
+        precision=float((backward_m <= radius_m).mean()),
+        recall=float((forward_m <= radius_m).mean()),
     )
 
 
-def gospa_m(truth: PointCloud, estimate: PointCloud) -> float:
-    """Generalised optimal sub-pattern assignment distance with c = 1 m, p = 2, α = 2.
+def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M) -> float:
+    """Generalised optimal sub-pattern assignment distance with c = the radius, p = 2, α = 2.
 
     The square root of the least Σd² over the pairs of a matching plus c²/2
     for every point of either cloud left alone. Exact: a pair at c or farther
@@ -132,6 +136,8 @@ def gospa_m(truth: PointCloud, estimate: PointCloud) -> float:
     ----------
     truth, estimate : PointCloud
         Any number of points each.
+    radius_m : float
+        Cut-off c in m.
 
     Returns
     -------
@@ -150,40 +156,42 @@ def gospa_m(truth: PointCloud, estimate: PointCloud) -> float:
     >>> gospa_m(truth, truth), gospa_m(truth, PointCloud.empty())
     (0.0, 1.0)
     """
-    return _tree_gospa_m(cKDTree(truth.xyz), cKDTree(estimate.xyz))
+    return _tree_gospa_m(cKDTree(truth.xyz), cKDTree(estimate.xyz), radius_m)
 
 
-def _tree_gospa_m(truth: cKDTree, estimate: cKDTree) -> float:
+def _tree_gospa_m(truth: cKDTree, estimate: cKDTree, radius_m: float) -> float:
     """GOSPA of the points of two trees."""
-    if _is_crowd(truth, estimate):
-        i, j = _best_crowd_matching(truth.data, estimate.data)
+    if _is_crowd(truth, estimate, radius_m):
+        i, j = _best_crowd_matching(truth.data, estimate.data, radius_m)
     else:
-        near = truth.sparse_distance_matrix(estimate, GOSPA_CUTOFF_M, output_type="ndarray")
-        i, j = _best_matching(near["i"], near["j"], np.square(near["v"]))
+        near = truth.sparse_distance_matrix(estimate, radius_m, output_type="ndarray")
+        i, j = _best_matching(near["i"], near["j"], np.square(near["v"]), radius_m)
     matched_m2 = float(np.square(truth.data[i] - estimate.data[j]).sum())
     alone = truth.n + estimate.n - 2 * i.size
-    return math.sqrt(matched_m2 + GOSPA_CUTOFF_M**2 / 2 * alone)
+    return math.sqrt(matched_m2 + radius_m**2 / 2 * alone)
 
 
-def _is_crowd(truth: cKDTree, estimate: cKDTree) -> bool:
+def _is_crowd(truth: cKDTree, estimate: cKDTree, radius_m: float) -> bool:
     """Whether so many pairs are near that a list of them is longer than a table of all."""
     n_pairs = truth.n * estimate.n
     if n_pairs < MANY_PAIRS:
         return False
-    return bool(truth.count_neighbors(estimate, GOSPA_CUTOFF_M) > CROWDED_SHARE * n_pairs)
+    return bool(truth.count_neighbors(estimate, radius_m) > CROWDED_SHARE * n_pairs)
 
 
 def _best_crowd_matching(
-    truth: NDArray[np.float64], estimate: NDArray[np.float64]
+    truth: NDArray[np.float64], estimate: NDArray[np.float64], radius_m: float
 ) -> tuple[Indices, Indices]:
     """Pick the pairs of the cheapest matching, by the table of all costs."""
-    cost_m2 = np.minimum(cdist(truth, estimate, "sqeuclidean"), GOSPA_CUTOFF_M**2)
+    cost_m2 = np.minimum(cdist(truth, estimate, "sqeuclidean"), radius_m**2)
     i, j = linear_sum_assignment(cost_m2)
-    near = cost_m2[i, j] < GOSPA_CUTOFF_M**2
+    near = cost_m2[i, j] < radius_m**2
     return i[near], j[near]
 
 
-def _best_matching(i: Indices, j: Indices, squared_m2: NDArray[np.float64]) -> tuple[Indices, Indices]:
+def _best_matching(
+    i: Indices, j: Indices, squared_m2: NDArray[np.float64], radius_m: float
+) -> tuple[Indices, Indices]:
     """Pick the pairs of the cheapest matching when a pair that is left out costs c².
 
     Every row gets a column of its own that costs c²: taking it leaves the row
@@ -196,7 +204,7 @@ def _best_matching(i: Indices, j: Indices, squared_m2: NDArray[np.float64]) -> t
     columns, column = np.unique(j, return_inverse=True)
     own = np.arange(rows.size)
     # The solver reads a weight of zero as no edge: c² on top of all leaves the best matching the best.
-    weights = np.concatenate([squared_m2, np.full(rows.size, GOSPA_CUTOFF_M**2)]) + GOSPA_CUTOFF_M**2
+    weights = np.concatenate([squared_m2, np.full(rows.size, radius_m**2)]) + radius_m**2
     ends = (np.concatenate([row, own]), np.concatenate([column, columns.size + own]))
     graph = csr_array((weights, ends), shape=(rows.size, columns.size + rows.size))
     chosen_row, chosen_column = min_weight_full_bipartite_matching(graph)

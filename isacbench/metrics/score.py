@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from isacbench.errors import InputError, unknown_name
-from isacbench.metrics.clouds import pair_scores
+from isacbench.metrics.clouds import RADIUS_M, pair_scores
 from isacbench.metrics.deviation import pair_deviation
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.repository import repository_deviation
@@ -67,9 +67,9 @@ METRICS: dict[str, dict[str, ScoreColumn]] = {
         ScoreColumn("velocity_nmse", "normalised mean square error of the velocity"),
         ScoreColumn("deviation", "imaging deviation: sum of the three Hausdorff distances, density and NMSE"),
         ScoreColumn("chamfer_m", "chamfer distance, mean of both directions [m]"),
-        ScoreColumn("gospa_m", "GOSPA distance with c = 1 m, p = 2, α = 2 [m]"),
-        ScoreColumn("precision", "share of estimated points within 1 m of a true scatterer", "higher", 0.0),
-        ScoreColumn("recall", "share of true scatterers within 1 m of an estimated point", "higher", 0.0),
+        ScoreColumn("gospa_m", "GOSPA distance with c = the radius, p = 2, α = 2 [m]"),
+        ScoreColumn("precision", "share of estimated points within the radius of a true scatterer", "higher", 0.0),
+        ScoreColumn("recall", "share of true scatterers within the radius of an estimated point", "higher", 0.0),
     ),
     "repository": _table(
         *_COUNTS,
@@ -89,6 +89,7 @@ def score(
     *,
     region: Region | None = None,
     velocity_bin_mps: float | None = None,
+    radius_m: float = RADIUS_M,
 ) -> dict[str, float]:
     """Score an estimated cloud against the true one.
 
@@ -107,6 +108,9 @@ def score(
     velocity_bin_mps : float or None
         Velocity bin in m/s, the velocity unit of a static scene in the metric
         ``paper``; None takes that of the paper's Table I.
+    radius_m : float
+        Distance in m within which a point counts as one of a scatterer, in
+        precision, recall and GOSPA; a scenario has its own, ``radius_m``.
 
     Returns
     -------
@@ -116,7 +120,8 @@ def score(
     Raises
     ------
     InputError
-        If the metric is unknown, the truth is empty, or a cloud is malformed.
+        If the metric is unknown, the truth is empty, a cloud is malformed, or
+        the radius is no positive number.
 
     Examples
     --------
@@ -139,7 +144,7 @@ def score(
             "deviation": found.deviation,
         }
     deviation = pair_deviation(pair, region, velocity_bin_mps)
-    beside = pair_scores(pair, region)
+    beside = pair_scores(pair, region, radius_m)
     return {
         **counts,
         "hausdorff_xy_m": deviation.hausdorff_xy_m,

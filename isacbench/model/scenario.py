@@ -126,6 +126,10 @@ class _RegionTable(_Table):
         return Region(**self.model_dump())
 
 
+class _ScoringTable(_Table):
+    radius_m: Positive = Scenario.radius_m
+
+
 class _ObjectTable(_Table):
     position_m: Position
     velocity_mps: Finite = 0.0
@@ -202,6 +206,7 @@ class _ScenarioTable(_Table):
     array: _ArrayTable
     base_station: _BaseStationTable
     region: _RegionTable
+    scoring: _ScoringTable = _ScoringTable()
     objects: tuple[
         Annotated[
             _CarTable | _PedestrianTable | _LampPostTable | _GreenBeltTable | _PointsTable,
@@ -226,4 +231,5 @@ class _ScenarioTable(_Table):
             base_station_m=np.array(self.base_station.position_m),
             region=self.region.region(),
             scatterers=scatterers,
+            radius_m=self.scoring.radius_m,
         )

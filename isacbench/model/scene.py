@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.errors import InputError, InputWarning
+from isacbench.added_fields import added_field
+from isacbench.errors import InputError, InputWarning, require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frozen import freeze_arrays
 from isacbench.model.limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
@@ -116,12 +117,15 @@ class Scenario:
     base_station_m : ndarray of float64, shape (3,)
     region : Region
     scatterers : Scatterers
+    radius_m : float
+        Distance in m within which a point counts as one of a scatterer: of
+        precision, recall and GOSPA, and of the marks in pictures.
 
     Raises
     ------
     InputError
-        If the base station is beyond a million kilometres, the region cannot
-        be observed unambiguously, or a scatterer or the whole region lies where
+        If the radius is no positive number, the base station is beyond a
+        million kilometres, the region cannot be observed unambiguously, or a scatterer or the whole region lies where
         the array is blind.
 
     Warns
@@ -145,8 +149,10 @@ class Scenario:
     base_station_m: NDArray[np.float64]
     region: Region
     scatterers: Scatterers
+    radius_m: float = added_field(1.0, before=1.0)
 
     def __post_init__(self) -> None:
+        require(0 < self.radius_m < np.inf, "radius_m", self.radius_m, "a positive number of m")
         freeze_arrays(self, "base_station_m")
         require_places("base_station_m", self.base_station_m)
         self._require_unambiguous_region()

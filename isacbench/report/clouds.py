@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
-from isacbench.metrics.clouds import MATCH_RADIUS_M
+from isacbench.metrics.clouds import RADIUS_M
 from isacbench.metrics.geometry import CloudPair
 from isacbench.report.perspective import Box, perspective_axes, scatter, tick_step
 from isacbench.report.style import CONTEXT, counted, edges, entitle, new_figure, velocity_colours
@@ -172,7 +172,7 @@ def _is_false(truth: PointCloud, cloud: PointCloud) -> NDArray[np.bool_]:
     """Mask of the points that no true scatterer is near."""
     if not len(truth):
         return np.ones(len(cloud), dtype=np.bool_)
-    false: NDArray[np.bool_] = CloudPair(truth, cloud).estimate_to_truth_m > MATCH_RADIUS_M
+    false: NDArray[np.bool_] = CloudPair(truth, cloud).estimate_to_truth_m > RADIUS_M
     return false
 
 
@@ -239,7 +239,7 @@ def _legend(figure: Figure) -> None:
                 [],
                 marker="x",
                 markersize=5,
-                label=f"false point: farther than {MATCH_RADIUS_M:g} m from the truth",
+                label=f"false point: farther than {RADIUS_M:g} m from the truth",
                 **style,
             ),
         ],

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -52,6 +53,7 @@ def scenario(tiny):
         ("# Three points in a small scene.", "# Another remark."),
         ("[5.0, 40.0, 10.0]", "[5, 4.0e1, 10.000]"),
         ("n_symbols = 32", "n_symbols = 32\ncarrier_hz = 70e9"),
+        ("[system]", "[scoring]\nradius_m = 1\n[system]"),
     ],
 )
 def test_how_a_scenario_is_written_is_not_its_content(tiny, scenario, old, new):
@@ -70,6 +72,7 @@ def test_how_a_scenario_is_written_is_not_its_content(tiny, scenario, old, new):
         ("[5.0, 40.0, 10.0]", "[5.0, 40.0, 10.001]"),
         ("z_m = [0.0, 5.0]", "z_m = [0.0, 5.5]"),
         ("speed_mps = [-15.0, 15.0]", "speed_mps = [-15.0, 16.0]"),
+        ("[system]", "[scoring]\nradius_m = 2\n[system]"),
     ],
 )
 def test_everything_that_an_observation_follows_from_is_content(tiny, scenario, old, new):
@@ -108,3 +111,10 @@ def test_a_described_scenario_is_restored(tiny, name):
     described = json.loads(json.dumps(describe_scenario(scenario)))
     restored = restore_scenario(scenario.name, described, truth_table(scenario))
     assert scenario_digest(restored) == scenario_digest(scenario)
+
+
+@pytest.mark.parametrize("suite", ["quick", "paper"])
+def test_scenarios_have_the_digests_that_committed_rows_know_them_by(suite):
+    manifest = Path(__file__).parents[2] / "results" / "reference" / suite / "manifest.json"
+    for name, described in json.loads(manifest.read_text())["scenarios"].items():
+        assert scenario_digest(load_scenario(name)) == described["content"]

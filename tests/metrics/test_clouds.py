@@ -48,6 +48,23 @@ def test_gospa_equals_the_minimum_over_all_assignments(truth: PointCloud, estima
     assert gospa_m(truth, estimate) == pytest.approx(gospa_by_permutations(truth, estimate), abs=1e-9)
 
 
+@quick
+@given(truth=clouds(min_size=1), estimate=clouds(), unit=st.sampled_from([0.25, 2.0, 4.0]))
+def test_scores_with_another_radius_are_those_of_clouds_in_another_unit(
+    truth: PointCloud, estimate: PointCloud, unit: float
+) -> None:
+    one = cloud_scores(truth, estimate)
+    scaled = cloud_scores(cloud_at(unit * truth.xyz), cloud_at(unit * estimate.xyz), radius_m=unit)
+    assert scaled.gospa_m == pytest.approx(unit * one.gospa_m, abs=1e-12)
+    assert (scaled.precision, scaled.recall) == (one.precision, one.recall)
+
+
+@pytest.mark.parametrize("radius_m", [0.0, -1.0, math.inf, math.nan])
+def test_a_radius_that_is_none_is_refused(radius_m: float) -> None:
+    with pytest.raises(InputError, match="radius_m"):
+        cloud_scores(cloud_at([[0, 0, 0]]), PointCloud.empty(), radius_m=radius_m)
+
+
 @pytest.mark.parametrize("width_m", [2, 5, 20])
 def test_gospa_equals_a_dense_assignment_in_crowds(width_m: float) -> None:
     rng = np.random.default_rng(7)
