@@ -68,8 +68,8 @@ METRICS: dict[str, dict[str, ScoreColumn]] = {
         ScoreColumn("deviation", "imaging deviation: sum of the three Hausdorff distances, density and NMSE"),
         ScoreColumn("chamfer_m", "chamfer distance, mean of both directions [m]"),
         ScoreColumn("gospa_m", "GOSPA distance with c = the radius, p = 2, α = 2 [m]"),
-        ScoreColumn("precision", "share of estimated points within the radius of a true scatterer", "higher", 0.0),
-        ScoreColumn("recall", "share of true scatterers within the radius of an estimated point", "higher", 0.0),
+        ScoreColumn("precision", "share of estimated points within the radius of a scatterer", "higher", 0.0),
+        ScoreColumn("recall", "share of true scatterers within the radius of a point", "higher", 0.0),
     ),
     "repository": _table(
         *_COUNTS,

@@ -125,8 +125,8 @@ class Scenario:
     ------
     InputError
         If the radius is no positive number, the base station is beyond a
-        million kilometres, the region cannot be observed unambiguously, or a scatterer or the whole region lies where
-        the array is blind.
+        million kilometres, the region cannot be observed unambiguously, or a
+        scatterer or the whole region lies where the array is blind.
 
     Warns
     -----
