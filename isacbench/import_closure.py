@@ -14,11 +14,10 @@ import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ModuleSpec, PathFinder
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-__all__ = ["digest_of", "import_closure", "source_imports"]
+__all__ = ["digest_of", "import_closure", "is_importable", "source_imports"]
 
 CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
 
@@ -90,6 +89,11 @@ def import_closure(
         if package != "isacbench" and any(BY_NAME.search(code.content) for code in own):
             found |= {name: _Code(content, ()) for name, content in _whole(package)}
     return {name: found[name].content for name in sorted(found)}
+
+
+def is_importable(module: str) -> bool:
+    """Tell whether another process with the same paths finds a module by its name."""
+    return module.partition(".")[0] != "__main__" and _spec(module) is not None
 
 
 def digest_of(code: Mapping[str, bytes]) -> str:
@@ -188,7 +192,9 @@ def _spec(name: str) -> ModuleSpec | None:
     """Where a module is found, without importing anything."""
     parent, _, _ = name.rpartition(".")
     if not parent:
-        return find_spec(name)
+        # Not by sys.modules: what was made there, another process does not find.
+        found = (finder.find_spec(name, None) for finder in sys.meta_path)
+        return next((spec for spec in found if spec is not None), None)
     above = _spec(parent)
     if above is None or above.submodule_search_locations is None:
         return None

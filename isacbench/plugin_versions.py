@@ -10,12 +10,14 @@ import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib import import_module
+from typing import Any
 
+from isacbench.code_digests import class_digest
 from isacbench.entries import GROUPS, entries, local_plugins
-from isacbench.import_closure import digest_of, import_closure
+from isacbench.import_closure import digest_of, import_closure, is_importable
 from isacbench.plugin_files import PluginFile
 
-__all__ = ["library_code", "plugin_version"]
+__all__ = ["library_code", "plugin_parts", "plugin_version"]
 
 LIBRARY = "isacbench"
 
@@ -33,8 +35,9 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
         For each distribution, or local file, that the classes and their bases
         come from: ``version``, None for a file, and ``digest``, the SHA-256 of
         their modules and of all that these import from the same top-level
-        package, None where they are not on disk. What they import from
-        `isacbench` itself, `library_code` tells.
+        package, None where they are not on disk. Of a script or a notebook
+        the classes count, and the functions that they use. What is imported
+        from `isacbench` itself, `library_code` tells.
 
     Examples
     --------
@@ -49,8 +52,10 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
     for module in _modules(plugin):
         if module in local:
             found[_shown(local[module])] = {"version": None, "digest": local[module].digest}
-        else:
+        elif is_importable(module):
             packaged.setdefault(_distribution(_root(module)), set()).add(module)
+        else:
+            found[module] = {"version": None, "digest": class_digest(_classes(plugin), module)}
     for (package, version), modules in packaged.items():
         found[package] = {"version": version, "digest": _digest(frozenset(modules))}
     return dict(sorted(found.items()))
@@ -78,9 +83,10 @@ def library_code(plugin: object, harness: Iterable[str] = ()) -> str:
     False
     """
     local = {file.module_name: file.source for file in local_plugins()}
-    modules = frozenset(_modules(plugin))
+    modules = _modules(plugin)
     sources = tuple((name, local[name]) for name in sorted(modules & local.keys()))
-    return _library_digest(frozenset(modules - local.keys()), frozenset(harness), sources)
+    found = frozenset(module for module in modules - local.keys() if is_importable(module))
+    return _library_digest(found, frozenset(harness), sources)
 
 
 def _shown(file: PluginFile) -> str:
@@ -89,23 +95,27 @@ def _shown(file: PluginFile) -> str:
     return file.filename if len(namesakes) == 1 else file.code_name
 
 
-def _parts(plugin: object) -> Iterator[object]:
+def plugin_parts(plugin: object) -> Iterator[object]:
     """Yield a plugin and the dataclasses among its parameters, at any depth."""
     if isinstance(plugin, (list, tuple)):
         for item in plugin:
-            yield from _parts(item)
+            yield from plugin_parts(item)
     elif dataclasses.is_dataclass(plugin):
         yield plugin
         for field in dataclasses.fields(plugin):
-            yield from _parts(getattr(plugin, field.name))
+            yield from plugin_parts(getattr(plugin, field.name))
+
+
+def _classes(plugin: object) -> set[type[Any]]:
+    """Classes of a plugin and of its parts, and their bases, but for Python's own and the library's."""
+    classes = {base for part in plugin_parts(plugin) for base in type(part).__mro__}
+    own = {*sys.stdlib_module_names, LIBRARY} - {"__main__"}
+    return {base for base in classes if base.__module__.partition(".")[0] not in own}
 
 
 def _modules(plugin: object) -> frozenset[str]:
-    """Modules of the classes of a plugin and of its parts, and of their bases, but for Python's own."""
-    classes = {base for part in _parts(plugin) for base in type(part).__mro__}
-    own = {*sys.stdlib_module_names, LIBRARY}
-    modules = {base.__module__ for base in classes}
-    return frozenset(module for module in modules if module.partition(".")[0] not in own)
+    """Modules of those classes."""
+    return frozenset(base.__module__ for base in _classes(plugin))
 
 
 def _root(module: str) -> str:
@@ -128,8 +138,7 @@ def _distribution(root: str) -> tuple[str, str | None]:
 @cache
 def _digest(modules: frozenset[str]) -> str | None:
     """Digest of modules and of what they import from their own packages."""
-    on_disk = [module for module in modules if getattr(sys.modules[module], "__file__", None)]
-    code = import_closure(on_disk, {_root(module) for module in on_disk})
+    code = import_closure(modules, {_root(module) for module in modules})
     return digest_of(code) if code else None
 
 
@@ -138,7 +147,6 @@ def _library_digest(
     modules: frozenset[str], harness: frozenset[str], sources: tuple[tuple[str, str], ...]
 ) -> str:
     """Digest of what modules, and texts of modules, import from isacbench, and of the harness."""
-    on_disk = {module for module in modules if getattr(sys.modules[module], "__file__", None)}
-    packages = {LIBRARY, *(_root(module) for module in on_disk)}
-    code = import_closure(on_disk | harness, packages, dict(sources))
+    packages = {LIBRARY, *(_root(module) for module in modules)}
+    code = import_closure(modules | harness, packages, dict(sources))
     return digest_of({name: text for name, text in code.items() if name.partition(".")[0] == LIBRARY})

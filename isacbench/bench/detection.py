@@ -8,13 +8,14 @@ them were detected, clear cells and how many of them were false alarms.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 import pandas as pd
@@ -73,8 +74,8 @@ class DetectorStudy:
 
     def scenes(self, suite: DetectionSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
         """Maps with every detector alone, scenarios with every estimator behind every detector."""
-        detectors, estimators = _variants(suite.detectors), _variants(suite.estimators)
-        alone, behind = _alone(detectors, suite.pfa), _behind(detectors, estimators)
+        detectors = _variants(suite.detectors)
+        alone, behind = _alone(detectors, suite.pfa), _behind(detectors, suite)
         require_scatterers(scenarios)
         if clash := set(suite.maps) & set(scenarios):
             raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
@@ -284,20 +285,42 @@ def _alone(detectors: Sequence[Variant], rates: Sequence[float]) -> list[Contest
     return contestants
 
 
-def _behind(detectors: Sequence[Variant], estimators: Sequence[Variant]) -> list[Contestant[AnyEstimator]]:
+def _behind(detectors: Sequence[Variant], suite: DetectionSuite) -> list[Contestant[AnyEstimator]]:
     """Every estimator behind every detector."""
     contestants = []
-    for estimator_text, (name, params) in estimators:
-        if "detector" in params:
-            raise InputError(f"estimators: {estimator_text!r} has a detector; its place is in detectors")
+    for build in _builders(suite):
         for text, spec in detectors:
-            estimator = get_estimator(name, **params, detector=spec)
+            detector = get_detector(spec.name, **spec.params)
+            estimator = build(detector)
             own_pfa = getattr(estimator, "pfa", None)
-            pfa = get_detector(spec.name, **spec.params).pfa if own_pfa is None else own_pfa
-            labels = {"detector": text, "pfa": pfa}
-            contestants.append(Contestant(name, canonical_params(estimator), estimator, labels))
+            labels = {"detector": text, "pfa": detector.pfa if own_pfa is None else own_pfa}
+            contestants.append(Contestant(estimator.name, canonical_params(estimator), estimator, labels))
     _refuse_repeats(contestants)
     return contestants
+
+
+def _builders(suite: DetectionSuite) -> Iterator[Callable[[Detector], AnyEstimator]]:
+    """Functions that put a detector into each of a suite's estimators."""
+    for text in suite.estimators:
+        if text in suite.instances:
+            yield partial(_with_detector, suite.instances[text])
+            continue
+        for variant, (name, params) in spec_variants(text):
+            if "detector" in params:
+                raise InputError(f"estimators: {variant!r} has a detector; its place is in detectors")
+            yield partial(_built_with_detector, name, params)
+
+
+def _built_with_detector(name: str, params: Mapping[str, Any], detector: Detector) -> AnyEstimator:
+    """Registered estimator behind a detector."""
+    return get_estimator(name, **params, detector=detector)
+
+
+def _with_detector(estimator: AnyEstimator, detector: Detector) -> AnyEstimator:
+    """Same estimator behind another detector."""
+    if "detector" not in {field.name for field in dataclasses.fields(cast("Any", estimator))}:
+        raise InputError(f"estimator {estimator.name}: allowed are those with a parameter detector")
+    return cast("AnyEstimator", dataclasses.replace(cast("Any", estimator), detector=detector))
 
 
 def _refuse_repeats(contestants: Sequence[Contestant[Any]]) -> None:

@@ -38,6 +38,7 @@ from isacbench.bench.store import (
 from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import Suite, load_suite
 from isacbench.bench.timing import repeats_wanted
+from isacbench.entries import isolated_plugins, load_plugin_file
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from isacbench.bench.job import Job
     from isacbench.bench.plan import Block, Plan
     from isacbench.bench.workbench import Made
+    from isacbench.registry import AnyEstimator
 
 __all__ = ["Execution", "Progress", "estimate_cloud", "run", "run_cell", "run_suite"]
 
@@ -144,7 +146,8 @@ HERE = Execution()
 def run(
     suite: str | Path | Suite,
     *,
-    estimators: Sequence[str] | None = None,
+    estimators: Sequence[str | AnyEstimator] | None = None,
+    plugins: Sequence[str | Path] = (),
     scenarios: Sequence[str | Path] | None = None,
     snr_db: ArrayLike | None = None,
     trials: int | None = None,
@@ -166,7 +169,14 @@ def run(
     ----------
     suite : str, Path or Suite
         Name of a built-in suite, path of a TOML file, or a suite.
-    estimators, scenarios, snr_db, trials, seed : optional
+    estimators : sequence of str or Estimator, optional
+        In place of the suite's own: specifications such as
+        ``music2d[pfa=1e-4]``, and estimators of your own, instances of frozen
+        dataclasses. Classes of a script or a notebook are sent to workers by
+        their code; those of a module have to be importable there.
+    plugins : sequence of str or Path
+        Python files whose estimators and detectors have names in this run.
+    scenarios, snr_db, trials, seed : optional
         Replace the suite's own; `snr_db` also takes the place of `snr_gain_db`.
     out : str or Path, optional
         Folder for the results. If it holds a part of this run already, only
@@ -213,26 +223,27 @@ def run(
     >>> records.status.tolist()
     ['ok']
     """
-    base = suite if isinstance(suite, Suite) else load_suite(suite)
-    results = run_suite(
-        base.replace(
-            estimators=estimators,
-            scenarios=None if scenarios is None else [str(scenario) for scenario in scenarios],
-            snr_db=None if snr_db is None else np.atleast_1d(snr_db).tolist(),
-            trials=trials,
-            seed=seed,
-        ),
-        out=None if out is None else Path(out),
-        execution=Execution(
-            n_jobs=jobs,
-            guard=Guard(timeout_s, memory_mib),
-            dask=dask,
-            shard=None if shard is None else Shard.parse(shard),
-            rerun=parse_reruns(rerun),
-            mix_versions=mix_versions,
-            repeats=repeats_wanted(timing, repeats),
-        ),
+    wanted = (suite if isinstance(suite, Suite) else load_suite(suite)).replace(
+        scenarios=None if scenarios is None else [str(scenario) for scenario in scenarios],
+        snr_db=None if snr_db is None else np.atleast_1d(snr_db).tolist(),
+        trials=trials,
+        seed=seed,
     )
+    execution = Execution(
+        n_jobs=jobs,
+        guard=Guard(timeout_s, memory_mib),
+        dask=dask,
+        shard=None if shard is None else Shard.parse(shard),
+        rerun=parse_reruns(rerun),
+        mix_versions=mix_versions,
+        repeats=repeats_wanted(timing, repeats),
+    )
+    if estimators is not None:
+        wanted = wanted.with_estimators(estimators)
+    with isolated_plugins():
+        for path in plugins:
+            load_plugin_file(path)
+        results = run_suite(wanted, out=None if out is None else Path(out), execution=execution)
     if results.interrupted:
         raise KeyboardInterrupt(
             f"after {len(results.records)} cells" + (f", written to {out}" if out is not None else "")

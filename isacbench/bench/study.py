@@ -319,7 +319,8 @@ def build_estimators(suite: Suite) -> list[Contestant[AnyEstimator]]:
     """
     built: dict[tuple[str, str], Contestant[AnyEstimator]] = {}
     for spec in suite.estimators:
-        for variant, estimator in build_estimators_of(spec):
+        one = suite.instances.get(spec)
+        for variant, estimator in build_estimators_of(spec) if one is None else [(spec, one)]:
             key = estimator.name, canonical_params(estimator)
             if key in built:
                 raise InputError(f"estimators: {variant!r} repeats an estimator with equal parameters")

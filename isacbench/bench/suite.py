@@ -5,20 +5,31 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from isacbench.bench.maps import MapName
 from isacbench.bench.radio import DIMENSIONS, Dimension
 from isacbench.errors import InputError
+from isacbench.instances import Instances, spelled_estimators
 from isacbench.link.qam import Modulation
 from isacbench.link.signal import Division
 from isacbench.model.prs import Sensing
 from isacbench.tomlfile import builtin_names, describe_mistake, find_toml, read_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
+
+    from isacbench.registry import AnyEstimator
 
 __all__ = [
     "DetectionSuite",
@@ -82,6 +93,8 @@ class Suite(BaseModel):
 
     KINDS: ClassVar[tuple[Kind, ...]] = ("imaging", "efficiency")
 
+    _instances: Instances = PrivateAttr(default_factory=Instances)
+
     kind: Kind = "imaging"
     name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
     scenarios: Names
@@ -128,10 +141,29 @@ class Suite(BaseModel):
             raise ValueError("give either snr_db, per element, or snr_gain_db, after all gain")
         return value
 
+    @property
+    def instances(self) -> Mapping[str, AnyEstimator]:
+        """Estimators that are objects, by the text that stands for them in `estimators`."""
+        return self._instances
+
+    def with_estimators(self, estimators: Iterable[str | AnyEstimator]) -> Self:
+        """Return a suite with other estimators: specifications, or objects.
+
+        Raises
+        ------
+        InputError
+            If one is neither, or listed twice.
+        """
+        spelled = spelled_estimators(estimators)
+        suite = self.replace(estimators=list(spelled))
+        suite._instances = Instances({text: one for text, one in spelled.items() if one is not None})
+        return suite
+
     def replace(self, **changes: Any) -> Self:
         """Return a suite with other values for some keys; a change of None keeps the value.
 
-        New SNRs of one sort take the place of those of the other.
+        New SNRs of one sort take the place of those of the other. Estimators
+        that are objects stay as long as the estimators do.
 
         Raises
         ------
@@ -144,9 +176,12 @@ class Suite(BaseModel):
             if key in given:
                 kept[other] = None
         try:
-            return self.model_validate({**kept, **given})
+            suite = self.model_validate({**kept, **given})
         except ValidationError as error:
             raise InputError(describe_mistake(error, type(self))) from error
+        kept_instances = {text: one for text, one in self._instances.items() if text in suite.estimators}
+        suite._instances = Instances(kept_instances)
+        return suite
 
 
 class ResolutionSuite(Suite):

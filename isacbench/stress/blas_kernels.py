@@ -20,11 +20,11 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-import cloudpickle
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cell import raw_cloud
 from isacbench.entries import local_plugins, register_plugin
+from isacbench.instances import Instances
 
 if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
@@ -52,6 +52,9 @@ print("+".join(one["architecture"] for one in threadpool_info() if one["internal
 """Uses a kernel, which ends the process where the processor lacks its instructions, and names it."""
 
 PROBE_S = 60.0
+
+ASKED = "asked"
+"""Name of the estimator that is asked for an image."""
 
 
 _known: dict[str, str] | None = None
@@ -132,7 +135,7 @@ class KernelProcess:
             If it fails there, with the exception in words, or if the process ends.
         """
         try:
-            self._connection.send((local_plugins(), cloudpickle.dumps((estimator, observation, truth))))
+            self._connection.send((local_plugins(), Instances({ASKED: estimator}), observation, truth))
             cloud: PointCloud | str = self._connection.recv()
         except (EOFError, ConnectionError) as error:
             raise RuntimeError(f"the process ended with code {self._process.wait()}") from error
@@ -178,18 +181,17 @@ def serve(descriptor: int) -> None:
     with threadpool_limits(1):
         while True:
             try:
-                plugins, asked = connection.recv()
+                plugins, instances, observation, truth = connection.recv()
             except (EOFError, ConnectionError):
                 return
             for plugin in plugins:
                 register_plugin(plugin)
-            connection.send(_answer(asked))
+            connection.send(_answer(instances, observation, truth))
 
 
-def _answer(asked: bytes) -> PointCloud | str:
+def _answer(instances: Instances, observation: Observation, truth: PointCloud) -> PointCloud | str:
     """Cloud, or why there is none."""
     try:
-        estimator, observation, truth = cloudpickle.loads(asked)
-        return raw_cloud(estimator, observation, truth)
+        return raw_cloud(instances[ASKED], observation, truth)
     except Exception as error:  # of the plugin: the asker tells
         return f"{type(error).__name__}: {error}"
