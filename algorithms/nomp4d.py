@@ -114,6 +114,9 @@ ROUNDS_TO_EXPLAIN = 2
 LEFT_STANDOUT = 100.0
 """Mean residual over the highest output of noise from which noise is not what hides the echoes."""
 
+MOVING_CELLS, PLACE_CELLS = 0.01, 2.0**-12
+"""Move in a round from which an atom has not settled, and the lattice that it is put on then."""
+
 STEPS, LAST_STEPS = 2, 3
 """Newton steps in a round, and in each of two at the end."""
 
@@ -300,7 +303,8 @@ class Nomp4d:
             return atoms, None
         atoms = _at_best_lobes(atom_map, gate, atoms)
         fit = refine_atoms(atom_map, atoms.places, n_steps)
-        boxed = np.clip(fit.places, atoms.origins - BOX_CELLS, atoms.origins + BOX_CELLS)
+        kept = _without_last_digits(fit.places, atoms.places)
+        boxed = np.clip(kept, atoms.origins - BOX_CELLS, atoms.origins + BOX_CELLS)
         everyone = np.ones(len(boxed), dtype=np.bool_)
         fit = refit_atoms(atom_map, fit, everyone, boxed)
         while True:
@@ -320,6 +324,16 @@ class Nomp4d:
     def _weakest(self, strongest: Floats) -> Floats:
         """Energy that an atom beside a stronger one must have."""
         return strongest * 10 ** (-self.local_dynamic_range_db / 10)
+
+
+def _without_last_digits(places: Floats, starts: Floats) -> Floats:
+    """Places (n, 4), of atoms that still move without the digits that rounding would decide.
+
+    In a crowd steps never settle, and each magnifies the last digits of the
+    one before: processors would part, and in the end count other atoms.
+    """
+    moves = np.abs(places - starts).max(axis=1, keepdims=True) > MOVING_CELLS
+    return np.where(moves, np.rint(places / PLACE_CELLS) * PLACE_CELLS, places)
 
 
 def _at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:

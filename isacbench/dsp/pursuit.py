@@ -49,8 +49,9 @@ BEAMS_A_CELL = 2
 MARGIN_BINS = 2
 """Range and Doppler bins beyond those of the region in which its echoes still show."""
 
-NEIGHBOURHOOD_BINS = 2.0
-"""Range and Doppler bins in which weaker atoms are held against the strongest, whatever their direction."""
+NEIGHBOURHOOD_BINS = 2.0 + 1e-9
+"""Range and Doppler bins in which weaker atoms are held against the strongest, whatever their direction. Not
+two, for at the borders of their boxes atoms are two bins apart but for rounding."""
 
 MOST_PAIRS = 1 << 20
 """Pairs of a place and an atom that are looked at together: 32 MiB of distances."""

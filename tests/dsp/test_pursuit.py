@@ -256,8 +256,16 @@ def test_the_strongest_around_is_the_loudest_sidelobe_or_neighbour_and_never_its
     assert strongest[0] == pytest.approx(1.0)
     assert strongest[1] == pytest.approx(16.0)
     assert strongest[2] == pytest.approx(16 / (3 * np.pi * 0.5 * np.pi) ** 2)
-    elsewhere = strongest_around(PLACE + np.array([[5, 0, 0, 0]]), fit)
-    assert elsewhere[0] == pytest.approx(max(16 / (5 * np.pi) ** 2, 0.25 / (2 * np.pi * 0.5 * np.pi) ** 2))
+    elsewhere = strongest_around(PLACE + np.array([[5.5, 0, 0, 0]]), fit)
+    assert elsewhere[0] == pytest.approx(
+        max(16 / (5.5 * np.pi) ** 2, 0.25 / (2.5 * np.pi * 0.5 * np.pi) ** 2)
+    )
+
+
+def test_two_bins_apart_is_near_however_it_is_rounded():
+    _, fit = fitted(PLACE[None], [4.0], noise=0.0)
+    apart = np.array([[2.0, 0, 0, 0]]) * (1 + np.array([[-1e-13], [1e-13]]))
+    assert strongest_around(PLACE + apart, fit) == pytest.approx([16.0, 16.0])
 
 
 def test_atoms_far_enough_apart_all_stay():
