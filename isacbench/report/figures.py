@@ -13,6 +13,7 @@ from isacbench.bench.record import POINT_COLUMNS, Results
 from isacbench.bench.store import read_results
 from isacbench.contracts import Diagnoser
 from isacbench.errors import InputError, InputWarning
+from isacbench.metrics.clouds import MATCH_RADIUS_M
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.registry import build_estimators_of, canonical_params
@@ -264,7 +265,7 @@ def _curves(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
     summary = summarise(results.records)
     yield "deviation", draw_deviations(summary, looks)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
-        yield f"curves-{stem}", draw_scores(summary, scenario, looks)
+        yield f"curves-{stem}", draw_scores(summary, scenario, looks, MATCH_RADIUS_M)
 
 
 def _clouds(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
