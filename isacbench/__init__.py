@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from isacbench.model.scenario import Scenario, load_scenario
     from isacbench.observing import observe
     from isacbench.registry import get_detector, get_estimator
+    from isacbench.report.plotting import plot_clouds
 
 __version__ = "0.1.0"
 
@@ -38,6 +39,7 @@ __all__ = [
     "load_scenario",
     "observe",
     "observe_cube",
+    "plot_clouds",
     "run",
     "score",
 ]
@@ -53,6 +55,7 @@ _HOMES = {
     "load_scenario": "isacbench.model.scenario",
     "observe": "isacbench.observing",
     "observe_cube": "isacbench.cubes.observing",
+    "plot_clouds": "isacbench.report.plotting",
     "run": "isacbench.bench.runner",
     "score": "isacbench.metrics.score",
 }

@@ -29,6 +29,7 @@ __all__ = [
     "read_text",
     "require_file",
     "require_inside",
+    "require_picture",
     "require_writable",
 ]
 
@@ -46,6 +47,8 @@ GRID_BYTES = 2**28
 
 MANIFEST_BYTES = 2**28
 """The manifest of a run: some hundred thousand scenes."""
+
+PICTURES = ".png", ".pdf", ".svg"
 
 KINDS: dict[str, Callable[[int], bool]] = {
     "a folder": stat.S_ISDIR,
@@ -110,6 +113,18 @@ def require_writable(path: Path) -> None:
     found = _looked_at(path)
     if found is not None:
         _require_regular(path, found, "cannot be written: ")
+
+
+def require_picture(path: Path) -> None:
+    """Refuse a picture without an extension of a format that can be drawn.
+
+    Raises
+    ------
+    InputError
+        If it is not .png, .pdf or .svg.
+    """
+    if path.suffix.lower() not in PICTURES:
+        raise InputError(f"{path}: a picture takes the extension .png, .pdf or .svg")
 
 
 def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> str:

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -27,9 +28,9 @@ CLOUD = "x,y,z,v,power\n1,2,3,0,1\n5,6,1,10,4\n"
 def drawn(monkeypatch):
     """Record what is drawn instead of drawing it."""
     calls = []
-    figures = ModuleType("isacbench.report.figures")
-    figures.draw_image = lambda path, *_: calls.append(path)
-    monkeypatch.setitem(sys.modules, figures.__name__, figures)
+    plotting = ModuleType("isacbench.report.plotting")
+    plotting.plot_clouds = lambda truth, estimate, *, out, **_: calls.append(out)
+    monkeypatch.setitem(sys.modules, plotting.__name__, plotting)
     monkeypatch.setattr(Aside, "get_ready", lambda self: None)
     monkeypatch.setattr(
         Aside, "draw_run", lambda self, folder: calls.append(folder) or [folder / "deviation.png"]
@@ -209,6 +210,17 @@ def test_image_writes_the_cloud_that_score_reads(cli, tmp_path, suffix):
 
 def test_image_draws_where_asked(cli, drawn):
     assert cli("image", "-s", "tiny.toml", "-e", "seer", "--plot", "picture.png").exit_code == 0
+    assert [str(path) for path in drawn] == ["picture.png"]
+
+
+def test_image_of_a_scenario_without_objects_draws_the_cloud_alone_and_prints_no_score(
+    cli, tiny, tmp_path, drawn
+):
+    text = tiny.read_text()
+    (tmp_path / "bare.toml").write_text(text[: text.index("[[objects]]")])
+    result = cli("image", "-s", "bare.toml", "-e", "blob", "--plot", "picture.png")
+    assert result.exit_code == 0, result.output
+    assert re.fullmatch(r"tiny, blob, 10 dB: 4 points in [0-9.]+ ms\n", result.output)
     assert [str(path) for path in drawn] == ["picture.png"]
 
 

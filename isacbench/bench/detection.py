@@ -23,9 +23,10 @@ import pandas as pd
 from isacbench.bench.cell import failed_by, failure
 from isacbench.bench.content import digest
 from isacbench.bench.imaging import require_scatterers
-from isacbench.bench.intervals import mean_band, wilson_interval
+from isacbench.bench.intervals import mean_band, share_band
 from isacbench.bench.isolation import array_digest
 from isacbench.bench.maps import PowerMap, draw_map, near
+from isacbench.bench.medians import median_times
 from isacbench.bench.radio import gain_db
 from isacbench.bench.record import DRAW_COLUMNS, Cell, Outcome, Record
 from isacbench.bench.statuses import failed
@@ -242,7 +243,8 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         ``pd`` and ``pfa_measured`` with 95 % intervals, ``..._low`` and
         ``..._high`` (Wilson); ``deviation_mean`` with the half width of its
         95 % interval ``deviation_band`` (Student's t), NaN for a map;
-        ``time_estimate_s_median``.
+        ``time_estimate_s_median`` as `isacbench.bench.medians.median_times`
+        has it. Fewer than five trials have no intervals.
     """
     rows = []
     for key, part in records.groupby(GROUP, sort=False):
@@ -256,16 +258,11 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
             **counts,
         }
         for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):
-            low, high = wilson_interval(counts[hits], counts[of])
+            low, high = share_band(counts[hits], counts[of], len(part) - row["n_failed"])
             share = counts[hits] / counts[of] if counts[of] else math.nan
             row |= {name: share, f"{name}_low": low, f"{name}_high": high}
-        row |= {
-            "deviation_mean": deviation_mean,
-            "deviation_band": deviation_band,
-            "time_estimate_s_median": part["time_estimate_s"].median(),
-        }
-        rows.append(row)
-    return pd.DataFrame(rows)
+        rows.append(row | {"deviation_mean": deviation_mean, "deviation_band": deviation_band})
+    return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
 
 
 def _variants(specs: Sequence[str]) -> list[Variant]:

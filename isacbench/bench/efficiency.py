@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.intervals import rms_interval
+from isacbench.bench.medians import median_times
 from isacbench.bench.radio import DIMENSIONS, draw_place, gain_db, radio_places, rayleigh_cells, space_places
 from isacbench.bench.statuses import failed
 from isacbench.bench.study import ImagedScene, build_estimators, element_snrs_db
@@ -110,8 +111,9 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         (without failures) and ``n_false``; for each of range, velocity, u
         and w ``rmse_<x>`` and ``bound_<x>`` in its unit and ``ratio_<x>``
         of the two with its 95 % interval ``ratio_<x>_low``,
-        ``ratio_<x>_high``, all of the trials with a hit;
-        ``time_estimate_s_median``.
+        ``ratio_<x>_high``, all of the trials with a hit, the interval of five
+        or more; ``time_estimate_s_median`` as
+        `isacbench.bench.medians.median_times` has it.
     """
     rows = []
     for key, part in records.groupby(GROUP, sort=False):
@@ -134,8 +136,8 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
                 f"ratio_{dimension}_low": low,
                 f"ratio_{dimension}_high": high,
             }
-        rows.append(row | {"time_estimate_s_median": part["time_estimate_s"].median()})
-    return pd.DataFrame(rows)
+        rows.append(row)
+    return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
 
 
 def _draw(scenario: Scenario, seed: int, trial: int) -> Scenario:

@@ -9,13 +9,51 @@ import numpy as np
 from scipy.special import bdtr, chdtri, ndtri, stdtrit
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
 
-__all__ = ["CONFIDENCE", "mean_band", "median_interval", "rms_interval", "wilson_interval"]
+__all__ = [
+    "CONFIDENCE",
+    "MIN_TRIALS",
+    "mean_band",
+    "median_interval",
+    "rms_interval",
+    "share_band",
+    "student_band",
+    "wilson_interval",
+]
 
 CONFIDENCE = 0.95
+
+MIN_TRIALS = 5
+"""Trials from which means, errors and shares have a confidence band: fewer hardly show their own spread."""
+
+
+def student_band(deviation: ArrayLike, n: ArrayLike) -> Floats:
+    """Half width of the 95 % confidence interval of means (Student's t).
+
+    Parameters
+    ----------
+    deviation : array_like
+        Standard deviations of the values behind each mean.
+    n : array_like
+        Number of those values.
+
+    Returns
+    -------
+    ndarray of float64
+        NaN of fewer than five values.
+
+    Examples
+    --------
+    >>> student_band([1.0, 1.0], [5, 4]).round(3).tolist()
+    [1.242, nan]
+    """
+    counts = np.asarray(n, dtype=np.float64)
+    freedom = np.where(counts >= MIN_TRIALS, counts - 1, np.nan)
+    band: Floats = np.asarray(deviation) * stdtrit(freedom, (1 + CONFIDENCE) / 2) / np.sqrt(freedom + 1)
+    return band
 
 
 def mean_band(values: Floats) -> tuple[float, float]:
@@ -28,18 +66,16 @@ def mean_band(values: Floats) -> tuple[float, float]:
     Returns
     -------
     mean, half_width : float
-        NaN without values; no width of a single one.
+        NaN without values; no width of fewer than five.
 
     Examples
     --------
-    >>> [round(number, 3) for number in mean_band(np.array([1.0, 2.0, 3.0]))]
-    [2.0, 2.484]
+    >>> [round(number, 3) for number in mean_band(np.array([1.0, 2.0, 3.0, 4.0, 5.0]))]
+    [3.0, 1.963]
     """
-    n = values.size
-    if n < 2:
-        return (float(values[0]) if n else math.nan), math.nan
-    quantile = float(stdtrit(n - 1, (1 + CONFIDENCE) / 2))
-    return float(values.mean()), float(values.std(ddof=1)) * quantile / math.sqrt(n)
+    if values.size < MIN_TRIALS:
+        return (float(values.mean()) if values.size else math.nan), math.nan
+    return float(values.mean()), float(student_band(values.std(ddof=1), values.size))
 
 
 def median_interval(values: Floats) -> tuple[float, float, float]:
@@ -94,7 +130,7 @@ def rms_interval(values: Floats) -> tuple[float, float, float]:
     Returns
     -------
     rms, low, high : float
-        NaN without values; no interval of a single one.
+        NaN without values; no interval of fewer than five.
 
     Examples
     --------
@@ -106,7 +142,7 @@ def rms_interval(values: Floats) -> tuple[float, float, float]:
         return math.nan, math.nan, math.nan
     squares = np.square(values)
     mean = float(squares.mean())
-    if n == 1 or not mean:
+    if n < MIN_TRIALS or not mean:
         return math.sqrt(mean), math.nan, math.nan
     spread = float(squares.var(ddof=1))
     freedom = min(float(n), 2 * n * mean**2 / spread) if spread else float(n)
@@ -136,3 +172,26 @@ def wilson_interval(n_successes: int, n: int) -> tuple[float, float]:
     half = quantile * math.sqrt(share * (1 - share) / n + quantile**2 / (4 * n**2)) / shrink
     # Rounding alone must not part an end from 0 or 1.
     return (middle - half if n_successes else 0.0), (middle + half if n_successes < n else 1.0)
+
+
+def share_band(n_successes: int, n: int, n_trials: int) -> tuple[float, float]:
+    """Wilson's interval of what was counted in trials; NaN of fewer than five trials.
+
+    Parameters
+    ----------
+    n_successes, n : int
+        Counts over all trials.
+    n_trials : int
+        Trials that were counted in. Each can have many of the n, which are then no more than one
+        draw: bits of a frame, cells of a map.
+
+    Returns
+    -------
+    low, high : float
+
+    Examples
+    --------
+    >>> [round(limit, 4) for limit in share_band(9, 10, n_trials=10)], share_band(9, 10, n_trials=2)
+    ([0.5958, 0.9821], (nan, nan))
+    """
+    return wilson_interval(n_successes, n) if n_trials >= MIN_TRIALS else (math.nan, math.nan)

@@ -20,7 +20,8 @@ import pandas as pd
 from scipy.special import bdtr, bdtrc
 
 from isacbench.bench.imaging import require_scatterers
-from isacbench.bench.intervals import mean_band, wilson_interval
+from isacbench.bench.intervals import mean_band, share_band
+from isacbench.bench.medians import median_times
 from isacbench.bench.radio import gain_db
 from isacbench.bench.statuses import failed
 from isacbench.bench.study import Contestant, ImagedScene, build_estimators, element_snrs_db
@@ -189,8 +190,9 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         ``n_bits`` and ``n_bit_errors`` of all trials, ``ber`` with its 95 %
         interval ``ber_low``, ``ber_high`` (Wilson, as if bits were
         independent), ``ber_expected``, ``evm_db`` and ``channel_error_db``
-        (of mean powers) and ``rate_bps``, the mean. ``time_estimate_s_median``
-        of all.
+        (of mean powers) and ``rate_bps``, the mean. Of all
+        ``time_estimate_s_median``, as `isacbench.bench.medians.median_times`
+        has it. Fewer than five trials have no intervals.
     """
     rows = []
     for key, part in records.groupby(GROUP, sort=False):
@@ -202,8 +204,8 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
             "n_failed": int(broken.sum()),
         }
         row |= _received(fine) if row["channel"] else _imaged(fine)
-        rows.append(row | {"time_estimate_s_median": fine["time_estimate_s"].median()})
-    return pd.DataFrame(rows)
+        rows.append(row)
+    return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
 
 
 def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
@@ -254,7 +256,7 @@ def _imaged(part: pd.DataFrame) -> dict[str, float]:
 def _received(part: pd.DataFrame) -> dict[str, float]:
     """Bit errors of all trials, and means of the rest."""
     n_bits, n_errors = int(part["n_bits"].sum()), int(part["n_bit_errors"].sum())
-    low, high = wilson_interval(n_errors, n_bits)
+    low, high = share_band(n_errors, n_bits, len(part))
     return {
         "n_bits": n_bits,
         "n_bit_errors": n_errors,

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.intervals import wilson_interval
+from isacbench.bench.intervals import share_band
+from isacbench.bench.medians import median_times
 from isacbench.bench.radio import DIMENSIONS, draw_place, gain_db, radio_places, rayleigh_cells, space_places
 from isacbench.bench.statuses import failed
 from isacbench.bench.study import ImagedScene, build_estimators, element_snrs_db
@@ -162,12 +163,13 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         One row for each template, estimator (with its parameters), SNR,
-        dimension and distance: ``n_cells``, ``n_failed`` (not resolved
-        either) and ``n_false``; ``resolved``, the share over all relative
+        dimension and distance: ``n_cells``, ``n_trials``, ``n_failed`` (not
+        resolved either) and ``n_false``; ``resolved``, the share over all relative
         phases, ``resolved_worst`` that of the phase with the smallest,
         ``worst_phase_deg``, and ``resolved_in_phase`` that of phase 0 if it
         was run; the first and the last with 95 % intervals, ``..._low`` and
-        ``..._high`` (Wilson); ``time_estimate_s_median``.
+        ``..._high`` (Wilson) from five trials on; ``time_estimate_s_median``
+        as `isacbench.bench.medians.median_times` has it.
     """
     rows = []
     for key, part in records.groupby(GROUP, sort=False):
@@ -176,16 +178,17 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         row: dict[str, Any] = {
             **dict(zip(GROUP, key, strict=True)),
             "n_cells": len(part),
+            "n_trials": part["trial"].nunique(),
             "n_failed": int(failed(part).sum()),
             "n_false": int(part["n_false"].sum()),
             "resolved_worst": phases.min(),
             "worst_phase_deg": phases.idxmin(),
         }
         for name, resolved in (("resolved", part["resolved"]), ("resolved_in_phase", in_phase)):
-            low, high = wilson_interval(int(resolved.sum()), len(resolved))
+            low, high = share_band(int(resolved.sum()), len(resolved), row["n_trials"])
             row |= {name: resolved.mean(), f"{name}_low": low, f"{name}_high": high}
-        rows.append(row | {"time_estimate_s_median": part["time_estimate_s"].median()})
-    return pd.DataFrame(rows)
+        rows.append(row)
+    return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
 
 
 def _draw(

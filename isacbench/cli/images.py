@@ -71,7 +71,10 @@ def image(
         Path | None, typer.Option("-o", "--out", metavar="cloud.csv|.ply|.mat|.npy", help="Write the cloud.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="picture.png", help="Draw the cloud beside the truth.")
+        Path | None,
+        typer.Option(
+            "--plot", metavar="picture.png", help="Draw the cloud, beside the truth if there is any."
+        ),
     ] = None,
     plugin: PluginFiles = None,
 ) -> None:
@@ -85,9 +88,10 @@ def image(
     from isacbench.model.scenario import load_scenario
     from isacbench.registry import build_estimator
     from isacbench.remarks import Remarks
+    from isacbench.userfiles import require_picture
 
-    if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
+    if plot is not None:
+        require_picture(plot)
     if cube is None and transmitted is not None:
         raise InputError("--transmitted: allowed with --cube FILE, which it belongs to")
     if cube is not None and (trial, seed, modulation, waveform) != (None, None, None, False):
@@ -122,9 +126,9 @@ def image(
     if out is not None:
         write_cloud(cloud, out)
     if plot is not None:
-        from isacbench.report.figures import draw_image
+        from isacbench.report.plotting import plot_clouds
 
-        draw_image(plot, observation, scene.truth, cloud, title)
+        plot_clouds(scene.truth, cloud, region=scene.region, radius_m=scene.radius_m, title=title, out=plot)
     say(f"{title}: {len(cloud)} points in {1e3 * elapsed_s:.1f} ms")
     for sentence in remarks.sentences():
         typer.echo(sentence)

@@ -221,14 +221,12 @@ def _grid(part: pd.DataFrame) -> Grid:
     title = f"{first['scenario']}, {first['snr_db']:g} dB: least mean deviation within a time, {trials}"
     if smallest_p_value(n_trials) > first["level"]:
         title += f", too few to tell any apart: {needed} are needed"
-    header = [
-        "within [ms]",
-        "best",
-        "deviation (95 %)",
-        "time [ms] (95 %)",
-        "may be best",
-        "the fastest of them",
+    has_interval = part[["deviation_low", "time_low_s"]].notna().any()
+    numbers = [
+        f"{name} (95 %)" if shown else name
+        for name, shown in zip(("deviation", "time [ms]"), has_interval, strict=True)
     ]
+    header = ["within [ms]", "best", *numbers, "may be best", "the fastest of them"]
     return Grid(title, header, [_cells(entry) for _, entry in part.iterrows()])
 
 

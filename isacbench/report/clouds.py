@@ -8,10 +8,17 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
-from isacbench.metrics.clouds import RADIUS_M
 from isacbench.metrics.geometry import CloudPair
 from isacbench.report.perspective import Box, perspective_axes, scatter, tick_step
-from isacbench.report.style import CONTEXT, counted, edges, entitle, new_figure, velocity_colours
+from isacbench.report.style import (
+    CONTEXT,
+    counted,
+    drawable,
+    edges,
+    entitle,
+    new_figure,
+    velocity_colours,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -26,9 +33,14 @@ if TYPE_CHECKING:
     from isacbench.model.region import Region
     from isacbench.report.perspective import View
 
-__all__ = ["Image", "draw_clouds", "draw_comparison"]
+__all__ = ["Image", "draw_clouds", "draw_comparison", "draw_images"]
 
 PANEL_IN = 3.5, 2.6
+LONE_PANEL_IN = 6.0, 4.6
+MAX_COLUMNS = 4
+NOTE_IN = 0.08
+"""From the upper edge of a panel to its note."""
+
 TICKS_IN_PROJECTION = 6
 SMALLEST_BOX_M = 2.0
 TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
@@ -49,6 +61,7 @@ def draw_clouds(
     region: Region,
     columns: Sequence[str],
     rows: Mapping[float, Sequence[Image]],
+    radius_m: float,
 ) -> Figure:
     """Draw images of one scenario beside the truth, a column an estimator, a row an SNR.
 
@@ -63,6 +76,8 @@ def draw_clouds(
         Labels of the estimators.
     rows : mapping of float to sequence of Image
         For each SNR in dB one image an estimator.
+    radius_m : float
+        Distance from the truth in m beyond which a point is marked as false.
 
     Returns
     -------
@@ -81,26 +96,82 @@ def draw_clouds(
         _scatter_truth(axes, view, truth, colours)
         for column, image in enumerate(images, start=1):
             axes, view = perspective_axes(figure, grid[row, column], box)
-            _scatter_estimate(axes, view, truth, image, colours)
+            _scatter_estimate(axes, view, truth, image, colours, radius_m)
     for column, label in enumerate(["truth", *columns]):
         _heading(figure, grid[0, column], label)
     entitle(figure, title)
     _velocity_bar(figure, colours)
-    _legend(figure)
+    _legend(figure, radius_m)
     return figure
 
 
-def draw_comparison(title: str, truth: PointCloud, image: Image, region: Region) -> Figure:
-    """Draw one image beside the truth, and both over each other in the three projections.
+def draw_images(
+    title: str, truth: PointCloud, images: Mapping[str, Image], region: Region, radius_m: float
+) -> Figure:
+    """Draw images of one scene side by side, after the truth if there is any.
+
+    Without truth no point is marked, and nothing is compared.
 
     Parameters
     ----------
     title : str
     truth : PointCloud
         True scatterers, possibly none.
+    images : mapping of str to Image
+        At least one, by its heading.
+    region : Region
+        Whose speeds span the colours.
+    radius_m : float
+        Distance from the truth in m beyond which a point is marked as false.
+
+    Returns
+    -------
+    Figure
+    """
+    box = _box([truth, *(image.cloud for image in images.values())], region)
+    colours = velocity_colours(region)
+    has_truth = len(truth) > 0
+    panels: list[tuple[str, Image | None]] = [("truth", None)] if has_truth else []
+    panels += images.items()
+    n_columns = min(len(panels), MAX_COLUMNS)
+    n_rows = -(-len(panels) // n_columns)
+    width_in, height_in = PANEL_IN if len(panels) > 1 else LONE_PANEL_IN
+    below_in = 0.45 if has_truth else 0.1
+    figure = new_figure(n_columns * width_in + 1.2, n_rows * (height_in + 0.3) + below_in + 0.4)
+    margins = edges(figure, left=0.15, right=1.05, bottom=below_in, top=0.6)
+    grid = figure.add_gridspec(n_rows, n_columns, wspace=0, hspace=0.3 / height_in, **margins)
+    for number, (heading, image) in enumerate(panels):
+        place = grid[divmod(number, n_columns)]
+        axes, view = perspective_axes(figure, place, box)
+        if image is None:
+            _scatter_truth(axes, view, truth, colours)
+        else:
+            _scatter_estimate(axes, view, truth, image, colours, radius_m)
+        _heading(figure, place, drawable(heading))
+    entitle(figure, title)
+    _velocity_bar(figure, colours)
+    if has_truth:
+        _legend(figure, radius_m)
+    return figure
+
+
+def draw_comparison(
+    title: str, truth: PointCloud, heading: str, image: Image, region: Region, radius_m: float
+) -> Figure:
+    """Draw one image beside the truth, and both over each other in the three projections.
+
+    Parameters
+    ----------
+    title : str
+    truth : PointCloud
+        True scatterers, at least one.
+    heading : str
+        Of the image.
     image : Image
     region : Region
         Whose speeds span the colours.
+    radius_m : float
+        Distance from the truth in m beyond which a point is marked as false.
 
     Returns
     -------
@@ -113,17 +184,18 @@ def draw_comparison(title: str, truth: PointCloud, image: Image, region: Region)
     _scatter_truth(axes, view, truth, colours)
     _heading(figure, upper[0, 0], "truth")
     axes, view = perspective_axes(figure, upper[0, 1], box)
-    _scatter_estimate(axes, view, truth, image, colours)
-    _heading(figure, upper[0, 1], "estimate")
-    margins = edges(figure, left=0.55, right=0.85, bottom=0.85, top=4.65)
+    _scatter_estimate(axes, view, truth, image, colours, radius_m)
+    _heading(figure, upper[0, 1], drawable(heading))
+    margins = edges(figure, left=0.7, right=0.85, bottom=0.85, top=4.65)
     lower = figure.add_gridspec(
         1, 3, wspace=0.2, width_ratios=[box.size_m[across] for across, _ in PLANES], **margins
     )
     for column, plane in enumerate(PLANES):
-        _draw_projection(figure.add_subplot(lower[0, column]), truth, image.cloud, box, plane, colours)
+        axes = figure.add_subplot(lower[0, column])
+        _draw_projection(axes, truth, image.cloud, box, plane, colours, radius_m)
     entitle(figure, title)
     _velocity_bar(figure, colours)
-    _legend(figure)
+    _legend(figure, radius_m)
     return figure
 
 
@@ -149,11 +221,11 @@ def _scatter_truth(axes: Axes, view: View, truth: PointCloud, colours: ScalarMap
 
 
 def _scatter_estimate(
-    axes: Axes, view: View, truth: PointCloud, image: Image, colours: ScalarMappable
+    axes: Axes, view: View, truth: PointCloud, image: Image, colours: ScalarMappable, radius_m: float
 ) -> None:
     """Draw an estimate in perspective, the truth faintly behind it, false points marked."""
     scatter(axes, view, truth.xyz, CONTEXT, s=2, linewidths=0)
-    false = _is_false(truth, image.cloud)
+    false = _is_false(truth, image.cloud, radius_m)
     _scatter(axes, view, image.cloud.select(~false), colours, marker="o", size=10)
     _scatter(axes, view, image.cloud.select(false), colours, marker="x", size=20)
     _note(axes, image.note)
@@ -168,16 +240,18 @@ def _scatter(
     scatter(axes, view, cloud.xyz, colour, marker=marker, s=size, linewidths=width)
 
 
-def _is_false(truth: PointCloud, cloud: PointCloud) -> NDArray[np.bool_]:
-    """Mask of the points that no true scatterer is near."""
+def _is_false(truth: PointCloud, cloud: PointCloud, radius_m: float) -> NDArray[np.bool_]:
+    """Mask of the points that no true scatterer is near; without truth no point is false."""
     if not len(truth):
-        return np.ones(len(cloud), dtype=np.bool_)
-    false: NDArray[np.bool_] = CloudPair(truth, cloud).estimate_to_truth_m > RADIUS_M
+        return np.zeros(len(cloud), dtype=np.bool_)
+    false: NDArray[np.bool_] = CloudPair(truth, cloud).estimate_to_truth_m > radius_m
     return false
 
 
 def _note(axes: Axes, note: str) -> None:
-    axes.text(0.5, 0.96, note, transform=axes.transAxes, ha="center", va="top", size=8, color="0.25")
+    """Write at the upper edge of a panel, whose units are inches."""
+    x, y = np.mean(axes.get_xlim()), axes.get_ylim()[1] - NOTE_IN
+    axes.text(float(x), y, note, ha="center", va="top", size=8, color="0.25")
 
 
 def _draw_projection(
@@ -187,13 +261,14 @@ def _draw_projection(
     box: Box,
     plane: tuple[int, int],
     colours: ScalarMappable,
+    radius_m: float,
 ) -> None:
     """Draw truth and estimate over each other, projected on a plane."""
     across, up = plane
     axes.scatter(
         truth.xyz[:, across], truth.xyz[:, up], s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8
     )
-    false = _is_false(truth, cloud)
+    false = _is_false(truth, cloud, radius_m)
     for keep, marker, width in ((~false, "o", 0.0), (false, "x", 1.2)):
         points = cloud.select(keep)
         axes.scatter(
@@ -227,7 +302,7 @@ def _velocity_bar(figure: Figure, colours: ScalarMappable) -> None:
     bar.set_label("radial velocity [m/s], approaching > 0")
 
 
-def _legend(figure: Figure) -> None:
+def _legend(figure: Figure, radius_m: float) -> None:
     """Explain the marks at the bottom of a figure."""
     style: dict[str, Any] = {"linestyle": "", "color": "0.2"}
     figure.legend(
@@ -239,7 +314,7 @@ def _legend(figure: Figure) -> None:
                 [],
                 marker="x",
                 markersize=5,
-                label=f"false point: farther than {RADIUS_M:g} m from the truth",
+                label=f"false point: farther than {radius_m:g} m from the truth",
                 **style,
             ),
         ],

@@ -8,11 +8,14 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from isacbench.bench.compare import VERDICTS
+from isacbench.bench.intervals import MIN_TRIALS
 from isacbench.errors import InputError
 from isacbench.report.comparison_tables import comparison_labels
+from isacbench.report.curves import axis_name
 from isacbench.report.panels import MAX_SNR_TICKS, draw_line, panel_grid
 from isacbench.report.style import Look, drawable, file_stems, save, styled
-from isacbench.userfiles import make_own_folder
+from isacbench.report.tables import mean_of_trials
+from isacbench.userfiles import make_own_folder, require_picture
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -58,8 +61,7 @@ def comparison_paths(comparison: Comparison, folder: Path, plot: Path | None = N
     stems = file_stems(metrics)
     if plot is None:
         return {metric: folder / FOLDER / f"compare-{stems[metric]}.png" for metric in metrics}
-    if plot.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
+    require_picture(plot)
     return {
         metric: plot if not number else plot.with_stem(f"{plot.stem}-{stems[metric]}")
         for number, metric in enumerate(metrics)
@@ -149,11 +151,8 @@ def _worst_first(curves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
 
 def _title(metric: str, shown: pd.DataFrame, curves: pd.DataFrame) -> str:
     n_trials = int(curves["n_pairs"].max())
-    average = (
-        "one trial" if n_trials == 1 else f"mean of {n_trials} paired trials with its 95 % confidence band"
-    )
     part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
-    return f"{drawable(metric)}: {average}{part}"
+    return f"{drawable(metric)} of paired cells: {mean_of_trials(n_trials)}{part}"
 
 
 def _legend(comparison: Comparison, verdicts: Any) -> list[Line2D]:
@@ -194,10 +193,10 @@ def _draw_panel(axes: Axes, points: pd.DataFrame) -> None:
     axes.set_xlabel("SNR [dB]")
     if len(points) <= MAX_SNR_TICKS:
         axes.set_xticks(points["snr_db"])
-    axes.set_ylabel(drawable(f"mean {points['metric'].iloc[0]}"))
+    axes.set_ylabel(drawable(axis_name(points["metric"].iloc[0])))
     axes.grid(True)
     for look, run in ((BASE, "base"), (NEW, "new")):
-        mean, band = points[f"{run}_mean"], points[f"{run}_band"]
+        mean, band = points[f"{run}_mean"], _band(points, run)
         draw_line(axes, look, points["snr_db"], mean, mean - band, mean + band)
     for verdict in MARKS:
         marked = points[points["verdict"] == verdict]
@@ -206,10 +205,15 @@ def _draw_panel(axes: Axes, points: pd.DataFrame) -> None:
     axes.set_ylim(*_limits(points))
 
 
+def _band(points: pd.DataFrame, run: str) -> pd.Series[float]:
+    """Half widths of the confidence bands of a run; NaN of fewer than five trials."""
+    return points[f"{run}_band"].where(points["n_pairs"] >= MIN_TRIALS)
+
+
 def _limits(points: pd.DataFrame) -> tuple[float, float]:
     """Ends of the axis: all means, and bands as long as they do not dwarf them."""
     means = points[["base_mean", "new_mean"]].to_numpy()
-    bands = points[["base_band", "new_band"]].fillna(0.0).to_numpy()
+    bands = np.transpose([_band(points, run).fillna(0.0) for run in ("base", "new")])
     low, high = float(np.nanmin(means)), float(np.nanmax(means))
     # Curves that hardly vary are not blown up to fill the panel.
     reach = max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0

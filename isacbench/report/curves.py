@@ -12,6 +12,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from isacbench.metrics.score import METRICS
 from isacbench.report.panels import MAX_SNR_TICKS, panel_grid
 from isacbench.report.style import drawable
+from isacbench.report.tables import mean_of_trials
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["draw_deviations", "draw_scores"]
+__all__ = ["axis_name", "draw_deviations", "draw_scores"]
 
 TITLE_WIDTH = 40
 PRACTICALLY_ZERO = 1e-6
@@ -39,11 +40,11 @@ LARGEST_BAND = 1.5
 
 
 class _Panel(NamedTuple):
-    """One score: its column, its title, its unit, and whether its axis is logarithmic."""
+    """One score: its column, what it is, the name of its axis with its unit, and how the axis is scaled."""
 
     column: str
     title: str
-    unit: str
+    axis: str
     logarithmic: bool = False
 
 
@@ -55,27 +56,47 @@ class _Curve(NamedTuple):
     half: Floats
 
 
-def _panel(column: str, logarithmic: bool = False) -> _Panel:
+def _described(column: str, axis: str, logarithmic: bool = False) -> _Panel:
     """Panel of a score, titled as the metric describes it."""
-    description, _, unit = METRICS["paper"][column].description.partition(" [")
-    return _Panel(column, description[0].upper() + description[1:], unit.rstrip("]"), logarithmic)
+    description, _, _ = METRICS["paper"][column].description.partition(" [")
+    return _Panel(column, description[0].upper() + description[1:], axis, logarithmic)
 
 
-DEVIATION = _panel("deviation")
+DEVIATION = _described("deviation", "imaging deviation")
 PANELS = (
     DEVIATION,
-    _Panel("hausdorff_sum_m", "Sum of the three Hausdorff distances", "m"),
-    _panel("density"),
-    _panel("velocity_nmse", logarithmic=True),
-    _panel("hausdorff_xy_m"),
-    _panel("hausdorff_xz_m"),
-    _panel("hausdorff_yz_m"),
-    _panel("chamfer_m"),
+    _Panel("hausdorff_sum_m", "Sum of the three Hausdorff distances", "Hausdorff sum [m]"),
+    _described("density", "density error"),
+    _described("velocity_nmse", "velocity NMSE", logarithmic=True),
+    _described("hausdorff_xy_m", "Hausdorff distance xy [m]"),
+    _described("hausdorff_xz_m", "Hausdorff distance xz [m]"),
+    _described("hausdorff_yz_m", "Hausdorff distance yz [m]"),
+    _described("chamfer_m", "chamfer distance [m]"),
+    _Panel("gospa_m", "GOSPA distance: misplaced, missed and false points", "GOSPA distance [m]"),
+    _Panel("precision", "Share of estimated points within {radius_m:g} m of a true scatterer", "precision"),
+    _Panel("recall", "Share of true scatterers within {radius_m:g} m of an estimated point", "recall"),
 )
+SHARES = "precision", "recall"
 
 
-def draw_scores(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, Look]) -> Figure:
-    """Draw the deviation of one scenario, all that it is made of, and the chamfer distance beside it.
+def axis_name(column: str) -> str:
+    """Name of the axis of a score with its unit, of any other column that of the column.
+
+    Examples
+    --------
+    >>> axis_name("gospa_m"), axis_name("time_estimate_s")
+    ('GOSPA distance [m]', 'time_estimate_s')
+    """
+    return next((panel.axis for panel in PANELS if panel.column == column), column)
+
+
+def draw_scores(
+    summary: pd.DataFrame,
+    scenario: str,
+    looks: Mapping[Variant, Look],
+    radius_m: float,
+) -> Figure:
+    """Draw the deviation of one scenario, all that it is made of, and the scores beside it.
 
     Parameters
     ----------
@@ -84,6 +105,8 @@ def draw_scores(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, Lo
     scenario : str
         Its name.
     looks : mapping of (str, str) to Look
+    radius_m : float
+        Radius of precision and recall in m.
 
     Returns
     -------
@@ -95,7 +118,7 @@ def draw_scores(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, Lo
     figure, panels = panel_grid(len(PANELS), _legend(looks, rows), title)
     for axes, panel in zip(panels, PANELS, strict=True):
         _draw_panel(axes, panel, looks, rows)
-        axes.set_title(textwrap.fill(panel.title, TITLE_WIDTH))
+        axes.set_title(textwrap.fill(panel.title.format(radius_m=radius_m), TITLE_WIDTH))
     return figure
 
 
@@ -126,8 +149,7 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> Fig
 
 def _average(summary: pd.DataFrame) -> str:
     """Say what a point of a curve and its band are."""
-    n_trials = int(summary["n_cells"].max())
-    return "one trial" if n_trials == 1 else f"mean of {n_trials} trials with its 95 % confidence band"
+    return mean_of_trials(int(summary["n_cells"].max()))
 
 
 def _by_variant(summary: pd.DataFrame) -> dict[Variant, pd.DataFrame]:
@@ -156,7 +178,7 @@ def _draw_panel(
     snrs_db = np.unique(np.concatenate([curve.snr_db for _, curve in curves]))
     if snrs_db.size <= MAX_SNR_TICKS:
         axes.set_xticks(snrs_db)
-    axes.set_ylabel(f"mean [{panel.unit}]" if panel.unit else "mean")
+    axes.set_ylabel(panel.axis)
     axes.grid(True)
     lowest = _scale(axes, panel, [curve for _, curve in curves])
     # The bands of many estimators lie over each other.
@@ -175,7 +197,7 @@ def _draw_panel(
 def _scale(axes: Axes, panel: _Panel, curves: Sequence[_Curve]) -> float:
     """Scale the axis of a score; return the value at which smaller ones are drawn."""
     if not panel.logarithmic:
-        top = _top(curves)
+        top = 1.03 if panel.column in SHARES else _top(curves)
         axes.set_ylim(-0.03 * top, top)
         return -np.inf
     lowest, highest = _decades(curves)
@@ -184,7 +206,7 @@ def _scale(axes: Axes, panel: _Panel, curves: Sequence[_Curve]) -> float:
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(0.7 * lowest, 1.5 * highest)
     if any((curve.mean < lowest).any() for curve in curves):
-        axes.set_ylabel("mean (less: at the lower edge)")
+        axes.set_ylabel(f"{panel.axis} (less: at the edge)")
     return lowest
 
 

@@ -1,4 +1,4 @@
-"""The figures of a run, and the picture of one image."""
+"""The figures of a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.registry import build_estimators_of, canonical_params
-from isacbench.report.clouds import Image, draw_clouds, draw_comparison
+from isacbench.report.clouds import Image, draw_clouds
 from isacbench.report.curves import draw_deviations, draw_scores
 from isacbench.report.link_figures import draw_link, draw_trade
 from isacbench.report.maps import draw_map
@@ -50,12 +50,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from isacbench.bench.suite import Kind
-    from isacbench.model.observation import Observation
     from isacbench.model.scenario import Scenario
     from isacbench.registry import AnyEstimator
     from isacbench.report.style import Look
 
-__all__ = ["draw_diagnoses", "draw_image", "draw_run"]
+__all__ = ["draw_diagnoses", "draw_run"]
 
 FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
@@ -143,31 +142,6 @@ def _drawn(folder: Path, results: Results, figures: Iterator[Named]) -> list[Pat
     make_own_folder(target)
     with styled(), older_objects_uncollected():
         return [save(figure, target / f"{stem}.png") for stem, figure in figures]
-
-
-def draw_image(
-    path: Path, observation: Observation, truth: PointCloud, cloud: PointCloud, title: str
-) -> None:
-    """Draw one image beside the truth, in perspective and in its three projections.
-
-    Parameters
-    ----------
-    path : Path
-        Picture to write or to overwrite; .png, .pdf or .svg.
-    observation : Observation
-        Whose region spans the colours.
-    truth, cloud : PointCloud
-        True scatterers and estimated points.
-    title : str
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    with styled():
-        image = Image(cloud, counted(len(cloud), "point") if len(cloud) else "nothing detected")
-        save(draw_comparison(drawable(title), truth, image, observation.region), path)
 
 
 def _built(specs: Sequence[str]) -> Iterator[tuple[str, AnyEstimator]]:
@@ -264,7 +238,8 @@ def _curves(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
     summary = summarise(results.records)
     yield "deviation", draw_deviations(summary, looks)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
-        yield f"curves-{stem}", draw_scores(summary, scenario, looks)
+        radius_m = results.scenarios[scenario].radius_m
+        yield f"curves-{stem}", draw_scores(summary, scenario, looks, radius_m)
 
 
 def _clouds(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
@@ -314,7 +289,7 @@ def _cloud_figure(
         for snr_db in _nearest(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
     }
     labels = [look.label for look in looks.values()]
-    return draw_clouds(title, scene.truth, scene.region, labels, rows)
+    return draw_clouds(title, scene.truth, scene.region, labels, rows, scene.radius_m)
 
 
 def _clouds_of(results: Results, scenario: str, trial: int) -> dict[Hashable, PointCloud]:

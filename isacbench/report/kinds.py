@@ -11,6 +11,7 @@ from isacbench.bench import detection, efficiency, link, resolution
 from isacbench.bench.csv_table import without_formulas
 from isacbench.bench.folder import cannot_be_written, replacing
 from isacbench.report import budgets, link_tables, pareto, study_tables, tables
+from isacbench.report.failures import failure_grids
 from isacbench.report.stage_tables import is_timed, stage_grids, summarise_stages
 from isacbench.report.tables import Grid, markdown
 
@@ -62,6 +63,8 @@ def grids_of(records: pd.DataFrame, kind: Kind = "imaging") -> list[Grid]:
 def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") -> list[Path]:
     """Write ``summary.csv`` and ``summary.md`` into the folder of a run, and what is made of times.
 
+    ``summary.md`` ends with the reasons of failed cells, if there are any.
+
     Parameters
     ----------
     folder : Path
@@ -85,6 +88,8 @@ def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") ->
         summary, grids = pd.DataFrame(), []
         if stem in made:
             summary, grids = made[stem].summarise(records), made[stem].grids(records)
+        if stem == "summary":
+            grids = [*grids, *failure_grids(records)]
         text = "\n".join(map(markdown, grids))
         written += _write(folder / f"{stem}.csv", _csv(summary))
         written += _write(folder / f"{stem}.md", text)

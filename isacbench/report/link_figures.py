@@ -15,7 +15,7 @@ from isacbench.report.link_tables import DIVISIONS, receiver_labels, signal_labe
 from isacbench.report.panels import draw_line, legend_lines, panel_grid
 from isacbench.report.placing import place_labels
 from isacbench.report.style import BOUND_COLOUR, COLOURS, Look, drawable
-from isacbench.report.tables import estimator_labels
+from isacbench.report.tables import estimator_labels, trials_and_band
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -72,7 +72,10 @@ def draw_link(summary: pd.DataFrame, template: str) -> Figure:
     sensed = summary[summary["template"] == template]
     channels, estimators = list(received["channel"].unique()), _variants(sensed)
     n_columns = max(len(channels), len(estimators), 1)
-    title = f"{drawable(template)}: bit errors of the user above deviations of the image, with 95 % bands"
+    title = (
+        f"{drawable(template)}: bit errors of the user above deviations of the image; "
+        f"{trials_and_band(int(summary['n_cells'].max()))}"
+    )
     n_panels = n_columns + len(estimators) if channels else len(estimators)
     figure, panels = panel_grid(
         n_panels, _legend(received, sensed), title, max_columns=n_columns, panel_in=PANEL_IN
@@ -82,15 +85,13 @@ def draw_link(summary: pd.DataFrame, template: str) -> Figure:
         unused.set_visible(False)
     for axes, channel in zip(above, channels, strict=False):
         axes.set_title(_wrapped(f"User behind {drawable(channel)}"))
+        axes.set_ylabel("bit error rate")
         _draw_errors(axes, received[received["channel"] == channel])
     labels = estimator_labels(estimators)
     for axes, variant in zip(below, estimators, strict=True):
         axes.set_title(f"Image by {drawable(labels[variant])}")
+        axes.set_ylabel("imaging deviation")
         _draw_deviations(axes, _of(sensed, variant))
-    if above:
-        above[0].set_ylabel("bit error rate")
-    if below:
-        below[0].set_ylabel("imaging deviation")
     lowest, highest = summary["snr_db"].min(), summary["snr_db"].max()
     for axes in panels:
         axes.grid(True)
@@ -145,11 +146,11 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
                     labelled += [(*point, MODULATION_COLOURS[modulation]) for point in points]
         axes.set_title(f"Image by {drawable(labels[variant])}")
         axes.set_xlabel("achievable bit rate [Gbit/s]")
+        axes.set_ylabel("imaging deviation")
         # Deviations far above 0 leave the automatic margin too narrow for a marker.
         axes.set_ylim(0, 1.06 * axes.get_ylim()[1])
         axes.grid(True)
         _write_snrs(axes, labelled)
-    panels[0].set_ylabel("imaging deviation")
     return figure
 
 

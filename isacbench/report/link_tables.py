@@ -7,8 +7,16 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.link import outside_interval, summarise
+from isacbench.bench.medians import TIME, median_times
 from isacbench.report.style import counted
-from isacbench.report.tables import Grid, Variant, batched, estimator_labels
+from isacbench.report.tables import (
+    Grid,
+    Variant,
+    batched,
+    estimator_labels,
+    milliseconds,
+    trials_and_band,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,6 +25,7 @@ __all__ = ["link_grids", "receiver_labels", "signal_label", "signals_of_part"]
 
 SIGNALS_A_TABLE = 6
 MODULATIONS_A_TABLE = 4
+IMAGED = ["template", "estimator", "params"]
 
 Signal = tuple[str, str, str]
 """Sensing, modulation and division, empty where they do not matter."""
@@ -29,7 +38,8 @@ def link_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out deviations, one table a scenario and estimator, and bit error rates, one a channel."""
     summary = summarise(records)
     of_user = summary["channel"] != ""
-    return _sensed(summary[~of_user]) + _received(summary[of_user])
+    times_s = median_times(records, IMAGED)[f"{TIME}_median"]
+    return _sensed(summary[~of_user], times_s) + _received(summary[of_user])
 
 
 def signals_of_part(part: pd.DataFrame) -> list[Signal]:
@@ -65,16 +75,17 @@ def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
     return labels
 
 
-def _sensed(summary: pd.DataFrame) -> list[Grid]:
-    """Deviations, signals over SNR."""
+def _sensed(summary: pd.DataFrame, times_s: pd.Series[float]) -> list[Grid]:
+    """Deviations, signals over SNR, with the median time of a scenario's images."""
     labels = estimator_labels(zip(summary["estimator"], summary["params"], strict=True))
     found = []
-    for (template, name, params), part in summary.groupby(["template", "estimator", "params"], sort=False):
-        time_ms = 1e3 * part["time_estimate_s_median"].median()
+    for (template, name, params), part in summary.groupby(IMAGED, sort=False):
         title = (
-            f"{template}, {labels[str(name), str(params)]}: imaging deviation ± 95 % interval by what is "
-            f"sensed with, {counted(part['n_cells'].max(), 'trial')}, {time_ms:.1f} ms an image"
+            f"{template}, {labels[str(name), str(params)]}: mean imaging deviation by what is sensed with, "
+            f"{trials_and_band(int(part['n_cells'].max()), 'interval')}"
         )
+        time_ms = milliseconds(times_s.get((template, name, params), math.nan))
+        title += f"; median time {time_ms} ms" if time_ms else ""
         for signals in batched(signals_of_part(part), SIGNALS_A_TABLE):
             rows = []
             for snr_db, group in part.sort_values("snr_db").groupby("snr_db"):

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_map"]
 
+POWER = "power over noise [dB]"
+
 LOWEST_RATIO = 0.01
 """Power over noise below which nothing is told apart: one look at noise can be arbitrarily weak."""
 
@@ -66,7 +68,7 @@ def draw_map(title: str, diagnosis: Diagnosis, system: System, noise_power: floa
     panels[0].set_ylabel("range [m]")
     left, _, width, height = panels[-1].get_position().bounds
     bar = figure.add_axes((left + width + 0.008, panels[-1].get_position().y0, 0.01, height))
-    figure.colorbar(image, cax=bar, label="dB over the noise")
+    figure.colorbar(image, cax=bar, label=POWER)
     strongest = int(np.unravel_index(np.argmax(power_db), power_db.shape)[0])
     cut = figure.add_subplot(grid[0, 4])
     _draw_cut(
@@ -102,6 +104,6 @@ def _draw_cut(
     axes.plot(velocity_mps[mask], power_db[mask], "o", color="#0072B2", markersize=5.5, label="detected")
     axes.plot(velocity_mps, threshold_db, color=THRESHOLD, linestyle="--", label="threshold")
     axes.set_xlabel("radial velocity [m/s]")
-    axes.set_ylabel("dB over the noise")
+    axes.set_ylabel(POWER)
     axes.grid(True)
     axes.legend(loc="upper right")

@@ -154,14 +154,16 @@ def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataF
           the counts ``n_trials``, ``n_failed``, ``n_no_detection``;
         - ``deviation_mean``, ``deviation_low``, ``deviation_high``
           (Student's t), over the trials that did not fail;
-        - ``time_s``, the median over the same, ``time_low_s``,
+        - ``time_s``, the median over the same
+          (`isacbench.bench.medians.median_times`), ``time_low_s``,
           ``time_high_s`` (order statistics), ``time_slowest_s``, and
           ``peak_memory_mib``, the median, where the records have it;
         - ``is_limit``; ``is_complete``, whether every trial of the scenario
           and SNR has a score; ``is_on_frontier``, of mean deviation and
           median time among those that are complete and no limit.
 
-        Limits of intervals are NaN where the trials are too few.
+        Limits of intervals are NaN where the trials are too few: five are
+        needed of deviations, six of times.
     """
     rows = timed_rows(records)
     columns = ["estimator", "params"]

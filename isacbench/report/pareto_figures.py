@@ -28,6 +28,7 @@ from isacbench.report.style import (
     legend_height_in,
     new_figure,
 )
+from isacbench.report.tables import trials_and_band
 from isacbench.stages import STAGES
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ def _average(part: pd.DataFrame) -> str:
     n_trials = int(part["n_trials"].max())
     if n_trials == 1:
         return "one trial"
-    return f"mean deviation over median run time of {n_trials} trials, 95 % confidence intervals"
+    return f"mean deviation over median run time of {trials_and_band(n_trials, 'interval')}"
 
 
 def _is_numbered(part: pd.DataFrame) -> bool:
@@ -223,7 +224,7 @@ def _scale(axes: Axes, part: pd.DataFrame) -> None:
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.yaxis.set_minor_locator(NullLocator())
     axes.set_ylim(*_reach(axes, "y", means))
-    axes.set_ylabel("mean deviation")
+    axes.set_ylabel("imaging deviation")
     axes.grid(True)
 
 

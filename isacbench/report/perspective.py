@@ -13,6 +13,8 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
@@ -29,12 +31,19 @@ ELEVATION_DEG, AZIMUTH_DEG = 27.0, -50.0
 EYE_DISTANCE = 2.0
 """From the middle of the box, in its diagonals."""
 
-MARGINS_IN = {"left": 0.2, "right": 0.3, "bottom": 0.25, "top": 0.3}
+MARGINS_IN = {"left": 0.28, "right": 0.44, "bottom": 0.25, "top": 0.3}
 """What is left around the box for numbers, names and a note."""
 
 N_TICKS = 4
-TICK_IN, NUMBER_IN, NAME_IN = 0.03, 0.11, 0.27
-"""Length of a tick, and how far from its edge a number and the name of an axis stand."""
+TICK_IN, GAP_IN = 0.03, 0.05
+"""Length of a tick, and what is left between it, its number and the name of the axis."""
+
+NUMBER_PT, NAME_PT = 7.0, 8.0
+DIGIT_SHARE, HEIGHT_SHARE = 0.64, 0.73
+"""Width and height of a digit over the size of the font."""
+
+NUMBERS_BEGIN = ("right", "top"), ("left", "top"), ("left", "center")
+"""Corner or side of a number at its tick, for x, y and z: where edges meet, numbers part."""
 
 GRID, FLOOR = "0.88", "0.95"
 
@@ -222,16 +231,21 @@ def _draw_scale(axes: Axes, view: View, index: int) -> None:
     marks_in = view.project(on_edge)
     lines = [edge_in, *np.stack([marks_in, marks_in + TICK_IN * outwards], axis=1)]
     axes.add_collection(LineCollection(lines, colors="k", linewidths=0.8, zorder=0.6))
-    for tick, (x, y) in zip(ticks, marks_in + NUMBER_IN * outwards, strict=True):
-        axes.text(x, y, f"{tick:g}", size=7, ha="center", va="center")
-    if index == 2:
-        x, y = edge_in[1]
-        axes.text(x, y, "  z [m]", size=8, va="bottom")
-        return
+    numbers = [f"{tick:g}" for tick in ticks]
+    ha, va = NUMBERS_BEGIN[index]
+    for number, (x, y) in zip(numbers, marks_in + (TICK_IN + GAP_IN) * outwards, strict=True):
+        axes.text(x, y, number, size=NUMBER_PT, ha=ha, va=va)
     along = edge_in[1] - edge_in[0]
-    x, y = edge_in.mean(axis=0) + NAME_IN * outwards
+    x, y = edge_in.mean(axis=0) + _name_distance_in(numbers, outwards) * outwards
     angle_deg = float(np.rad2deg(np.arctan2(along[1], along[0])))
-    axes.text(x, y, f"{'xy'[index]} [m]", size=8, rotation=angle_deg, ha="center", va="center")
+    axes.text(x, y, f"{'xyz'[index]} [m]", size=NAME_PT, rotation=angle_deg, ha="center", va="center")
+
+
+def _name_distance_in(numbers: Sequence[str], outwards: Floats) -> float:
+    """Distance from an edge to the middle of its axis's name, beyond the largest number."""
+    n_digits = max(map(len, numbers), default=0)
+    size_in = np.array([DIGIT_SHARE * n_digits, HEIGHT_SHARE]) * NUMBER_PT / 72
+    return TICK_IN + 3 * GAP_IN + float(np.abs(outwards) @ size_in) + NAME_PT / 72 / 2
 
 
 def _outwards(edge_in: Floats, middle_in: Floats) -> Floats:

@@ -101,5 +101,5 @@ def _draw_spectrum(axes: Axes, spectrum: Spectrum, true: NDArray[np.float64]) ->
     )
     axes.margins(x=0, y=0.12)
     axes.set_xlabel(f"direction cosine {spectrum.label}")
-    axes.set_ylabel("level [dB]")
+    axes.set_ylabel("spectrum level [dB]")
     axes.grid(True)

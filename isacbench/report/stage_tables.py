@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from isacbench.bench.medians import TIME, median_times
 from isacbench.bench.record import TIMING_COLUMNS
-from isacbench.bench.statuses import SCORED
-from isacbench.report.tables import Grid, estimator_labels
+from isacbench.bench.statuses import failed
+from isacbench.report.tables import Grid, estimator_labels, milliseconds
 from isacbench.stages import STAGES
 
 if TYPE_CHECKING:
@@ -16,8 +17,10 @@ if TYPE_CHECKING:
 
 __all__ = ["is_timed", "stage_grids", "summarise_stages"]
 
-MEDIANS = ["time_estimate_s", *TIMING_COLUMNS]
+MEDIANS = [TIME, *TIMING_COLUMNS]
 POINT = ["scenario", "estimator", "params", "snr_db"]
+DIGITS = 2
+"""Decimals of milliseconds: stages are short."""
 
 
 def is_timed(records: pd.DataFrame) -> bool:
@@ -26,7 +29,7 @@ def is_timed(records: pd.DataFrame) -> bool:
 
 
 def summarise_stages(records: pd.DataFrame) -> pd.DataFrame:
-    """Median times and memory of the trials of every scenario, estimator and SNR.
+    """Median times and memory of every scenario, estimator and SNR.
 
     Parameters
     ----------
@@ -37,8 +40,8 @@ def summarise_stages(records: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         One row for each scenario, estimator (with its parameters) and SNR:
-        ``n_timed``, the cells whose times count and which did not fail, and of
-        those the medians ``time_estimate_s_median``,
+        ``n_timed``, the cells that were timed and did not fail, and of those,
+        by `isacbench.bench.medians.median_times`, ``time_estimate_s_median``,
         ``time_<stage>_s_median``, ``time_spread_s_median`` and
         ``peak_memory_mib_median``. What has no such cell is left out.
     """
@@ -73,10 +76,9 @@ def stage_grids(records: pd.DataFrame) -> list[Grid]:
 
 
 def _medians(records: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    counts = records[records["timing"] & records["status"].isin(SCORED)]
-    groups = counts.groupby(list(by), sort=False)
-    medians = groups[MEDIANS].median().add_suffix("_median")
-    return pd.concat([groups.size().rename("n_timed"), medians], axis=1).reset_index()
+    timed = records[records["timing"] & ~failed(records)]
+    n_timed = timed.groupby(list(by), sort=False).size().rename("n_timed")
+    return pd.concat([n_timed, median_times(timed, by, MEDIANS)], axis=1).reset_index()
 
 
 def _row(label: str, entry: pd.Series[Any]) -> list[str]:
@@ -84,13 +86,8 @@ def _row(label: str, entry: pd.Series[Any]) -> list[str]:
     return [
         label,
         str(entry["n_timed"]),
-        _milliseconds(entry["time_estimate_s_median"]),
-        _milliseconds(entry["time_spread_s_median"]),
-        *("" if time_s == 0 else _milliseconds(time_s) for time_s in stages_s),
+        milliseconds(entry["time_estimate_s_median"], DIGITS),
+        milliseconds(entry["time_spread_s_median"], DIGITS),
+        *("" if time_s == 0 else milliseconds(time_s, DIGITS) for time_s in stages_s),
         f"{entry['peak_memory_mib_median']:.1f}",
     ]
-
-
-def _milliseconds(time_s: float) -> str:
-    """Milliseconds with two decimals; empty where there is none, as of the spread of a single repeat."""
-    return "" if pd.isna(time_s) else f"{1e3 * time_s:.2f}"

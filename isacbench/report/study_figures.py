@@ -13,6 +13,7 @@ from isacbench.bench.radio import DIMENSIONS
 from isacbench.report.panels import draw_line, legend_lines, panel_grid
 from isacbench.report.study_tables import contestant_labels, reference_rate
 from isacbench.report.style import BOUND_COLOUR, assign_looks, drawable
+from isacbench.report.tables import trials_and_band
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_detection", "draw_efficiency", "draw_maps", "draw_resolution", "draw_roc"]
 
 TITLES = {"range": "Range", "velocity": "Velocity", "u": "Direction cosine u", "w": "Direction cosine w"}
-UNITS = {"range": "m", "velocity": "m/s", "u": "", "w": ""}
+UNITS = {"range": " [m]", "velocity": " [m/s]", "u": "", "w": ""}
 COLUMNS = {"range": "range_m", "velocity": "velocity_mps", "u": "u", "w": "w"}
 
 GAINED_SNR = "SNR after gain [dB]"
@@ -60,17 +61,19 @@ def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant
     part = summary[summary["scenario"] == scenario].sort_values("snr_gain_db")
     bound = Line2D([], [], color=BOUND_COLOUR, linestyle="--", label="Cramér-Rao bound")
     title = (
-        f"{drawable(scenario)}: one scatterer, {part['n_trials'].max()} trials; "
-        "errors where it was found, with their 95 % confidence band"
+        f"{drawable(scenario)}: one scatterer, errors where it was found; "
+        f"{trials_and_band(int(part['n_trials'].max()))}"
     )
     figure, panels = panel_grid(10, [*legend_lines(looks.values()), bound], title, max_columns=5)
     bounds = part.drop_duplicates("snr_gain_db")
     for index, dimension in enumerate(DIMENSIONS):
         errors, ratios = panels[index], panels[5 + index]
-        unit, column = UNITS[dimension], COLUMNS[dimension]
-        errors.set_title(TITLES[dimension] + (f" [{unit}]" if unit else ""))
+        column = COLUMNS[dimension]
+        errors.set_title(TITLES[dimension])
+        errors.set_ylabel(f"root mean square error{UNITS[dimension]}")
         errors.set_yscale("log")
         errors.plot(bounds["snr_gain_db"], bounds[f"bound_{column}"], color=BOUND_COLOUR, linestyle="--")
+        ratios.set_ylabel("error over bound")
         ratios.set_yscale("log")
         ratios.axhline(1.0, color=BOUND_COLOUR, linestyle="--")
         for variant, look in looks.items():
@@ -78,7 +81,8 @@ def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant
             snr_db, ratio = rows["snr_gain_db"], rows[f"ratio_{dimension}"]
             low, high = rows[f"ratio_{dimension}_low"], rows[f"ratio_{dimension}_high"]
             # One hit among many trials is no measurement.
-            ratio = ratio.where(low.notna() | (rows["n_trials"] == 1))
+            n_hits = rows["n_trials"] - rows["n_failed"] - rows["n_misses"]
+            ratio = ratio.where((n_hits > 1) | (rows["n_trials"] == 1))
             draw_line(ratios, look, snr_db, ratio, low, high)
             # Errors have the relative band of their ratio.
             rmse = rows[f"rmse_{column}"].where(ratio.notna())
@@ -87,12 +91,12 @@ def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant
         ratios.set_yticks([1, 2, 5, 10])
         ratios.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ratios.yaxis.set_minor_formatter(NullFormatter())
-    panels[0].set_ylabel("root mean square error")
-    panels[5].set_ylabel("error over bound")
     missed, false = panels[4], panels[9]
-    missed.set_title("Share of trials in which it was missed")
+    missed.set_title("Missed")
+    missed.set_ylabel("share of trials")
     missed.set_ylim(-0.03, 1.03)
-    false.set_title("False points a trial")
+    false.set_title("False points")
+    false.set_ylabel("number a trial")
     for variant, look in looks.items():
         rows = _of(part, variant)
         for axes, column in ((missed, "n_misses"), (false, "n_false")):
@@ -129,7 +133,8 @@ def draw_resolution(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> Fig
     ]
     title = (
         f"{drawable(summary['template'].iloc[0])}: two equal scatterers, each found within half "
-        f"their distance, {summary['snr_gain_db'].iloc[0]:.4g} dB after gain"
+        f"their distance, {summary['snr_gain_db'].iloc[0]:.4g} dB after gain; "
+        f"{trials_and_band(int(summary['n_trials'].max()))}"
     )
     figure, panels = panel_grid(len(dimensions), [*legend_lines(looks.values()), *styles], title)
     for axes, dimension in zip(panels, dimensions, strict=True):
@@ -168,7 +173,8 @@ def draw_maps(summary: pd.DataFrame) -> Figure:
     part = summary[summary["pfa"] == rate]
     looks, names = _detector_looks(part), list(part["scenario"].unique())
     nominal = Line2D([], [], color=BOUND_COLOUR, linestyle="--", label="nominal P_fa")
-    title = f"Detectors on synthetic maps, nominal P_fa {rate:g}, with 95 % confidence bands"
+    n_trials = int(part["n_cells"].max())
+    title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials_and_band(n_trials)}"
     figure, panels = panel_grid(
         2 * len(names), [*legend_lines(looks.values()), nominal], title, max_columns=len(names)
     )
@@ -177,11 +183,11 @@ def draw_maps(summary: pd.DataFrame) -> Figure:
         detected.set_title(drawable(name))
         _draw_rates(detected, part[part["scenario"] == name], looks, "pd")
         _draw_rates(false, part[part["scenario"] == name], looks, "pfa_measured")
+        detected.set_ylabel("probability of detection")
         false.axhline(rate, color=BOUND_COLOUR, linestyle="--")
         false.set_xlabel("SNR of a target in its cell [dB]")
+        false.set_ylabel("probability of false alarm")
     _share_limits(panels[len(names) :])
-    panels[0].set_ylabel("probability of detection")
-    panels[len(names)].set_ylabel("probability of false alarm")
     return figure
 
 
@@ -216,9 +222,8 @@ def draw_roc(summary: pd.DataFrame) -> Figure:
         axes.set_xscale("log")
         axes.set_ylim(-0.03, 1.03)
         axes.set_title(f"{drawable(names[column])}, {snrs[row]:.4g} dB")
+        axes.set_ylabel("probability of detection")
         axes.grid(True)
-        if column == 0:
-            axes.set_ylabel("probability of detection")
         if row == len(snrs) - 1:
             axes.set_xlabel("probability of false alarm")
     lower, upper = np.transpose([axes.get_xlim() for axes in panels])
@@ -242,13 +247,19 @@ def draw_detection(summary: pd.DataFrame) -> Figure:
     looks = assign_looks(contestant_labels(summary), bounds=())
     part = summary.sort_values("snr_db")
     title = (
-        f"{drawable(part['scenario'].iloc[0])}: {', '.join(part['estimator'].unique())} behind each detector"
+        f"{drawable(part['scenario'].iloc[0])}: {', '.join(part['estimator'].unique())} behind each "
+        f"detector; {trials_and_band(int(part['n_cells'].max()))}"
     )
     nominal = Line2D([], [], color=BOUND_COLOUR, linestyle="--", label="nominal P_fa")
     figure, panels = panel_grid(3, [*legend_lines(looks.values()), nominal], title)
-    titles = ("Mean imaging deviation", "Cells of scatterers detected", "False alarms far from scatterers")
-    for axes, name in zip(panels, titles, strict=True):
+    titles = {
+        "Images": "imaging deviation",
+        "Cells of scatterers": "probability of detection",
+        "Cells far from scatterers": "probability of false alarm",
+    }
+    for axes, (name, drawn) in zip(panels, titles.items(), strict=True):
         axes.set_title(name)
+        axes.set_ylabel(drawn)
         axes.set_xlabel("SNR [dB]")
         axes.grid(True)
     for variant, look in looks.items():

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from isacbench.bench import detection, efficiency, resolution
 from isacbench.bench.maps import MAPS
+from isacbench.bench.medians import TIME, median_times
 from isacbench.bench.radio import DIMENSIONS
-from isacbench.report.tables import Grid, batched, estimator_labels
+from isacbench.report.tables import Grid, batched, estimator_labels, milliseconds, trials_and_band
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,20 +40,23 @@ def variants_of(table: pd.DataFrame) -> list[Variant]:
 def efficiency_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out errors over the bound, one table a scenario and estimator."""
     summary = efficiency.summarise(records)
+    curve = ["scenario", "estimator", "params"]
+    times_s = median_times(records, curve)[f"{TIME}_median"]
     labels = estimator_labels(variants_of(summary))
     found = []
-    for (scenario, name, params), part in summary.groupby(["scenario", "estimator", "params"], sort=False):
+    for (scenario, name, params), part in summary.groupby(curve, sort=False):
         rows = []
         for _, entry in part.sort_values("snr_gain_db").iterrows():
             failed = f" ({entry['n_failed']} failed)" if entry["n_failed"] else ""
             missed = f"{entry['n_misses'] / entry['n_trials']:.3f}{failed}"
             row = [f"{entry['snr_gain_db']:.4g}", missed, str(entry["n_false"])]
             rows.append(row + [_ratio(entry, dimension) for dimension in DIMENSIONS])
-        time_ms = 1e3 * part["time_estimate_s_median"].median()
         title = (
-            f"{scenario}, {labels[str(name), str(params)]}: error over Cramér-Rao bound (95 % interval), "
-            f"{part['n_trials'].max()} trials, {time_ms:.1f} ms"
+            f"{scenario}, {labels[str(name), str(params)]}: error over Cramér-Rao bound, "
+            f"{trials_and_band(int(part['n_trials'].max()), 'interval')}"
         )
+        time_ms = milliseconds(times_s.get((scenario, name, params), math.nan))
+        title += f"; median time {time_ms} ms" if time_ms else ""
         header = ["SNR: after gain [dB]", "missed", "false: points", *DIMENSIONS]
         found.append(Grid(title, header, rows))
     return found
@@ -61,9 +65,11 @@ def efficiency_grids(records: pd.DataFrame) -> list[Grid]:
 def resolution_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out the share of pairs that were found, estimators over dimension and distance."""
     summary = resolution.summarise(records)
+    place = ["template", "snr_gain_db"]
+    times_s = median_times(records, [*place, "estimator", "params"])[f"{TIME}_median"]
     labels = estimator_labels(variants_of(summary))
     found = []
-    for (template, snr_gain_db), part in summary.groupby(["template", "snr_gain_db"], sort=False):
+    for (template, snr_gain_db), part in summary.groupby(place, sort=False):
         title = (
             f"{template}, {snr_gain_db:.4g} dB after gain: share of pairs found, over all relative phases / "
             "at the worst one"
@@ -76,11 +82,9 @@ def resolution_grids(records: pd.DataFrame) -> list[Grid]:
                 first = "" if any(row[0] == dimension for row in rows) else str(dimension)
                 entries = {(row["estimator"], row["params"]): row for _, row in group.iterrows()}
                 rows.append([first, f"{cells:g}", *(_shares(entries.get(variant)) for variant in variants)])
-            times = ["time [ms]", ""]
-            for name, params in variants:
-                chosen = part[(part["estimator"] == name) & (part["params"] == params)]
-                times.append(f"{1e3 * chosen['time_estimate_s_median'].median():.1f}")
-            found.append(Grid(title, header, [*rows, times]))
+            keys = [(template, snr_gain_db, *variant) for variant in variants]
+            times = [milliseconds(times_s.get(key, math.nan)) for key in keys]
+            found.append(Grid(title, header, [*rows, ["time [ms]", "", *times]]))
     return found
 
 

@@ -7,6 +7,7 @@ import math
 import re
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib.style
@@ -177,9 +178,19 @@ def older_objects_uncollected() -> Iterator[None]:
         gc.unfreeze()
 
 
+class NotebookFigure(Figure):
+    """Figure that a notebook shows where it is the value of a cell, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        content = BytesIO()
+        with styled():
+            self.savefig(content, format="png")
+        return content.getvalue()
+
+
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Make a figure with a canvas that needs no display."""
-    figure = Figure(figsize=(width_in, height_in), dpi=DPI)
+    figure = NotebookFigure(figsize=(width_in, height_in), dpi=DPI)
     FigureCanvasAgg(figure)
     return figure
 

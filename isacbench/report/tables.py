@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
-from scipy.special import stdtrit
 
+from isacbench.bench.intervals import MIN_TRIALS, student_band
+from isacbench.bench.medians import TIME, median_times
 from isacbench.bench.statuses import failed
 from isacbench.visible import in_markdown, visible
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from rich.table import Table
 
@@ -25,8 +27,11 @@ __all__ = [
     "estimator_labels",
     "grids",
     "markdown",
+    "mean_of_trials",
+    "milliseconds",
     "rich_table",
     "summarise",
+    "trials_and_band",
 ]
 
 GROUP = ["scenario", "estimator", "params", "snr_db"]
@@ -43,7 +48,18 @@ AVERAGED = [
     "precision",
     "recall",
 ]
-CONFIDENCE = 0.95
+SHOWN = {
+    "hausdorff_sum_m": "Hausdorff [m]",
+    "gospa_m": "GOSPA [m]",
+    "precision": "precision",
+    "recall": "recall",
+}
+"""Scores that a table shows after the deviation, with their headings."""
+
+SPARE = ("gospa_m",), ("precision", "recall")
+"""Those that a terminal has where there is room, the last ones first left out."""
+
+TERMINAL_WIDTH = 100
 ESTIMATORS_A_TABLE = 4
 LONGEST_LABEL = 24
 
@@ -53,11 +69,23 @@ Variant = tuple[str, str]
 
 
 class Grid(NamedTuple):
-    """A table of text: a title, the cells of its header, and rows of as many cells."""
+    """A table of text.
+
+    Attributes
+    ----------
+    title : str
+    header : list of str
+    rows : list of list of str
+        Each with as many cells as the header.
+    spare : sequence of list of int
+        Groups of columns that a terminal leaves out where the table is wider than 100 characters,
+        the last group first.
+    """
 
     title: str
     header: list[str]
     rows: list[list[str]]
+    spare: Sequence[Sequence[int]] = ()
 
 
 def summarise(records: pd.DataFrame) -> pd.DataFrame:
@@ -75,7 +103,9 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         the counts ``n_cells``, ``n_no_detection`` and ``n_failed``; for every
         score ``<score>_mean`` and ``<score>_band``, the half width of the
         95 % confidence interval of the mean (Student's t), over the cells
-        that did not fail; and ``time_estimate_s_median`` of the same.
+        that did not fail, the band over five or more of them; and
+        ``time_estimate_s_median`` as `isacbench.bench.medians.median_times`
+        has it.
     """
     broken = failed(records)
     table = records.assign(
@@ -83,13 +113,10 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         n_estimated=records["n_estimated"].where(~broken),
         no_detection=records["status"] == "no_detection",
         failed=broken,
-        time_estimate_s=records["time_estimate_s"].where(~broken),
     )
     groups = table.groupby(GROUP, sort=False)
     mean, deviation, count = (getattr(groups[AVERAGED], name)() for name in ("mean", "std", "count"))
-    # One trial has no band: Student's t with no degree of freedom is NaN.
-    quantile = stdtrit(np.where(count > 1, count - 1, np.nan), (1 + CONFIDENCE) / 2)
-    band = deviation * quantile / np.sqrt(count)
+    band = pd.DataFrame(student_band(deviation, count), index=mean.index, columns=AVERAGED)
     columns: dict[str, pd.Series[Any]] = {
         "n_cells": groups.size(),
         "n_no_detection": groups["no_detection"].sum(),
@@ -97,8 +124,43 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
     }
     for name in AVERAGED:
         columns |= {f"{name}_mean": mean[name], f"{name}_band": band[name]}
-    columns["time_estimate_s_median"] = groups["time_estimate_s"].median()
-    return pd.DataFrame(columns).reset_index()
+    return pd.DataFrame(columns).join(median_times(records, GROUP)).reset_index()
+
+
+def trials_and_band(n_trials: int, noun: str = "band") -> str:
+    """Say how many trials there were, and whether they have a confidence band or interval.
+
+    Examples
+    --------
+    >>> trials_and_band(12), trials_and_band(2, "interval")
+    ('12 trials, 95 % confidence band', '2 trials, no confidence interval below 5')
+    """
+    trials = "1 trial" if n_trials == 1 else f"{n_trials} trials"
+    if n_trials < MIN_TRIALS:
+        return f"{trials}, no confidence {noun} below {MIN_TRIALS}"
+    return f"{trials}, 95 % confidence {noun}"
+
+
+def mean_of_trials(n_trials: int) -> str:
+    """Say that something is a mean over trials, unless there is but one.
+
+    Examples
+    --------
+    >>> mean_of_trials(5), mean_of_trials(1)
+    ('mean of 5 trials, 95 % confidence band', 'one trial')
+    """
+    return "one trial" if n_trials == 1 else f"mean of {trials_and_band(n_trials)}"
+
+
+def milliseconds(time_s: float, digits: int = 1) -> str:
+    """Write a time in milliseconds, nothing where there is none (NaN).
+
+    Examples
+    --------
+    >>> milliseconds(0.01234), milliseconds(0.01234, digits=2), milliseconds(float("nan"))
+    ('12.3', '12.34', '')
+    """
+    return "" if math.isnan(time_s) else f"{1e3 * time_s:.{digits}f}"
 
 
 def estimator_labels(variants: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
@@ -131,7 +193,7 @@ def estimator_labels(variants: Iterable[tuple[str, str]]) -> dict[tuple[str, str
 
 
 def grids(records: pd.DataFrame) -> list[Grid]:
-    """Lay out deviation, Hausdorff sum and time of a run, estimators over SNR.
+    """Lay out scores and times of a run, estimators over SNR.
 
     Parameters
     ----------
@@ -145,18 +207,32 @@ def grids(records: pd.DataFrame) -> list[Grid]:
         width of a terminal.
     """
     summary = summarise(records)
+    times_s = median_times(records, ["scenario", "estimator", "params"])[f"{TIME}_median"]
     labels = estimator_labels(zip(records["estimator"], records["params"], strict=True))
-    return [
-        _grid(str(scenario), part, labels, variants)
-        for scenario, part in summary.groupby("scenario", sort=False)
-        for variants in batched(
-            dict.fromkeys(zip(part["estimator"], part["params"], strict=True)), ESTIMATORS_A_TABLE
-        )
-    ]
+    found = []
+    for scenario, part in summary.groupby("scenario", sort=False):
+        variants = dict.fromkeys(zip(part["estimator"], part["params"], strict=True))
+        for batch in batched(variants, ESTIMATORS_A_TABLE):
+            times = [milliseconds(times_s.get((scenario, *variant), np.nan)) for variant in batch]
+            found.append(_grid(str(scenario), part, {variant: labels[variant] for variant in batch}, times))
+    return found
 
 
 def rich_table(grid: Grid) -> Table:
-    """Grid for the terminal."""
+    """Grid for the terminal, without the spare columns for which 100 characters have no room."""
+    from rich.console import Console
+
+    ruler = Console(width=10 * TERMINAL_WIDTH)
+    for n_kept in reversed(range(1 + len(grid.spare))):
+        left_out = {column for group in grid.spare[n_kept:] for column in group}
+        table = _columns_table(grid, [place for place in range(len(grid.header)) if place not in left_out])
+        if ruler.measure(table).maximum <= TERMINAL_WIDTH:
+            break
+    return table
+
+
+def _columns_table(grid: Grid, columns: Sequence[int]) -> Table:
+    """Some columns of a grid for the terminal."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
@@ -168,13 +244,15 @@ def rich_table(grid: Grid) -> Table:
         pad_edge=False,
         collapse_padding=True,
     )
-    for index, name in enumerate(grid.header):
+    for index in columns:
         # Text, not a string: brackets are parameters and units here, never markup.
         table.add_column(
-            Text(_stacked(visible(name))), justify="left" if index == 0 else "right", no_wrap=True
+            Text(_stacked(visible(grid.header[index]))),
+            justify="left" if index == 0 else "right",
+            no_wrap=True,
         )
     for row in grid.rows:
-        table.add_row(*(Text(visible(cell)) for cell in row))
+        table.add_row(*(Text(visible(row[index])) for index in columns))
     return table
 
 
@@ -192,41 +270,41 @@ def batched(items: Iterable[Item], n: int) -> list[list[Item]]:
     return [listed[start : start + n] for start in range(0, len(listed), n)]
 
 
-def _grid(
-    scenario: str, part: pd.DataFrame, labels: Mapping[Variant, str], variants: Iterable[Variant]
-) -> Grid:
-    """Grid of one scenario: a row an SNR, a last row for the time; for each estimator two columns."""
-    by_variant = {
-        variant: part[(part["estimator"] == variant[0]) & (part["params"] == variant[1])].set_index("snr_db")
-        for variant in variants
-    }
-    header = ["SNR [dB]"]
-    for variant in by_variant:
-        header += [f"{labels[variant]}: deviation", "Hausdorff [m]"]
+def _grid(scenario: str, part: pd.DataFrame, labels: Mapping[Variant, str], times: Sequence[str]) -> Grid:
+    """Grid of one scenario: a row an SNR, a last row for the time; for each estimator a column a score."""
+    by_variant = [
+        part[(part["estimator"] == name) & (part["params"] == params)].set_index("snr_db")
+        for name, params in labels
+    ]
+    nothing = [""] * len(SHOWN)
+    header, last = ["SNR [dB]"], ["time [ms]"]
+    for label, time_ms in zip(labels.values(), times, strict=True):
+        header += [f"{label}: deviation", *SHOWN.values()]
+        last += [time_ms, *nothing]
     rows = []
     for snr_db in sorted(part["snr_db"].unique()):
         row = [f"{snr_db:g}"]
-        for table in by_variant.values():
-            row += _scores(table.loc[snr_db]) if snr_db in table.index else ["", ""]
+        for table in by_variant:
+            row += _scores(table.loc[snr_db]) if snr_db in table.index else ["", *nothing]
         rows.append(row)
-    times = ["time [ms]"]
-    for table in by_variant.values():
-        time_ms = 1e3 * table["time_estimate_s_median"].median()
-        times += ["" if np.isnan(time_ms) else f"{time_ms:.1f}", ""]
-    title = f"{scenario}: mean deviation ± 95 % band, mean Hausdorff sum, median time an image"
-    return Grid(title, header, [*rows, times])
+    title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; median time of an image"
+    spare = [
+        [place for place, name in enumerate(header) if name in {SHOWN[score] for score in group}]
+        for group in SPARE
+    ]
+    return Grid(title, header, [*rows, last], spare)
 
 
 def _scores(entry: pd.Series[Any]) -> list[str]:
-    """Two cells: the deviation with its band and what failed, and the Hausdorff sum."""
+    """Cells of one estimator at one SNR: the deviation with its band and what failed, and further scores."""
     if entry["n_failed"] == entry["n_cells"]:
-        return [f"{entry['n_failed']} failed", ""]
+        return [f"{entry['n_failed']} failed", *[""] * len(SHOWN)]
     deviation = f"{entry['deviation_mean']:.2f}"
     if np.isfinite(entry["deviation_band"]):
         deviation += f" ±{entry['deviation_band']:.2f}"
     if entry["n_failed"]:
         deviation += f" ({entry['n_failed']} failed)"
-    return [deviation, f"{entry['hausdorff_sum_m_mean']:.2f}"]
+    return [deviation, *(f"{entry[f'{score}_mean']:.2f}" for score in SHOWN)]
 
 
 def _differing(own: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -> str:

@@ -141,7 +141,7 @@ def draw_spectrum(name: str, system: System, grid: ResourceGrid) -> Figure:
     edge.set_title("upper edge of the band")
     edge.set_xlabel("subcarrier spacings beyond the edge")
     for axes in (whole, edge):
-        axes.set_ylabel("level [dB]", labelpad=0)
+        axes.set_ylabel("power density [dB]", labelpad=0)
         axes.grid(True)
         axes.margins(x=0)
     whole.set_ylim(min(lowest_db) - 5, 8)
@@ -186,7 +186,7 @@ def draw_papr(name: str, system: System, papr_db: Mapping[Modulation, Floats]) -
     axes.set_ylim(0.5 / n_symbols, 1.3)
     axes.set_xlim(lowest, highest)
     axes.set_xlabel("peak-to-average power ratio [dB]")
-    axes.set_ylabel("share of symbols above")
+    axes.set_ylabel("share of symbols with higher peaks")
     axes.grid(True)
     return figure
 

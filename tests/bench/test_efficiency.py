@@ -116,6 +116,7 @@ def test_the_summary_takes_errors_of_hits_alone(failure):
         "status": ["ok", "ok", "no_detection", failure],
         "hit": [True, True, False, False],
         "n_false": [0, 2, 0, 0],
+        "timing": False,
         "time_estimate_s": [0.1, 0.2, 0.3, 0.4],
         **{name: [3.0, -4.0, math.nan, math.nan] for name in ERRORS},
         **{name: [2.0, 2.0, 2.0, math.nan] for name in BOUNDS},
@@ -126,6 +127,7 @@ def test_the_summary_takes_errors_of_hits_alone(failure):
     assert row["bound_w"] == 2.0
     counts = {name: row[name] for name in ("n_trials", "n_failed", "n_misses", "n_false")}
     assert counts == {"n_trials": 4, "n_failed": 1, "n_misses": 1, "n_false": 2}
+    assert row["time_estimate_s_median"] == 0.2
 
 
 @pytest.mark.slow

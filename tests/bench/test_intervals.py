@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from isacbench.bench.intervals import median_interval, rms_interval, wilson_interval
+from isacbench.bench.intervals import (
+    mean_band,
+    median_interval,
+    rms_interval,
+    share_band,
+    student_band,
+    wilson_interval,
+)
 
 
 def test_the_interval_of_normal_errors_is_that_of_chi_square_where_squares_spread_as_theirs():
@@ -34,6 +41,16 @@ def test_the_interval_covers_the_truth_as_often_as_it_promises(draw):
         _, low, high = rms_interval(values)
         covered += low < true < high
     assert 0.91 < covered / 2000 < 0.975
+
+
+@pytest.mark.parametrize(("n", "has_band"), [(2, False), (4, False), (5, True), (12, True)])
+def test_five_trials_are_needed_for_any_band(n, has_band):
+    values = np.arange(1.0, n + 1)
+    halves = [mean_band(values)[1], float(student_band(1.0, n))]
+    limits = [*rms_interval(values)[1:], *share_band(1, 1000 * n, n_trials=n)]
+    assert [math.isfinite(number) for number in halves + limits] == [has_band] * 6
+    assert mean_band(values)[0] == (n + 1) / 2
+    assert rms_interval(values)[0] > 0
 
 
 def test_without_values_there_is_nothing_and_of_one_no_interval():

@@ -127,17 +127,22 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase(fai
             "resolved": resolved,
             "n_false": 1,
             "status": failure if phase_deg == 90 and not resolved else "ok",
+            "trial": trial,
+            "timing": False,
             "time_estimate_s": 0.1,
         }
         for phase_deg, found in ((0.0, [1, 0]), (90.0, [0, 0]), (180.0, [1, 1]))
-        for resolved in map(bool, found)
+        for trial, resolved in enumerate(map(bool, found))
     ]
     (row,) = summarise(pd.DataFrame(rows)).to_dict("records")
     assert row["resolved"] == 0.5
     assert (row["resolved_worst"], row["worst_phase_deg"]) == (0.0, 90.0)
     assert row["resolved_in_phase"] == 0.5
     assert (row["n_cells"], row["n_failed"], row["n_false"]) == (6, 2, 6)
-    assert row["resolved_low"] < 0.5 < row["resolved_high"]
+    assert row["n_trials"] == 2
+    assert math.isnan(row["resolved_low"])
+    often = pd.concat([pd.DataFrame(rows).assign(trial=trial) for trial in range(5)])
+    assert summarise(often)["resolved_low"].item() < 0.5 < summarise(often)["resolved_high"].item()
 
 
 def test_a_region_too_small_for_the_farthest_pair_is_refused_before_anything_runs(suite, tmp_path):

@@ -17,9 +17,8 @@ from rich.console import Console
 from isacbench.bench.csv_table import without_formulas
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.model.echo import observe
 from isacbench.model.scenario import load_scenario
-from isacbench.report.figures import draw_image
+from isacbench.report.plotting import plot_clouds
 from isacbench.report.style import drawable, file_stems
 from isacbench.report.tables import Grid, markdown, rich_table
 from isacbench.visible import in_markdown, quoted, shortened, visible, visible_json, visible_lines
@@ -127,7 +126,7 @@ PICTURES += [(suffix, key) for suffix in (".png", ".pdf") for key in ("mathemati
 def test_pictures_are_drawn_whatever_their_title(tiny, tmp_path, suffix, key):
     scenario = load_scenario(tiny)
     path = tmp_path / f"picture{suffix}"
-    draw_image(path, observe(scenario, 10), scenario.truth, PointCloud.empty(), NAMES[key])
+    plot_clouds(scenario.truth, {NAMES[key]: PointCloud.empty()}, title=NAMES[key], out=path)
     if suffix == ".svg":
         text = path.read_text(encoding="utf-8")
         ElementTree.fromstring(text)

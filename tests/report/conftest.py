@@ -6,8 +6,24 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.record import COLUMNS, TIMING_COLUMNS
+from isacbench.report import figures
 
 SCORES = ["density", "velocity_nmse", "chamfer_m", "gospa_m", "precision", "recall"]
+
+
+@pytest.fixture
+def all_axes_named(monkeypatch):
+    """Hold every figure that is saved to y axes with names wherever there are curves; list the figures."""
+    drawn, save = [], figures.save
+
+    def hold(figure, path):
+        for axes in (axes for axes in figure.axes if axes.lines):
+            assert axes.get_ylabel() not in ("", "mean"), f"{path.stem}: {axes.get_title()}"
+        drawn.append(figure)
+        return save(figure, path)
+
+    monkeypatch.setattr(figures, "save", hold)
+    return drawn
 
 
 @pytest.fixture

@@ -102,9 +102,11 @@ def test_too_few_trials_tell_nothing_apart_and_the_title_says_so(timed):
     assert grid.title == (
         "street, 10 dB: least mean deviation within a time, 3 trials, too few to tell any apart: 5 are needed"
     )
-    assert grid.rows == [["10", "a", "1.00 (1.00-1.00)", "10", "2 of 2", "the best"]]
+    assert grid.header[2:4] == ["deviation", "time [ms]"]
+    assert grid.rows == [["10", "a", "1.00", "10", "2 of 2", "the best"]]
     (grid,) = budget_grids(timed(a=(0.01, 1.0), b=(0.01, 9.0)))
     assert grid.title.endswith("8 trials")
+    assert grid.header[2:4] == ["deviation (95 %)", "time [ms] (95 %)"]
     assert grid.rows[0][-2:] == ["1 of 2", "the best"]
 
 
@@ -155,7 +157,7 @@ def test_tables_of_budgets_are_written_where_times_count_and_go_where_they_do_no
 def test_what_is_printed_has_the_budgets_after_the_summary_in_lines_that_fit(timed):
     rows = timed(a=(0.01, 1.0), b=(0.3, 0.5))
     summary, *_, budgets = grids_of(rows)
-    assert "mean deviation ± 95 % band" in summary.title
+    assert summary.title == "street: mean of 8 trials, 95 % confidence band; median time of an image"
     assert "least mean deviation within a time" in budgets.title
     console = Console(width=300, record=True, file=io.StringIO())
     console.print(rich_table(budgets))

@@ -163,6 +163,14 @@ def test_the_axis_holds_all_means_and_does_not_blow_up_what_hardly_varies(compar
         assert high - low >= 0.2 * drawn.max()
 
 
+def test_fewer_than_five_pairs_have_no_band_and_the_title_says_so(compared):
+    figure = draw_changes(compared(trials=4), "deviation")
+    assert figure.get_suptitle() == "deviation of paired cells: mean of 4 trials, no confidence band below 5"
+    bands = [path for axes in figure.axes for part in axes.collections for path in part.get_paths()]
+    assert not any(band.vertices.size for band in bands)
+    assert {axes.get_ylabel() for axes in figure.axes} == {"imaging deviation"}
+
+
 def test_of_many_curves_those_with_a_regression_are_drawn_and_titles_do_not_overlap(compared):
     names = [f"music2d_with_a_{'very_' * 9}long_name_{n:02d}" for n in range(30)]
 

@@ -15,6 +15,9 @@ SCORES = [
     "hausdorff_xz_m",
     "hausdorff_yz_m",
     "chamfer_m",
+    "gospa_m",
+    "precision",
+    "recall",
 ]
 LOOKS = assign_looks({("a", "{}"): "a", ("limit", "{}"): "limit"}, bounds={"limit"})
 COMPETITOR = {key: look for key, look in LOOKS.items() if not look.is_bound}
@@ -40,12 +43,18 @@ def legend_of(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_every_score_has_a_panel_with_a_unit_where_it_has_one():
-    figure = draw_scores(summary_of(a=[3.0, 2.0, 1.0], limit=0.5), "street", LOOKS)
-    labels = {title: axes.get_ylabel() for title, axes in panels_of(figure).items()}
-    assert len(labels) == len(SCORES)
-    assert all((label == "mean [m]") == ("istance" in title) for title, label in list(labels.items())[1:])
+def test_every_score_has_a_panel_whose_axis_names_it_with_its_unit():
+    figure = draw_scores(summary_of(a=[3.0, 2.0, 1.0], limit=0.5), "street", LOOKS, radius_m=2.5)
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert len(set(labels)) == len(SCORES)
+    assert [label.endswith(" [m]") for label in labels] == [score.endswith("_m") for score in SCORES]
     assert {axes.get_xlabel() for axes in figure.axes} == {"SNR [dB]"}
+    assert "Share of estimated points within 2.5 m of a true scatterer" in panels_of(figure)
+
+
+def test_shares_are_drawn_from_0_to_1():
+    figure = draw_scores(summary_of(a=0.1, limit=0.2), "street", LOOKS, 1.0)
+    assert {axes.get_ylim() for axes in figure.axes[-2:]} == {(-0.0309, 1.03)}
 
 
 def test_a_line_joins_the_means_in_order_of_snr_inside_its_band():
@@ -57,8 +66,10 @@ def test_a_line_joins_the_means_in_order_of_snr_inside_its_band():
     assert {(10.0, 0.5), (10.0, 1.5), (-10.0, 2.5), (-10.0, 3.5)} <= set(map(tuple, corners))
 
 
-def test_one_trial_has_a_line_and_no_band():
-    axes = draw_deviations(summary_of(a=[3.0, 2.0, 1.0], half=np.nan), COMPETITOR).axes[0]
+def test_few_trials_have_a_line_and_no_band_and_the_title_says_so():
+    figure = draw_deviations(summary_of(a=[3.0, 2.0, 1.0], half=np.nan).assign(n_cells=2), COMPETITOR)
+    axes = figure.axes[0]
+    assert figure.get_suptitle().endswith("\nmean of 2 trials, no confidence band below 5")
     assert len(axes.lines[0].get_xdata()) == 3
     assert not any(path.vertices.size for path in axes.collections[0].get_paths())
 
@@ -70,19 +81,19 @@ def test_a_limit_with_a_single_snr_is_seen():
 
 
 def test_the_velocity_error_is_logarithmic_and_zero_is_drawn_at_its_lower_edge():
-    figure = draw_scores(summary_of(a=[3e-2, 2e-3, 0.0], limit=0.0), "street", LOOKS)
+    figure = draw_scores(summary_of(a=[3e-2, 2e-3, 0.0], limit=0.0), "street", LOOKS, 1.0)
     axes = figure.axes[SCORES.index("velocity_nmse")]
     assert axes.get_yscale() == "log"
-    assert axes.get_ylabel() == "mean (less: at the lower edge)"
+    assert axes.get_ylabel() == "velocity NMSE (less: at the edge)"
     lower = axes.get_ylim()[0]
     assert lower < axes.lines[1].get_ydata()[0] == axes.lines[0].get_ydata()[-1] < 2e-3
     assert [panel.get_yscale() for panel in figure.axes].count("log") == 1
 
 
 def test_what_has_no_score_is_said_in_the_legend():
-    figure = draw_scores(summary_of(a=np.nan, limit=1.0), "street", LOOKS)
+    figure = draw_scores(summary_of(a=np.nan, limit=1.0), "street", LOOKS, 1.0)
     assert legend_of(figure) == ["a: no score", "limit (resolution limit)"]
-    draw_scores(summary_of(a=np.nan), "street", COMPETITOR)
+    draw_scores(summary_of(a=np.nan), "street", COMPETITOR, 1.0)
 
 
 def test_a_huge_band_does_not_dwarf_the_lines():
@@ -101,7 +112,7 @@ def test_long_labels_do_not_overlap_in_the_legend():
     labels = {(f"e{n}", "{}"): f"e{n}[detector=ca[pfa=1e-{n}],far=1.25]" for n in range(12)}
     summary = pd.concat([summary_of(**{name: 2.0}) for name, _ in labels])
     with styled():
-        figure = draw_scores(summary, "street", assign_looks(labels, bounds=()))
+        figure = draw_scores(summary, "street", assign_looks(labels, bounds=()), 1.0)
         figure.canvas.draw()
     legend = figure.legends[0].get_window_extent()
     assert 0 <= legend.x0 < legend.x1 <= figure.bbox.width

@@ -1,3 +1,5 @@
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -79,6 +81,30 @@ def test_the_longest_edge_has_few_ticks_at_round_places(size_m):
     assert 2 <= places.size <= 5
     np.testing.assert_allclose(places / step, np.arange(places.size))
     assert not np.signbit(places).any()
+
+
+@pytest.mark.parametrize(
+    "corners_m",
+    [
+        ([0, 0, 0], [20, 20, 10]),  # a tick at the upper end of z
+        ([0, 0, 0], [40, 20, 2]),
+        ([0, 0, 0], [10, 10, 100]),
+        ([-100, -100, -20], [100, 20, 100]),
+        ([10, 10, 4], [12, 12, 6]),
+        ([400, -300, 100], [1000, 20, 1100]),
+    ],
+)
+def test_numbers_and_names_of_a_box_overprint_nothing(corners_m):
+    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=150)
+    place = figure.add_gridspec(1, 1, left=0, right=1, bottom=0, top=1)[0, 0]
+    axes, _ = perspective_axes(figure, place, Box(*np.array(corners_m, dtype=float)))
+    # Names along slanted edges have boxes much larger than their letters.
+    texts = [text for text in axes.texts if text.get_text() not in ("x [m]", "y [m]")]
+    assert "z [m]" in [text.get_text() for text in texts]
+    for one, other in combinations(texts, 2):
+        # Lines of text are higher than digits.
+        letters = one.get_window_extent().padded(0, -2)
+        assert not letters.overlaps(other.get_window_extent().padded(0, -2)), f"{one} over {other}"
 
 
 def test_zero_has_no_sign_and_both_ends_are_included():

@@ -5,7 +5,7 @@ import pytest
 from isacbench.bench.record import TIMING_COLUMNS
 from isacbench.report.kinds import grids_of, write_tables
 from isacbench.report.stage_tables import is_timed, stage_grids, summarise_stages
-from isacbench.report.tables import grids
+from isacbench.report.tables import grids, summarise
 
 
 @pytest.fixture
@@ -43,6 +43,16 @@ def test_a_row_has_the_median_times_of_an_estimator_and_leaves_stages_without_ti
         "refinement": "",
         "memory": "32.0",
     }
+
+
+def test_every_table_of_a_run_shows_the_same_median_time(records):
+    records["time_estimate_s"] = np.arange(len(records)) ** 2 / 1e6
+    records.loc[records["trial"] == 2, "timing"] = records["snr_db"] != records["snr_db"].iloc[0]
+    (summary, _), (street, _) = grids(records), stage_grids(records)
+    assert summary.rows[-1][1] == f"{float(street.rows[0][2]):.1f}"
+    at_each_snr = summarise(records)
+    medians = summarise_stages(records).merge(at_each_snr, on=["scenario", "estimator", "params", "snr_db"])
+    assert (medians["time_estimate_s_median_x"] == medians["time_estimate_s_median_y"]).all()
 
 
 def test_failures_and_rows_whose_times_do_not_count_are_left_out(records):

@@ -53,17 +53,38 @@ def test_errors_bound_ratio_and_misses_are_drawn_in_order_of_snr():
 def test_every_dimension_has_a_panel_with_its_unit():
     figure = draw_efficiency(efficiency_summary(), "room", LOOKS)
     assert [axes.get_title() for axes in figure.axes[:4]] == [
-        "Range [m]",
-        "Velocity [m/s]",
+        "Range",
+        "Velocity",
         "Direction cosine u",
         "Direction cosine w",
     ]
+    assert [axes.get_ylabel() for axes in figure.axes[:3]] == [
+        "root mean square error [m]",
+        "root mean square error [m/s]",
+        "root mean square error",
+    ]
+
+
+def test_a_single_hit_among_trials_is_no_measurement_and_few_hits_have_no_band():
+    summary = efficiency_summary().assign(n_misses=[9, 7, 0] * 2)  # SNRs descend: 40, 20 and 0 dB
+    few = summary["snr_gain_db"] > 0
+    summary.loc[few, [name for name in summary if name.endswith(("_low", "_high"))]] = np.nan
+    ratio = draw_efficiency(summary, "room", LOOKS).axes[5]
+    np.testing.assert_allclose(ratio.lines[1].get_ydata(), [2, 2, np.nan])
+    assert {x for path in ratio.collections[0].get_paths() for x, _ in path.vertices} == {0.0}
+
+
+def test_the_title_says_that_few_trials_have_no_band():
+    title = draw_efficiency(efficiency_summary().assign(n_trials=3), "room", LOOKS).get_suptitle()
+    assert title == "room: one scatterer, errors where it was found; 3 trials, no confidence band below 5"
 
 
 def test_probabilities_of_resolution_are_drawn_over_distance_and_dashed_where_in_phase():
     rows = {"template": "room", "estimator": "a", "params": "{}", "snr_gain_db": 60.0, "dimension": "u"}
     summary = pd.DataFrame({**rows, "separation_cells": [1.0, 0.1, 0.5], "resolved": [1.0, 0.2, 0.6]})
-    summary = summary.assign(resolved_low=0.0, resolved_high=1.0, resolved_in_phase=[0.9, 0.0, 0.3])
+    summary = summary.assign(
+        resolved_low=0.0, resolved_high=1.0, resolved_in_phase=[0.9, 0.0, 0.3], n_trials=5
+    )
     (axes,) = draw_resolution(summary, LOOKS).axes
     mean, in_phase = axes.lines[:2]
     np.testing.assert_allclose(mean.get_xydata(), [[0.1, 0.2], [0.5, 0.6], [1.0, 1.0]])
@@ -84,6 +105,7 @@ def detection_summary(scenarios, estimator=None):
             "pfa": pfa,
             "snr_db": snr_db - 50,
             "snr_gain_db": snr_db,
+            "n_cells": 8,
             "pd": snr_db / 40,
             "pd_low": 0.0,
             "pd_high": 1.0,
@@ -155,7 +177,7 @@ def test_deviation_detection_and_false_alarms_of_a_scenario_stand_side_by_side()
     ],
 )
 def test_figures_of_a_stored_study_are_written_where_they_are_said_to_be(
-    plugins, room_file, tiny, tmp_path, monkeypatch, make, changes, names
+    plugins, room_file, tiny, tmp_path, monkeypatch, all_axes_named, make, changes, names
 ):
     monkeypatch.chdir(tmp_path)
     common = {"scenarios": ["room.toml"], "estimators": ["seer"], "snr_gain_db": [20], "trials": 1}
@@ -165,3 +187,4 @@ def test_figures_of_a_stored_study_are_written_where_they_are_said_to_be(
         f"figures/{name}.png" for name in names
     ]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
+    assert len(all_axes_named) == len(names)

@@ -1,12 +1,14 @@
 import io
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
 
 from isacbench.bench.runner import run
 from isacbench.bench.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.report.failures import failure_grids
 from isacbench.report.kinds import TABLES, write_tables
 from isacbench.report.tables import rich_table
 
@@ -52,6 +54,17 @@ def printed(grid):
     return console.export_text()
 
 
+@pytest.mark.parametrize("kind", ["efficiency", "resolution"])
+def test_times_are_medians_of_the_cells_that_did_not_fail(suites, kind):
+    records = run(suites[kind])
+    times_s = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
+    records["time_estimate_s"] = np.where(records["status"] == "error", 1e6, times_s)
+    wanted = records[records["estimator"] == "seer"]["time_estimate_s"].median()
+    first = TABLES[kind].grids(records)[0]
+    text = first.title if kind == "efficiency" else f"median time {first.rows[-1][2]} ms"
+    assert text.endswith(f"median time {1e3 * wanted:.1f} ms")
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_table_fits_a_terminal_of_a_hundred_columns(suites, kind):
     for grid in TABLES[kind].grids(run(suites[kind])):
@@ -61,7 +74,9 @@ def test_every_table_fits_a_terminal_of_a_hundred_columns(suites, kind):
 
 def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(suites):
     seer, failed, empty = TABLES["efficiency"].grids(run(suites["efficiency"]))
-    assert seer.title.startswith("room, seer: error over Cramér-Rao bound (95 % interval), 2 trials")
+    assert seer.title.startswith(
+        "room, seer: error over Cramér-Rao bound, 2 trials, no confidence interval below 5"
+    )
     assert [row[:3] for row in seer.rows] == [["20", "0.000", "0"], ["25.25", "0.000", "0"]]
     assert failed.rows[0][1:] == ["0.000 (2 failed)", "0", "", "", "", ""]
     assert empty.rows[0][1] == "1.000"
@@ -104,4 +119,5 @@ def test_summaries_are_written_as_csv_and_markdown(suites, tmp_path, kind):
     assert len(summary) == len(TABLES[kind].summarise(records))
     assert isinstance(json.loads(summary["params"].iloc[0]), dict)
     lines = paths[1].read_text(encoding="utf-8").splitlines()
-    assert sum(line.startswith("**") for line in lines) == len(TABLES[kind].grids(records))
+    n_grids = len(TABLES[kind].grids(records)) + len(failure_grids(records))
+    assert sum(line.startswith("**") for line in lines) == n_grids

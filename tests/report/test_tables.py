@@ -11,6 +11,8 @@ from isacbench.bench.suite import Suite
 from isacbench.report.kinds import write_tables
 from isacbench.report.tables import estimator_labels, grids, rich_table, summarise
 
+N_TRIALS = 5
+
 
 @pytest.fixture
 def records(plugins, tiny):
@@ -19,7 +21,7 @@ def records(plugins, tiny):
         scenarios=[str(tiny)],
         estimators=["blob", "blob[n=5]", "trouble[kind=empty]", "trouble"],
         snr_db=[0, -10],
-        trials=3,
+        trials=N_TRIALS,
     )
     return run(suite)
 
@@ -30,8 +32,8 @@ def test_means_and_student_bands_are_those_of_the_trials(records):
     part = records[(records["params"] == row["params"]) & (records["snr_db"] == 0)]
     values = part.loc[part["estimator"] == "blob", "deviation"]
     assert row["deviation_mean"] == pytest.approx(values.mean())
-    assert row["deviation_band"] == pytest.approx(4.302653 * values.std() / math.sqrt(3), rel=1e-6)
-    assert row["n_cells"] == 3
+    assert row["deviation_band"] == pytest.approx(2.776445 * values.std() / math.sqrt(5), rel=1e-6)
+    assert row["n_cells"] == N_TRIALS
 
 
 def test_the_hausdorff_sum_is_the_sum_of_its_three_components(records):
@@ -44,10 +46,10 @@ def test_what_did_not_work_is_counted_and_failures_have_no_mean(records):
     summary = summarise(records)
     failed = summary[summary["n_failed"] > 0]
     assert failed["estimator"].tolist() == ["trouble", "trouble"]
-    assert (failed["n_failed"] == 3).all()
+    assert (failed["n_failed"] == N_TRIALS).all()
     assert failed["deviation_mean"].isna().all()
     empty = summary[summary["n_no_detection"] > 0]
-    assert (empty["n_no_detection"] == 3).all()
+    assert (empty["n_no_detection"] == N_TRIALS).all()
     assert empty["deviation_mean"].notna().all()
 
 
@@ -58,15 +60,19 @@ def test_a_failure_among_others_is_left_out_of_their_mean(records, failure):
     records.loc[first, "status"] = failure
     records.loc[first, "deviation"] = np.nan
     summary = summarise(records)
-    assert summary["n_failed"].max() == 3
+    assert summary["n_failed"].max() == N_TRIALS
     assert summary["deviation_mean"].notna().sum() == 6
     assert any("(1 failed)" in cell for row in grids(records)[0].rows for cell in row)
 
 
-def test_one_trial_has_a_mean_and_no_band(records):
-    summary = summarise(records[(records["trial"] == 0) & (records["estimator"] == "blob")])
+def test_fewer_than_five_trials_have_a_mean_and_no_band_and_the_title_says_so(records):
+    few = records[(records["trial"] < 4) & (records["estimator"] == "blob")]
+    summary = summarise(few)
     assert summary["deviation_mean"].notna().all()
     assert summary["deviation_band"].isna().all()
+    (grid,) = grids(few)
+    assert grid.title == "tiny: mean of 4 trials, no confidence band below 5; median time of an image"
+    assert not any("±" in cell for row in grid.rows for cell in row)
 
 
 def test_labels_show_only_the_parameters_in_which_variants_differ():
@@ -93,13 +99,40 @@ def test_the_grid_has_a_row_an_snr_in_order_and_the_time_last(records):
     assert [row[0] for row in grid.rows] == ["-10", "0", "time [ms]"]
     assert all(len(row) == len(grid.header) for row in grid.rows)
     assert grid.header[1] == "blob[n=4]: deviation"
-    assert grid.rows[0][-2] == "3 failed"
+    assert grid.rows[0][-5] == f"{N_TRIALS} failed"
+
+
+def test_the_time_is_the_median_of_cells_that_did_not_fail_whatever_their_snr(records):
+    records = records.assign(time_estimate_s=np.arange(len(records)) ** 2 / 1e3)
+    times_s = records[records["params"].str.contains('"n":5')]["time_estimate_s"]
+    (grid,) = grids(records)
+    assert grid.rows[-1][6] == f"{1e3 * times_s.median():.1f}"
+    assert grid.rows[-1][-5:] == [""] * 5
+
+
+def printed(grid):
+    console = Console(width=300, record=True, file=io.StringIO())
+    console.print(rich_table(grid))
+    return console.export_text()
+
+
+def test_gospa_precision_and_recall_are_in_the_file_and_in_a_terminal_as_far_as_100_columns_hold(records):
+    (four,), (two,) = grids(records), grids(records[records["estimator"] == "blob"])
+    (one,) = grids(records[records["params"].str.contains('"n":5')])
+    assert four.header[1:6] == ["blob[n=4]: deviation", "Hausdorff [m]", "GOSPA [m]", "precision", "recall"]
+    shown = [
+        [name for name in ("GOSPA", "precision", "recall") if name in printed(grid)]
+        for grid in (four, two, one)
+    ]
+    assert shown == [[], ["GOSPA"], ["GOSPA", "precision", "recall"]]
+    assert max(len(line) for line in printed(two).splitlines()) <= 100
+    row = dict(zip(one.header, one.rows[1], strict=True))
+    mean = summarise(records).query("estimator == 'blob' and snr_db == 0").iloc[1]
+    assert (row["GOSPA [m]"], row["recall"]) == (f"{mean['gospa_m_mean']:.2f}", f"{mean['recall_mean']:.2f}")
 
 
 def test_brackets_survive_in_the_terminal(records):
-    console = Console(width=300, record=True, file=io.StringIO())
-    console.print(rich_table(grids(records)[0]))
-    assert "blob[n=5]" in console.export_text()
+    assert "blob[n=5]" in printed(grids(records)[0])
 
 
 def test_tables_are_written_and_replaced(records, tmp_path):
@@ -109,4 +142,6 @@ def test_tables_are_written_and_replaced(records, tmp_path):
     lines = paths[1].read_text(encoding="utf-8").splitlines()
     assert lines[0].startswith("**tiny")
     assert lines[2].startswith("| SNR [dB] | blob[n=4]: deviation |")
+    assert f"**{2 * N_TRIALS} of {8 * N_TRIALS} cells failed**" in lines
+    assert "| ZeroDivisionError: no luck | error | trouble[kind=raise] | tiny | 10 |" in lines
     assert write_tables(tmp_path, records) == paths
