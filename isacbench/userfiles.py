@@ -29,6 +29,7 @@ __all__ = [
     "read_text",
     "require_file",
     "require_inside",
+    "require_replaceable",
     "require_writable",
 ]
 
@@ -110,6 +111,22 @@ def require_writable(path: Path) -> None:
     found = _looked_at(path)
     if found is not None:
         _require_regular(path, found, "cannot be written: ")
+
+
+def require_replaceable(path: Path) -> None:
+    """Refuse a file to write, before the work whose result it takes, where it could not be made or replaced.
+
+    Raises
+    ------
+    InputError
+        If its folder does not exist, or it is a symbolic link, a folder, a
+        pipe or a device.
+    """
+    require_writable(path)
+    if path.is_symlink():
+        raise _elsewhere(path)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
 
 
 def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> str:
@@ -247,5 +264,6 @@ def _reason(error: Exception) -> str:
 
 def _elsewhere(path: Path) -> InputError:
     return InputError(
-        f"{path}: is a symbolic link, and what is written would end elsewhere; allowed is a folder of its own"
+        f"{path}: is a symbolic link, and what is written would end elsewhere; "
+        "allowed is a file or folder of its own"
     )
