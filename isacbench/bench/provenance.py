@@ -56,7 +56,17 @@ NO_PART_OF_ROWS = (
     "__main__.py",
     *(
         f"bench/{name}.py"
-        for name in ("compare", "merge", "paired", "pairing", "rescore", "scoretable", "tolerance")
+        for name in (
+            "compare",
+            "comparison",
+            "matching",
+            "merge",
+            "paired",
+            "pairing",
+            "rescore",
+            "scoretable",
+            "tolerance",
+        )
     ),
 )
 """Parts of the source that no row follows from: a change of one makes no stored row another version's."""
