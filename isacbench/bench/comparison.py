@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from isacbench.bench.matching import spell_apart
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -91,7 +93,7 @@ class Comparison:
         """Show what was compared, the verdict, and counts of curves, points and cells."""
         sides = f"{self.base!r} and {self.new!r}"
         if self.between is not None:
-            sides = f"{self.between[0][0]!r} and {self.between[1][0]!r} of {self.base!r}"
+            sides = f"{' and '.join(spell_apart(self.between))} of {self.base!r}"
         curves, points = (verdict_counts(table) or "none" for table in (self.curves, self.points))
         return (
             f"<Comparison of {sides}: {'regression' if self.is_regression else 'no regression'}\n"

@@ -26,6 +26,7 @@ __all__ = [
     "pair_variants",
     "parse_map",
     "restrict",
+    "spell_apart",
     "variants_of",
     "with_partners",
 ]
@@ -172,6 +173,33 @@ def pair_variants(
     return left_base, dataclasses.replace(new, records=records), notes + more
 
 
+def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list[str]:
+    """Spell each variant by the parameters in which those of its name differ.
+
+    Parameters
+    ----------
+    variants : sequence of (str, str)
+    also : collection of str
+        Parameters to spell in any case.
+
+    Examples
+    --------
+    >>> spell_apart([("a", '{"k":0,"n":1}'), ("a", '{"k":0,"n":2}'), ("b", '{"n":1}')])
+    ['a[n=1]', 'a[n=2]', 'b']
+    """
+    parsed = [(name, json.loads(params)) for name, params in variants]
+    texts = []
+    for name, params in parsed:
+        others = [other for other_name, other in parsed if other_name == name]
+        shown = {
+            key: value
+            for key, value in params.items()
+            if key in also or any(other.get(key) != value for other in others)
+        }
+        texts.append(shortened(spell_spec(name, shown)))
+    return texts
+
+
 def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
     """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner."""
     variants = zip(table["estimator"], table["params"], strict=True)
@@ -204,8 +232,8 @@ def _find(run: RunTable, text: str, allowed: str) -> Variant:
     if len(fitting) == 1:
         return namesakes[fitting[0]]
     if not fitting:
-        raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(name, stored, asked)}")
-    several = _listed(name, [stored[index] for index in fitting], asked)
+        raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(namesakes, asked)}")
+    several = _listed([namesakes[index] for index in fitting], asked)
     raise InputError(f"{run.label}: {text!r} fits {len(fitting)} variants, {several}; allowed is {allowed}")
 
 
@@ -228,23 +256,10 @@ def _agrees(stored: Any, asked: Any) -> bool:
     return isinstance(stored, bool) == isinstance(asked, bool) and bool(stored == asked)
 
 
-def _listed(name: str, stored: Sequence[Mapping[str, Any]], asked: Iterable[str]) -> str:
-    """Spell variants by the parameters that set them apart or were asked for."""
-    keys = {*asked, *_differing(stored)}
-    texts = [_spelt(name, params, keys) for params in stored[:MAX_LISTED]]
-    more = f" and {len(stored) - MAX_LISTED} more" if len(stored) > MAX_LISTED else ""
-    return f"{', '.join(texts)}{more}"
-
-
-def _differing(stored: Sequence[Mapping[str, Any]]) -> set[str]:
-    """Parameters in which variants of one estimator differ."""
-    return {
-        key for params in stored for key in params if any(other.get(key) != params[key] for other in stored)
-    }
-
-
-def _spelt(name: str, params: Mapping[str, Any], keys: Collection[str]) -> str:
-    return shortened(spell_spec(name, {key: value for key, value in params.items() if key in keys}))
+def _listed(variants: Sequence[Variant], asked: Collection[str]) -> str:
+    """Spell the first few variants by the parameters that set them apart or were asked for."""
+    more = f" and {len(variants) - MAX_LISTED} more" if len(variants) > MAX_LISTED else ""
+    return f"{', '.join(spell_apart(variants, asked)[:MAX_LISTED])}{more}"
 
 
 def _is_of(run: RunTable, variant: Variant) -> pd.Series[bool]:
@@ -258,7 +273,8 @@ def _without(run: RunTable, variants: Collection[Variant], other: str) -> tuple[
     notes = []
     for name, params in [variant for variant in present if variant in variants]:
         run = dataclasses.replace(run, records=run.records[~_is_of(run, (name, params))])
-        namesakes = [json.loads(text) for estimator, text in present if estimator == name]
-        spelt = _spelt(name, json.loads(params), _differing(namesakes))
-        notes.append(f"{spelt} of {run.label} is left out: that of {other} is paired with another variant")
+        spelt = dict(zip(present, spell_apart(present), strict=True))
+        notes.append(
+            f"{spelt[name, params]} of {run.label} is left out: that of {other} is paired with another"
+        )
     return run, notes
