@@ -15,6 +15,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from isacbench.bench.compare import compare
+    from isacbench.bench.comparison import Comparison
+    from isacbench.bench.pairing import NotComparableError
     from isacbench.bench.runner import run
     from isacbench.cubes.observing import observe_cube
     from isacbench.errors import InputError
@@ -29,11 +32,14 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Comparison",
     "InputError",
+    "NotComparableError",
     "Observation",
     "PointCloud",
     "Scenario",
     "__version__",
+    "compare",
     "get_detector",
     "get_estimator",
     "load_scenario",
@@ -46,10 +52,13 @@ __all__ = [
 
 # Where each public name lives: loaded on first use, so that the command line starts without NumPy.
 _HOMES = {
+    "Comparison": "isacbench.bench.comparison",
     "InputError": "isacbench.errors",
+    "NotComparableError": "isacbench.bench.pairing",
     "Observation": "isacbench.model.observation",
     "PointCloud": "isacbench.model.cloud",
     "Scenario": "isacbench.model.scenario",
+    "compare": "isacbench.bench.compare",
     "get_detector": "isacbench.registry",
     "get_estimator": "isacbench.registry",
     "load_scenario": "isacbench.model.scenario",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import json
 import pickle
 import sys
 import uuid
@@ -23,6 +24,7 @@ from isacbench.errors import InputError
 from isacbench.import_closure import is_importable
 from isacbench.plugin_versions import plugin_parts
 from isacbench.registry import AnyEstimator, canonical_params, is_frozen_dataclass
+from isacbench.spec import spell_spec
 
 __all__ = ["Instances", "spelled_estimators"]
 
@@ -76,29 +78,24 @@ def _spelled(estimator: object) -> str:
             f"estimators: {plugin.__name__} must have a class attribute name, a text, and a method estimate"
         )
     try:
-        canonical_params(estimator)
+        params = json.loads(canonical_params(estimator))
     except (TypeError, ValueError) as error:
         raise InputError(
             f"estimator {name}: its parameters must be numbers, texts, tuples of such, or detectors: {error}"
         ) from error
-    return _text(estimator)
+    return spell_spec(name, _unlike_defaults(estimator, params))
 
 
-def _text(value: Any) -> str:
-    """Value of a parameter, or a plugin, as a specification has it: without what is as by default."""
-    if dataclasses.is_dataclass(value):
-        params = [
-            f"{field.name}={_text(getattr(value, field.name))}"
-            for field in dataclasses.fields(value)
-            if getattr(value, field.name) != _default(field)
-        ]
-        name = str(getattr(value, "name", type(value).__name__))
-        return f"{name}[{','.join(params)}]" if params else name
-    if isinstance(value, (list, tuple)):
-        return f"({','.join(map(_text, value))})"
-    if value is None or isinstance(value, bool):
-        return {None: "none", True: "true", False: "false"}[value]
-    return str(value)
+def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters in terms of JSON without those that are as by default, of nested plugins likewise."""
+    unlike: dict[str, Any] = {}
+    for field in dataclasses.fields(plugin):
+        value = getattr(plugin, field.name)
+        if field.name in params and value != _default(field):
+            own = params[field.name]
+            is_plugin = isinstance(own, dict)
+            unlike[field.name] = {"name": own["name"], **_unlike_defaults(value, own)} if is_plugin else own
+    return unlike
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-__all__ = ["MAX_VARIANTS", "Spec", "Variant", "parse_spec", "spec_variants"]
+__all__ = ["MAX_VARIANTS", "Spec", "Variant", "parse_spec", "spec_variants", "spell_spec", "spell_value"]
 
 MAX_VARIANTS = 1000
 """More variants than anyone compares in a run: a larger grid is a slip of the pen."""
@@ -103,6 +103,45 @@ def spec_variants(text: str) -> list[Variant]:
     ['a[d=b,pfa=1e-3]', 'a[d=b,pfa=1e-4]', 'a[d=c[n=1],pfa=1e-3]', 'a[d=c[n=1],pfa=1e-4]']
     """
     return [Variant(option.text, option.value) for option in _SpecParser(text).parse()]
+
+
+def spell_spec(name: str, params: Mapping[str, Any]) -> str:
+    """Spell a name and parameters as `parse_spec` reads them.
+
+    Parameters
+    ----------
+    name : str
+    params : mapping of str to Any
+        In terms of JSON, as the column ``params`` of a run has them: tuples
+        are lists, and a detector is an object with its ``name``.
+
+    Examples
+    --------
+    >>> spell_spec("a", {"detector": {"guard": [0, 3], "name": "ca"}, "pfa": None, "on": True})
+    'a[detector=ca[guard=(0,3)],pfa=none,on=true]'
+    """
+    values = ",".join(f"{key}={spell_value(value)}" for key, value in params.items())
+    return f"{name}[{values}]" if values else name
+
+
+def spell_value(value: Any) -> str:
+    """Spell the value of a parameter likewise.
+
+    Examples
+    --------
+    >>> spell_value(1e-5), spell_value([True, None])
+    ('1e-05', '(true,none)')
+    """
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"({','.join(map(spell_value, value))})"
+    if isinstance(value, dict) and "name" in value:
+        params = {key: inner for key, inner in value.items() if key != "name"}
+        return spell_spec(str(value["name"]), params)
+    return str(value)
 
 
 class _Option(NamedTuple):

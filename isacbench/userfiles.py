@@ -30,6 +30,7 @@ __all__ = [
     "require_file",
     "require_inside",
     "require_picture",
+    "require_replaceable",
     "require_writable",
 ]
 
@@ -125,6 +126,22 @@ def require_picture(path: Path) -> None:
     """
     if path.suffix.lower() not in PICTURES:
         raise InputError(f"{path}: a picture takes the extension .png, .pdf or .svg")
+
+
+def require_replaceable(path: Path) -> None:
+    """Refuse a file to write, before the work whose result it takes, where it could not be made or replaced.
+
+    Raises
+    ------
+    InputError
+        If its folder does not exist, or it is a symbolic link, a folder, a
+        pipe or a device.
+    """
+    require_writable(path)
+    if path.is_symlink():
+        raise _elsewhere(path)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
 
 
 def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> str:
@@ -262,5 +279,6 @@ def _reason(error: Exception) -> str:
 
 def _elsewhere(path: Path) -> InputError:
     return InputError(
-        f"{path}: is a symbolic link, and what is written would end elsewhere; allowed is a folder of its own"
+        f"{path}: is a symbolic link, and what is written would end elsewhere; "
+        "allowed is a file or folder of its own"
     )

@@ -12,7 +12,7 @@ MOST_QUOTED = 200
 # Control characters (escape sequences begin with them), what turns the direction of text, ends of lines
 # that are none to a terminal, halves of characters, and what no alphabet has.
 HIDDEN = re.compile(
-    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufff9-\ufffb\ud800-\udfff]"
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufff9-\ufffb\ufffe\uffff\ud800-\udfff]"
 )
 
 MARKDOWN = str.maketrans(

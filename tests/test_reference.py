@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from isacbench import run
-from isacbench.bench.compare import compare
+from isacbench.bench.compare import compare_tables
 from isacbench.bench.pairing import read_run
 
 REFERENCES = Path(__file__).parent.parent / "results" / "reference"
@@ -16,5 +16,5 @@ def test_a_fresh_run_is_no_worse_than_the_committed_curves(suite, tmp_path):
     records = run(suite, out=tmp_path / suite, jobs=2)
     base = read_run(REFERENCES / suite)
     assert len(records) == len(base.records)
-    comparison = compare(base, read_run(tmp_path / suite))
+    comparison = compare_tables(base, read_run(tmp_path / suite))
     assert not comparison.is_regression, comparison

@@ -1,14 +1,24 @@
-"""Comparison of two runs: which curves got worse, shown beyond chance and by more than is tolerated."""
+"""Comparison of runs or estimators: curves that got worse, beyond chance and by more than is tolerated."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
+from isacbench.bench.comparison import Comparison
+from isacbench.bench.matching import (
+    find_pairs,
+    find_variant,
+    pair_variants,
+    restrict,
+    variants_of,
+    with_partners,
+)
 from isacbench.bench.paired import (
     CONFIDENCE,
     bootstrap_changes,
@@ -25,85 +35,115 @@ from isacbench.bench.pairing import (
     code_version,
     incomparable,
     pair_cells,
+    read_run,
     version_differences,
 )
 from isacbench.bench.scoretable import PairedScores, curve_scores, point_scores, timed_alike
-from isacbench.bench.tolerance import Tolerance, direction, is_time, merge_tolerances
+from isacbench.bench.tolerance import Tolerance, direction, is_time, merge_tolerances, parse_tolerance
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from isacbench.bench.matching import Variant
+
     Floats = NDArray[np.float64]
 
-__all__ = ["DEFAULT_ALPHA", "VERDICTS", "Comparison", "compare", "share_level"]
+__all__ = ["DEFAULT_ALPHA", "compare", "compare_tables", "share_level"]
 
 DEFAULT_ALPHA = 0.01
 
-VERDICTS = ("regression", "improvement", "inconclusive", "same")
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """What became of a run's curves.
-
-    Attributes
-    ----------
-    base, new : str
-        Labels of the runs.
-    base_version, new_version : str
-        Of the code that made them.
-    alpha : float
-        Probability that any regression at all is reported of runs between
-        which nothing changed, at most; likewise any improvement.
-    tolerances : tuple of Tolerance
-    curves : DataFrame
-        A row for each metric, scenario, estimator and params: ``n_snr``,
-        ``n_pairs`` (trials); mean and half width of its 95 % confidence band
-        (Student's t) of both runs, ``base_mean``, ``base_band``,
-        ``new_mean``, ``new_band``; ``change`` and ``relative``, the change
-        over the base's mean, each with the limits ``_low`` and ``_high`` of
-        its 95 % bootstrap interval; ``p_worse`` and ``p_better``, corrected
-        for all tests made; ``smallest_effect``, the change of the mean, in
-        units of the score, that so many trials would have shown with 80 %
-        power, and ``trials_needed`` to show any; ``limit``, the tolerance in
-        units of the score; ``verdict``, one of `VERDICTS`.
-    points : DataFrame
-        The same for each SNR ``snr_db``. A curve of a single SNR
-        (``n_snr = 1``) is tested once: its point has the curve's p-values.
-    cells : CellChanges
-    n_lost_scores : int
-        Scores that the base has and the new run has not, of cells that both
-        delivered.
-    notes : tuple of str
-        What was not compared, and why.
-    """
-
-    base: str
-    new: str
-    base_version: str
-    new_version: str
-    alpha: float
-    tolerances: tuple[Tolerance, ...]
-    curves: pd.DataFrame
-    points: pd.DataFrame
-    cells: CellChanges
-    n_lost_scores: int
-    notes: tuple[str, ...]
-
-    @property
-    def is_regression(self) -> bool:
-        """Whether a curve or point got worse, or a cell or a score failed or went missing."""
-        worse = any((table["verdict"] == "regression").any() for table in (self.curves, self.points))
-        return bool(worse or self.n_lost_scores or len(self.cells.new_failures) or len(self.cells.missing))
-
 
 def compare(
-    base: RunTable, new: RunTable, tolerances: Iterable[Tolerance] = (), alpha: float = DEFAULT_ALPHA
+    base: str | Path,
+    new: str | Path | None = None,
+    *,
+    map: str | Iterable[str] = (),
+    match: str | Iterable[str] = (),
+    between: tuple[str, str] | None = None,
+    tolerances: str | Iterable[str] = (),
+    alpha: float = DEFAULT_ALPHA,
 ) -> Comparison:
-    """Compare a run with another of the same suite, cell by cell.
+    """Compare two runs of a suite, or two estimators of one run, as ``isacbench compare`` does.
+
+    Nothing is written. An estimator is named by a specification,
+    ``name[param=value,...]``, that fits one stored variant; parameters that are
+    not given may have any value, and its plugin need not be installed.
+
+    Parameters
+    ----------
+    base : str or Path
+        Folder of the run to compare with, or of the only run.
+    new : str or Path, optional
+        Folder of the run to judge. Without it, `between` is needed.
+    map : str or iterable of str
+        ``OLD[param=value,...]=NEW[param=value,...]``: an estimator in `base`
+        and its partner in `new`; all others are paired by equal name and
+        parameters.
+    match : str or iterable of str
+        Names of estimators whose one variant in `base` is paired with the one
+        in `new`, whatever their parameters.
+    between : (str, str), optional
+        Two estimators of the run `base`; the second one is judged by the first.
+    tolerances : str or iterable of str
+        ``NAME=5%`` of the base's mean or ``NAME=0.5`` in units of the score, in
+        addition to ``deviation=5%`` or instead.
+    alpha : float
+        Largest probability of any false regression.
+
+    Returns
+    -------
+    Comparison
+        Curves, points and cells as tables; `Comparison.is_regression` is the
+        verdict.
+
+    Raises
+    ------
+    NotComparableError
+        If the runs measured different things.
+    InputError
+        If a folder holds no run, or an argument is not allowed.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from isacbench import run
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = run("quick", estimators=["oracle", "fft4d"], snr_db=[10], trials=1, out=folder)
+    ...     found = compare(folder, between=("oracle", "fft4d"))
+    >>> found.is_regression, found.curves["verdict"].tolist()
+    (False, ['inconclusive'])
+    """
+    asked = [parse_tolerance(text) for text in _as_list(tolerances)]
+    if between is None:
+        if new is None:
+            raise InputError(
+                "one run alone: allowed are two runs, BASE and NEW, or one and two of its estimators, "
+                "between A and B"
+            )
+        runs = read_run(Path(base)), read_run(Path(new))
+        partners = find_pairs(*runs, _as_list(map), _as_list(match))
+        return compare_tables(*runs, asked, alpha, partners)
+    if new is not None or map or match:
+        raise InputError("between A and B: allowed with one run, and without map and match")
+    run = read_run(Path(base))
+    first, second = (find_variant(run, text) for text in between)
+    if first == second:
+        raise InputError(f"{run.label}: {between[0]!r} and {between[1]!r} are one estimator; allowed are two")
+    return compare_tables(run, run, asked, alpha, {first: second}, is_between=True)
+
+
+def compare_tables(
+    base: RunTable,
+    new: RunTable,
+    tolerances: Iterable[Tolerance] = (),
+    alpha: float = DEFAULT_ALPHA,
+    partners: Mapping[Variant, Variant] = MappingProxyType({}),
+    is_between: bool = False,
+) -> Comparison:
+    """Compare two runs of a suite cell by cell.
 
     Two families of hypotheses are tested by one-sided signed-rank tests of
     paired trials: every point of a curve, and every curve as a whole by the
@@ -125,6 +165,11 @@ def compare(
         In addition to 5 % of the deviation, or instead.
     alpha : float
         Level of everything together, in each direction.
+    partners : mapping of (str, str) to (str, str)
+        Variant of the new run for variants of the base; all others are
+        partners of their equals.
+    is_between : bool
+        Whether the one pair of partners alone is compared.
 
     Returns
     -------
@@ -144,17 +189,22 @@ def compare(
         raise NotComparableError(reasons)
     asked = merge_tolerances(tolerances)
     better = _directions(base, new, asked)
-    pairs, cells = pair_cells(base, new)
-    notes = version_differences(base, new) + _other_parameters(cells)
+    variants = tuple(dict.fromkeys([*variants_of(base), *variants_of(new)]))
+    between, sides = None, ("the base", "the new run")
+    if is_between:
+        (between,), sides = partners.items(), ("A", "B")
+        base, new = restrict(base, between[0]), restrict(new, between[1])
+    base, new, left_out = pair_variants(base, new, partners)
+    pairs, cells = pair_cells(base, new, partners)
+    notes = version_differences(base, new, partners) + left_out + _other_parameters(cells)
     points, curves, n_lost = [], [], 0
     for tolerance in asked:
         chosen = pairs
         if is_time(tolerance.metric):
             chosen, told = timed_alike(pairs, tolerance.metric, base, new)
             notes += told
-        has = {run: np.isfinite(chosen[f"{tolerance.metric}_{run}"]) for run in ("base", "new")}
-        n_lost += int((has["base"] & ~has["new"]).sum())
-        scores, told = point_scores(chosen, tolerance.metric)
+        n_lost += _count_lost(chosen, tolerance.metric)
+        scores, told = point_scores(chosen, tolerance.metric, sides)
         notes += told if len(chosen) or not len(pairs) else []
         sign = 1 if better[tolerance.metric] == "lower" else -1
         points.append(_measure(scores, tolerance, sign))
@@ -165,14 +215,21 @@ def compare(
         new=new.label,
         base_version=code_version(base),
         new_version=code_version(new),
+        between=between,
+        variants=variants,
         alpha=alpha,
         tolerances=asked,
-        curves=curve_table,
-        points=point_table,
+        curves=with_partners(curve_table, partners),
+        points=with_partners(point_table, partners),
         cells=cells,
         n_lost_scores=n_lost,
         notes=tuple(notes),
     )
+
+
+def _as_list(texts: str | Iterable[str]) -> list[str]:
+    """Texts, of which one alone is allowed in the place of many."""
+    return [texts] if isinstance(texts, str) else list(texts)
 
 
 def _directions(base: RunTable, new: RunTable, asked: Sequence[Tolerance]) -> dict[str, str]:
@@ -187,13 +244,21 @@ def _directions(base: RunTable, new: RunTable, asked: Sequence[Tolerance]) -> di
 
 def _other_parameters(cells: CellChanges) -> list[str]:
     """Say which estimators are unpaired because they ran with other parameters."""
-    gone, come = (set(table["estimator"]) for table in (cells.missing, cells.added))
+    keys = ["estimator", "params", "new_estimator", "new_params"]
+    gone, come = (
+        set(table[keys].itertuples(index=False, name=None)) for table in (cells.missing, cells.added)
+    )
+    unpaired = {variant[0] for variant in gone} & {variant[2] for variant in come}
     return [
-        f"{name} ran with other parameters: its cells are missing under the old ones and added under the new"
-        for name in sorted(gone & come)
-        if not set(cells.missing.loc[cells.missing["estimator"] == name, "params"])
-        & set(cells.added.loc[cells.added["estimator"] == name, "params"])
+        f"{name} ran with other parameters: its cells are missing under the old ones and added under the "
+        "new; --match or --map pairs them"
+        for name in sorted(unpaired - {variant[0] for variant in gone & come})
     ]
+
+
+def _count_lost(pairs: pd.DataFrame, metric: str) -> int:
+    """Count the pairs of which the base alone has a score."""
+    return int((np.isfinite(pairs[f"{metric}_base"]) & ~np.isfinite(pairs[f"{metric}_new"])).sum())
 
 
 def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -12,15 +12,16 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, TextIO
 
 from isacbench.errors import InputError
-from isacbench.userfiles import open_own
+from isacbench.userfiles import is_there, open_own, require_file, require_inside
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from collections.abc import Set as AbstractSet
 
-__all__ = ["cannot_be_written", "default_folder", "open_folder", "replacing"]
+__all__ = ["cannot_be_written", "default_folder", "open_folder", "replacing", "require_unlocked"]
 
 LOCK = ".lock"
+ROWS_KEPT = "; the rows so far are kept, and the same run into the same folder goes on with them"
 RUN_FILES = frozenset({LOCK, "manifest.json", "results.parquet", "journal.jsonl"})
 """A folder with one of them is the folder of a run."""
 
@@ -67,8 +68,14 @@ def open_folder(
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, afterwards: str = ROWS_KEPT) -> Iterator[Path]:
     """Yield a temporary path that takes the place of `path` once it is written whole and on the disk.
+
+    Parameters
+    ----------
+    path : Path
+    afterwards : str
+        Last words of the message where it cannot be written.
 
     Raises
     ------
@@ -83,18 +90,37 @@ def replacing(path: Path) -> Iterator[Path]:
             os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        raise cannot_be_written(path, error) from error
+        raise cannot_be_written(path, error, afterwards) from error
     finally:
         with suppress(OSError):  # what could not be made cannot be in the way
             temporary.unlink(missing_ok=True)
 
 
-def cannot_be_written(path: Path, error: OSError) -> InputError:
+def cannot_be_written(path: Path, error: OSError, afterwards: str = ROWS_KEPT) -> InputError:
     """Build the exception for a disk that is full, or a folder that is not ours."""
-    return InputError(
-        f"{path}: cannot be written: {error.strerror or error}; the rows so far are kept, and the same run "
-        "into the same folder goes on with them"
-    )
+    return InputError(f"{path}: cannot be written: {error.strerror or error}{afterwards}")
+
+
+def require_unlocked(folder: Path) -> None:
+    """Refuse a folder that a run writes into at this moment; nothing is written to find out.
+
+    Raises
+    ------
+    InputError
+        If there is such a run, or the lock cannot be looked at.
+    """
+    lock = folder / LOCK
+    if not is_there(lock):
+        return
+    require_inside(lock, folder)
+    require_file(lock)
+    try:
+        with lock.open(encoding="utf-8", errors="replace") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise InputError(f"{folder}: a run writes into it") from error
+    except OSError as error:
+        raise InputError(f"{lock}: cannot be looked at: {error.strerror or error}") from error
 
 
 def _create(folder: Path, files: AbstractSet[str], what: str) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from isacbench.bench.matching import with_partners
 from isacbench.bench.record import CLOUD_KEYS
 from isacbench.bench.resume import differing_versions
 from isacbench.bench.sound import require_sound_records
@@ -19,6 +20,8 @@ from isacbench.userfiles import is_there
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from isacbench.bench.matching import Variant
 
 __all__ = [
     "CELL",
@@ -75,7 +78,10 @@ class RunTable:
 
 @dataclass(frozen=True, eq=False)
 class CellChanges:
-    """What became of the cells of two runs; tables have the columns of `CELL`, status and reason.
+    """What became of the cells of two runs.
+
+    Tables have the columns of `CELL`, status and reason, and ``new_estimator``
+    and ``new_params``, which differ where an estimator was paired with another.
 
     Attributes
     ----------
@@ -170,12 +176,17 @@ def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def pair_cells(base: RunTable, new: RunTable) -> tuple[pd.DataFrame, CellChanges]:
+def pair_cells(
+    base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]
+) -> tuple[pd.DataFrame, CellChanges]:
     """Pair the cells of two runs by scenario, estimator, parameters, SNR and trial.
 
     Parameters
     ----------
     base, new : RunTable
+    partners : mapping of (str, str) to (str, str)
+        Variants of the new run that have the name of one of the base by now,
+        as `isacbench.bench.matching.pair_variants` gave it to them.
 
     Returns
     -------
@@ -202,19 +213,31 @@ def pair_cells(base: RunTable, new: RunTable) -> tuple[pd.DataFrame, CellChanges
     changes = CellChanges(
         n_paired=len(pairs),
         n_failed_both=int((in_both & ~base_scored & ~new_scored).sum()),
-        new_failures=_told(cells[in_both & base_scored & ~new_scored], "new"),
-        missing=_told(cells[cells["_merge"] == "left_only"], "base"),
-        repaired=_told(cells[in_both & ~base_scored & new_scored], "base"),
-        added=_told(cells[cells["_merge"] == "right_only"], "new"),
+        new_failures=_told(cells[in_both & base_scored & ~new_scored], "new", partners),
+        missing=_told(cells[cells["_merge"] == "left_only"], "base", partners),
+        repaired=_told(cells[in_both & ~base_scored & new_scored], "base", partners),
+        added=_told(cells[cells["_merge"] == "right_only"], "new", partners),
     )
     return pairs.drop(columns="_merge"), changes
 
 
-def version_differences(base: RunTable, new: RunTable) -> list[str]:
-    """Say in one line by which versions the same estimators' cells of the runs were made, if by others."""
+def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]) -> list[str]:
+    """Say in one line by which versions cells of the same name in both runs were made, if by others.
+
+    Parameters
+    ----------
+    base, new : RunTable
+    partners : mapping of (str, str) to (str, str)
+        As `pair_cells` takes them. The plugins of estimators with different
+        names are different anyway, and left out.
+    """
     before, after = _versions(base), _versions(new)
-    shared = [variant for variant in before if variant in after]
-    told = {line for variant in shared for line in differing_versions(after[variant], before[variant])}
+    told: set[str] = set()
+    for variant in [variant for variant in before if variant in after]:
+        old, now = before[variant], after[variant]
+        if partners.get(variant, variant)[0] != variant[0]:
+            old, now = ({**versions, "plugins": {}} for versions in (old, now))
+        told.update(differing_versions(now, old))
     return [f"made by other versions: {'; '.join(sorted(told))}"] if told else []
 
 
@@ -273,7 +296,8 @@ def _contents(run: RunTable) -> dict[str, set[str]]:
     return found
 
 
-def _told(cells: pd.DataFrame, end: str) -> pd.DataFrame:
+def _told(cells: pd.DataFrame, end: str, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
     """Cells with the status and the reason that one of the runs has."""
     told = cells[[*CELL, f"status_{end}", f"reason_{end}"]]
-    return told.set_axis([*CELL, "status", "reason"], axis=1).reset_index(drop=True)
+    told = told.set_axis([*CELL, "status", "reason"], axis=1).reset_index(drop=True)
+    return with_partners(told, partners)

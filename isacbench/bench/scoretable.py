@@ -65,11 +65,11 @@ def timed_alike(
     alike = timed & (before == after)
     reasons = []
     if not timed.all():
-        reasons.append(f"{(~timed).sum()} were not timed (alone, serially, one BLAS thread) in both runs")
+        reasons.append(f"{(~timed).sum()} were not timed (alone, serially, one BLAS thread) on both sides")
     if (timed & ~alike).any():
         example = pairs.index[timed & ~alike][0]
         reasons.append(
-            f"{(timed & ~alike).sum()} ran on other machines ({before[example]}; now {after[example]})"
+            f"{(timed & ~alike).sum()} ran on other machines ({before[example]}, and {after[example]})"
         )
     if not reasons:
         return pairs[alike], []
@@ -77,7 +77,9 @@ def timed_alike(
     return pairs[alike], told
 
 
-def point_scores(pairs: pd.DataFrame, metric: str) -> tuple[PairedScores, list[str]]:
+def point_scores(
+    pairs: pd.DataFrame, metric: str, sides: tuple[str, str] = ("the base", "the new run")
+) -> tuple[PairedScores, list[str]]:
     """Scores of every point, sorted by curve and SNR; points without any score are left out.
 
     Parameters
@@ -85,6 +87,8 @@ def point_scores(pairs: pd.DataFrame, metric: str) -> tuple[PairedScores, list[s
     pairs : DataFrame
         As `isacbench.bench.pairing.pair_cells` returns it.
     metric : str
+    sides : (str, str)
+        Words for both sides in notes.
 
     Returns
     -------
@@ -102,11 +106,11 @@ def point_scores(pairs: pd.DataFrame, metric: str) -> tuple[PairedScores, list[s
     keys.insert(0, "metric", metric)
     notes = []
     if not scored.any():
-        notes.append(f"{metric}: no cell of both runs has one, nothing compared")
+        notes.append(f"{metric}: no cell of both sides has one, nothing compared")
     elif lost.any() or gained.any():
         notes.append(
-            f"{metric}: {lost.sum()} cells that have one in the base alone, and {gained.sum()} that have one "
-            "in the new run alone, are left out"
+            f"{metric}: {lost.sum()} cells that have one in {sides[0]} alone, and {gained.sum()} that have "
+            f"one in {sides[1]} alone, are left out"
         )
     return PairedScores(keys, tables[0], _without_rounding(*tables)), notes
 

@@ -53,6 +53,7 @@ __all__ = [
     "MANIFEST",
     "RECORDS",
     "RUN_KEYS",
+    "RUN_TABLES",
     "Session",
     "describe_run",
     "read_manifest",
@@ -71,6 +72,9 @@ __all__ = [
 RECORDS, RECORDS_CSV = "results.parquet", "results.csv"
 CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"
 DRAWS, JOURNAL = "draws.parquet", "journal.jsonl"
+
+RUN_TABLES = frozenset({RECORDS, RECORDS_CSV, CLOUDS, TRUTH, MANIFEST, DRAWS, JOURNAL})
+"""Files that a run consists of."""
 
 DIGEST = "digest"
 """Key of the digest of a table's content in its file."""

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
 from isacbench.cli.options import AsJson, PluginFiles, register
 from isacbench.cli.printing import print_grid, print_json, report_run
+from isacbench.errors import InputError
+from isacbench.userfiles import is_there, require_replaceable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from isacbench.bench.comparison import Comparison
 
 __all__ = ["compare", "merge", "report", "rescore"]
 
@@ -75,8 +82,35 @@ def rescore(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder o
 
 @app.command()
 def compare(
-    base: Annotated[Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with.")],
-    new: Annotated[Path, typer.Argument(metavar="NEW", help="Folder of the run to judge.")],
+    base: Annotated[
+        Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with, or of the only run.")
+    ],
+    new: Annotated[
+        Path | None, typer.Argument(metavar="NEW", help="Folder of the run to judge.", show_default=False)
+    ] = None,
+    mapped: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="OLD[...]=NEW[...]",
+            help="Pair an estimator of BASE with another one, or other parameters, of NEW; repeats.",
+        ),
+    ] = None,
+    match: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--match", metavar="NAME", help="Pair the one NAME of each run, whatever its parameters; repeats."
+        ),
+    ] = None,
+    between: Annotated[
+        str | None,
+        typer.Option(
+            "--between", metavar="A[...]", help="With --and: compare two estimators of the one run BASE."
+        ),
+    ] = None,
+    other: Annotated[
+        str | None, typer.Option("--and", metavar="B[...]", help="Estimator to judge by that of --between.")
+    ] = None,
     tolerance: Annotated[
         list[str] | None,
         typer.Option(
@@ -90,40 +124,110 @@ def compare(
     ] = 0.01,
     plot: Annotated[
         Path | None,
-        typer.Option("--plot", metavar="picture.png", help="Default NEW/figures/compare-<score>.png."),
+        typer.Option(
+            "--plot",
+            metavar="picture.png",
+            help="Default NEW/figures/compare-<score>.png, where NEW can be written.",
+        ),
+    ] = None,
+    markdown: Annotated[
+        Path | None, typer.Option("--markdown", metavar="FILE", help="Write a summary for people.")
+    ] = None,
+    junit: Annotated[
+        Path | None,
+        typer.Option("--junit", metavar="FILE", help="Write JUnit XML for continuous integration."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare two runs: exit code 4 if a curve got worse, 5 if they cannot be compared."""
-    from isacbench.bench.compare import compare as compare_runs
-    from isacbench.bench.pairing import NotComparableError, read_run
-    from isacbench.bench.tolerance import parse_tolerance
-    from isacbench.report import comparison_tables as tables
-    from isacbench.report.comparison import comparison_paths, draw_comparison_files
+    """Compare two runs, or two estimators of one.
 
-    tolerances = [parse_tolerance(text) for text in tolerance or []]
+    Exit code 4 if a curve is worse or cells are lost, 5 if the runs cannot be compared.
+    """
+    from isacbench.bench.compare import compare as compare_runs
+    from isacbench.bench.pairing import NotComparableError
+    from isacbench.report.comparison import comparison_paths, draw_comparison_files
+    from isacbench.report.comparison_junit import comparison_junit, incomparable_junit
+    from isacbench.report.comparison_markdown import comparison_markdown, incomparable_markdown
+    from isacbench.report.comparison_tables import comparison_content
+
+    if (between is None) != (other is None):
+        raise InputError("--between A and --and B: allowed are both or neither")
+    _require_own_places([path for path in (markdown, junit) if path is not None])
     try:
-        found = compare_runs(read_run(base), read_run(new), tolerances, alpha)
+        found = compare_runs(
+            base,
+            new,
+            map=mapped or (),
+            match=match or (),
+            between=None if between is None or other is None else (between, other),
+            tolerances=tolerance or (),
+            alpha=alpha,
+        )
     except NotComparableError as error:
+        told = str(base), str(new), error.reasons
+        _write(markdown, lambda: incomparable_markdown(*told))
+        _write(junit, lambda: incomparable_junit(*told))
         if as_json:
             print_json({"comparable": False, "reasons": error.reasons})
             raise typer.Exit(EXIT_NOT_COMPARABLE) from error
         fail("not comparable: " + "; ".join(error.reasons), EXIT_NOT_COMPARABLE)
-    comparison_paths(found, new, plot)  # a wrong name is told before anything else
-    if as_json:
-        print_json(tables.comparison_content(found))
-    else:
-        say(f"base {found.base}: isacbench {found.base_version}")
-        say(f"new  {found.new}: isacbench {found.new_version}")
-        for grid in tables.comparison_grids(found):
-            print_grid(grid)
-        for line in tables.comparison_lines(found):
-            say(line)
-    if plot is not None or not as_json:
-        figures = draw_comparison_files(found, new, plot)
-        if figures and not as_json:
-            say(f"figures: {', '.join(map(str, figures))}")
+    folder = base if new is None else new
+    comparison_paths(found, folder, plot)  # a wrong name is told before anything else
+    _write(markdown, lambda: comparison_markdown(found))
+    _write(junit, lambda: comparison_junit(found))
     if not as_json:
-        say(tables.comparison_summary(found))
+        _print_comparison(found, folder, plot)
+    else:
+        print_json(comparison_content(found))
+        if plot is not None:
+            draw_comparison_files(found, folder, plot)
     if found.is_regression:
         raise typer.Exit(EXIT_REGRESSION)
+
+
+def _require_own_places(paths: list[Path]) -> None:
+    """Refuse files that could not be written, that are one, or that are what a run consists of."""
+    from isacbench.bench.store import RUN_TABLES
+
+    for index, path in enumerate(paths):
+        require_replaceable(path)
+        if path.name in RUN_TABLES and is_there(path):
+            raise InputError(f"{path}: what a run consists of is not overwritten; allowed is another name")
+        if path.resolve() in [other.resolve() for other in paths[:index]]:
+            raise InputError(f"{path}: is asked for twice; allowed is a file for each")
+
+
+def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -> None:
+    """Print a comparison and draw it; by default into the folder of the new run, where that is allowed."""
+    from isacbench.bench.folder import require_unlocked
+    from isacbench.report.comparison import draw_comparison_files
+    from isacbench.report.comparison_tables import comparison_grids, comparison_lines, comparison_summary
+    from isacbench.report.comparison_words import wording
+
+    for line in wording(comparison).heading:
+        say(line)
+    for grid in comparison_grids(comparison):
+        print_grid(grid)
+    for line in comparison_lines(comparison):
+        say(line)
+    try:
+        if plot is None:
+            require_unlocked(folder)
+        figures = draw_comparison_files(comparison, folder, plot)
+    except InputError as error:
+        if plot is not None:
+            raise
+        say(f"no figures: {error}")
+    else:
+        if figures:
+            say(f"figures: {', '.join(map(str, figures))}")
+    say(comparison_summary(comparison))
+
+
+def _write(path: Path | None, content: Callable[[], str]) -> None:
+    """Write a file that was asked for, in place of an older one."""
+    from isacbench.bench.folder import replacing
+
+    if path is not None:
+        with replacing(path, afterwards="") as temporary:
+            temporary.write_text(content(), encoding="utf-8", newline="")

@@ -1,31 +1,34 @@
-"""Figure of a comparison: the curves of both runs, and where they part."""
+"""Figure of a comparison: the curves of both sides, and where they part."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.lines import Line2D
 
-from isacbench.bench.compare import VERDICTS
+from isacbench.bench.comparison import VERDICTS
 from isacbench.bench.intervals import MIN_TRIALS
 from isacbench.errors import InputError
-from isacbench.report.comparison_tables import comparison_labels
+from isacbench.report.comparison_words import wording
 from isacbench.report.curves import axis_name
-from isacbench.report.panels import MAX_SNR_TICKS, draw_line, panel_grid
+from isacbench.report.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
 from isacbench.report.style import Look, drawable, file_stems, save, styled
 from isacbench.report.tables import mean_of_trials
 from isacbench.userfiles import make_own_folder, require_picture
+from isacbench.visible import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
+    from collections.abc import Hashable, Mapping, Sequence
     from pathlib import Path
 
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from isacbench.bench.compare import Comparison
+    from isacbench.bench.comparison import Comparison
+    from isacbench.report.comparison_words import Wording
 
 __all__ = ["comparison_paths", "draw_changes", "draw_comparison_files"]
 
@@ -34,6 +37,7 @@ MAX_PANELS = 12
 MAX_COLUMNS = 3
 TITLE_WIDTH = 42
 TITLE_SIZE = 8.0
+LEGEND_WIDTH = 80
 
 BASE = Look("base", "0.35", "s", "--", False)
 NEW = Look("new", "#0072B2", "o", "-", False)
@@ -47,7 +51,8 @@ def comparison_paths(comparison: Comparison, folder: Path, plot: Path | None = N
     ----------
     comparison : Comparison
     folder : Path
-        Of the new run: by default ``figures/compare-<score>.png`` in it.
+        Of the new run: by default ``figures/compare-<score>.png`` in it, of two
+        estimators ``figures/between-<score>.png``.
     plot : Path, optional
         File to write instead; of several scores all but the first add their
         name to its stem.
@@ -60,7 +65,8 @@ def comparison_paths(comparison: Comparison, folder: Path, plot: Path | None = N
     metrics = list(dict.fromkeys(_drawn(comparison.curves)["metric"]))
     stems = file_stems(metrics)
     if plot is None:
-        return {metric: folder / FOLDER / f"compare-{stems[metric]}.png" for metric in metrics}
+        stem = "compare" if comparison.between is None else "between"
+        return {metric: folder / FOLDER / f"{stem}-{stems[metric]}.png" for metric in metrics}
     require_picture(plot)
     return {
         metric: plot if not number else plot.with_stem(f"{plot.stem}-{stems[metric]}")
@@ -100,7 +106,7 @@ def _make_folder(path: Path) -> None:
 
 
 def draw_changes(comparison: Comparison, metric: str) -> Figure:
-    """Draw one score of both runs over the SNR, a panel a curve, points that changed marked.
+    """Draw one score of both sides over the SNR, a panel a curve, points that changed marked.
 
     Parameters
     ----------
@@ -116,10 +122,10 @@ def draw_changes(comparison: Comparison, metric: str) -> Figure:
     points = _drawn(comparison.points[comparison.points["metric"] == metric])
     curves = _drawn(comparison.curves[comparison.curves["metric"] == metric])
     shown = _worst_first(curves, points) if len(curves) > MAX_PANELS else curves
-    labels = comparison_labels(comparison)
+    said = wording(comparison)
     verdicts = points["verdict"].unique()
     figure, panels = panel_grid(
-        len(shown), _legend(comparison, verdicts), _title(metric, shown, curves), MAX_COLUMNS
+        len(shown), _legend(said, verdicts), _title(metric, shown, curves), MAX_COLUMNS
     )
     for axes, curve in zip(panels, shown.to_dict("records"), strict=True):
         chosen = (
@@ -127,9 +133,11 @@ def draw_changes(comparison: Comparison, metric: str) -> Figure:
             == [curve["scenario"], curve["estimator"], curve["params"]]
         ).all(axis=1)
         _draw_panel(axes, points[chosen].sort_values("snr_db"))
-        name = _name(curve["scenario"], labels[curve["estimator"], curve["params"]])
+        name = _name(curve["scenario"], said.estimators(curve))
         colour, _ = MARKS.get(str(curve["verdict"]), ("black", ""))
-        axes.set_title(f"{name}\nwhole curve: {_outcome(curve)}", color=colour, fontsize=TITLE_SIZE, pad=4.0)
+        axes.set_title(
+            f"{name}\nwhole curve: {_outcome(curve, said)}", color=colour, fontsize=TITLE_SIZE, pad=4.0
+        )
     return figure
 
 
@@ -155,21 +163,14 @@ def _title(metric: str, shown: pd.DataFrame, curves: pd.DataFrame) -> str:
     return f"{drawable(metric)} of paired cells: {mean_of_trials(n_trials)}{part}"
 
 
-def _legend(comparison: Comparison, verdicts: Any) -> list[Line2D]:
-    """Entries of both runs, with the code that made them, and of the marks that occur."""
-    versions = comparison.base_version, comparison.new_version
-    entries = [
-        Line2D(
-            [],
-            [],
-            color=look.colour,
-            linestyle=look.line,
-            marker=look.marker,
-            label=drawable(f"{look.label}: {version}"),
-        )
-        for look, version in zip((BASE, NEW), versions, strict=True)
+def _legend(said: Wording, verdicts: Any) -> list[Line2D]:
+    """Entries of both sides and of the marks that occur."""
+    looks = [
+        replace(look, label=drawable(shortened(text, LEGEND_WIDTH)))
+        for look, text in zip((BASE, NEW), said.legend, strict=True)
     ]
-    return entries + [_mark(verdict, [], [], label=verdict) for verdict in MARKS if verdict in verdicts]
+    marks = [_mark(verdict, [], [], label=said.verdict(verdict)) for verdict in MARKS if verdict in verdicts]
+    return [*legend_lines(looks), *marks]
 
 
 def _mark(verdict: str, x: Any, y: Any, label: str = "") -> Line2D:
@@ -222,27 +223,19 @@ def _limits(points: pd.DataFrame) -> tuple[float, float]:
     return low - missing - 0.08 * reach, high + missing + 0.08 * reach
 
 
-def _name(scenario: str, label: str) -> str:
+def _name(scenario: str, estimators: Sequence[str]) -> str:
     """Name a curve above its panel, on two lines at most."""
-    one_line = f"{scenario}, {label}"
-    lines = [one_line] if len(one_line) <= TITLE_WIDTH else [scenario, label]
-    return "\n".join(drawable(_shortened(line)) for line in lines)
+    one_line = ", ".join([scenario, *estimators])
+    lines = [scenario, *estimators]
+    if len(estimators) == 2:
+        lines = [f"{scenario}, {estimators[0]}", f"→ {estimators[1]}"]
+    elif len(one_line) <= TITLE_WIDTH:
+        lines = [one_line]
+    return "\n".join(drawable(shortened(line, TITLE_WIDTH)) for line in lines)
 
 
-def _shortened(text: str) -> str:
-    """Text without its middle, where it is too long.
-
-    Examples
-    --------
-    >>> _shortened("music2d[" + "a=1," * 20 + "z=1]")
-    'music2d[a=1,a=1,a=1,…a=1,a=1,a=1,a=1,z=1]'
-    """
-    half = (TITLE_WIDTH - 1) // 2
-    return text if len(text) <= TITLE_WIDTH else f"{text[:half]}…{text[-half:]}"
-
-
-def _outcome(curve: Mapping[Hashable, Any]) -> str:
+def _outcome(curve: Mapping[Hashable, Any], said: Wording) -> str:
     """Say what became of a whole curve."""
     relative = curve["relative"]
     change = f" ({100 * relative:+.3g} %)" if relative and np.isfinite(relative) else ""
-    return f"{curve['verdict']}{change}"
+    return f"{said.verdict(curve['verdict'])}{change}"

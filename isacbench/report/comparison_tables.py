@@ -6,36 +6,35 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.compare import VERDICTS
+from isacbench.bench.comparison import VERDICTS, verdict_counts
+from isacbench.report.comparison_words import wording
 from isacbench.report.style import counted
-from isacbench.report.tables import Grid, estimator_labels
+from isacbench.report.tables import Grid
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
 
     import pandas as pd
 
-    from isacbench.bench.compare import Comparison
+    from isacbench.bench.comparison import Comparison
     from isacbench.bench.tolerance import Tolerance
-    from isacbench.report.tables import Variant
+    from isacbench.report.comparison_words import Wording
 
 __all__ = [
+    "cell_lines",
+    "change_cells",
     "comparison_content",
     "comparison_grids",
-    "comparison_labels",
     "comparison_lines",
     "comparison_summary",
+    "outcome_counts",
+    "verdict_text",
 ]
 
 MAX_ROWS = 40
 """More rows of a table nobody reads: the worst verdicts come first then."""
 
 CELLS_NAMED = 3
-
-
-def comparison_labels(comparison: Comparison) -> dict[Variant, str]:
-    """Name the estimators of a comparison for people."""
-    return estimator_labels(_variants(comparison.curves))
 
 
 def comparison_grids(comparison: Comparison) -> list[Grid]:
@@ -51,7 +50,7 @@ def comparison_grids(comparison: Comparison) -> list[Grid]:
         For each score one of its curves, and one of points where there are
         any to tell of.
     """
-    labels = comparison_labels(comparison)
+    said = wording(comparison)
     found = []
     for tolerance in comparison.tolerances:
         curves = comparison.curves[comparison.curves["metric"] == tolerance.metric]
@@ -61,40 +60,46 @@ def comparison_grids(comparison: Comparison) -> list[Grid]:
         ]
         changed = points[points["verdict"].isin(["regression", "improvement"])]
         if len(curves):
-            found.append(_grid(f"{tolerance}: curves, means over all SNRs", curves, tolerance, labels))
+            found.append(_grid(f"{tolerance}: curves, means over all SNRs", curves, tolerance, said))
         if len(changed):
-            found.append(_grid(f"{tolerance}: points that changed", changed, tolerance, labels))
+            found.append(_grid(f"{tolerance}: points that changed", changed, tolerance, said))
     return found
 
 
 def comparison_lines(comparison: Comparison) -> list[str]:
     """Say what tables do not: cells that failed, went missing or came, and what was not compared."""
-    cells = comparison.cells
+    cells, said = comparison.cells, wording(comparison)
+    words = said.words
     lines = [
-        *_cell_lines(cells.new_failures, "failed anew"),
-        *_cell_lines(cells.missing, "missing in the new run"),
-        *_cell_lines(cells.repaired, "repaired"),
-        *_cell_lines(cells.added, "added by the new run"),
+        *cell_lines(cells.new_failures, words.failed, said),
+        *cell_lines(cells.missing, words.missing, said),
+        *cell_lines(cells.repaired, words.repaired, said),
+        *cell_lines(cells.added, words.added, said),
     ]
     if cells.n_failed_both:
-        lines.append(f"{counted(cells.n_failed_both, 'cell')} failed in both runs, left out")
+        lines.append(f"{counted(cells.n_failed_both, 'cell')} {words.failed_both}")
     return [*lines, *comparison.notes]
 
 
 def comparison_summary(comparison: Comparison) -> str:
-    """Say in one line whether there is a regression, and count verdicts."""
+    """Say in one line whether the new side is worse, and count verdicts."""
+    return f"{wording(comparison).outcome}: {outcome_counts(comparison)}"
+
+
+def outcome_counts(comparison: Comparison) -> str:
+    """Count verdicts of curves and points, and cells and scores that one side alone has."""
+    said = wording(comparison)
     points = comparison.points[comparison.points["n_snr"] > 1]
-    parts = [_counts(table, noun) for table, noun in ((comparison.curves, "curve"), (points, "point"))]
+    parts = [_counts(table, noun, said) for table, noun in ((comparison.curves, "curve"), (points, "point"))]
     for cells, what in (
-        (comparison.cells.new_failures, "failed anew"),
-        (comparison.cells.missing, "missing"),
+        (comparison.cells.new_failures, said.words.failed),
+        (comparison.cells.missing, said.words.missing),
     ):
         if len(cells):
             parts.append(f"{counted(len(cells), 'cell')} {what}")
     if comparison.n_lost_scores:
-        parts.append(f"{counted(comparison.n_lost_scores, 'score')} lost")
-    verdict = "regression" if comparison.is_regression else "no regression"
-    return f"{verdict}: {'; '.join(part for part in parts if part) or 'nothing compared'}"
+        parts.append(f"{counted(comparison.n_lost_scores, 'score')} {said.words.lost}")
+    return "; ".join(part for part in parts if part) or "nothing compared"
 
 
 def comparison_content(comparison: Comparison) -> dict[str, Any]:
@@ -105,6 +110,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         "regression": comparison.is_regression,
         "base": {"folder": comparison.base, "version": comparison.base_version},
         "new": {"folder": comparison.new, "version": comparison.new_version},
+        "between": comparison.between and [wording(comparison).labels[one] for one in comparison.between],
         "alpha": comparison.alpha,
         "tolerances": [dataclasses.asdict(tolerance) for tolerance in comparison.tolerances],
         "curves": _rows(comparison.curves),
@@ -122,10 +128,6 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _variants(table: pd.DataFrame) -> list[Variant]:
-    return list(dict.fromkeys(zip(table["estimator"], table["params"], strict=True)))
-
-
 def _rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
     """Rows with null for what is no number or not finite."""
     return [
@@ -137,18 +139,18 @@ def _rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
     ]
 
 
-def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, labels: Mapping[Variant, str]) -> Grid:
+def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, said: Wording) -> Grid:
     """One row a curve or point, the worst verdicts first where they are too many for a screen."""
     if len(table) > MAX_ROWS:
         rank = table["verdict"].map({verdict: index for index, verdict in enumerate(VERDICTS)})
         left_out = table.iloc[rank.argsort(kind="stable")[MAX_ROWS:]]
         table = table.iloc[rank.argsort(kind="stable")[:MAX_ROWS]]
-        title = f"{title} ({_verdict_counts(left_out)} more not shown)"
+        title = f"{title} ({verdict_counts(left_out, said.verdict)} more not shown)"
     with_snr = "snr_db" in table
     header = ["curve", *(["SNR [dB]"] if with_snr else []), "trials"]
     header += [
-        "base",
-        "new",
+        said.words.base,
+        said.words.new,
         f"change{' [%]' if tolerance.is_relative else ''}",
         "95 % interval",
         "p",
@@ -156,14 +158,16 @@ def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, labels: Mapping
     ]
     rows = []
     for row in table.to_dict("records"):
-        place = [f"{row['scenario']}, {labels[row['estimator'], row['params']]}"]
+        place = [f"{row['scenario']}{said.name(row, before=', ')}"]
         place += [f"{row['snr_db']:g}"] if with_snr else []
-        rows.append([*place, str(row["n_pairs"]), *_change_cells(row, tolerance), _verdict(row, tolerance)])
+        rows.append(
+            [*place, str(row["n_pairs"]), *change_cells(row, tolerance), verdict_text(row, tolerance, said)]
+        )
     return Grid(title, header, rows)
 
 
-def _change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]:
-    """Means of both runs, change, interval and p-value."""
+def change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]:
+    """Write the means of both sides, the change with its interval, and the p-value of a curve or point."""
     name, scale = ("relative", 100.0) if tolerance.is_relative else ("change", 1.0)
     change, low, high = (scale * row[f"{name}{end}"] for end in ("", "_low", "_high"))
     interval = "" if math.isnan(low) else f"{_signed(low)} to {_signed(high)}"
@@ -172,10 +176,10 @@ def _change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str
     return [f"{row['base_mean']:.4g}", f"{row['new_mean']:.4g}", _signed(change), interval, shown_p]
 
 
-def _verdict(row: Mapping[Hashable, Any], tolerance: Tolerance) -> str:
-    """Verdict, and what an inconclusive one would take."""
+def verdict_text(row: Mapping[Hashable, Any], tolerance: Tolerance, said: Wording) -> str:
+    """Write the verdict of a curve or point, and what an inconclusive one would take."""
     if row["verdict"] != "inconclusive":
-        return str(row["verdict"])
+        return said.verdict(row["verdict"])
     if not row["n_pairs"]:
         return "inconclusive: no pairs"
     if not math.isfinite(row["smallest_effect"]):
@@ -197,26 +201,21 @@ def _signed(number: float) -> str:
     return f"{number:+.3g}" if number else "0"
 
 
-def _counts(table: pd.DataFrame, noun: str) -> str:
+def _counts(table: pd.DataFrame, noun: str, said: Wording) -> str:
     """Number of curves or points by verdict."""
-    return f"of {counted(len(table), noun)} {_verdict_counts(table)}" if len(table) else ""
+    return f"of {counted(len(table), noun)} {verdict_counts(table, said.verdict)}" if len(table) else ""
 
 
-def _verdict_counts(table: pd.DataFrame) -> str:
-    counts = table["verdict"].value_counts()
-    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts)
-
-
-def _cell_lines(cells: pd.DataFrame, what: str) -> list[str]:
-    """Count some cells and name the first few."""
+def cell_lines(cells: pd.DataFrame, what: str, said: Wording) -> list[str]:
+    """Count some cells in a line that names the first few; without cells there is no line."""
     if not len(cells):
         return []
     named = []
     for cell in cells.head(CELLS_NAMED).to_dict("records"):
         reason = f" ({': '.join(filter(None, [cell['status'], cell['reason']]))})"
         named.append(
-            f"{cell['estimator']} on {cell['scenario']} at {cell['snr_db']:g} dB, trial {cell['trial']}"
-            f"{'' if cell['status'] == 'ok' else reason}"
+            f"{said.name(cell, after=' on ')}{cell['scenario']} at {cell['snr_db']:g} dB, "
+            f"trial {cell['trial']}{'' if cell['status'] == 'ok' else reason}"
         )
     more = "; ..." if len(cells) > CELLS_NAMED else ""
     return [f"{counted(len(cells), 'cell')} {what}: {'; '.join(named)}{more}"]

@@ -18,7 +18,6 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from isacbench.bench.folder import replacing
-from isacbench.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -222,13 +221,10 @@ def save(figure: Figure, path: Path) -> Path:
     InputError
         If the file cannot be written.
     """
-    try:
-        with replacing(path) as temporary:
-            kind = path.suffix.removeprefix(".").lower()
-            options: dict[str, Any] = {"pil_kwargs": PNG_OPTIONS} if kind == "png" else {}
-            figure.savefig(temporary, format=kind, **options)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with replacing(path, afterwards="") as temporary:
+        kind = path.suffix.removeprefix(".").lower()
+        options: dict[str, Any] = {"pil_kwargs": PNG_OPTIONS} if kind == "png" else {}
+        figure.savefig(temporary, format=kind, **options)
     return path
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 from isacbench.bench.intervals import MIN_TRIALS, student_band
 from isacbench.bench.medians import TIME, median_times
 from isacbench.bench.statuses import failed
+from isacbench.spec import spell_value
 from isacbench.visible import in_markdown, visible
 
 if TYPE_CHECKING:
@@ -183,13 +184,11 @@ def estimator_labels(variants: Iterable[tuple[str, str]]) -> dict[tuple[str, str
     >>> list(labels.values())
     ['a', 'b[n=1]', 'b[n=2]']
     """
-    distinct = dict.fromkeys(variants)
-    labels = {}
-    for name, params in distinct:
-        own = json.loads(params)
-        others = [json.loads(other) for other_name, other in distinct if other_name == name]
-        labels[name, params] = name + _differing(own, others)
-    return labels
+    parsed = {(name, params): json.loads(params) for name, params in dict.fromkeys(variants)}
+    namesakes: dict[str, list[Any]] = {}
+    for (name, _), own in parsed.items():
+        namesakes.setdefault(name, []).append(own)
+    return {(name, params): name + _differing(own, namesakes[name]) for (name, params), own in parsed.items()}
 
 
 def grids(records: pd.DataFrame) -> list[Grid]:
@@ -252,7 +251,8 @@ def _columns_table(grid: Grid, columns: Sequence[int]) -> Table:
             no_wrap=True,
         )
     for row in grid.rows:
-        table.add_row(*(Text(visible(row[index])) for index in columns))
+        # Of a pair of estimators, the second one stands below the first.
+        table.add_row(*(Text(visible(row[index]).replace(" → ", "\n  → ")) for index in columns))
     return table
 
 
@@ -315,13 +315,13 @@ def _differing(own: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -> s
         values = [other.get(key) for other in others]
         if key == "name" or 2 * values.count(value) > len(values):
             continue
-        if isinstance(value, dict):
+        if isinstance(value, dict) and "name" in value:
             namesakes = [
-                other for other in values if isinstance(other, dict) and other["name"] == value["name"]
+                other for other in values if isinstance(other, dict) and other.get("name") == value["name"]
             ]
             texts.append(f"{key}={value['name']}{_differing(value, namesakes)}")
         else:
-            texts.append(f"{key}={'none' if value is None else value}")
+            texts.append(f"{key}={spell_value(value)}")
     return f"[{','.join(texts)}]" if texts else ""
 
 

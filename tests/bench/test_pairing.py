@@ -1,6 +1,6 @@
 import pytest
 
-from isacbench.bench.compare import compare
+from isacbench.bench.compare import compare_tables
 from isacbench.bench.pairing import read_run
 from isacbench.errors import InputError
 
@@ -11,7 +11,7 @@ def test_a_run_is_read_from_records_and_manifest_alone(made_run, written_run):
     run = read_run(folder)
     assert run.label == str(folder)
     assert run.manifest == manifest
-    assert set(compare(run, run).curves["verdict"]) == {"same"}
+    assert set(compare_tables(run, run).curves["verdict"]) == {"same"}
 
 
 @pytest.mark.parametrize("name", ["results.parquet", "manifest.json"])

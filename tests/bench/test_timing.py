@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.compare import compare
+from isacbench.bench.compare import compare_tables
 from isacbench.bench.merge import merge
 from isacbench.bench.pairing import read_run
 from isacbench.bench.record import TIMES, TIMING_COLUMNS
@@ -465,7 +465,7 @@ def two_timed_runs(moody_suite, tmp_path):
 
 
 def test_the_times_of_two_timed_runs_are_compared(two_timed_runs):
-    found = compare(*map(read_run, two_timed_runs), TIME)
+    found = compare_tables(*map(read_run, two_timed_runs), TIME)
     times = found.curves.set_index("metric").loc[["time_estimate_s", "time_detection_s"]]
     assert times["n_pairs"].tolist() == [12, 12]
     assert times["change"].notna().all()
@@ -477,7 +477,7 @@ def test_a_stage_that_takes_twice_as_long_is_a_regression(two_timed_runs):
     base, new = map(read_run, two_timed_runs)
     for name in ("time_estimate_s", "time_detection_s"):
         new.records[name] = 2 * base.records[name]
-    found = compare(base, new, TIME)
+    found = compare_tables(base, new, TIME)
     verdicts = found.curves.set_index("metric")["verdict"]
     assert verdicts[["time_estimate_s", "time_detection_s"]].tolist() == ["regression"] * 2
     assert found.is_regression
@@ -485,15 +485,15 @@ def test_a_stage_that_takes_twice_as_long_is_a_regression(two_timed_runs):
 
 def test_times_of_a_run_that_was_not_timed_are_not_compared(two_timed_runs, moody_suite, tmp_path):
     run(moody_suite, out=tmp_path / "ordinary", trials=12)
-    found = compare(read_run(two_timed_runs[0]), read_run(tmp_path / "ordinary"), TIME[:1])
+    found = compare_tables(read_run(two_timed_runs[0]), read_run(tmp_path / "ordinary"), TIME[:1])
     assert "time_estimate_s: 0 of 12 paired cells compared; 12 were not timed" in found.notes[0]
     with pytest.raises(InputError, match="unknown score 'time_detection_s'"):
-        compare(read_run(two_timed_runs[0]), read_run(tmp_path / "ordinary"), TIME)
+        compare_tables(read_run(two_timed_runs[0]), read_run(tmp_path / "ordinary"), TIME)
 
 
 def test_a_spread_is_neither_better_nor_worse(two_timed_runs):
     with pytest.raises(InputError, match="neither more nor less of it is better"):
-        compare(*map(read_run, two_timed_runs), [parse_tolerance("time_spread_s=10%")])
+        compare_tables(*map(read_run, two_timed_runs), [parse_tolerance("time_spread_s=10%")])
 
 
 def test_the_manifest_of_a_timed_run_is_json(suite, tmp_path):

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from isacbench.bench.compare import compare
+from isacbench.bench.compare import compare_tables
 from isacbench.bench.merge import merge
 from isacbench.bench.pairing import NotComparableError, read_run
 from isacbench.bench.rescore import rescore
@@ -243,7 +243,7 @@ def use(folder, base):
         markdown(grid)
         rich_table(grid)
     write_tables(folder, results.records, results.suite.kind)
-    comparison_grids(compare(read_run(base), read_run(folder), [], 0.01))
+    comparison_grids(compare_tables(read_run(base), read_run(folder), [], 0.01))
     rescore(folder)
 
 

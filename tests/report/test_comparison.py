@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from isacbench.bench.compare import compare
+from isacbench.bench.compare import compare_tables
 from isacbench.bench.pairing import RunTable
 from isacbench.bench.tolerance import parse_tolerance
 from isacbench.errors import InputError
@@ -27,7 +27,7 @@ def compared(made_run):
         changed = records.copy()
         change(changed)
         new = RunTable("new", changed, copy.deepcopy(manifest))
-        return compare(RunTable("base", records, manifest), new, map(parse_tolerance, tolerances))
+        return compare_tables(RunTable("base", records, manifest), new, map(parse_tolerance, tolerances))
 
     return make
 
@@ -153,6 +153,18 @@ def test_a_panel_has_both_curves_and_a_ring_where_they_part(compared):
         "new: 0.1.0 (0123456789)",
         "regression",
     ]
+
+
+def test_a_panel_of_a_pair_is_headed_by_both_and_of_two_estimators_the_legend_names_them(made_run):
+    records, manifest = made_run(trials=12)
+    run = RunTable("run", records, manifest)
+    partners = {("fft4d", "{}"): ("music2d", "{}")}
+    (axes,) = draw_changes(compare_tables(run, run, partners=partners), "deviation").axes
+    assert axes.get_title().startswith("street, fft4d\n→ music2d\nwhole curve: regression (+")
+    figure = draw_changes(compare_tables(run, run, partners=partners, is_between=True), "deviation")
+    assert figure.axes[0].get_title().startswith("street\nwhole curve: worse (+")
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["A: fft4d", "B: music2d", "worse"]
 
 
 def test_the_axis_holds_all_means_and_does_not_blow_up_what_hardly_varies(compared):

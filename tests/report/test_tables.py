@@ -83,6 +83,8 @@ def test_labels_show_only_the_parameters_in_which_variants_differ():
         ("b", '{"detector":{"k":1,"name":"osca"},"n":1}'),
         ("c", '{"pfa":null}'),
         ("c", '{"pfa":0.5}'),
+        ("d", '{"guard":[0,3],"on":true}'),
+        ("d", '{"guard":[1],"on":false}'),
     ]
     assert list(estimator_labels(variants).values()) == [
         "a",
@@ -91,6 +93,8 @@ def test_labels_show_only_the_parameters_in_which_variants_differ():
         "b[detector=osca]",
         "c[pfa=none]",
         "c[pfa=0.5]",
+        "d[guard=(0,3),on=true]",
+        "d[guard=(1),on=false]",
     ]
 
 
