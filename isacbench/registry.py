@@ -113,7 +113,7 @@ def get_detector(name: str, **params: Any) -> Detector:
 
 
 def sees_truth(name: str) -> bool:
-    """Whether a registered estimator is shown the truth: a limit to the others, no competitor.
+    """Tell whether a registered estimator is shown the truth, so that it does not compete.
 
     Raises
     ------

@@ -111,7 +111,7 @@ class Look:
     line : {"-", "-.", ":", "--"}
         Likewise.
     is_bound : bool
-        Whether it sees the truth: a limit, not a competitor.
+        Whether it sees the truth, and does not compete.
     """
 
     label: str
@@ -146,7 +146,7 @@ def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict
     n_competitors = 0
     for variant, label in labels.items():
         if variant[0] in bounds:
-            found[variant] = Look(f"{drawable(label)} (resolution limit)", BOUND_COLOUR, "", "--", True)
+            found[variant] = Look(f"{drawable(label)} (sees the truth)", BOUND_COLOUR, "", "--", True)
             continue
         turn, index = divmod(n_competitors, len(COLOURS))
         marker = MARKERS[(index + turn) % len(MARKERS)]

@@ -131,7 +131,7 @@ def test_clouds_leave_out_what_sees_the_truth_and_go_on_in_another_figure(plugin
     assert [call[3] for call in drawn["clouds"]] == [many[:4], many[4:]]
     assert drawn["saved"][-2:] == ["clouds-tiny-1", "clouds-tiny-2"]
     draw_run(run_into(tmp_path / "limit", tiny, ["seer"], trials=1))
-    assert drawn["clouds"][-1][3] == ["seer (resolution limit)"]
+    assert drawn["clouds"][-1][3] == ["seer (sees the truth)"]
 
 
 def test_of_very_many_estimators_the_best_have_their_clouds_drawn_and_the_title_says_so(

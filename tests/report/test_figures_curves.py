@@ -92,7 +92,7 @@ def test_the_velocity_error_is_logarithmic_and_zero_is_drawn_at_its_lower_edge()
 
 def test_what_has_no_score_is_said_in_the_legend():
     figure = draw_scores(summary_of(a=np.nan, limit=1.0), "street", LOOKS, 1.0)
-    assert legend_of(figure) == ["a: no score", "limit (resolution limit)"]
+    assert legend_of(figure) == ["a: no score", "limit (sees the truth)"]
     draw_scores(summary_of(a=np.nan), "street", COMPETITOR, 1.0)
 
 
