@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, TypeVar
 
-__all__ = ["added_field", "identity_fields"]
+__all__ = ["added_field", "identity_fields", "values_before"]
 
 T = TypeVar("T")
 
@@ -61,11 +61,18 @@ def identity_fields(instance: Any) -> dict[str, Any]:
         Not copied, in the order of the fields.
     """
     values = {field.name: getattr(instance, field.name) for field in dataclasses.fields(instance)}
-    before = {field.name: field.metadata.get(BEFORE, _NEVER) for field in dataclasses.fields(instance)}
-    return {name: value for name, value in values.items() if not _is_equal(value, before[name])}
+    before = values_before(instance)
+    return {
+        name: value
+        for name, value in values.items()
+        if not (name in before and _is_equal(value, before[name]))
+    }
 
 
-_NEVER = object()
+def values_before(plugin: Any) -> dict[str, Any]:
+    """Values that stand for the behaviour before, of the fields of a dataclass that were added later."""
+    fields = dataclasses.fields(plugin)
+    return {field.name: field.metadata[BEFORE] for field in fields if BEFORE in field.metadata}
 
 
 def _is_equal(value: object, before: object) -> bool:

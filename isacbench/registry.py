@@ -10,7 +10,7 @@ from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from isacbench.added_fields import identity_fields
+from isacbench.added_fields import identity_fields, values_before
 from isacbench.contracts import Detector, Estimator, TruthEstimator
 from isacbench.entries import Entry, Kind, entries, load_plugin_file, local_plugins, register_plugin
 from isacbench.errors import InputError, nearest, unknown_name
@@ -36,6 +36,7 @@ __all__ = [
     "is_frozen_dataclass",
     "load_plugin_file",
     "local_plugins",
+    "parameter_defaults",
     "parameter_types",
     "parse_spec",
     "register_plugin",
@@ -176,6 +177,40 @@ def canonical_params(plugin: object) -> str:
         stands for the behaviour before.
     """
     return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def parameter_defaults(kind: Kind, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Defaults of a registered plugin's parameters, in terms of JSON as `canonical_params` has them.
+
+    Returns
+    -------
+    defaults, before : dict of str to Any
+        Of the parameters that have one; and of those that were added later the
+        value that stands for the behaviour before, which canonical parameters
+        leave out.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, or what it stands for breaks the contract.
+
+    Examples
+    --------
+    >>> defaults, _ = parameter_defaults("estimator", "music2d")
+    >>> defaults["detector"]["name"], defaults["detector"]["order_axis"]
+    ('osca', 1)
+    """
+    registered = entries(kind)
+    if name not in registered:
+        raise unknown_name(kind, name, sorted(registered))
+    plugin = _load(registered[name])
+    defaults = {key: value for field in dataclasses.fields(plugin) for key, value in _default(field).items()}
+    return _as_json(defaults), _as_json(values_before(plugin))
+
+
+def _as_json(params: dict[str, Any]) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(json.dumps({name: _plain(value) for name, value in params.items()}))
+    return content
 
 
 def distribution(kind: Kind, name: str) -> str:
@@ -348,8 +383,15 @@ def _plain(value: Any) -> Any:
 def _describe_field(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
     """Type of a parameter in words, and its default where it has one."""
     described: dict[str, Any] = {"type": inspect.formatannotation(hint, base_module=Detector.__module__)}
-    if field.default is not dataclasses.MISSING:
-        described["default"] = _plain(field.default)
-    elif field.default_factory is not dataclasses.MISSING:
-        described["default"] = _plain(field.default_factory())
+    for value in _default(field).values():
+        described["default"] = _plain(value)
     return described
+
+
+def _default(field: dataclasses.Field[Any]) -> dict[str, Any]:
+    """Default of a field by its name; empty where it has none."""
+    if field.default is not dataclasses.MISSING:
+        return {field.name: field.default}
+    if field.default_factory is not dataclasses.MISSING:
+        return {field.name: field.default_factory()}
+    return {}

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from isacbench.bench.matching import Variant
+    from isacbench.bench.labels import Variant
 
     Floats = NDArray[np.float64]
 

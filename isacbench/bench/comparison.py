@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from isacbench.bench.matching import Variant
+    from isacbench.bench.labels import Variant
     from isacbench.bench.pairing import CellChanges
     from isacbench.bench.tolerance import Tolerance
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isacbench.bench.labels import Variant
 from isacbench.errors import InputError, did_you_mean
 from isacbench.spec import Spec, parse_spec, spell_spec
 from isacbench.visible import shortened
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from isacbench.bench.pairing import RunTable
 
 __all__ = [
-    "Variant",
     "find_pairs",
     "find_variant",
     "pair_variants",
@@ -30,9 +30,6 @@ __all__ = [
     "variants_of",
     "with_partners",
 ]
-
-Variant = tuple[str, str]
-"""Name and canonical parameters of an estimator, as the rows of a run have them."""
 
 MAX_LISTED = 10
 """Variants that a message lists."""

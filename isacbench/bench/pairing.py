@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from isacbench.bench.matching import Variant
+    from isacbench.bench.labels import Variant
 
 __all__ = [
     "CELL",

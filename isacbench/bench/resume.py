@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pandas as pd
 
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.provenance import environment_id, environment_of
 from isacbench.bench.statuses import failed
 from isacbench.errors import InputError, unknown_name
@@ -94,7 +95,7 @@ def keep(
     if records.empty:
         return stored
     positions = plan.positions(records)
-    _refuse_others(records, positions, suite_name, seed)
+    _refuse_others(records, positions, plan, suite_name, seed)
     stored = _with_environments(stored, plan)
     good: Mask = ~pd.Series(positions).duplicated(keep="last").to_numpy() & has_its_cloud(stored)
     ours = np.ones_like(good) if part is None else part[positions]
@@ -132,7 +133,9 @@ def _short(version: str | None) -> str:
     return "none" if version is None else version[:DIGITS] if len(version) > LONGEST else version
 
 
-def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], suite_name: str, seed: int) -> None:
+def _refuse_others(
+    records: pd.DataFrame, positions: NDArray[np.int64], plan: Plan, suite_name: str, seed: int
+) -> None:
     for column, wanted in (("suite", suite_name), ("seed", seed)):
         others = records.loc[records[column] != wanted, column]
         if len(others):
@@ -142,9 +145,11 @@ def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], suite_na
             )
     if (positions < 0).any():
         first = records[positions < 0].iloc[0]
+        variant = first["estimator"], first["params"]
+        labels = estimator_labels([variant, *((one.name, one.params) for one in plan.contestants)])
         raise InputError(
             f"it holds {np.sum(positions < 0)} cells that this run does not have, the first one "
-            f"{first['estimator']} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
+            f"{labels[variant]} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
             "allowed is a run that has them all and perhaps more, or a new folder"
         )
 

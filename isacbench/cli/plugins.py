@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
@@ -18,6 +17,7 @@ __all__ = ["check", "list_"]
 def list_(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
     """List estimators, detectors, scenarios and suites."""
     from isacbench.bench.catalogue import catalogue
+    from isacbench.spec import spell_value
 
     register(plugin)
     content = catalogue()
@@ -29,7 +29,7 @@ def list_(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
         for entry in entries:
             say(f"  {entry['name']:<16} {entry['description']}")
             for name, parameter in entry.get("parameters", {}).items():
-                default = f" = {json.dumps(parameter['default'])}" if "default" in parameter else ""
+                default = f" = {spell_value(parameter['default'])}" if "default" in parameter else ""
                 say(f"      {name}: {parameter['type']}{default}")
 
 

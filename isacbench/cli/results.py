@@ -49,8 +49,8 @@ def merge(
     plugin: PluginFiles = None,
 ) -> None:
     """Join parts of a run: its shards, or runs of one suite with other estimators, SNRs or trials."""
+    from isacbench.bench.labels import estimator_labels
     from isacbench.bench.merge import merge as merge_runs
-    from isacbench.report.tables import estimator_labels
 
     register(plugin)
     merged = merge_runs(folders, out, mix_versions)

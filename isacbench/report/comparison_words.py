@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isacbench.report.tables import estimator_labels
+from isacbench.bench.labels import estimator_labels
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from isacbench.bench.labels import Variant
     from isacbench.report.style import Look
-    from isacbench.report.tables import Variant
 
     Floats = NDArray[np.float64]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.statuses import failed
-from isacbench.report.tables import Grid, estimator_labels
+from isacbench.report.tables import Grid
 from isacbench.visible import shortened
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from isacbench.bench import detection, efficiency, link, resolution
+from isacbench.bench.labels import Variant, estimator_labels
 from isacbench.bench.maps import MAPS
 from isacbench.bench.record import POINT_COLUMNS, Results
 from isacbench.bench.store import read_results
@@ -39,7 +40,7 @@ from isacbench.report.style import (
     save,
     styled,
 )
-from isacbench.report.tables import HAUSDORFF_COLUMNS, Variant, batched, estimator_labels, summarise
+from isacbench.report.tables import HAUSDORFF_COLUMNS, batched, summarise
 from isacbench.userfiles import make_own_folder
 
 if TYPE_CHECKING:

@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from isacbench.bench.labels import estimator_labels
 from isacbench.link.qam import awgn_ber
 from isacbench.report.link_tables import DIVISIONS, receiver_labels, signal_label, signals_of_part
 from isacbench.report.panels import draw_line, legend_lines, panel_grid
 from isacbench.report.placing import place_labels
 from isacbench.report.style import BOUND_COLOUR, COLOURS, Look, drawable
-from isacbench.report.tables import estimator_labels, trials_and_band
+from isacbench.report.tables import trials_and_band
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,17 +6,11 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
+from isacbench.bench.labels import Variant, estimator_labels
 from isacbench.bench.link import outside_interval, summarise
 from isacbench.bench.medians import TIME, median_times
 from isacbench.report.style import counted
-from isacbench.report.tables import (
-    Grid,
-    Variant,
-    batched,
-    estimator_labels,
-    milliseconds,
-    trials_and_band,
-)
+from isacbench.report.tables import Grid, batched, milliseconds, trials_and_band
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.intervals import median_interval
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.statuses import failed
 from isacbench.errors import InputError
 from isacbench.registry import sees_truth
@@ -167,7 +168,7 @@ def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataF
     """
     rows = timed_rows(records)
     columns = ["estimator", "params"]
-    labels = tables.estimator_labels(zip(*(records[name] for name in columns), strict=True))
+    labels = estimator_labels(zip(*(records[name] for name in columns), strict=True))
     points = tables.summarise(rows)
     variants = list(zip(*(points[name] for name in columns), strict=True))
     points["number"] = [1 + list(labels).index(variant) for variant in variants]

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.medians import TIME, median_times
 from isacbench.bench.record import TIMING_COLUMNS
 from isacbench.bench.statuses import failed
-from isacbench.report.tables import Grid, estimator_labels, milliseconds
+from isacbench.report.tables import Grid, milliseconds
 from isacbench.stages import STAGES
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.report.tables import Grid, estimator_labels
+from isacbench.bench.labels import estimator_labels
+from isacbench.report.tables import Grid
 from isacbench.stress.examine import BROKEN
 
 if TYPE_CHECKING:

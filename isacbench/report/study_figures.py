@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from isacbench.bench.labels import Variant
     from isacbench.report.style import Look
-    from isacbench.report.tables import Variant
 
 __all__ = ["draw_detection", "draw_efficiency", "draw_maps", "draw_resolution", "draw_roc"]
 

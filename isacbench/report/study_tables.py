@@ -6,15 +6,16 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench import detection, efficiency, resolution
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.maps import MAPS
 from isacbench.bench.medians import TIME, median_times
 from isacbench.bench.radio import DIMENSIONS
-from isacbench.report.tables import Grid, batched, estimator_labels, milliseconds, trials_and_band
+from isacbench.report.tables import Grid, batched, milliseconds, trials_and_band
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from isacbench.report.tables import Variant
+    from isacbench.bench.labels import Variant
 
 __all__ = [
     "contestant_labels",

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from matplotlib.artist import Artist
 
+    from isacbench.bench.labels import Variant
     from isacbench.model.region import Region
-    from isacbench.report.tables import Variant
 
 __all__ = [
     "BOUND_COLOUR",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -10,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.intervals import MIN_TRIALS, student_band
+from isacbench.bench.labels import Variant, estimator_labels
 from isacbench.bench.medians import TIME, median_times
 from isacbench.bench.statuses import failed
-from isacbench.spec import spell_value
 from isacbench.visible import in_markdown, visible
 
 if TYPE_CHECKING:
@@ -23,9 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "HAUSDORFF_COLUMNS",
     "Grid",
-    "Variant",
     "batched",
-    "estimator_labels",
     "grids",
     "markdown",
     "mean_of_trials",
@@ -65,8 +62,6 @@ ESTIMATORS_A_TABLE = 4
 LONGEST_LABEL = 24
 
 Item = TypeVar("Item")
-Variant = tuple[str, str]
-"""Name and canonical parameters of an estimator."""
 
 
 class Grid(NamedTuple):
@@ -162,33 +157,6 @@ def milliseconds(time_s: float, digits: int = 1) -> str:
     ('12.3', '12.34', '')
     """
     return "" if math.isnan(time_s) else f"{1e3 * time_s:.{digits}f}"
-
-
-def estimator_labels(variants: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """Name estimators for people: the bare name, or with the parameters that set a variant of it apart.
-
-    A value that more than half of the variants share goes without saying.
-
-    Parameters
-    ----------
-    variants : iterable of (str, str)
-        Names and canonical parameters, possibly repeated.
-
-    Returns
-    -------
-    dict of (str, str) to str
-
-    Examples
-    --------
-    >>> labels = estimator_labels([("a", '{"n":1}'), ("b", '{"n":1}'), ("b", '{"n":2}')])
-    >>> list(labels.values())
-    ['a', 'b[n=1]', 'b[n=2]']
-    """
-    parsed = {(name, params): json.loads(params) for name, params in dict.fromkeys(variants)}
-    namesakes: dict[str, list[Any]] = {}
-    for (name, _), own in parsed.items():
-        namesakes.setdefault(name, []).append(own)
-    return {(name, params): name + _differing(own, namesakes[name]) for (name, params), own in parsed.items()}
 
 
 def grids(records: pd.DataFrame) -> list[Grid]:
@@ -305,24 +273,6 @@ def _scores(entry: pd.Series[Any]) -> list[str]:
     if entry["n_failed"]:
         deviation += f" ({entry['n_failed']} failed)"
     return [deviation, *(f"{entry[f'{score}_mean']:.2f}" for score in SHOWN)]
-
-
-def _differing(own: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -> str:
-    """Parameters that set these apart from most others, as a specification writes them."""
-    others = list(others)
-    texts = []
-    for key, value in own.items():
-        values = [other.get(key) for other in others]
-        if key == "name" or 2 * values.count(value) > len(values):
-            continue
-        if isinstance(value, dict) and "name" in value:
-            namesakes = [
-                other for other in values if isinstance(other, dict) and other.get("name") == value["name"]
-            ]
-            texts.append(f"{key}={value['name']}{_differing(value, namesakes)}")
-        else:
-            texts.append(f"{key}={spell_value(value)}")
-    return f"[{','.join(texts)}]" if texts else ""
 
 
 def markdown(grid: Grid) -> str:

@@ -6,10 +6,11 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.runner import run
 from isacbench.bench.suite import Suite
 from isacbench.report.kinds import write_tables
-from isacbench.report.tables import estimator_labels, grids, rich_table, summarise
+from isacbench.report.tables import grids, rich_table, summarise
 
 N_TRIALS = 5
 
