@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -39,6 +39,7 @@ from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import Suite, load_suite
 from isacbench.bench.timing import repeats_wanted
 from isacbench.errors import InputError
+from isacbench.progress import Progress, notebook_display, progress_shown
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -48,9 +49,6 @@ if TYPE_CHECKING:
     from isacbench.bench.workbench import Made
 
 __all__ = ["Execution", "Progress", "estimate_cloud", "run", "run_cell", "run_suite"]
-
-Progress = Callable[[int, int], None]
-"""Called after each cell with the number of cells done and the number of all."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +157,7 @@ def run(
     mix_versions: bool = False,
     timing: bool = False,
     repeats: int | None = None,
+    progress: bool | None = None,
 ) -> pd.DataFrame:
     """Run a suite and return its records.
 
@@ -191,6 +190,10 @@ def run(
         runs beside it, and rows of `out` that were not timed are made again.
     repeats : int, optional
         How often, with `timing`; 5 by default.
+    progress : bool, optional
+        Whether to show how far the run has come: below the cell of a
+        notebook, as a bar on a terminal, or as a line a minute on stderr.
+        By default in a notebook alone.
 
     Returns
     -------
@@ -214,25 +217,25 @@ def run(
     ['ok']
     """
     base = suite if isinstance(suite, Suite) else load_suite(suite)
-    results = run_suite(
-        base.replace(
-            estimators=estimators,
-            scenarios=None if scenarios is None else [str(scenario) for scenario in scenarios],
-            snr_db=None if snr_db is None else np.atleast_1d(snr_db).tolist(),
-            trials=trials,
-            seed=seed,
-        ),
-        out=None if out is None else Path(out),
-        execution=Execution(
-            n_jobs=jobs,
-            guard=Guard(timeout_s, memory_mib),
-            dask=dask,
-            shard=None if shard is None else Shard.parse(shard),
-            rerun=parse_reruns(rerun),
-            mix_versions=mix_versions,
-            repeats=repeats_wanted(timing, repeats),
-        ),
+    wanted = base.replace(
+        estimators=estimators,
+        scenarios=None if scenarios is None else [str(scenario) for scenario in scenarios],
+        snr_db=None if snr_db is None else np.atleast_1d(snr_db).tolist(),
+        trials=trials,
+        seed=seed,
     )
+    execution = Execution(
+        n_jobs=jobs,
+        guard=Guard(timeout_s, memory_mib),
+        dask=dask,
+        shard=None if shard is None else Shard.parse(shard),
+        rerun=parse_reruns(rerun),
+        mix_versions=mix_versions,
+        repeats=repeats_wanted(timing, repeats),
+    )
+    is_shown = notebook_display() is not None if progress is None else progress
+    with progress_shown(wanted.name, is_idle=timing) if is_shown else nullcontext() as show:
+        results = run_suite(wanted, None if out is None else Path(out), show, execution)
     if results.interrupted:
         raise KeyboardInterrupt(
             f"after {len(results.records)} cells" + (f", written to {out}" if out is not None else "")
