@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from isacbench.bench.record import Status
     from isacbench.bench.study import Scene
     from isacbench.bench.suite import DetectionSuite
+    from isacbench.contracts import Estimator
     from isacbench.model.scenario import Scenario
-    from isacbench.registry import AnyEstimator
     from isacbench.spec import Variant
 
 __all__ = ["DetectorStudy", "MapScene", "count_cells", "summarise"]
@@ -284,7 +284,7 @@ def _alone(detectors: Sequence[Variant], rates: Sequence[float]) -> list[Contest
     return contestants
 
 
-def _behind(detectors: Sequence[Variant], estimators: Sequence[Variant]) -> list[Contestant[AnyEstimator]]:
+def _behind(detectors: Sequence[Variant], estimators: Sequence[Variant]) -> list[Contestant[Estimator]]:
     """Every estimator behind every detector."""
     contestants = []
     for estimator_text, (name, params) in estimators:

@@ -18,8 +18,7 @@ from isacbench.bench.content import digest
 from isacbench.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
-    from isacbench.contracts import Detector
-    from isacbench.registry import AnyEstimator
+    from isacbench.contracts import Detector, Estimator
 
 __all__ = [
     "Environment",
@@ -62,7 +61,7 @@ NO_PART_OF_ROWS = (
 """Parts of the source that no row follows from: a change of one makes no stored row another version's."""
 
 
-def environment_of(plugin: AnyEstimator | Detector) -> Environment:
+def environment_of(plugin: Estimator | Detector) -> Environment:
     """Describe what makes the rows of an estimator or detector in this process.
 
     Returns

@@ -50,9 +50,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from isacbench.bench.suite import Kind
+    from isacbench.contracts import Estimator
     from isacbench.model.observation import Observation
     from isacbench.model.scenario import Scenario
-    from isacbench.registry import AnyEstimator
     from isacbench.report.style import Look
 
 __all__ = ["draw_diagnoses", "draw_image", "draw_run"]
@@ -170,7 +170,7 @@ def draw_image(
         save(draw_comparison(drawable(title), truth, image, observation.region), path)
 
 
-def _built(specs: Sequence[str]) -> Iterator[tuple[str, AnyEstimator]]:
+def _built(specs: Sequence[str]) -> Iterator[tuple[str, Estimator]]:
     """Estimators of a suite as far as they are installed, by specification of each variant."""
     for spec in specs:
         try:
