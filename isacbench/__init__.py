@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from isacbench.bench.runner import run
+    from isacbench.bench.stored_run import load_run
+    from isacbench.conformance import check
     from isacbench.cubes.observing import observe_cube
     from isacbench.errors import InputError
     from isacbench.metrics.score import score
@@ -33,8 +35,10 @@ __all__ = [
     "PointCloud",
     "Scenario",
     "__version__",
+    "check",
     "get_detector",
     "get_estimator",
+    "load_run",
     "load_scenario",
     "observe",
     "observe_cube",
@@ -48,8 +52,10 @@ _HOMES = {
     "Observation": "isacbench.model.observation",
     "PointCloud": "isacbench.model.cloud",
     "Scenario": "isacbench.model.scenario",
+    "check": "isacbench.conformance",
     "get_detector": "isacbench.registry",
     "get_estimator": "isacbench.registry",
+    "load_run": "isacbench.bench.stored_run",
     "load_scenario": "isacbench.model.scenario",
     "observe": "isacbench.observing",
     "observe_cube": "isacbench.cubes.observing",

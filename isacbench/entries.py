@@ -144,7 +144,7 @@ def local_plugins() -> tuple[PluginFile, ...]:
 
 @contextmanager
 def isolated_plugins() -> Iterator[None]:
-    """Forget at the end which plugin files were registered within: for tests."""
+    """Forget at the end which plugin files were registered within."""
     before = dict(_local)
     try:
         yield
