@@ -49,13 +49,25 @@ NO_PART_OF_ROWS = (
     "stress",
     "cli",
     "cubes",
+    "display.py",
     "planning.py",
     "preload.py",
     "process_server.py",
+    "progress.py",
     "__main__.py",
     *(
         f"bench/{name}.py"
-        for name in ("compare", "merge", "paired", "pairing", "rescore", "scoretable", "tolerance")
+        for name in (
+            "compare",
+            "merge",
+            "observed",
+            "paired",
+            "pairing",
+            "rescore",
+            "scoretable",
+            "stored_run",
+            "tolerance",
+        )
     ),
 )
 """Parts of the source that no row follows from: a change of one makes no stored row another version's."""

@@ -31,9 +31,9 @@ __all__ = [
 def check(plugin: str | Path | type[Any] | Estimator | Detector) -> CheckReport:
     """Put estimators and detectors through the contract, as the command ``isacbench check`` does.
 
-    The checks run in this process, so that a debugger reaches them; a plugin
-    that hangs or dies takes the process with it, which the command does not
-    let happen.
+    The checks run in this process, where a debugger reaches them. A plugin
+    that hangs or dies takes the process with it; the command has a process
+    for each plugin, and goes on.
 
     Parameters
     ----------
