@@ -250,7 +250,8 @@ def load_run(folder: str | Path) -> StoredRun:
     ...     stored = load_run(folder)
     ...     row = stored.rows.iloc[0]
     ...     scenario, cloud = stored.scenario(row), stored.cloud(row)
-    >>> score(scenario.truth, cloud, region=scenario.region)["deviation"] == row["deviation"]
+    >>> scores = score(scenario.truth, cloud, region=scenario.region)
+    >>> bool(scores["deviation"] == row["deviation"])
     True
     """
     folder = Path(folder)
