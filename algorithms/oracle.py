@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from isacbench.contracts import Needs
+from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
@@ -31,7 +32,7 @@ class Oracle:
     needs_truth: ClassVar[bool] = True
     needs: ClassVar[Needs] = Needs(elements="none", integration=None, cells="none")
 
-    def estimate(self, observation: Observation, truth: PointCloud) -> PointCloud:
+    def estimate(self, observation: Observation, truth: PointCloud | None = None) -> PointCloud:
         """Blur the truth to Rayleigh cells.
 
         Parameters
@@ -44,7 +45,17 @@ class Oracle:
         -------
         PointCloud
             Centroids in x, y, z and v; the powers of a cell are summed.
+
+        Raises
+        ------
+        InputError
+            Without a truth.
         """
+        if truth is None:
+            raise InputError(
+                "estimator oracle blurs the truth: allowed is estimate(observation, truth), such as "
+                "estimate(observation, scenario.truth)"
+            )
         system, (n_p, n_q) = observation.system, observation.array.shape
         offset_m = truth.xyz - observation.base_station_m
         u, w = observation.frame.direction_cosines(offset_m)

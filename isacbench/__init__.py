@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from isacbench.bench.comparison import Comparison
     from isacbench.bench.pairing import NotComparableError
     from isacbench.bench.runner import run
+    from isacbench.bench.stored_run import load_run
+    from isacbench.conformance import check
     from isacbench.cubes.observing import observe_cube
     from isacbench.errors import InputError
     from isacbench.metrics.score import score
@@ -39,9 +41,11 @@ __all__ = [
     "PointCloud",
     "Scenario",
     "__version__",
+    "check",
     "compare",
     "get_detector",
     "get_estimator",
+    "load_run",
     "load_scenario",
     "observe",
     "observe_cube",
@@ -59,8 +63,10 @@ _HOMES = {
     "PointCloud": "isacbench.model.cloud",
     "Scenario": "isacbench.model.scenario",
     "compare": "isacbench.bench.compare",
+    "check": "isacbench.conformance",
     "get_detector": "isacbench.registry",
     "get_estimator": "isacbench.registry",
+    "load_run": "isacbench.bench.stored_run",
     "load_scenario": "isacbench.model.scenario",
     "observe": "isacbench.observing",
     "observe_cube": "isacbench.cubes.observing",

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
+import numpy as np
+
+from isacbench.display import Description, Displayed, brief, span
 from isacbench.errors import require
+from isacbench.visible import counted
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from isacbench.model.cloud import PointCloud
@@ -62,8 +65,8 @@ class Needs:
             require(value in allowed, f"needs.{name}", value, f"one of {', '.join(map(str, allowed))}")
 
 
-@dataclass(frozen=True, eq=False)
-class Detection:
+@dataclass(frozen=True, eq=False, repr=False)
+class Detection(Displayed):
     """What a detector says of a map; every array has the map's shape, or (n,) where n cells were listed.
 
     Attributes
@@ -79,6 +82,19 @@ class Detection:
     mask: NDArray[np.bool_]
     threshold: NDArray[np.float64]
     noise: NDArray[np.float64]
+
+    def _description(self) -> Description:
+        mask = np.asarray(self.mask)
+        n_detected = np.count_nonzero(mask)
+        share = f" ({100 * n_detected / mask.size:.3g} %)" if mask.size else ""
+        return Description(
+            f"Detection: {n_detected} of {counted(mask.size, 'cell')} detected{share}",
+            {
+                "map": " x ".join(map(str, mask.shape)),
+                "threshold": span(self.threshold),
+                "noise": span(self.noise),
+            },
+        )
 
 
 @runtime_checkable
@@ -125,13 +141,15 @@ class Estimator(Protocol):
 
 
 @runtime_checkable
-class TruthEstimator(Protocol):
-    """An estimator that sees the truth: a bound, never a competitor."""
+class TruthEstimator(Estimator, Protocol):
+    """An estimator that sees the truth: a bound, never a competitor.
 
-    name: ClassVar[str]
+    Without the truth it raises `isacbench.errors.InputError`.
+    """
+
     needs_truth: ClassVar[bool]
 
-    def estimate(self, observation: Observation, truth: PointCloud) -> PointCloud:
+    def estimate(self, observation: Observation, truth: PointCloud | None = None) -> PointCloud:
         """Image one observation, knowing its truth."""
 
 
@@ -158,6 +176,8 @@ class Spectrum:
     threshold_db: float | NDArray[np.float64] | None
     peaks: NDArray[np.float64]
     label: Literal["u", "w"]
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +211,8 @@ class Diagnosis:
     cell: tuple[int, int] | None
     separated: bool | None = None
 
+    __repr__ = brief
+
 
 @runtime_checkable
 class Diagnoser(Protocol):
@@ -200,12 +222,12 @@ class Diagnoser(Protocol):
         """Look at one observation as `Estimator.estimate` does, and say what was seen."""
 
 
-def needs_of(estimator: Estimator | TruthEstimator) -> Needs:
+def needs_of(estimator: Estimator) -> Needs:
     """What an estimator declares to need; all of the gate on all elements where it declares nothing.
 
     Parameters
     ----------
-    estimator : Estimator or TruthEstimator
+    estimator : Estimator
 
     Returns
     -------

@@ -20,16 +20,17 @@ from weakref import WeakValueDictionary
 
 import cloudpickle
 
+from isacbench.contracts import Estimator
 from isacbench.errors import InputError
 from isacbench.import_closure import is_importable
 from isacbench.plugin_versions import plugin_parts
-from isacbench.registry import AnyEstimator, canonical_params, is_frozen_dataclass
+from isacbench.registry import canonical_params, is_frozen_dataclass
 from isacbench.spec import spell_spec
 
 __all__ = ["Instances", "spelled_estimators"]
 
 
-def spelled_estimators(estimators: Iterable[str | AnyEstimator]) -> dict[str, AnyEstimator | None]:
+def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estimator | None]:
     """Spell estimators, those that are objects by name and parameters.
 
     Parameters
@@ -54,7 +55,7 @@ def spelled_estimators(estimators: Iterable[str | AnyEstimator]) -> dict[str, An
     """
     if isinstance(estimators, str):
         raise InputError(f"estimators {estimators!r}: allowed is a list, such as [{estimators!r}]")
-    found: dict[str, AnyEstimator | None] = {}
+    found: dict[str, Estimator | None] = {}
     for one in estimators:
         text = one if isinstance(one, str) else _spelled(one)
         if text in found:
@@ -102,7 +103,7 @@ def _default(field: dataclasses.Field[Any]) -> Any:
     return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
-class Instances(Mapping[str, AnyEstimator]):
+class Instances(Mapping[str, Estimator]):
     """Estimators that are objects, by the texts that stand for them, on their way between processes.
 
     In the process that they come from they stay the objects that they are.
@@ -112,13 +113,13 @@ class Instances(Mapping[str, AnyEstimator]):
     estimators : mapping of str to Estimator
     """
 
-    def __init__(self, estimators: Mapping[str, AnyEstimator] | None = None) -> None:
-        self._estimators: Mapping[str, AnyEstimator] | None = estimators or {}
+    def __init__(self, estimators: Mapping[str, Estimator] | None = None) -> None:
+        self._estimators: Mapping[str, Estimator] | None = estimators or {}
         self._packed = b""
         self._token = uuid.uuid4().hex
         _here[self._token] = self
 
-    def __getitem__(self, text: str) -> AnyEstimator:
+    def __getitem__(self, text: str) -> Estimator:
         return self._unpacked()[text]
 
     def __iter__(self) -> Iterator[str]:
@@ -127,7 +128,7 @@ class Instances(Mapping[str, AnyEstimator]):
     def __len__(self) -> int:
         return len(self._unpacked())
 
-    def _unpacked(self) -> Mapping[str, AnyEstimator]:
+    def _unpacked(self) -> Mapping[str, Estimator]:
         """Estimators; only where they are asked for, when files of plugins are registered."""
         if self._estimators is None:
             self._estimators = pickle.loads(self._packed)
@@ -157,7 +158,7 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
     )
 
 
-def _packed(estimators: Mapping[str, AnyEstimator]) -> bytes:
+def _packed(estimators: Mapping[str, Estimator]) -> bytes:
     """Pickle estimators, those by their code whose modules no other process can import."""
     packed = io.BytesIO()
     with _by_value(estimators.values()):

@@ -26,9 +26,8 @@ from isacbench.model.gate import Gate, build_gate
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
-    from isacbench.contracts import Needs
+    from isacbench.contracts import Estimator, Needs
     from isacbench.model.scene import Scenario
-    from isacbench.registry import AnyEstimator
 
 __all__ = ["ImagePlan", "Step", "Work", "plan_image"]
 
@@ -108,13 +107,13 @@ class ImagePlan:
         )
 
 
-def plan_image(scenario: Scenario, estimator: AnyEstimator, dtype: DTypeLike = np.complex64) -> ImagePlan:
+def plan_image(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.complex64) -> ImagePlan:
     """Plan the image of a recorded frame.
 
     Parameters
     ----------
     scenario : Scenario
-    estimator : Estimator or TruthEstimator
+    estimator : Estimator
     dtype : dtype_like
         Of the cube.
 

@@ -27,7 +27,7 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
 
     Parameters
     ----------
-    plugin : Estimator, TruthEstimator or Detector
+    plugin : Estimator or Detector
 
     Returns
     -------

@@ -11,14 +11,13 @@ from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from isacbench.added_fields import identity_fields, values_before
-from isacbench.contracts import Detector, Estimator, TruthEstimator
+from isacbench.contracts import Detector, Estimator
 from isacbench.entries import Entry, Kind, entries, load_plugin_file, local_plugins, register_plugin
 from isacbench.errors import InputError, nearest, unknown_name
 from isacbench.plugin_files import METHODS, PluginFile
 from isacbench.spec import Spec, parse_spec, spec_variants
 
 __all__ = [
-    "AnyEstimator",
     "Kind",
     "PluginFile",
     "Spec",
@@ -45,8 +44,6 @@ __all__ = [
     "spec_variants",
 ]
 
-AnyEstimator = Estimator | TruthEstimator
-
 
 def estimator_names() -> list[str]:
     """Names of the registered estimators, sorted."""
@@ -58,7 +55,7 @@ def detector_names() -> list[str]:
     return sorted(entries("detector"))
 
 
-def get_estimator(name: str, **params: Any) -> AnyEstimator:
+def get_estimator(name: str, **params: Any) -> Estimator:
     """Build a registered estimator.
 
     Parameters
@@ -71,7 +68,8 @@ def get_estimator(name: str, **params: Any) -> AnyEstimator:
 
     Returns
     -------
-    Estimator or TruthEstimator
+    Estimator
+        ``oracle`` is a `isacbench.contracts.TruthEstimator`, and takes the truth as well.
 
     Raises
     ------
@@ -83,7 +81,7 @@ def get_estimator(name: str, **params: Any) -> AnyEstimator:
     >>> get_estimator("music2d", integration="element").name
     'music2d'
     """
-    return cast("AnyEstimator", _build("estimator", name, params))
+    return cast("Estimator", _build("estimator", name, params))
 
 
 def get_detector(name: str, **params: Any) -> Detector:
@@ -132,13 +130,13 @@ def sees_truth(name: str) -> bool:
     return bool(getattr(_load(registered[name]), "needs_truth", False))
 
 
-def build_estimator(spec: str) -> AnyEstimator:
+def build_estimator(spec: str) -> Estimator:
     """Build the one estimator that ``name[param=value,...]`` describes; see `isacbench.spec.parse_spec`."""
     name, params = parse_spec(spec)
     return get_estimator(name, **params)
 
 
-def build_estimators_of(spec: str) -> list[tuple[str, AnyEstimator]]:
+def build_estimators_of(spec: str) -> list[tuple[str, Estimator]]:
     """Build every estimator that a grid ``name[param=[value,...],...]`` stands for.
 
     Parameters
@@ -148,7 +146,7 @@ def build_estimators_of(spec: str) -> list[tuple[str, AnyEstimator]]:
 
     Returns
     -------
-    list of (str, Estimator or TruthEstimator)
+    list of (str, Estimator)
         Each with the specification of it alone.
 
     Raises

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["in_markdown", "quoted", "shortened", "visible", "visible_json", "visible_lines"]
+__all__ = ["counted", "in_markdown", "quoted", "shortened", "visible", "visible_json", "visible_lines"]
 
 MOST_QUOTED = 200
 """Characters of somebody's text that a message repeats."""
@@ -63,6 +63,17 @@ def shortened(text: str, most: int = MOST_QUOTED) -> str:
     """
     half = (most - 1) // 2
     return text if len(text) <= most else f"{text[:half]}…{text[-half:]}"
+
+
+def counted(number: int, noun: str) -> str:
+    """Write a number of things.
+
+    Examples
+    --------
+    >>> counted(1, "point"), counted(2, "point")
+    ('1 point', '2 points')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def in_markdown(text: str) -> str:

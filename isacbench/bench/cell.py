@@ -5,18 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.record import Cell, Outcome, Record
+from isacbench.contracts import TruthEstimator
 from isacbench.metrics.score import score
 from isacbench.model.cloud import PointCloud
 
 if TYPE_CHECKING:
     from isacbench.bench.record import Status
-    from isacbench.contracts import Estimator, TruthEstimator
+    from isacbench.contracts import Estimator
     from isacbench.model.observation import Observation
     from isacbench.model.scenario import Scenario
-    from isacbench.registry import AnyEstimator
 
 __all__ = [
     "Measure",
@@ -44,7 +44,7 @@ class Shot:
         With the scatterers that were observed.
     observation : Observation or None
         None where a stored cloud is measured again.
-    estimator : Estimator, TruthEstimator or None
+    estimator : Estimator or None
         Likewise.
     snr_db : float
     cloud : PointCloud
@@ -53,7 +53,7 @@ class Shot:
 
     scenario: Scenario
     observation: Observation | None
-    estimator: AnyEstimator | None
+    estimator: Estimator | None
     snr_db: float
     cloud: PointCloud
 
@@ -66,7 +66,7 @@ def run_cell(
     cell: Cell,
     scenario: Scenario,
     observation: Observation,
-    estimator: AnyEstimator,
+    estimator: Estimator,
     measure: Measure | None = None,
 ) -> Outcome:
     """Estimate, time and score one cell; whatever the estimator raises becomes the record's reason.
@@ -78,7 +78,7 @@ def run_cell(
     scenario : Scenario
         Whose truth the estimate is scored against.
     observation : Observation
-    estimator : Estimator or TruthEstimator
+    estimator : Estimator
     measure : callable, optional
         What a study measures beside the scores.
 
@@ -146,7 +146,7 @@ def failure(cell: Cell, status: Status, reason: str, n_true: int, time_s: float)
     return Outcome(record, PointCloud.empty())
 
 
-def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
+def estimate_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
     """Image an observation, and hold the cloud to its contract.
 
     Raises
@@ -161,7 +161,7 @@ def estimate_cloud(estimator: AnyEstimator, observation: Observation, truth: Poi
     return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
 
 
-def raw_cloud(estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
+def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
     """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
 
     Raises
@@ -169,10 +169,10 @@ def raw_cloud(estimator: AnyEstimator, observation: Observation, truth: PointClo
     TypeError
         If the estimator returns anything but a `PointCloud`.
     """
-    if getattr(estimator, "needs_truth", False):
-        cloud = cast("TruthEstimator", estimator).estimate(observation, truth)
+    if isinstance(estimator, TruthEstimator) and estimator.needs_truth:
+        cloud = estimator.estimate(observation, truth)
     else:
-        cloud = cast("Estimator", estimator).estimate(observation)
+        cloud = estimator.estimate(observation)
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
     return cloud

@@ -109,7 +109,7 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
 
 def truth_table(scenario: Scenario) -> pd.DataFrame:
     """One row a scatterer."""
-    table = pd.DataFrame(scenario.truth.to_array(), columns=POINT_COLUMNS)
+    table = scenario.truth.to_dataframe()
     table.insert(0, "scenario", scenario.name)
     return table
 

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from isacbench.bench.record import Status
     from isacbench.bench.study import Scene
     from isacbench.bench.suite import DetectionSuite
+    from isacbench.contracts import Estimator
     from isacbench.model.scenario import Scenario
-    from isacbench.registry import AnyEstimator
     from isacbench.spec import Variant
 
 __all__ = ["DetectorStudy", "MapScene", "count_cells", "summarise"]
@@ -282,7 +282,7 @@ def _alone(detectors: Sequence[Variant], rates: Sequence[float]) -> list[Contest
     return contestants
 
 
-def _behind(detectors: Sequence[Variant], suite: DetectionSuite) -> list[Contestant[AnyEstimator]]:
+def _behind(detectors: Sequence[Variant], suite: DetectionSuite) -> list[Contestant[Estimator]]:
     """Every estimator behind every detector."""
     contestants = []
     for build in _builders(suite):
@@ -296,7 +296,7 @@ def _behind(detectors: Sequence[Variant], suite: DetectionSuite) -> list[Contest
     return contestants
 
 
-def _builders(suite: DetectionSuite) -> Iterator[Callable[[Detector], AnyEstimator]]:
+def _builders(suite: DetectionSuite) -> Iterator[Callable[[Detector], Estimator]]:
     """Functions that put a detector into each of a suite's estimators."""
     for text in suite.estimators:
         if text in suite.instances:
@@ -308,16 +308,16 @@ def _builders(suite: DetectionSuite) -> Iterator[Callable[[Detector], AnyEstimat
             yield partial(_built_with_detector, name, params)
 
 
-def _built_with_detector(name: str, params: Mapping[str, Any], detector: Detector) -> AnyEstimator:
+def _built_with_detector(name: str, params: Mapping[str, Any], detector: Detector) -> Estimator:
     """Registered estimator behind a detector."""
     return get_estimator(name, **params, detector=detector)
 
 
-def _with_detector(estimator: AnyEstimator, detector: Detector) -> AnyEstimator:
+def _with_detector(estimator: Estimator, detector: Detector) -> Estimator:
     """Same estimator behind another detector."""
     if "detector" not in {field.name for field in dataclasses.fields(cast("Any", estimator))}:
         raise InputError(f"estimator {estimator.name}: allowed are those with a parameter detector")
-    return cast("AnyEstimator", dataclasses.replace(cast("Any", estimator), detector=detector))
+    return cast("Estimator", dataclasses.replace(cast("Any", estimator), detector=detector))
 
 
 def _refuse_repeats(contestants: Sequence[Contestant[Any]]) -> None:

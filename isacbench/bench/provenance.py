@@ -17,8 +17,7 @@ from isacbench.bench.content import digest
 from isacbench.plugin_versions import library_code, plugin_version
 
 if TYPE_CHECKING:
-    from isacbench.contracts import Detector
-    from isacbench.registry import AnyEstimator
+    from isacbench.contracts import Detector, Estimator
 
 __all__ = [
     "Environment",
@@ -52,7 +51,7 @@ ROW_MAKERS = "isacbench.bench.job", "isacbench.bench.workbench"
 follow from."""
 
 
-def environment_of(plugin: AnyEstimator | Detector) -> Environment:
+def environment_of(plugin: Estimator | Detector) -> Environment:
     """Describe what makes the rows of an estimator or detector in this process.
 
     Returns
@@ -79,7 +78,7 @@ def environment_id(environment: Environment) -> str:
     return digest(environment)[:12]
 
 
-def code_digest(plugin: AnyEstimator | Detector) -> str:
+def code_digest(plugin: Estimator | Detector) -> str:
     """Digest of the code of isacbench that the rows of an estimator or detector follow from.
 
     It is that of the modules that make rows, of those that the plugin and its

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pandas as pd
 
-from isacbench.model.cloud import PointCloud
+from isacbench.display import brief
+from isacbench.model.cloud import POINT_COLUMNS, PointCloud
 from isacbench.stages import STAGES
 
 if TYPE_CHECKING:
@@ -39,7 +40,6 @@ __all__ = [
 Status = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
 
 CLOUD_KEYS = ["scenario", "estimator", "params", "snr_db", "trial"]
-POINT_COLUMNS = ["x", "y", "z", "v", "power"]
 DRAW_COLUMNS = ["scenario", "trial", *POINT_COLUMNS, "phase_rad"]
 
 
@@ -194,6 +194,8 @@ class Results:
     started: datetime
     wall_time_s: float
     interrupted: bool
+
+    __repr__ = brief
 
     def cloud(self, scenario: str, estimator: str, params: str, snr_db: float, trial: int) -> PointCloud:
         """Return the estimated cloud of a cell, empty where nothing was detected."""

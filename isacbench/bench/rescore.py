@@ -7,14 +7,14 @@ import math
 import time
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.cell import Shot, score_image
 from isacbench.bench.folder import open_folder
-from isacbench.bench.record import POINT_COLUMNS
+from isacbench.bench.observed import ObservedScenes, rows_by_trial
 from isacbench.bench.rows import Rows
 from isacbench.bench.statuses import failed
 from isacbench.bench.store import (
@@ -30,7 +30,6 @@ from isacbench.bench.study import ImagedScene
 from isacbench.errors import InputError
 from isacbench.metrics.score import METRIC_VERSION
 from isacbench.model.cloud import PointCloud
-from isacbench.model.scene import Scatterers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -39,13 +38,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.record import Results
-    from isacbench.bench.suite import Kind, Suite
-    from isacbench.model.scenario import Scenario
+    from isacbench.bench.suite import Kind
 
 __all__ = ["Change", "Rescored", "rescore"]
-
-PLUGIN_KEYS = ("estimators", "detectors")
-"""Keys of a suite that name plugins, which no score follows from."""
 
 
 class Change(NamedTuple):
@@ -129,15 +124,15 @@ def rescore(folder: Path) -> Rescored:
 
 def _scored_again(folder: Path, results: Results) -> tuple[pd.DataFrame, list[int]]:
     """New scores, and the rows that they belong to."""
-    scenes, columns = _scenes(results.suite, results.scenarios), STUDIES[results.suite.kind].columns
+    observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
+    columns = STUDIES[results.suite.kind].columns
     records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
-    candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(scenes)))
+    candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(observed.scenes)))
     _require_clouds(folder, rows, candidates)
-    draws = _by_trial(results.draws)
     scored: dict[int, Mapping[str, Any]] = {}
-    for (name, trial), inside in _by_trial(records.iloc[candidates]).items():
-        scene, chosen = scenes[name], candidates[inside]
-        scenario = _observed(scene, trial, results, draws.get((name, trial)), folder)
+    for (name, trial), inside in rows_by_trial(records.iloc[candidates]).items():
+        scene, chosen = observed.scenes[name], candidates[inside]
+        scenario = observed.scenario(name, trial)
         for row, cloud in zip(chosen.tolist(), _clouds(rows.take(chosen)), strict=True):
             shot = Shot(scenario, None, None, records["snr_db"].iloc[row], cloud)
             scored[row] = {**score_image(scenario, cloud), **_measured(scene, shot, columns)}
@@ -154,12 +149,6 @@ def _require_clouds(folder: Path, rows: Rows, candidates: NDArray[np.intp]) -> N
         )
 
 
-def _by_trial(table: pd.DataFrame) -> dict[tuple[str, int], NDArray[np.intp]]:
-    """Rows of a table by scene and trial."""
-    groups = table.groupby(["scenario", "trial"], sort=False).indices
-    return cast("dict[tuple[str, int], NDArray[np.intp]]", groups)
-
-
 def _measured(scene: ImagedScene, shot: Shot, columns: Mapping[str, Any]) -> dict[str, Any]:
     """All columns that a scene measures of a cloud; none where that takes more than the cloud."""
     found = {} if scene.measure is None else scene.measure(shot)
@@ -167,37 +156,6 @@ def _measured(scene: ImagedScene, shot: Shot, columns: Mapping[str, Any]) -> dic
         return {}
     known = {*scene.labels, "snr_gain_db"}
     return {name: found.get(name, default) for name, default in columns.items() if name not in known}
-
-
-def _scenes(suite: Suite, scenarios: Mapping[str, Scenario]) -> dict[str, ImagedScene]:
-    """Scenes of a suite that are imaged, by name, without anybody who could image them."""
-    bare = {key: () for key in PLUGIN_KEYS if key in type(suite).model_fields}
-    scenes = STUDIES[suite.kind].scenes(suite.model_copy(update=bare), scenarios)
-    return {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
-
-
-def _observed(
-    scene: ImagedScene, trial: int, results: Results, drawn: NDArray[np.intp] | None, folder: Path
-) -> Scenario:
-    """Scenario that was observed in a trial: as its rows of the draws keep it, or else drawn again."""
-    if not scene.is_drawn:
-        return scene.template
-    if drawn is None:
-        known = results.records.loc[results.records["scenario"] == scene.name, "scenario_content"]
-        if (known != scene.content).any():
-            raise InputError(
-                f"{folder}: what was observed in {scene.name}, trial {trial} is not kept, and would be drawn "
-                "otherwise now; allowed is the isacbench that made the run"
-            )
-        return scene.drawn(trial)
-    points = results.draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
-    scatterers = Scatterers(
-        xyz=points[:, :3],
-        velocity=points[:, 3],
-        amplitude=np.sqrt(points[:, 4]),
-        phase_rad=results.draws["phase_rad"].to_numpy(dtype=np.float64)[drawn],
-    )
-    return dataclasses.replace(scene.template, scatterers=scatterers)
 
 
 def _clouds(rows: Rows) -> Iterator[PointCloud]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -40,6 +40,7 @@ from isacbench.bench.suite import Suite, load_suite
 from isacbench.bench.timing import repeats_wanted
 from isacbench.entries import isolated_plugins, load_plugin_file
 from isacbench.errors import InputError
+from isacbench.progress import Progress, notebook_display, progress_shown
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -47,12 +48,9 @@ if TYPE_CHECKING:
     from isacbench.bench.job import Job
     from isacbench.bench.plan import Block, Plan
     from isacbench.bench.workbench import Made
-    from isacbench.registry import AnyEstimator
+    from isacbench.contracts import Estimator
 
 __all__ = ["Execution", "Progress", "estimate_cloud", "run", "run_cell", "run_suite"]
-
-Progress = Callable[[int, int], None]
-"""Called after each cell with the number of cells done and the number of all."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,7 @@ HERE = Execution()
 def run(
     suite: str | Path | Suite,
     *,
-    estimators: Sequence[str | AnyEstimator] | None = None,
+    estimators: Sequence[str | Estimator] | None = None,
     plugins: Sequence[str | Path] = (),
     scenarios: Sequence[str | Path] | None = None,
     snr_db: ArrayLike | None = None,
@@ -162,6 +160,7 @@ def run(
     mix_versions: bool = False,
     timing: bool = False,
     repeats: int | None = None,
+    progress: bool | None = None,
 ) -> pd.DataFrame:
     """Run a suite and return its records.
 
@@ -201,6 +200,10 @@ def run(
         runs beside it, and rows of `out` that were not timed are made again.
     repeats : int, optional
         How often, with `timing`; 5 by default.
+    progress : bool, optional
+        Whether to show how far the run has come: below the cell of a
+        notebook, as a bar on a terminal, or as a line a minute on stderr.
+        By default in a notebook alone.
 
     Returns
     -------
@@ -240,10 +243,14 @@ def run(
     )
     if estimators is not None:
         wanted = wanted.with_estimators(estimators)
-    with isolated_plugins():
+    is_shown = notebook_display() is not None if progress is None else progress
+    with (
+        isolated_plugins(),
+        progress_shown(wanted.name, is_idle=timing) if is_shown else nullcontext() as show,
+    ):
         for path in plugins:
             load_plugin_file(path)
-        results = run_suite(wanted, out=None if out is None else Path(out), execution=execution)
+        results = run_suite(wanted, None if out is None else Path(out), show, execution)
     if results.interrupted:
         raise KeyboardInterrupt(
             f"after {len(results.records)} cells" + (f", written to {out}" if out is not None else "")

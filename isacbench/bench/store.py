@@ -7,6 +7,7 @@ import hashlib
 import json
 import sys
 import warnings
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -42,10 +43,11 @@ from isacbench.tomlfile import describe_mistake
 from isacbench.userfiles import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from isacbench.bench.job import Job
     from isacbench.bench.provenance import Environment
+    from isacbench.bench.suite import Suite
     from isacbench.model.scenario import Scenario
 
 __all__ = [
@@ -59,7 +61,9 @@ __all__ = [
     "read_manifest",
     "read_results",
     "read_rows",
+    "read_scenes",
     "read_sessions",
+    "read_sound_rows",
     "read_table",
     "require_metric",
     "save_manifest",
@@ -306,36 +310,87 @@ def read_results(folder: Path) -> Results:
     InputWarning
         If lines of the journal of a run that was killed are damaged.
     """
-    manifest, journal = read_manifest(folder), folder / JOURNAL
-    if not is_there(journal) and not is_there(folder / RECORDS):
-        raise _no_run(folder, RECORDS)
-    try:
-        suite = restore_suite(manifest["suite"])
-        parts = []
-        if is_there(folder / RECORDS):
-            parts.append(
-                Rows.of_tables(_read_records(folder), _read_clouds(folder), manifest["environments"])
-            )
-        if is_there(journal):
-            parts.append(_read_journal(journal))
-        rows = Rows.joined(parts)
-        require_sound_records(rows.records)
-        rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
-        truth = read_table(folder / TRUTH)
+    manifest = read_manifest(folder)
+    rows = read_sound_rows(folder, manifest)
+    suite, scenarios, draws = read_scenes(folder, manifest)
+    with _damage_told(folder):
         return Results(
             suite=suite,
-            records=typed(rows.records, STUDIES[suite.kind].columns),
+            records=rows.records,
             clouds=rows.clouds(),
-            scenarios={
-                name: restore_scenario(name, described, truth[truth["scenario"] == name])
-                for name, described in manifest["scenarios"].items()
-            },
-            draws=_read_draws(folder / DRAWS),
+            scenarios=scenarios,
+            draws=draws,
             environments=rows.environments,
             started=datetime.fromisoformat(manifest["started"]),
             wall_time_s=manifest["wall_time_s"],
             interrupted=manifest["interrupted"],
         )
+
+
+def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool = True) -> Rows:
+    """Read the rows of a run, one a cell, with the types that every table of its suite's kind has.
+
+    Parameters
+    ----------
+    folder : Path
+    manifest : mapping of str to Any
+        As `read_manifest` returns it.
+    with_clouds : bool
+        Whether to read the clouds; those of a run that was killed are read with its rows in any case.
+
+    Returns
+    -------
+    Rows
+
+    Raises
+    ------
+    InputError
+        If there are none, or damaged ones.
+
+    Warns
+    -----
+    InputWarning
+        If lines of the journal of a run that was killed are damaged.
+    """
+    has_table, journal = is_there(folder / RECORDS), folder / JOURNAL
+    if not has_table and not is_there(journal):
+        raise _no_run(folder, RECORDS)
+    with _damage_told(folder):
+        parts = []
+        if has_table:
+            clouds = _read_clouds(folder) if with_clouds else _no_clouds()
+            parts.append(Rows.of_tables(_read_records(folder), clouds, manifest["environments"]))
+        if is_there(journal):
+            parts.append(_read_journal(journal))
+        rows = Rows.joined(parts)
+        require_sound_records(rows.records)
+        rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
+        columns = STUDIES[restore_suite(manifest["suite"]).kind].columns
+        return dataclasses.replace(rows, records=typed(rows.records, columns))
+
+
+def read_scenes(folder: Path, manifest: Mapping[str, Any]) -> tuple[Suite, dict[str, Scenario], pd.DataFrame]:
+    """Read the suite of a run, its scenarios by name, and the scatterers that its trials drew.
+
+    Raises
+    ------
+    InputError
+        If they are missing or damaged.
+    """
+    with _damage_told(folder):
+        truth = read_table(folder / TRUTH)
+        scenarios = {
+            name: restore_scenario(name, described, truth[truth["scenario"] == name])
+            for name, described in manifest["scenarios"].items()
+        }
+        return restore_suite(manifest["suite"]), scenarios, _read_draws(folder / DRAWS)
+
+
+@contextmanager
+def _damage_told(folder: Path) -> Iterator[None]:
+    """Raise what a damaged file ends in as the user's error, which names the folder."""
+    try:
+        yield
     except DAMAGE as error:
         raise _damaged(folder, _told(error)) from error
 

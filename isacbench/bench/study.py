@@ -20,11 +20,12 @@ from isacbench.bench.cell import estimate_cloud, failure, run_cell
 from isacbench.bench.content import digest, scenario_digest
 from isacbench.bench.isolation import array_digest
 from isacbench.bench.radio import gain_db
-from isacbench.bench.record import DRAW_COLUMNS, POINT_COLUMNS, Cell
+from isacbench.bench.record import DRAW_COLUMNS, Cell
 from isacbench.bench.timing import Trial, timed
+from isacbench.contracts import Estimator
 from isacbench.errors import InputError
 from isacbench.model.echo import Simulator
-from isacbench.registry import AnyEstimator, build_estimators_of, canonical_params
+from isacbench.registry import build_estimators_of, canonical_params
 
 if TYPE_CHECKING:
     from isacbench.bench.cell import Measure
@@ -62,7 +63,7 @@ class Contestant(Generic[Plugin]):
         In the column ``estimator``.
     params : str
         Canonical JSON.
-    plugin : Estimator, TruthEstimator or Detector
+    plugin : Estimator or Detector
     labels : mapping of str to Any
         Further columns that tell it from others.
     """
@@ -167,14 +168,14 @@ class ImageEncounter:
     measure: Measure | None
     labels: Mapping[str, Any]
 
-    def meet(self, contestant: Contestant[AnyEstimator]) -> Outcome:
+    def meet(self, contestant: Contestant[Estimator]) -> Outcome:
         """Let an estimator image the observation."""
         cell = contestant.cell(self.cell)
         outcome = run_cell(cell, self.scenario, self.observation, contestant.plugin, self.measure)
         return outcome.labelled({**self.labels, **contestant.labels})
 
     def time_repeats(
-        self, contestant: Contestant[AnyEstimator], met: Outcome, n: int, before_each: Callable[[], None]
+        self, contestant: Contestant[Estimator], met: Outcome, n: int, before_each: Callable[[], None]
     ) -> Outcome:
         """Let an estimator image the observation again and again, each time as if it had never been read."""
 
@@ -192,7 +193,7 @@ class ImageEncounter:
         return outcome.labelled({**self.labels, **contestant.labels})
 
     def forfeit(
-        self, contestant: Contestant[AnyEstimator], status: Status, reason: str, time_s: float
+        self, contestant: Contestant[Estimator], status: Status, reason: str, time_s: float
     ) -> Outcome:
         """Row of an estimator that left no other trace."""
         outcome = failure(contestant.cell(self.cell), status, reason, len(self.scenario.truth), time_s)
@@ -203,8 +204,15 @@ class ImageEncounter:
         shown = self.observation
         arrays = shown.cells, shown.gate.range_bins, shown.gate.doppler_bins, shown.base_station_m
         bounds = shown.gate.reachable_range, shown.gate.reachable_doppler
-        known = repr((bounds, shown.system, shown.array, shown.frame, shown.region, shown.sensing))
-        return digest([known, *map(array_digest, arrays)])
+        known = *map(_values, (shown.system, shown.array, shown.frame, shown.region)), shown.sensing
+        return digest([repr((bounds, known)), *map(array_digest, arrays)])
+
+
+def _values(part: object) -> tuple[str, object]:
+    """Type and values of a part of an observation, with all digits, whatever its own ``repr`` shows."""
+    if dataclasses.is_dataclass(part) and not isinstance(part, type):
+        return type(part).__name__, dataclasses.astuple(part)
+    return type(part).__name__, part
 
 
 class ImagedScene:
@@ -241,7 +249,7 @@ class ImagedScene:
         self,
         suite: Suite,
         scenario: Scenario,
-        contestants: Sequence[Contestant[AnyEstimator]],
+        contestants: Sequence[Contestant[Estimator]],
         snr_db: Sequence[float],
         *,
         name: str | None = None,
@@ -287,7 +295,7 @@ class ImagedScene:
         tables = [pd.DataFrame(columns=DRAW_COLUMNS)]
         for trial in range(n_trials if self._draw is not None else 0):
             drawn = self.drawn(trial)
-            table = pd.DataFrame(drawn.truth.to_array(), columns=POINT_COLUMNS)
+            table = drawn.truth.to_dataframe()
             table.insert(0, "scenario", self.name)
             table.insert(1, "trial", trial)
             tables.append(table.assign(phase_rad=drawn.scatterers.phase_rad))
@@ -309,7 +317,7 @@ class ImagedScene:
         return self._observed[1]
 
 
-def build_estimators(suite: Suite) -> list[Contestant[AnyEstimator]]:
+def build_estimators(suite: Suite) -> list[Contestant[Estimator]]:
     """Estimators of a suite, every variant of its grids.
 
     Raises
@@ -317,7 +325,7 @@ def build_estimators(suite: Suite) -> list[Contestant[AnyEstimator]]:
     InputError
         If one is unknown, or two have equal parameters.
     """
-    built: dict[tuple[str, str], Contestant[AnyEstimator]] = {}
+    built: dict[tuple[str, str], Contestant[Estimator]] = {}
     for spec in suite.estimators:
         one = suite.instances.get(spec)
         for variant, estimator in build_estimators_of(spec) if one is None else [(spec, one)]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from isacbench.registry import AnyEstimator
+    from isacbench.contracts import Estimator
 
 __all__ = [
     "DetectionSuite",
@@ -142,11 +142,11 @@ class Suite(BaseModel):
         return value
 
     @property
-    def instances(self) -> Mapping[str, AnyEstimator]:
+    def instances(self) -> Mapping[str, Estimator]:
         """Estimators that are objects, by the text that stands for them in `estimators`."""
         return self._instances
 
-    def with_estimators(self, estimators: Iterable[str | AnyEstimator]) -> Self:
+    def with_estimators(self, estimators: Iterable[str | Estimator]) -> Self:
         """Return a suite with other estimators: specifications, or objects.
 
         Raises

@@ -12,8 +12,9 @@ import typer
 
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
 from isacbench.cli.options import SEED_HELP, AsJson, PluginFiles, register
-from isacbench.cli.printing import print_grid, print_json, print_scores, progress_bar
+from isacbench.cli.printing import print_grid, print_json, print_scores
 from isacbench.errors import InputError
+from isacbench.progress import progress_shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -157,7 +158,7 @@ def simulate(
     dtype = _dtype(precision)
     frame = FrameSimulator(load_scenario(scenario), _one_snr(snr), trial, seed)
     start = time.perf_counter()
-    with progress_bar(out.name) as show:
+    with progress_shown(out.name, "subcarriers") as show:
         write_frame(frame, out, dtype, show)
     size = " x ".join(map(str, frame.shape))
     n_bytes = math.prod(frame.shape) * dtype.itemsize

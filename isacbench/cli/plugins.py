@@ -42,15 +42,20 @@ def check(
     plugin: PluginFiles = None,
 ) -> None:
     """Put estimators and detectors through the contract, and say what to mend."""
-    from isacbench.conformance import find_plugins
+    from isacbench.conformance import CheckReport, PluginFindings, find_plugins
     from isacbench.conformance.guarded import check_guarded
+    from isacbench.registry import distribution
     from isacbench.report.conformance import describe_checks, print_checks
 
     register(plugin)
-    found = {(kind, name): check_guarded(kind, name) for kind, name in find_plugins(package_or_file)}
+    found = [
+        PluginFindings(kind, name, distribution(kind, name), tuple(check_guarded(kind, name)))
+        for kind, name in find_plugins(package_or_file)
+    ]
+    report = CheckReport(tuple(found))
     if as_json:
-        print_json(describe_checks(found))
+        print_json(describe_checks(report))
     else:
-        print_checks(found)
-    if any(finding.status == "failed" for findings in found.values() for finding in findings):
+        print_checks(report)
+    if not report.ok:
         raise typer.Exit(EXIT_FAILED_CELLS)

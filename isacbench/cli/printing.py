@@ -1,28 +1,27 @@
-"""What commands print: tables, scores, JSON and progress, and the report at the end of a run."""
+"""Tables, scores and JSON that commands print, and the report at the end of a run."""
 
 from __future__ import annotations
 
 import json
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import typer
 
 from isacbench.cli.app import say
-from isacbench.visible import visible, visible_json
+from isacbench.visible import visible_json
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
     import pandas as pd
 
-    from isacbench.bench.runner import Progress
     from isacbench.bench.suite import Kind
     from isacbench.report.aside import Aside
     from isacbench.report.tables import Grid
 
-__all__ = ["print_grid", "print_json", "print_scores", "progress_bar", "report_run"]
+__all__ = ["print_grid", "print_json", "print_scores", "report_run"]
 
 MAX_TABLE_WIDTH = 1000
 
@@ -49,33 +48,6 @@ def print_grid(grid: Grid) -> None:
     table = rich_table(grid)
     width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)
     Console(width=width).print(table)
-
-
-@contextmanager
-def progress_bar(title: str, is_idle: bool = False) -> Iterator[Progress]:
-    """Bar with the time left on stderr; silent where that is no terminal.
-
-    An idle one draws when a cell is done and not while others work.
-    """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(
-        *columns,
-        console=console,
-        disable=not console.is_terminal,
-        transient=True,
-        auto_refresh=not is_idle,
-    ) as bar:
-        task = bar.add_task(visible(title), total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total, refresh=is_idle)
 
 
 def print_scores(scores: Mapping[str, float]) -> None:

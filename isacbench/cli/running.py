@@ -10,8 +10,9 @@ import typer
 
 from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail
 from isacbench.cli.options import OUT_HELP, SEED_HELP, EstimatorSpecs, PluginFiles, ScenarioNames, register
-from isacbench.cli.printing import progress_bar, report_run
+from isacbench.cli.printing import report_run
 from isacbench.errors import InputError
+from isacbench.progress import progress_shown
 
 __all__ = ["run"]
 
@@ -114,7 +115,7 @@ def run(
     )
     folder = default_folder(wanted.name) if out is None else out
     with Aside() as aside:
-        with progress_bar(wanted.name, is_idle=timing) as show:
+        with progress_shown(wanted.name, is_idle=timing) as show:
 
             def progress(n_done: int, n_cells: int) -> None:
                 if not timing:

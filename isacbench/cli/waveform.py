@@ -9,7 +9,8 @@ import typer
 
 from isacbench.cli.app import app, say
 from isacbench.cli.options import SEED_HELP, AsJson
-from isacbench.cli.printing import print_grid, print_json, progress_bar
+from isacbench.cli.printing import print_grid, print_json
+from isacbench.progress import progress_shown
 
 __all__ = ["waveform"]
 
@@ -47,7 +48,7 @@ def waveform(
     scene = load_scenario(scenario)
     system = scene.system
     merits = waveform_merits(system)
-    with progress_bar("peaks") as show:
+    with progress_shown("peaks", "frames") as show:
         n_drawn, n_frames = 0, frames * len(modulations)
 
         def drawn() -> None:

@@ -3,15 +3,68 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
+from isacbench.bench.isolation import process_state_kept
 from isacbench.conformance.detectors import DETECTOR_CHECKS, DetectorSubject
 from isacbench.conformance.estimators import ESTIMATOR_CHECKS, EstimatorSubject
-from isacbench.conformance.findings import Finding, Status, run_checks
-from isacbench.conformance.targets import find_plugins
-from isacbench.entries import Kind, entries
+from isacbench.conformance.findings import CheckReport, Finding, PluginFindings, Status, run_checks
+from isacbench.conformance.targets import entries_of_class, find_plugins
+from isacbench.contracts import Detector, Estimator
+from isacbench.entries import Entry, Kind, entries, isolated_plugins
 from isacbench.errors import unknown_name
 
-__all__ = ["Finding", "Status", "check_names", "check_plugin", "find_plugins", "iterate_checks"]
+__all__ = [
+    "CheckReport",
+    "Finding",
+    "PluginFindings",
+    "Status",
+    "check",
+    "check_names",
+    "check_plugin",
+    "find_plugins",
+    "iterate_checks",
+]
+
+
+def check(plugin: str | Path | type[Any] | Estimator | Detector) -> CheckReport:
+    """Put estimators and detectors through the contract, as the command ``isacbench check`` does.
+
+    The checks run in this process, where a debugger reaches them. A plugin
+    that hangs or dies takes the process with it; the command has a process
+    for each plugin, and goes on.
+
+    Parameters
+    ----------
+    plugin : str, Path, type, Estimator or Detector
+        A registered name; the name of a package, for all that it registers;
+        a Python file, which is read anew and not registered; a class; or an
+        instance, which is then checked instead of one with default
+        parameters.
+
+    Returns
+    -------
+    CheckReport
+        One finding a check; `CheckReport.ok` tells whether none has failed.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or the file or the package provides nothing.
+
+    Examples
+    --------
+    >>> check("ca").ok
+    True
+    """
+    if isinstance(plugin, (str, Path)):
+        with isolated_plugins():
+            found = [entries(kind)[name] for kind, name in find_plugins(str(plugin))]
+            return CheckReport(tuple(map(_findings, found)))
+    plugin_class = plugin if isinstance(plugin, type) else type(plugin)
+    instance = None if isinstance(plugin, type) else plugin
+    return CheckReport(tuple(_findings(entry, instance) for entry in entries_of_class(plugin_class)))
 
 
 def check_plugin(kind: Kind, name: str) -> list[Finding]:
@@ -33,12 +86,6 @@ def check_plugin(kind: Kind, name: str) -> list[Finding]:
     ------
     InputError
         If nothing of that name is registered.
-
-    Examples
-    --------
-    >>> findings = check_plugin("detector", "ca")
-    >>> {finding.status for finding in findings}
-    {'ok'}
     """
     return list(iterate_checks(kind, name))
 
@@ -54,11 +101,22 @@ def iterate_checks(kind: Kind, name: str) -> Iterator[Finding]:
     registered = entries(kind)
     if name not in registered:
         raise unknown_name(kind, name, sorted(registered))
-    if kind == "estimator":
-        return run_checks(ESTIMATOR_CHECKS, EstimatorSubject(registered[name]))
-    return run_checks(DETECTOR_CHECKS, DetectorSubject(registered[name]))
+    return _checks(registered[name])
 
 
 def check_names(kind: Kind) -> list[str]:
     """Names of the checks of estimators or of detectors, in their order."""
     return [check.name for check in (ESTIMATOR_CHECKS if kind == "estimator" else DETECTOR_CHECKS)]
+
+
+def _checks(entry: Entry, plugin: object = None) -> Iterator[Finding]:
+    """Findings about a class, or about an instance of it."""
+    if entry.kind == "estimator":
+        return run_checks(ESTIMATOR_CHECKS, EstimatorSubject(entry, plugin))
+    return run_checks(DETECTOR_CHECKS, DetectorSubject(entry, plugin))
+
+
+def _findings(entry: Entry, plugin: object = None) -> PluginFindings:
+    """All findings about a class, or about an instance of it, which leave this process as it was."""
+    with process_state_kept():
+        return PluginFindings(entry.kind, entry.name, entry.origin, tuple(_checks(entry, plugin)))

@@ -26,15 +26,18 @@ BUILT = "default parameters"
 
 
 class PluginSubject:
-    """A registered class, and its instance with default parameters.
+    """A plugin's class, and its instance with default parameters.
 
     Parameters
     ----------
     entry : Entry
+    plugin : object, optional
+        Instance to look at instead.
     """
 
-    def __init__(self, entry: Entry) -> None:
+    def __init__(self, entry: Entry, plugin: object = None) -> None:
         self.entry = entry
+        self._given = plugin
 
     @cached_property
     def plugin_class(self) -> Any:
@@ -43,8 +46,8 @@ class PluginSubject:
 
     @cached_property
     def plugin(self) -> Any:
-        """Instance with default parameters."""
-        return self.plugin_class()
+        """Instance with default parameters, unless one is given."""
+        return self.plugin_class() if self._given is None else self._given
 
 
 def _is_imported(subject: PluginSubject) -> str:

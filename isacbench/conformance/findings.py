@@ -5,13 +5,30 @@ from __future__ import annotations
 import io
 import traceback
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar, get_args
 
-__all__ = ["BrokenContractError", "Check", "DoubtfulError", "Finding", "Status", "raised_at", "run_checks"]
+from isacbench.display import Description, Displayed
+from isacbench.visible import visible
+
+if TYPE_CHECKING:
+    from isacbench.entries import Kind
+
+__all__ = [
+    "BrokenContractError",
+    "Check",
+    "CheckReport",
+    "DoubtfulError",
+    "Finding",
+    "PluginFindings",
+    "Status",
+    "raised_at",
+    "run_checks",
+]
 
 Status = Literal["ok", "warning", "failed", "skipped"]
 
@@ -47,6 +64,81 @@ class Finding:
     check: str
     status: Status
     message: str = ""
+
+
+@dataclass(frozen=True)
+class PluginFindings:
+    """Findings about one plugin.
+
+    Attributes
+    ----------
+    kind : {"estimator", "detector"}
+    name, package : str
+        Its name, and the distribution with its version, the file or the module that it comes from.
+    findings : tuple of Finding
+        One a check, in the order in which they ran.
+    """
+
+    kind: Kind
+    name: str
+    package: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether no check has failed; warnings are allowed."""
+        return all(finding.status != "failed" for finding in self.findings)
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.name} ({self.package})"
+
+
+@dataclass(frozen=True, repr=False)
+class CheckReport(Displayed):
+    """Findings about the plugins that were checked.
+
+    Attributes
+    ----------
+    plugins : tuple of PluginFindings
+    """
+
+    plugins: tuple[PluginFindings, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether no check of any plugin has failed; warnings are allowed."""
+        return all(plugin.ok for plugin in self.plugins)
+
+    @property
+    def counts(self) -> dict[Status, int]:
+        """Number of findings of every status."""
+        counted = Counter(finding.status for plugin in self.plugins for finding in plugin.findings)
+        return {status: counted[status] for status in get_args(Status)}
+
+    def __repr__(self) -> str:
+        """Write the counts, and a line for each warning and each failure."""
+        lines = [self._title]
+        for plugin in self.plugins:
+            of = f"{plugin.name}, " if len(self.plugins) > 1 else ""
+            lines += [
+                visible(f"  {finding.status}: {of}{finding.check}: {finding.message}")
+                for finding in plugin.findings
+                if finding.status in ("warning", "failed")
+            ]
+        return "\n".join(lines)
+
+    @property
+    def _title(self) -> str:
+        told = ", ".join(f"{number} {status}" for status, number in self.counts.items() if number)
+        return visible(f"Check of {', '.join(map(str, self.plugins))}: {told}")
+
+    def _description(self) -> Description:
+        facts = {
+            f"{plugin.name}: {finding.check}": f"{finding.status} {finding.message}"
+            for plugin in self.plugins
+            for finding in plugin.findings
+        }
+        return Description(self._title, facts)
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from typing import Any, cast
 
 from isacbench.entries import GROUPS, Entry, Kind, entries, entries_of, register_plugin
 from isacbench.errors import InputError, did_you_mean
-from isacbench.plugin_files import PluginFile
+from isacbench.plugin_files import METHODS, PluginFile
+from isacbench.visible import quoted
 
-__all__ = ["find_plugins"]
+__all__ = ["entries_of_class", "find_plugins"]
 
 
 def find_plugins(package_or_file: str) -> list[tuple[Kind, str]]:
@@ -49,6 +51,36 @@ def find_plugins(package_or_file: str) -> list[tuple[Kind, str]]:
             "in .py"
         )
     return [(entry.kind, entry.name) for entry in found]
+
+
+def entries_of_class(plugin: type[Any]) -> list[Entry]:
+    """Describe a class as if it was registered under its own name.
+
+    Parameters
+    ----------
+    plugin : type
+        Of an estimator or a detector, or of both.
+
+    Returns
+    -------
+    list of Entry
+        One for each kind that it has the method of.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    name = getattr(plugin, "name", None)
+    kinds = [kind for kind, method in METHODS.items() if callable(getattr(plugin, method, None))]
+    if not kinds or not isinstance(name, str):
+        raise InputError(
+            f"{quoted(plugin)} is no plugin: allowed are a registered name, the name of a package, a file "
+            "that ends in .py, a class with a class attribute `name` and a method `estimate` or `detect`, "
+            "and an instance of such a class"
+        )
+    target, module = f"{plugin.__module__}:{plugin.__qualname__}", plugin.__module__
+    return [Entry(cast("Kind", kind), name, target, module, None, lambda: plugin) for kind in kinds]
 
 
 def _registered() -> list[Entry]:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isacbench.display import brief
 from isacbench.errors import require
 from isacbench.model.prs import resource_elements
 
@@ -66,6 +67,8 @@ class Bound:
 
     covariance: Floats
 
+    __repr__ = brief
+
     @property
     def range_m(self) -> Floats:
         """Standard deviations (...) of the range."""
@@ -104,6 +107,8 @@ class JointBound(Bound):
     """
 
     joint_covariance: Floats
+
+    __repr__ = brief
 
 
 def tone_std_bins(n: int, snr_post: ArrayLike) -> Floats:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.contracts import Detection, Detector
+from isacbench.display import brief
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.model.gate import Gate
 
@@ -65,6 +66,8 @@ class DetectedCells:
     looks: int
     bins: Bins
     floor: float
+
+    __repr__ = brief
 
     @cached_property
     def detection(self) -> Detection:

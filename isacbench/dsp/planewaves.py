@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.display import brief
 from isacbench.dsp.aperture import Aperture, Responses
 from isacbench.dsp.peaks import Peaks
 
@@ -50,6 +51,8 @@ class PlaneWaves:
     w: Floats
     found: NDArray[np.bool_]
     resolved: NDArray[np.bool_] | None = None
+
+    __repr__ = brief
 
     def select(self, keep: NDArray[np.bool_]) -> PlaneWaves:
         """Those of some cells."""

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from isacbench.display import brief
 from isacbench.dsp.aperture import Aperture, Plane
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, taper
@@ -70,6 +71,8 @@ class GatedMap:
     gate: Gate
     elements: Aperture | None = None
     bursts: SymbolBursts | None = None
+
+    __repr__ = brief
 
     @classmethod
     def of(

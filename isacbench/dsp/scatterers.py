@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
+from isacbench.display import brief
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import Bins, GatedMap
@@ -53,6 +54,8 @@ class Scatterers:
     w: Floats
     power: Floats
     family: NDArray[np.int64]
+
+    __repr__ = brief
 
     def __len__(self) -> int:
         return self.power.size

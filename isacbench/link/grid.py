@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.display import brief
 from isacbench.link.gold import gold_sequence
 from isacbench.link.qam import Modulation, bits_per_symbol, modulate_bits
 from isacbench.link.signal import require_n_id
@@ -43,6 +44,8 @@ class ResourceGrid:
     is_prs: NDArray[np.bool_]
     bits: NDArray[np.uint8]
     modulation: Modulation
+
+    __repr__ = brief
 
 
 def draw_grid(

@@ -7,18 +7,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.display import Description, Displayed, span
 from isacbench.model.frozen import freeze_arrays
+from isacbench.visible import counted
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    import pandas as pd
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["PointCloud"]
+__all__ = ["POINT_COLUMNS", "PointCloud", "describe_points"]
+
+POINT_COLUMNS = ["x", "y", "z", "v", "power"]
+"""Columns of a cloud in tables and csv files: positions in m, radial velocity in m/s, power."""
 
 
-@dataclass(frozen=True, eq=False)
-class PointCloud:
+@dataclass(frozen=True, eq=False, repr=False)
+class PointCloud(Displayed):
     """Points with a radial velocity and a power.
 
     Attributes
@@ -40,6 +46,9 @@ class PointCloud:
     >>> cloud = PointCloud(xyz=[[1, 2, 3]], velocity=[4], power=[1])
     >>> len(cloud)
     1
+    >>> cloud
+    PointCloud: 1 point
+      x 1 m; y 2 m; z 3 m; velocity 4 m/s; power 1
     """
 
     xyz: NDArray[np.float64]
@@ -60,6 +69,9 @@ class PointCloud:
 
     def __len__(self) -> int:
         return self.velocity.size
+
+    def _description(self) -> Description:
+        return describe_points("PointCloud", self.xyz, self.velocity, power=self.power)
 
     @classmethod
     def empty(cls) -> PointCloud:
@@ -92,6 +104,31 @@ class PointCloud:
         """Return the (n, 5) array of x, y, z, v and power."""
         return np.column_stack([self.xyz, self.velocity, self.power])
 
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return a table with the columns of a csv file: x, y, z in m, v in m/s and power, a row a point.
+
+        Examples
+        --------
+        >>> PointCloud(xyz=[[1, 2, 3]], velocity=[4], power=[1]).to_dataframe()
+             x    y    z    v  power
+        0  1.0  2.0  3.0  4.0    1.0
+        """
+        import pandas as pd  # which takes longer to load than all that this module needs
+
+        return pd.DataFrame(self.to_array(), columns=POINT_COLUMNS)
+
     def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
         """Return the points that a mask or an index array picks."""
         return PointCloud(xyz=self.xyz[keep], velocity=self.velocity[keep], power=self.power[keep])
+
+
+def describe_points(
+    name: str, xyz: NDArray[np.float64], velocity: NDArray[np.float64], **others: NDArray[np.float64]
+) -> Description:
+    """Describe points by their number and the spans of their coordinates, velocities and other values."""
+    title = f"{name}: {counted(len(velocity), 'point')}"
+    if not len(velocity):
+        return Description(title, {})
+    places = {axis: span(values, "m") for axis, values in zip("xyz", xyz.T, strict=True)}
+    spans = {other: span(values) for other, values in others.items()}
+    return Description(title, {**places, "velocity": span(velocity, "m/s"), **spans})

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
-from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud import POINT_COLUMNS, PointCloud
 from isacbench.model.ply import read_ply, write_ply
 from isacbench.model.text_table import Line, check_finite, format_rows, is_number, parse_rows, read_lines
 from isacbench.npyfile import read_array, read_members
@@ -33,8 +33,8 @@ _MAT4_TYPES = 5000
 _MAT4_BYTES = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}
 """Head of a matrix of MATLAB's version 4: its type in four digits, of which the third one tells the size."""
 
-_POINT = ("x", "y", "z", "v")
-_CLOUD = (*_POINT, "power")
+_CLOUD = tuple(POINT_COLUMNS)
+_POINT = _CLOUD[:-1]
 
 
 class Points(NamedTuple):

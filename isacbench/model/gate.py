@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.display import Description, Displayed, span
 from isacbench.model.frozen import freeze_arrays
 
 if TYPE_CHECKING:
@@ -24,8 +25,8 @@ DOPPLER_MARGIN_BINS = 8
 """As in range, and enough cells that no speed of the region reaches to estimate noise from."""
 
 
-@dataclass(frozen=True, eq=False)
-class Gate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Gate(Displayed):
     """Range and Doppler bins kept of the range-Doppler map.
 
     Attributes
@@ -50,6 +51,21 @@ class Gate:
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "range_bins", "doppler_bins", dtype=np.int64)
+
+    def _description(self) -> Description:
+        n_range, n_doppler = self.shape
+        reachable = tuple(
+            len(range(*part.indices(n)))
+            for part, n in zip((self.reachable_range, self.reachable_doppler), self.shape, strict=True)
+        )
+        return Description(
+            f"Gate: {n_range} range bins x {n_doppler} Doppler bins",
+            {
+                "range bins": span(self.range_bins),
+                "Doppler bins": span(self.doppler_bins),
+                "reachable": f"{reachable[0]} x {reachable[1]}",
+            },
+        )
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isacbench.display import Description, Displayed, span
 from isacbench.model.cloud import PointCloud
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ NEAREST_SAMPLE = 1e-3
 """... from this share of its distance on: in the frame ``paper`` all directions meet straight below it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observation(Displayed):
     """Noisy range-Doppler cells of the gate, and what is known of the radio and the region.
 
     Attributes
@@ -62,6 +63,28 @@ class Observation:
     base_station_m: NDArray[np.float64]
     region: Region
     sensing: Sensing = "all"
+
+    def _description(self) -> Description:
+        (n_range, n_doppler), (n_p, n_q) = self.gate.shape, self.array.shape
+        range_bins, doppler_bins = self.gate.range_bins, self.gate.doppler_bins
+        range_m = range_bins * self.system.range_bin_m
+        velocity_mps = doppler_bins * self.system.velocity_bin_mps
+        cells = f"{self.cells.dtype}, {self.cells.nbytes / 1e6:.3g} MB" if self.has_cells else "not read yet"
+        return Description(
+            f"Observation: {n_range} x {n_doppler} range-Doppler cells of {n_p} x {n_q} virtual elements",
+            {
+                "cells": cells,
+                "sensing": self.sensing,
+                "range": f"{span(range_m, 'm')} (bins {span(range_bins)})",
+                "velocity": f"{span(velocity_mps, 'm/s')} (bins {span(doppler_bins)})",
+                "region": str(self.region),
+            },
+        )
+
+    @property
+    def has_cells(self) -> bool:
+        """Whether `cells` is at hand, rather than still to be computed from a recorded frame."""
+        return "cells" in vars(self)
 
     @cached_property
     def cross(self) -> NDArray[np.complexfloating[Any, Any]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.display import span
 from isacbench.model.limits import LARGEST_PLACE_M, require_interval
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 
@@ -46,6 +47,11 @@ class Region:
         for name in ("x_m", "y_m", "z_m"):
             require_interval(f"region.{name}", getattr(self, name), LARGEST_PLACE_M)
         require_interval("region.speed_mps", self.speed_mps, SPEED_OF_LIGHT_MPS)
+
+    def __str__(self) -> str:
+        """Write the limits with their units."""
+        places = ", ".join(f"{axis} {span(getattr(self, f'{axis}_m'))}" for axis in "xyz")
+        return f"{places} m, {span(self.speed_mps, 'm/s')}"
 
     @property
     def lower_m(self) -> NDArray[np.float64]:

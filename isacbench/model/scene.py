@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.added_fields import added_field
+from isacbench.display import Description, Displayed
 from isacbench.errors import InputError, InputWarning, require
-from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud import PointCloud, describe_points
 from isacbench.model.frozen import freeze_arrays
 from isacbench.model.limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
+from isacbench.visible import counted, quoted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,12 +31,15 @@ __all__ = ["Scatterers", "Scenario"]
 MOST_EXPONENT = 1000
 """Of a unit of amplitude, so that neither it nor its reciprocal overflows."""
 
+MOST_OF_A_NAME = 60
+"""Characters of a scenario's name that its ``repr`` shows."""
+
 AT_BASE_STATION_M = 1e-9
 """Distance up to which a scatterer is at the base station, where it has no direction."""
 
 
-@dataclass(frozen=True, eq=False)
-class Scatterers:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scatterers(Displayed):
     """Point scatterers of a scene.
 
     Attributes
@@ -90,6 +95,9 @@ class Scatterers:
     def __len__(self) -> int:
         return self.velocity.size
 
+    def _description(self) -> Description:
+        return describe_points("Scatterers", self.xyz, self.velocity, amplitude=self.amplitude)
+
     @property
     def total_amplitude(self) -> float:
         """Root of the power of all echoes, each on its own."""
@@ -104,8 +112,8 @@ class Scatterers:
         return unit, float(np.sum((self.amplitude / unit) ** 2))
 
 
-@dataclass(frozen=True, eq=False)
-class Scenario:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scenario(Displayed):
     """Everything that an echo follows from, bar the noise.
 
     Attributes
@@ -219,6 +227,22 @@ class Scenario:
                 InputWarning,
                 stacklevel=4,
             )
+
+    def _description(self) -> Description:
+        system, (n_p, n_q) = self.system, self.array.shape
+        n_scatterers = counted(len(self.scatterers), "scatterer")
+        place = ", ".join(f"{coordinate:g}" for coordinate in self.base_station_m)
+        return Description(
+            f"Scenario {quoted(self.name, MOST_OF_A_NAME)}: {n_scatterers}, {n_p} x {n_q} virtual elements",
+            {
+                "frame": type(self.frame).__name__,
+                "carrier": f"{system.carrier_hz / 1e9:.4g} GHz",
+                "bandwidth": f"{system.bandwidth_hz / 1e6:.4g} MHz",
+                "bins": f"{system.range_bin_m:.3g} m x {system.velocity_bin_mps:.3g} m/s",
+                "base station": f"({place}) m",
+                "region": str(self.region),
+            },
+        )
 
     @property
     def range_m(self) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from isacbench.report.style import (
     edges,
     entitle,
     new_figure,
+    velocity_bar,
     velocity_colours,
 )
 
@@ -43,7 +44,6 @@ NOTE_IN = 0.08
 
 TICKS_IN_PROJECTION = 6
 SMALLEST_BOX_M = 2.0
-TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
 AXES = "xyz"
 PLANES = ((0, 1), (0, 2), (1, 2))
 
@@ -294,12 +294,7 @@ def _velocity_bar(figure: Figure, colours: ScalarMappable) -> None:
     """Put the one colour bar of all panels at the right edge of a figure."""
     width, height = figure.get_size_inches()
     axes = figure.add_axes((1 - 0.72 / width, 0.5 - 1.2 / height, 0.13 / width, 2.4 / height))
-    bar = figure.colorbar(colours, cax=axes)
-    fastest = colours.norm.vmax or 0.0
-    ticks = [tick for tick in TICKS_MPS if abs(tick) <= fastest]
-    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    bar.minorticks_off()
-    bar.set_label("radial velocity [m/s], approaching > 0")
+    velocity_bar(figure, colours, axes, "radial velocity [m/s], approaching > 0")
 
 
 def _legend(figure: Figure, radius_m: float) -> None:

@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from isacbench.bench.suite import Kind
+    from isacbench.contracts import Estimator
     from isacbench.model.scenario import Scenario
-    from isacbench.registry import AnyEstimator
     from isacbench.report.style import Look
 
 __all__ = ["draw_diagnoses", "draw_run"]
@@ -145,7 +145,7 @@ def _drawn(folder: Path, results: Results, figures: Iterator[Named]) -> list[Pat
         return [save(figure, target / f"{stem}.png") for stem, figure in figures]
 
 
-def _built(specs: Sequence[str]) -> Iterator[tuple[str, AnyEstimator]]:
+def _built(specs: Sequence[str]) -> Iterator[tuple[str, Estimator]]:
     """Estimators of a suite as far as they are installed, by specification of each variant."""
     for spec in specs:
         try:

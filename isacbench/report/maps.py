@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.floating]
 
-__all__ = ["draw_map"]
+__all__ = ["draw_map", "outer"]
 
 POWER = "power over noise [dB]"
 
@@ -50,7 +50,7 @@ def draw_map(title: str, diagnosis: Diagnosis, system: System, noise_power: floa
     margins = edges(figure, left=0.6, right=0.15, bottom=0.5, top=0.75)
     grid = figure.add_gridspec(1, 5, width_ratios=(1, 1, 1, 0.5, 1.9), wspace=0.12, **margins)
     limits = float(min(power_db.min(), threshold_db.min())), float(power_db.max())
-    extent = (*_outer(velocity_mps), *_outer(range_m))
+    extent = (*outer(velocity_mps), *outer(range_m))
     maps = {
         "power": power_db,
         "threshold": threshold_db,
@@ -86,7 +86,7 @@ def _decibels(ratio: Floats) -> Floats:
     return decibels
 
 
-def _outer(centres: Floats) -> tuple[float, float]:
+def outer(centres: Floats) -> tuple[float, float]:
     """Outer borders of evenly spaced cells."""
     half = (centres[-1] - centres[0]) / max(2 * (centres.size - 1), 1) or 0.5
     return float(centres[0] - half), float(centres[-1] + half)

@@ -11,6 +11,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib.style
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import AsinhNorm, LinearSegmentedColormap
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from isacbench.bench.folder import replacing
+from isacbench.visible import counted
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
 
     from isacbench.bench.labels import Variant
     from isacbench.model.region import Region
@@ -48,7 +51,9 @@ __all__ = [
     "new_figure",
     "older_objects_uncollected",
     "save",
+    "speed_colours",
     "styled",
+    "velocity_bar",
     "velocity_colours",
 ]
 
@@ -78,6 +83,7 @@ THRESHOLD = "#D55E00"
 # Dark in the middle, so that what stands still is seen on white.
 VELOCITY_COLOURS = ("#3FA7E6", "#0072B2", "#333333", "#D55E00", "#F2A900")
 SLOW_MPS = 2.0
+TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
 
 RC = {
     "font.family": FONT,
@@ -241,17 +247,6 @@ def drawable(text: str) -> str:
     return "".join(shown).replace("$", r"\$")
 
 
-def counted(number: int, noun: str) -> str:
-    """Write a number of things.
-
-    Examples
-    --------
-    >>> counted(1, "point"), counted(2, "point")
-    ('1 point', '2 points')
-    """
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def file_stems(names: Iterable[str]) -> dict[str, str]:
     """Give every name a part of a file name that is safe and its own on every system.
 
@@ -275,9 +270,24 @@ def file_stems(names: Iterable[str]) -> dict[str, str]:
 
 def velocity_colours(region: Region) -> ScalarMappable:
     """Map radial velocities to colours: 0 in the middle, slow ones spread to be told from it."""
-    fastest_mps = max(SLOW_MPS, *map(abs, region.speed_mps))
+    return speed_colours(max(map(abs, region.speed_mps)))
+
+
+def speed_colours(fastest_mps: float) -> ScalarMappable:
+    """Map radial velocities up to some speed to colours, as `velocity_colours` does."""
+    fastest_mps = max(SLOW_MPS, fastest_mps)
     colours = LinearSegmentedColormap.from_list("velocity", VELOCITY_COLOURS)
     return ScalarMappable(AsinhNorm(SLOW_MPS, -fastest_mps, fastest_mps), colours)
+
+
+def velocity_bar(figure: Figure, colours: ScalarMappable, axes: Axes, label: str) -> None:
+    """Draw the colour bar of `velocity_colours` into axes of its own."""
+    bar = figure.colorbar(colours, cax=axes)
+    fastest_mps = colours.norm.vmax or 0.0
+    ticks = [tick for tick in TICKS_MPS if abs(tick) <= fastest_mps]
+    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    bar.minorticks_off()
+    bar.set_label(label)
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:

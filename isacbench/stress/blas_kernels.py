@@ -27,9 +27,9 @@ from isacbench.entries import local_plugins, register_plugin
 from isacbench.instances import Instances
 
 if TYPE_CHECKING:
+    from isacbench.contracts import Estimator
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
-    from isacbench.registry import AnyEstimator
 
 __all__ = ["KernelProcess", "end_processes", "other_kernels", "process_under", "set_kernels"]
 
@@ -126,7 +126,7 @@ class KernelProcess:
         )
         far_end.close()
 
-    def image(self, estimator: AnyEstimator, observation: Observation, truth: PointCloud) -> PointCloud:
+    def image(self, estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
         """Let an estimator image an observation there.
 
         Raises

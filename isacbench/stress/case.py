@@ -154,7 +154,7 @@ class Case(ABC, Generic[Subject]):
 
         Parameters
         ----------
-        plugin : Estimator, TruthEstimator or Detector
+        plugin : Estimator or Detector
         seed : int
             What is random in the input follows from it and from the case.
 

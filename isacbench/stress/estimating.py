@@ -11,8 +11,8 @@ from isacbench.stress.imaging import Imaging
 
 if TYPE_CHECKING:
     from isacbench.conformance.scenes import Shot
+    from isacbench.contracts import Estimator
     from isacbench.entries import Kind
-    from isacbench.registry import AnyEstimator
 
 __all__ = ["EstimatorCase"]
 
@@ -27,7 +27,7 @@ class EstimatorCase(Case[Imaging]):
     def shot(self, seed: int) -> Shot:
         """Observe the scene; noise and random places follow from the seed."""
 
-    def subject(self, plugin: AnyEstimator, seed: int) -> Imaging:
+    def subject(self, plugin: Estimator, seed: int) -> Imaging:
         """Let an estimator image the scene.
 
         Raises

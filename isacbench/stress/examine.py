@@ -61,7 +61,7 @@ def examine(case: Case[Any], plugin: Any, seed: int = 0) -> list[Verdict]:
     Parameters
     ----------
     case : Case
-    plugin : Estimator, TruthEstimator or Detector
+    plugin : Estimator or Detector
     seed : int
 
     Returns

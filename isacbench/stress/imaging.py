@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from isacbench.contracts import Diagnosis
+    from isacbench.contracts import Diagnosis, Estimator
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
-    from isacbench.registry import AnyEstimator
 
     Cells = NDArray[np.complexfloating[Any, Any]]
 
@@ -81,11 +80,11 @@ class Imaging:
 
     Attributes
     ----------
-    estimator : Estimator or TruthEstimator
+    estimator : Estimator
     shot : Shot
     """
 
-    estimator: AnyEstimator
+    estimator: Estimator
     shot: Shot
 
     @cached_property

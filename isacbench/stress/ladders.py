@@ -20,8 +20,8 @@ from isacbench.stress.spaces import choice, real
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from isacbench.contracts import Estimator
     from isacbench.entries import Kind
-    from isacbench.registry import AnyEstimator
 
 __all__ = ["Ladder", "SnrLadder"]
 
@@ -46,14 +46,14 @@ class Ladder:
 
     Attributes
     ----------
-    estimator : Estimator or TruthEstimator
+    estimator : Estimator
     simulator : Simulator
     snr_db : tuple of float
         Ascending.
     seed : int
     """
 
-    estimator: AnyEstimator
+    estimator: Estimator
     simulator: Simulator
     snr_db: tuple[float, ...]
     seed: int
@@ -107,7 +107,7 @@ class SnrLadder(Case[Ladder]):
             return (falls,)
         return falls, Promise("small error at last", SMALL_BINS, _last_error_bins)
 
-    def subject(self, plugin: AnyEstimator, seed: int) -> Ladder:
+    def subject(self, plugin: Estimator, seed: int) -> Ladder:
         """Set up the ladder."""
         scenario = scenario_of(RESOLVED[:1] if self.echoes == "one" else RESOLVED)
         levels_db = tuple(self.from_db + STEPS_DB * step for step in range(N_STEPS))

@@ -27,7 +27,7 @@ from isacbench.stress.spaces import choice, real
 
 if TYPE_CHECKING:
     from isacbench.conformance.scenes import Shot
-    from isacbench.registry import AnyEstimator
+    from isacbench.contracts import Estimator
     from isacbench.stress.case import Promise
     from isacbench.stress.imaging import Imaging
 
@@ -140,7 +140,7 @@ class Precision(EstimatorCase):
         """Every stage within its bound."""
         return *EVERY, FOUND, *SINGLE_STAGES
 
-    def subject(self, plugin: AnyEstimator, seed: int) -> Imaging:
+    def subject(self, plugin: Estimator, seed: int) -> Imaging:
         """Have it compute in double what it is given in either precision, if it has the choice."""
         has_choice = hasattr(plugin, "precision")
         return super().subject(adapted(plugin, {"precision": "double"}) if has_choice else plugin, seed)

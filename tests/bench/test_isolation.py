@@ -1,5 +1,6 @@
 """What code does to its process is undone; what it does to an array is seen."""
 
+import copy
 import os
 import random
 import signal
@@ -14,6 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.isolation import array_digest, process_state_kept, seed_global_generators
+from isacbench.bench.study import ImageEncounter
+from isacbench.model.echo import observe
+from isacbench.model.frame import PaperFrame
+from isacbench.model.scenario import load_scenario
 
 global_random = np.random.random_sample
 
@@ -151,3 +156,33 @@ def test_the_digest_is_one_of_values_and_shape_alone(shape):
 def test_other_signs_change_the_digest(n):
     array = cells((n, 8, 3))
     assert len({array_digest(one) for one in (array, -array, array.conj(), -array.conj())}) == 4
+
+
+@pytest.mark.parametrize(
+    ("part", "change"),
+    [
+        ("system", {"carrier_hz": np.nextafter(70e9, 71e9)}),
+        ("system", {"coherent_phase": False}),
+        ("array", {"tx_spacing": 2}),
+        ("region", {"x_m": (0.0, np.nextafter(10.0, 11.0))}),
+        ("frame", {"tilt_deg": 1e-12}),
+    ],
+)
+def test_the_digest_of_an_observation_sees_the_last_digit_of_all_that_is_known(tiny, part, change):
+    scenario = load_scenario(tiny)
+    encounter = ImageEncounter(None, scenario, observe(scenario, 0), None, {})
+    before = encounter.digest()
+    assert encounter.digest() == before
+    changed = copy.copy(getattr(encounter.observation, part))
+    for name, value in change.items():
+        object.__setattr__(changed, name, value)
+    object.__setattr__(encounter.observation, part, changed)
+    assert encounter.digest() != before
+
+
+@pytest.mark.parametrize("other", [PaperFrame(), None])
+def test_the_digest_of_an_observation_sees_another_type(tiny, other):
+    encounter = ImageEncounter(None, None, observe(load_scenario(tiny), 0), None, {})
+    before = encounter.digest()
+    object.__setattr__(encounter.observation, "frame", other)
+    assert encounter.digest() != before

@@ -166,10 +166,10 @@ def test_a_run_shows_names_as_they_are(tiny, tmp_path, bounded):
 
 
 def test_a_bar_takes_no_name_for_markup(monkeypatch, capsys):
-    from isacbench.cli import printing
+    from isacbench.progress import progress_shown
 
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TTY_COMPATIBLE", "1")
-    with printing.progress_bar("[/] [red]x\x1b]0;title\x07") as show:
+    with progress_shown("[/] [red]x\x1b]0;title\x07") as show:
         show(1, 2)
     assert "\x1b]0;" not in capsys.readouterr().err

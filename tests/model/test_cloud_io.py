@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -479,3 +480,10 @@ def test_a_faulty_ply_is_refused_with_its_place(tmp_path: Path, text: str, messa
 def test_a_cloud_reads_and_writes_itself(tmp_path: Path) -> None:
     PointCloud.from_array(TABLE).write(tmp_path / "cloud.ply")
     np.testing.assert_array_equal(PointCloud.read(tmp_path / "cloud.ply").to_array(), TABLE)
+
+
+def test_the_table_of_a_cloud_is_what_pandas_reads_of_its_csv_file(tmp_path: Path) -> None:
+    cloud = PointCloud.from_array(TABLE)
+    cloud.write(tmp_path / "cloud.csv")
+    pd.testing.assert_frame_equal(cloud.to_dataframe(), pd.read_csv(tmp_path / "cloud.csv"))
+    assert PointCloud.empty().to_dataframe().columns.tolist() == ["x", "y", "z", "v", "power"]

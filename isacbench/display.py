@@ -1,0 +1,139 @@
+"""Objects that print: a few lines on a terminal, a table and a picture in a notebook."""
+
+from __future__ import annotations
+
+import dataclasses
+import textwrap
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from isacbench.visible import shortened
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+__all__ = ["Description", "Displayed", "array_brief", "brief", "span"]
+
+WIDTH = 110
+"""Characters of a line, unless it takes longer ones to keep to few."""
+
+MOST_FACT_LINES = 2
+MOST_OF_A_FIELD = 80
+INDENT = "  "
+NO_BREAK = "\u00a0"
+
+
+class Description(NamedTuple):
+    """An object in words.
+
+    Attributes
+    ----------
+    title : str
+        Its type, and how large it is.
+    facts : mapping of str to str
+        Names and values with their units.
+    """
+
+    title: str
+    facts: Mapping[str, str]
+
+
+class Displayed(ABC):
+    """Object whose ``repr`` takes one to three lines, and which a notebook shows as a table and a picture.
+
+    A dataclass that derives from it takes ``repr=False``.
+    """
+
+    @abstractmethod
+    def _description(self) -> Description:
+        """Return what is shown; in whatever state the object is, this neither fails nor takes long."""
+
+    def __repr__(self) -> str:
+        title, facts = self._description()
+        told = [f"{name} {value};".replace(" ", NO_BREAK) for name, value in facts.items()]
+        if not told:
+            return title
+        text = " ".join(told).removesuffix(";")
+        lines = _wrapped(text, WIDTH)
+        if len(lines) > MOST_FACT_LINES:
+            lines = _wrapped(text, len(text) // MOST_FACT_LINES + max(map(len, told)) + len(INDENT))
+        return "\n".join([title, *lines]).replace(NO_BREAK, " ")
+
+    def _repr_html_(self) -> str:
+        # By name, because the model knows no figures: they are loaded where a notebook shows something.
+        page: str = import_module("isacbench.report.notebook").page(self, self._description())
+        return page
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return textwrap.wrap(text, width, initial_indent=INDENT, subsequent_indent=INDENT)
+
+
+def span(values: ArrayLike, unit: str = "") -> str:
+    """Write the smallest and the largest of some numbers, with those that are not finite counted.
+
+    Examples
+    --------
+    >>> span([3.0, 1.25, np.nan], "m")
+    '1.25 to 3 m (1 not finite)'
+    >>> span([])
+    'none'
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        return array_brief(array)
+    finite = array[np.isfinite(array)]
+    n_others = array.size - finite.size
+    others = f" ({n_others} not finite)" if n_others else ""
+    if not finite.size:
+        return f"none{others}"
+    ends = dict.fromkeys(f"{end:.4g}" for end in (finite.min(), finite.max()))
+    return f"{' to '.join(ends)} {unit}".rstrip() + others
+
+
+def array_brief(array: np.ndarray[Any, Any]) -> str:
+    """Write the type and the shape of an array.
+
+    Examples
+    --------
+    >>> array_brief(np.zeros((3, 4)))
+    'float64 (3, 4)'
+    """
+    return f"{array.dtype} {array.shape}"
+
+
+def brief(instance: Any) -> str:
+    """Write a dataclass with the types and shapes of its arrays and tables instead of their values.
+
+    To be assigned to ``__repr__`` in the body of a dataclass.
+
+    Examples
+    --------
+    >>> @dataclasses.dataclass
+    ... class Peak:
+    ...     places: np.ndarray
+    ...     name: str
+    ...     __repr__ = brief
+    >>> Peak(np.zeros((100, 2)), "a")
+    Peak(places=float64 (100, 2), name='a')
+    """
+    told = (
+        f"{field.name}={_brief_value(getattr(instance, field.name))}"
+        for field in dataclasses.fields(instance)
+    )
+    return f"{type(instance).__name__}({', '.join(told)})"
+
+
+def _brief_value(value: Any) -> str:
+    """Write one field of `brief`; a pandas table is told by its attributes, for pandas loads slowly."""
+    if isinstance(value, np.ndarray):
+        return array_brief(value)
+    if hasattr(value, "columns") and hasattr(value, "shape"):
+        return f"{type(value).__name__} {value.shape}"
+    if isinstance(value, Displayed):
+        return value._description().title
+    return shortened(repr(value), MOST_OF_A_FIELD)

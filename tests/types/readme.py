@@ -1,0 +1,8 @@
+from isacbench import get_estimator, load_scenario, observe, score
+
+scenario = load_scenario("street")  # or the path of your own .toml
+observation = observe(scenario, snr_db=10, trial=0)  # gated range-Doppler cells of every virtual element
+music = get_estimator("music2d", integration="noncoherent")
+cloud = music.estimate(observation)  # PointCloud: xyz, velocity, power
+scores = score(scenario.truth, cloud, region=scenario.region)
+print(f"{len(cloud)} points, deviation {scores['deviation']:.2f}")
