@@ -1,0 +1,28 @@
+"""Images of whole streets under every BLAS kernel that the processor can run."""
+
+import pytest
+
+from isacbench import get_estimator, load_scenario, observe
+from isacbench.stress.blas_kernels import KernelProcess, other_kernels
+from isacbench.stress.drift import cloud_drift
+
+BOUND = 1e-7
+"""A thousandth of a millimetre in a crowd, where no promise of 1e-9 is made; powers, each over itself, decide."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("snr_db", [-20, 10])
+@pytest.mark.parametrize("scene", ["street", "street-paper", "street-coherent"])
+def test_the_image_of_a_street_does_not_depend_on_the_blas_kernel(scene, snr_db):
+    scenario = load_scenario(scene)
+    observation = observe(scenario, snr_db)
+    drifts = {}
+    for kernel, core_type in other_kernels().items():
+        process = KernelProcess(core_type)
+        for name in ("fft4d", "music2d", "esprit2d", "music2d_joint", "nomp4d"):
+            estimator = get_estimator(name)
+            there = process.image(estimator, observation, scenario.truth)
+            drifts[kernel, name] = cloud_drift(scenario, estimator.estimate(observation), there)
+        process.close()
+    print(scene, snr_db, {" ".join(key): f"{drift:.1e}" for key, drift in drifts.items()})
+    assert max(drifts.values(), default=0.0) < BOUND
