@@ -366,6 +366,59 @@ def test_wrong_usage_exits_2(cli, args):
     assert cli(*args).exit_code == 2
 
 
+UNKNOWN_NAMES = [
+    ["run", "quik"],
+    ["run", "-e", "musicd"],
+    ["run", "-e", "music2d", "-s", "streat"],
+    ["image", "-e", "musicd"],
+    ["image", "-s", "streat"],
+    ["plan", "-e", "musicd"],
+    ["simulate", "-s", "streat", "-o", "frame.npy"],
+    ["waveform", "-s", "streat"],
+    ["stress", "-e", "musicd"],
+    ["stress", "-d", "osc"],
+    ["check", "musicd"],
+]
+
+
+def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp_path):
+    code = (
+        "import json, sys\n"
+        "from typer.testing import CliRunner\n"
+        "from isacbench.cli import app\n"
+        "told = [CliRunner().invoke(app, words).stderr for words in json.loads(sys.argv[1])]\n"
+        "print(json.dumps([told, list(sys.modules)]))"
+    )
+    finished = subprocess.run(
+        [sys.executable, "-c", code, json.dumps(UNKNOWN_NAMES)],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    told, modules = json.loads(finished.stdout)
+    assert [text.count("\n") for text in told] == [1] * len(told)
+    assert all("did you mean" in text for text in told)
+    assert not {*modules} & (HEAVY - {"pydantic"} | {"multiprocessing.forkserver"})
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ("run", "-e", "music2d[pfaa=1]"),
+        ("run", "-e", "music2d[detector=osc]"),
+        ("run", "s.toml"),
+        ("stress", "-e", "music2d[pfa=2]"),
+    ],
+)
+def test_a_mistaken_parameter_is_told_before_any_process_is_started(cli, tmp_path, monkeypatch, args):
+    monkeypatch.setattr("isacbench.process_server.start_process_server", lambda: pytest.fail("started"))
+    (tmp_path / "s.toml").write_text(DETECTION.replace('["ca"]', '["ca[pfaa=1]"]'))
+    result = cli(*args)
+    assert result.exit_code == 2, result.output
+    assert result.stderr.count("\n") == 1
+
+
 def test_a_process_exits_2_with_the_message_alone_and_no_traceback(tmp_path):
     finished = module("run", "quik", cwd=tmp_path)
     assert finished.returncode == 2

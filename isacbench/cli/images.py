@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
-from isacbench.cli.options import SEED_HELP, AsJson, PluginFiles, register
+from isacbench.cli.options import SEED_HELP, AsJson, PluginFiles, register, require_names
 from isacbench.cli.printing import print_grid, print_json, print_scores, progress_bar
 from isacbench.errors import InputError
 
@@ -76,16 +76,6 @@ def image(
     plugin: PluginFiles = None,
 ) -> None:
     """Take one image, of a simulated or of a recorded frame; score, write or draw its cloud."""
-    from threadpoolctl import threadpool_limits
-
-    from isacbench.bench.runner import estimate_cloud
-    from isacbench.cubes.observing import observe_cube
-    from isacbench.metrics.score import score
-    from isacbench.model.cloud_io import write_cloud
-    from isacbench.model.scenario import load_scenario
-    from isacbench.registry import build_estimator
-    from isacbench.remarks import Remarks
-
     if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{plot}: a picture takes the extension .png, .pdf or .svg")
     if cube is None and transmitted is not None:
@@ -98,6 +88,17 @@ def image(
         raise InputError("--snr: allowed with --cube where --division wiener takes it; the noise is recorded")
     signal = _given(sensing=sensing, modulation=modulation, division=division)
     register(plugin)
+    require_names([scenario], [estimator])
+    from threadpoolctl import threadpool_limits
+
+    from isacbench.bench.runner import estimate_cloud
+    from isacbench.cubes.observing import observe_cube
+    from isacbench.metrics.score import score
+    from isacbench.model.cloud_io import write_cloud
+    from isacbench.model.scenario import load_scenario
+    from isacbench.registry import build_estimator
+    from isacbench.remarks import Remarks
+
     scene, imager = load_scenario(scenario), build_estimator(estimator)
     if cube is None:
         snr_db = _one_snr(snr or DEFAULT_SNR)
@@ -147,6 +148,7 @@ def simulate(
     ] = "single",
 ) -> None:
     """Write the full frame of a scenario, whose image is that of the same SNR, trial and seed."""
+    require_names([scenario])
     from isacbench.cubes.simulating import FrameSimulator, write_frame
     from isacbench.model.scenario import load_scenario
 
@@ -171,12 +173,13 @@ def plan(
     plugin: PluginFiles = None,
 ) -> None:
     """Say what an image of a recorded frame takes, and what it skips of the full 4-D chain."""
+    register(plugin)
+    require_names([scenario], [estimator])
     from isacbench.model.scenario import load_scenario
     from isacbench.planning import plan_image
     from isacbench.registry import build_estimator
     from isacbench.report.plan import describe_plan, plan_grids, plan_lines
 
-    register(plugin)
     scene = load_scenario(scenario)
     planned = plan_image(scene, build_estimator(estimator), _dtype(precision))
     if as_json:

@@ -42,12 +42,14 @@ def check(
     plugin: PluginFiles = None,
 ) -> None:
     """Put estimators and detectors through the contract, and say what to mend."""
-    from isacbench.conformance import find_plugins
+    from isacbench.conformance.targets import find_plugins
+
+    register(plugin)
+    wanted = find_plugins(package_or_file)
     from isacbench.conformance.guarded import check_guarded
     from isacbench.report.conformance import describe_checks, print_checks
 
-    register(plugin)
-    found = {(kind, name): check_guarded(kind, name) for kind, name in find_plugins(package_or_file)}
+    found = {(kind, name): check_guarded(kind, name) for kind, name in wanted}
     if as_json:
         print_json(describe_checks(found))
     else:

@@ -9,7 +9,15 @@ from typing import Annotated
 import typer
 
 from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail
-from isacbench.cli.options import OUT_HELP, SEED_HELP, EstimatorSpecs, PluginFiles, ScenarioNames, register
+from isacbench.cli.options import (
+    OUT_HELP,
+    SEED_HELP,
+    EstimatorSpecs,
+    PluginFiles,
+    ScenarioNames,
+    register,
+    require_names,
+)
 from isacbench.cli.printing import progress_bar, report_run
 from isacbench.errors import InputError
 
@@ -73,6 +81,21 @@ def run(
     ] = None,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
+    from isacbench.bench.suite import load_suite, parse_snr
+
+    if out is None and (rerun or mix_versions):
+        raise InputError(
+            "--rerun and --mix-versions: allowed with -o DIR, the folder of the run to go on with"
+        )
+    register(plugin)
+    wanted = load_suite(suite).replace(
+        estimators=estimator,
+        scenarios=scenario,
+        snr_db=None if snr is None else parse_snr(snr),
+        trials=trials,
+        seed=seed,
+    )
+    require_names(wanted.scenarios, wanted.estimators, getattr(wanted, "detectors", ()))
     if dask is None:
         from isacbench.process_server import start_process_server
 
@@ -83,14 +106,9 @@ def run(
     from isacbench.bench.resume import parse_reruns
     from isacbench.bench.runner import Execution, run_suite
     from isacbench.bench.statuses import failed
-    from isacbench.bench.suite import load_suite, parse_snr
     from isacbench.bench.timing import repeats_wanted
     from isacbench.report.aside import Aside
 
-    if out is None and (rerun or mix_versions):
-        raise InputError(
-            "--rerun and --mix-versions: allowed with -o DIR, the folder of the run to go on with"
-        )
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
         guard=Guard(
@@ -102,15 +120,6 @@ def run(
         rerun=parse_reruns(rerun or ()),
         mix_versions=mix_versions,
         repeats=repeats_wanted(timing, repeats),
-    )
-
-    register(plugin)
-    wanted = load_suite(suite).replace(
-        estimators=estimator,
-        scenarios=scenario,
-        snr_db=None if snr is None else parse_snr(snr),
-        trials=trials,
-        seed=seed,
     )
     folder = default_folder(wanted.name) if out is None else out
     with Aside() as aside:

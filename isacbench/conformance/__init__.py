@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from isacbench.conformance.detectors import DETECTOR_CHECKS, DetectorSubject
-from isacbench.conformance.estimators import ESTIMATOR_CHECKS, EstimatorSubject
 from isacbench.conformance.findings import Finding, Status, run_checks
 from isacbench.conformance.targets import find_plugins
 from isacbench.entries import Kind, entries
@@ -55,10 +53,17 @@ def iterate_checks(kind: Kind, name: str) -> Iterator[Finding]:
     if name not in registered:
         raise unknown_name(kind, name, sorted(registered))
     if kind == "estimator":
+        from isacbench.conformance.estimators import ESTIMATOR_CHECKS, EstimatorSubject
+
         return run_checks(ESTIMATOR_CHECKS, EstimatorSubject(registered[name]))
+    from isacbench.conformance.detectors import DETECTOR_CHECKS, DetectorSubject
+
     return run_checks(DETECTOR_CHECKS, DetectorSubject(registered[name]))
 
 
 def check_names(kind: Kind) -> list[str]:
     """Names of the checks of estimators or of detectors, in their order."""
+    from isacbench.conformance.detectors import DETECTOR_CHECKS
+    from isacbench.conformance.estimators import ESTIMATOR_CHECKS
+
     return [check.name for check in (ESTIMATOR_CHECKS if kind == "estimator" else DETECTOR_CHECKS)]
