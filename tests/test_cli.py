@@ -1,5 +1,6 @@
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -13,8 +14,9 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 import isacbench
-from isacbench.bench.local import work_guarded
+from isacbench.bench.local import work_guarded, work_here
 from isacbench.cli import app
+from isacbench.cli.termination import Termination
 from isacbench.model.cloud_io import read_cloud
 from isacbench.model.scenario import load_scenario
 from isacbench.report.aside import Aside
@@ -164,6 +166,86 @@ def test_an_interrupted_run_says_where_its_rows_are(cli, monkeypatch):
     assert result.exit_code == 130
     assert "interrupted: the 3 cells so far are in out" in result.stderr
     assert len(pd.read_parquet("out/results.parquet")) == 3
+
+
+def terminated():
+    """Receive the signal, unless that would end the tests."""
+    assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    ("options", "working"),
+    [
+        ((), "isacbench.bench.runner.work_guarded"),
+        (("--timing",), "isacbench.bench.runner.work_alone"),
+        (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.cluster.work_on_cluster"),
+    ],
+)
+def test_a_terminated_run_tabulates_its_rows_and_exits_143(cli, monkeypatch, tmp_path, options, working):
+    def work(job, blocks, *_):
+        yield from islice(work_here(job, blocks), 3)
+        terminated()
+
+    monkeypatch.setattr(working, work)
+    result = cli(*RUN, "-o", "out", *options)
+    assert result.exit_code == 143
+    assert "deviation" in result.stdout
+    assert result.stderr == "isacbench: terminated: the 3 cells so far are in out\n"
+    assert len(pd.read_parquet("out/results.parquet")) == 3
+    assert (tmp_path / "out" / "summary.csv").exists()
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_run_that_is_terminated_while_it_draws_exits_143_and_says_where_its_rows_are(cli, monkeypatch):
+    monkeypatch.setattr(Aside, "draw_run", lambda self, folder: terminated())
+    result = cli(*RUN, "-n", 1, "-o", "out")
+    assert result.exit_code == 143
+    assert result.stderr == (
+        "isacbench: terminated: what is done so far is in out; isacbench report out tabulates it\n"
+    )
+    assert len(pd.read_parquet("out/results.parquet")) == 9
+
+
+def test_a_second_termination_ends_at_once_and_an_echo_of_the_first_does_not(monkeypatch):
+    codes = []
+    monkeypatch.setattr(os, "_exit", codes.append)
+    with Termination() as termination:
+        with pytest.raises(KeyboardInterrupt):
+            terminated()
+        terminated()
+        assert codes == []
+        termination._first_s -= 2
+        terminated()
+        assert codes == [143]
+
+
+def test_a_termination_leaves_the_handlers_of_others_alone(monkeypatch):
+    def theirs(*_):
+        """Handle it as a plugin's library may."""
+
+    before = signal.signal(signal.SIGTERM, theirs)
+    try:
+        with Termination():
+            assert signal.getsignal(signal.SIGTERM) is theirs
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with Termination():
+            signal.signal(signal.SIGTERM, theirs)
+        assert signal.getsignal(signal.SIGTERM) is theirs
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_a_run_from_python_installs_no_handler(plugins, tiny, monkeypatch):
+    handlers = []
+
+    def work(*args):
+        handlers.append(signal.getsignal(signal.SIGTERM))
+        yield from work_here(*args)
+
+    monkeypatch.setattr("isacbench.bench.runner.work_here", work)
+    isacbench.run("quick", scenarios=[tiny], estimators=["blob"], snr_db=[0], trials=1)
+    assert handlers == [signal.SIG_DFL]
 
 
 def test_run_shows_no_progress_bar_where_there_is_no_terminal(cli):

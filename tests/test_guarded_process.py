@@ -61,6 +61,14 @@ def test_a_fresh_process_begins_as_the_first_one_did():
             guarded.renew()
 
 
+def test_a_process_that_dies_first_when_a_whole_job_is_terminated_is_not_told_as_lost():
+    with GuardedProcess(os.getpid) as guarded:
+        guarded.call(os.getpid)
+        Timer(1.0, guarded.cancel).start()
+        with pytest.raises(CancelledError):
+            guarded.call(signal.raise_signal, signal.SIGTERM)
+
+
 def test_a_process_that_is_stopped_ends_at_once_and_answers_nobody():
     guarded = GuardedProcess(os.getpid)
     process_id = guarded.call(os.getpid)

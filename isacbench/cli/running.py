@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
 from isacbench.cli.options import (
     OUT_HELP,
     SEED_HELP,
@@ -19,7 +19,13 @@ from isacbench.cli.options import (
     require_names,
 )
 from isacbench.cli.printing import progress_bar, report_run
+from isacbench.cli.termination import Termination
 from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from isacbench.bench.record import Results
+    from isacbench.bench.runner import Execution
+    from isacbench.bench.suite import Suite
 
 __all__ = ["run"]
 
@@ -104,10 +110,9 @@ def run(
     from isacbench.bench.guard import DEFAULT_TIMEOUT_S, Guard
     from isacbench.bench.plan import Shard
     from isacbench.bench.resume import parse_reruns
-    from isacbench.bench.runner import Execution, run_suite
+    from isacbench.bench.runner import Execution
     from isacbench.bench.statuses import failed
     from isacbench.bench.timing import repeats_wanted
-    from isacbench.report.aside import Aside
 
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
@@ -122,19 +127,13 @@ def run(
         repeats=repeats_wanted(timing, repeats),
     )
     folder = default_folder(wanted.name) if out is None else out
-    with Aside() as aside:
-        with progress_bar(wanted.name, is_idle=timing) as show:
-
-            def progress(n_done: int, n_cells: int) -> None:
-                if not timing:
-                    aside.get_ready()  # as soon as workers are busy, and this process is not
-                show(n_done, n_cells)
-
-            results = run_suite(wanted, folder, progress, execution)
-        if not results.records.empty:
-            report_run(folder, results.records, results.suite.kind, aside)
-    if results.interrupted:
-        fail(f"interrupted: the {len(results.records)} cells so far are in {folder}", EXIT_INTERRUPTED)
+    with Termination() as termination:
+        try:
+            results = _run_and_report(wanted, folder, execution)
+        except KeyboardInterrupt:
+            termination.fail(f"what is done so far is in {folder}; isacbench report {folder} tabulates it")
+        if results.interrupted:
+            termination.fail(f"the {len(results.records)} cells so far are in {folder}")
     lost = results.records[failed(results.records)]
     if not lost.empty:
         first = lost.iloc[0]
@@ -144,3 +143,22 @@ def run(
             f"{first['reason']}",
             EXIT_FAILED_CELLS,
         )
+
+
+def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results:
+    """Run a suite and make tables and figures of its rows, also of those that an interrupt left."""
+    from isacbench.bench.runner import run_suite
+    from isacbench.report.aside import Aside
+
+    with Aside() as aside:
+        with progress_bar(suite.name, is_idle=execution.is_timing) as show:
+
+            def progress(n_done: int, n_cells: int) -> None:
+                if not execution.is_timing:
+                    aside.get_ready()  # as soon as workers are busy, and this process is not
+                show(n_done, n_cells)
+
+            results = run_suite(suite, folder, progress, execution)
+        if not results.records.empty:
+            report_run(folder, results.records, results.suite.kind, aside)
+    return results
