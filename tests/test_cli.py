@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -292,6 +293,21 @@ def test_image_writes_the_cloud_that_score_reads(cli, tmp_path, suffix):
 def test_image_draws_where_asked(cli, drawn):
     assert cli("image", "-s", "tiny.toml", "-e", "seer", "--plot", "picture.png").exit_code == 0
     assert [str(path) for path in drawn] == ["picture.png"]
+
+
+@pytest.mark.parametrize(
+    ("limit_s", "told"),
+    [
+        (1e9, r"ms \(the first call, with imports and tables: [0-9.]+ ms\)\n"),
+        (0, "ms, imports and tables included\n"),
+    ],
+)
+def test_the_time_of_an_image_is_that_of_a_second_call_unless_that_takes_long(
+    cli, monkeypatch, limit_s, told
+):
+    monkeypatch.setattr("isacbench.cli.images.REPEATED_S", limit_s)
+    result = cli("image", "-s", "tiny.toml", "-e", "blob")
+    assert re.search(rf"4 points in [0-9.]+ {told}", result.stdout)
 
 
 def test_a_failing_estimator_shows_its_author_where_and_exits_3(cli):
