@@ -7,17 +7,25 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import numpy as np
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from isacbench.bench.record import COLUMNS, TYPES, Status
 from isacbench.visible import quoted
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
     from pathlib import Path
 
     import pandas as pd
 
-__all__ = ["Manifest", "require_rows_that_fit", "require_sound_records"]
+    from isacbench.bench.suite import Suite
+
+__all__ = [
+    "Manifest",
+    "require_described_scenarios",
+    "require_rows_that_fit",
+    "require_sound_records",
+]
 
 KEYS = ("suite", "scenario", "estimator", "params", "status")
 """Columns of text that every row has."""
@@ -55,7 +63,7 @@ class _Scene(_Part):
     name: str
     content: str
     snr_db: list[Finite]
-    contestants: list[Annotated[int, Field(ge=0)]]
+    contestants: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
 
 
 class _Machine(_Part):
@@ -92,6 +100,19 @@ class Manifest(_Part):
     environments: dict[str, _Environment] = {}
     sessions: list[_Session] = []
 
+    @field_validator("scenes")
+    @classmethod
+    def _require_estimators(cls, scenes: list[_Scene], info: ValidationInfo) -> list[_Scene]:
+        """Refuse scenes whose contestants are not among the estimators."""
+        n_estimators = len(info.data.get("estimators", ()))
+        for scene in scenes:
+            if max(scene.contestants) >= n_estimators:
+                raise ValueError(
+                    f"contestant {max(scene.contestants)} of {scene.name!r}; allowed are indices of the "
+                    f"{n_estimators} estimators"
+                )
+        return scenes
+
 
 def require_sound_records(records: pd.DataFrame) -> None:
     """Refuse records whose columns are not what every reader takes them for.
@@ -120,6 +141,32 @@ def require_sound_records(records: pd.DataFrame) -> None:
     if "params" in records:
         for text in records["params"].unique():
             _require_params(text)
+
+
+def require_described_scenarios(records: pd.DataFrame, suite: Suite, described: Collection[str]) -> None:
+    """Refuse records of scenarios that the manifest does not describe.
+
+    Parameters
+    ----------
+    records : DataFrame
+        With the columns of the suite's kind.
+    suite : Suite
+    described : collection of str
+        Names of scenarios in the manifest.
+
+    Raises
+    ------
+    ValueError
+        Naming the scenarios.
+    """
+    # A study that makes scenes of a scenario names it in a column of its own; rows of a user have none.
+    names = records["template" if "template" in records else "scenario"].unique()
+    missing = sorted({*names} - {*described} - {*getattr(suite, "maps", ())} - {""})
+    if missing:
+        raise ValueError(
+            f"its rows are of {quoted(missing)}; allowed are the scenarios that its manifest describes, "
+            f"{quoted(sorted(described))}"
+        )
 
 
 def require_rows_that_fit(path: Path) -> None:

@@ -32,7 +32,12 @@ from isacbench.bench.record import (
     typed,
 )
 from isacbench.bench.rows import Rows
-from isacbench.bench.sound import Manifest, require_rows_that_fit, require_sound_records
+from isacbench.bench.sound import (
+    Manifest,
+    require_described_scenarios,
+    require_rows_that_fit,
+    require_sound_records,
+)
 from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import restore_suite
 from isacbench.errors import InputError, InputWarning
@@ -54,6 +59,7 @@ __all__ = [
     "RECORDS",
     "RUN_KEYS",
     "Session",
+    "current_metric",
     "describe_run",
     "read_manifest",
     "read_results",
@@ -127,7 +133,7 @@ def describe_run(job: Job) -> dict[str, Any]:
     return {
         "seed": suite.seed,
         "suite": suite.model_dump(),
-        "metric": _metric(),
+        "metric": current_metric(),
         "estimators": [
             {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
             for one in job.plan.contestants
@@ -245,14 +251,15 @@ def require_metric(folder: Path) -> None:
         If it was.
     """
     metric = _lenient(lambda: read_manifest(folder)["metric"], folder / MANIFEST)
-    if metric is not None and metric != _metric():
+    if metric is not None and metric != current_metric():
         raise InputError(
             f"its cells were scored by version {metric.get('version')} of the metric, not {METRIC_VERSION}; "
             "allowed is to rescore it first (isacbench rescore), or a new folder"
         )
 
 
-def _metric() -> dict[str, Any]:
+def current_metric() -> dict[str, Any]:
+    """Name and version of the metric that this isacbench scores by, in terms of JSON."""
     return {"name": "paper", "version": METRIC_VERSION}
 
 
@@ -317,10 +324,12 @@ def read_results(folder: Path) -> Results:
         rows = Rows.joined(parts)
         require_sound_records(rows.records)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
+        records = typed(rows.records, STUDIES[suite.kind].columns)
+        require_described_scenarios(records, suite, manifest["scenarios"])
         truth = read_table(folder / TRUTH)
         return Results(
             suite=suite,
-            records=typed(rows.records, STUDIES[suite.kind].columns),
+            records=records,
             clouds=rows.clouds(),
             scenarios={
                 name: restore_scenario(name, described, truth[truth["scenario"] == name])
