@@ -30,7 +30,7 @@ from isacbench.bench.studies import STUDIES
 from isacbench.bench.study import ImagedScene
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.model.scene import Scatterers
+from isacbench.model.scene import Scatterers, warned_before
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -197,7 +197,8 @@ def _observed(
         amplitude=np.sqrt(points[:, 4]),
         phase_rad=results.draws["phase_rad"].to_numpy(dtype=np.float64)[drawn],
     )
-    return dataclasses.replace(scene.template, scatterers=scatterers)
+    with warned_before():
+        return dataclasses.replace(scene.template, scatterers=scatterers)
 
 
 def _clouds(rows: Rows) -> Iterator[PointCloud]:
