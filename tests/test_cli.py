@@ -208,6 +208,13 @@ def test_a_run_that_is_terminated_while_it_draws_exits_143_and_says_where_its_ro
     assert len(pd.read_parquet("out/results.parquet")) == 9
 
 
+def test_a_run_that_is_terminated_before_its_first_cell_leaves_nothing(cli, monkeypatch, tmp_path):
+    monkeypatch.setattr("isacbench.bench.runner.load_job", lambda suite: terminated())
+    result = cli(*RUN, "-o", "out")
+    assert (result.exit_code, result.stderr) == (143, "isacbench: terminated: nothing is done yet\n")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_second_termination_ends_at_once_and_an_echo_of_the_first_does_not(monkeypatch):
     codes = []
     monkeypatch.setattr(os, "_exit", codes.append)

@@ -223,14 +223,14 @@ def score(
 
 
 def _timed(take: Callable[[], PointCloud]) -> tuple[PointCloud, float]:
-    """Take an image; the cloud, and the time in s."""
+    """Take an image and measure the time in s."""
     start = time.perf_counter()
     cloud = take()
     return cloud, time.perf_counter() - start
 
 
 def _told_time(first_s: float, again_s: float | None, is_read: bool) -> str:
-    """Time of an image in words: that of a second call where there was one, which is what runs measure."""
+    """Describe the time of an image: of a second call where there was one, which is what runs measure."""
     first = f"{1e3 * first_s:.1f} ms"
     if again_s is None:
         return f"{first}, {'reading, ' if is_read else ''}imports and tables included"

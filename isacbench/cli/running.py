@@ -131,7 +131,7 @@ def run(
         try:
             results = _run_and_report(wanted, folder, execution)
         except KeyboardInterrupt:
-            termination.fail(f"what is done so far is in {folder}; isacbench report {folder} tabulates it")
+            termination.fail(_describe_left(folder))
         if results.interrupted:
             termination.fail(f"the {len(results.records)} cells so far are in {folder}")
     lost = results.records[failed(results.records)]
@@ -162,3 +162,12 @@ def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results
         if not results.records.empty:
             report_run(folder, results.records, results.suite.kind, aside)
     return results
+
+
+def _describe_left(folder: Path) -> str:
+    """Describe what an interrupt outside the work on cells leaves."""
+    from isacbench.bench.store import MANIFEST
+
+    if not (folder / MANIFEST).exists():
+        return "nothing is done yet"
+    return f"what is done so far is in {folder}; isacbench report {folder} tabulates it"

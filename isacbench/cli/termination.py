@@ -23,8 +23,8 @@ class Termination:
     """SIGTERM while a command runs; a context manager.
 
     The first signal raises KeyboardInterrupt in the main thread, so that the
-    command can write what it has. A later one ends the process at once. A
-    handler that somebody else has installed, or installs meanwhile, stays.
+    command can write what it has. A later one ends the process at once.
+    Handlers of others stay, whether they were installed before or meanwhile.
     """
 
     def __init__(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -144,18 +145,17 @@ def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
 
 
 def _miss_m(subject: EstimatorSubject, frame: FrameName) -> float:
-    """Distance in m of a lone scatterer from its image; whoever misses it is told the likeliest mistake."""
+    """Measure the distance in m between a lone scatterer and its image; a miss is told with its cause."""
     shot = scenes.lone(frame)
-    observation = shot.observation()
-    n_placed = _counted(observation)
+    observation = _CountingObservation.of(shot.observation())
     cloud, truth = subject.look(shot, observation), shot.scenario.truth
-    if not len(cloud):
+    if not len(cloud) and observation.n_placed:
         raise DoubtfulError(
-            f"all detections of a lone scatterer ({sum(n_placed)}) fell outside the region and were dropped: "
-            "look at the signs of u and w, and at units (bins, direction cosines)"
-            if sum(n_placed)
-            else "detects nothing where one scatterer stands far above the noise"
+            f"all detections of a lone scatterer ({sum(observation.n_placed)}) fell outside the region and "
+            "were dropped: look at the signs of u and w, and at units (bins, direction cosines)"
         )
+    if not len(cloud):
+        raise DoubtfulError("detects nothing where one scatterer stands far above the noise")
     places, true = radio_places(shot.scenario, cloud), radio_places(shot.scenario, truth)[0]
     cells = rayleigh_cells(shot.scenario)
     off_cells = np.abs(places - true) / cells
@@ -182,20 +182,33 @@ def _miss_m(subject: EstimatorSubject, frame: FrameName) -> float:
     return float(np.linalg.norm(cloud.xyz[nearest] - truth.xyz[0]))
 
 
-def _counted(observation: Observation) -> list[int]:
-    """Have an observation count the detections that it is asked to place, dropped ones included."""
-    counts: list[int] = []
+@dataclass(frozen=True, eq=False)
+class _CountingObservation(Observation):
+    """Observation that counts the detections which it places, dropped ones included.
 
-    def cloud(range_bin: ArrayLike, *others: ArrayLike, **named: ArrayLike) -> PointCloud:
-        counts.append(np.size(range_bin))
-        return type(observation).cloud(observation, range_bin, *others, **named)
+    Attributes
+    ----------
+    n_placed : list of int
+        Of each call of `cloud` that placed any.
+    """
 
-    object.__setattr__(observation, "cloud", cloud)
-    return counts
+    n_placed: list[int] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, observation: Observation) -> _CountingObservation:
+        return cls(**{one.name: getattr(observation, one.name) for one in dataclasses.fields(observation)})
+
+    def cloud(
+        self, range_bin: ArrayLike, doppler_bin: ArrayLike, u: ArrayLike, w: ArrayLike, power: ArrayLike
+    ) -> PointCloud:
+        """Count detections and place them in space."""
+        if np.size(range_bin):
+            self.n_placed.append(np.size(range_bin))
+        return super().cloud(range_bin, doppler_bin, u, w, power)
 
 
 def _likeliest_mistake(places: Floats, true: Floats) -> str | None:
-    """Words for the mistake of signs or of order that puts a scatterer where an image has it, if one does.
+    """Name the mistake of signs or of order that puts a scatterer where an image has it.
 
     Parameters
     ----------
@@ -203,6 +216,11 @@ def _likeliest_mistake(places: Floats, true: Floats) -> str | None:
         Points of the image: range, velocity, u and w in Rayleigh cells.
     true : ndarray of float64, shape (4,)
         The scatterer.
+
+    Returns
+    -------
+    str or None
+        None where no such mistake does.
     """
     misses = {}
     for swapped, *signs in product((False, True), (1, -1), (1, -1), (1, -1)):
