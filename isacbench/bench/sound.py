@@ -10,15 +10,15 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from isacbench.bench.record import COLUMNS, TYPES, Status
+from isacbench.errors import InputError
 from isacbench.visible import quoted
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Mapping
     from pathlib import Path
 
     import pandas as pd
 
-    from isacbench.bench.suite import Suite
 
 __all__ = [
     "Manifest",
@@ -143,29 +143,30 @@ def require_sound_records(records: pd.DataFrame) -> None:
             _require_params(text)
 
 
-def require_described_scenarios(records: pd.DataFrame, suite: Suite, described: Collection[str]) -> None:
+def require_described_scenarios(records: pd.DataFrame, manifest: Mapping[str, Any]) -> None:
     """Refuse records of scenarios that the manifest does not describe.
 
     Parameters
     ----------
     records : DataFrame
-        With the columns of the suite's kind.
-    suite : Suite
-    described : collection of str
-        Names of scenarios in the manifest.
+    manifest : mapping of str to Any
+        With ``suite`` and ``scenarios``.
 
     Raises
     ------
-    ValueError
+    InputError
         Naming the scenarios.
     """
     # A study that makes scenes of a scenario names it in a column of its own; rows of a user have none.
-    names = records["template" if "template" in records else "scenario"].unique()
-    missing = sorted({*names} - {*described} - {*getattr(suite, "maps", ())} - {""})
+    names = records["template" if "template" in records else "scenario"].dropna().unique()
+    maps = manifest["suite"].get("maps")
+    others = map(str, maps) if isinstance(maps, list) else ()
+    missing = set(map(str, names)) - {""} - set(manifest["scenarios"]) - set(others)
     if missing:
-        raise ValueError(
-            f"its rows are of {quoted(missing)}; allowed are the scenarios that its manifest describes, "
-            f"{quoted(sorted(described))}"
+        described = quoted(sorted(manifest["scenarios"])) if manifest["scenarios"] else "none"
+        raise InputError(
+            f"its rows name the scenarios {quoted(sorted(missing))}, which its manifest does not describe; "
+            f"allowed are those that it does, {described}"
         )
 
 

@@ -325,7 +325,7 @@ def read_results(folder: Path) -> Results:
         require_sound_records(rows.records)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
         records = typed(rows.records, STUDIES[suite.kind].columns)
-        require_described_scenarios(records, suite, manifest["scenarios"])
+        require_described_scenarios(records, manifest)
         truth = read_table(folder / TRUTH)
         return Results(
             suite=suite,

@@ -405,7 +405,7 @@ def another_scenario(manifest):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (without("scenarios", "tiny"), "rows are of ['tiny']; allowed are the scenarios that its manifest"),
+        (without("scenarios", "tiny"), "its rows name the scenarios ['tiny'], which its manifest does not"),
         (without("estimators", 0), "contestant 0 of 'tiny'; allowed are indices of the 0 estimators"),
         (another_contestant, "contestant 7 of 'tiny'; allowed are indices of the 1 estimators"),
         (without("scenes", 0, "contestants", 0), "scenes[0].contestants = []"),
@@ -415,14 +415,15 @@ def test_a_manifest_that_lacks_what_rows_refer_to_is_refused(run_folder, refused
     manifest = manifest_of(run_folder)
     change(manifest)
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
-    for use_of in (read_results, rescore, lambda folder: merge([folder], folder.with_name("merged"))):
+    merged = run_folder.with_name("merged")
+    for use_of in (read_results, read_run, rescore, lambda folder: merge([folder], merged)):
         assert told in refused(use_of, run_folder)
 
 
 def test_rows_of_a_scenario_that_the_manifest_lacks_are_refused(run_folder, refused):
     table = pd.read_parquet(run_folder / "results.parquet").assign(scenario="elsewhere")
     resigned(table, run_folder / "results.parquet")
-    assert "rows are of ['elsewhere']; allowed are" in refused(read_results, run_folder)
+    assert "its rows name the scenarios ['elsewhere']" in refused(read_results, run_folder)
 
 
 @pytest.mark.parametrize(
