@@ -35,6 +35,7 @@ from isacbench.bench.suite import Suite, restore_suite
 from isacbench.entries import local_plugins
 from isacbench.errors import InputError
 from isacbench.spec import spec_variants
+from isacbench.visible import quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -355,6 +356,11 @@ def _draws(parts: Sequence[_Part], scenes: Sequence[str]) -> pd.DataFrame:
     drawn: dict[tuple[str, int], pd.DataFrame] = {}
     for part in parts:
         for key, table in part.results.draws.groupby(["scenario", "trial"], sort=False):
+            if key[0] not in scenes:
+                raise InputError(
+                    f"{part.folder}: damaged run: it has draws of {quoted(key[0])}; "
+                    "allowed are scenes of its manifest"
+                )
             drawn.setdefault(cast("tuple[str, int]", key), table)
     order = sorted(drawn, key=lambda key: (scenes.index(key[0]), key[1]))
     if not order:

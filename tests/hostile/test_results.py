@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from isacbench.bench.compare import compare
 from isacbench.bench.merge import merge
 from isacbench.bench.pairing import NotComparableError, read_run
+from isacbench.bench.record import DRAW_COLUMNS
 from isacbench.bench.rescore import rescore
 from isacbench.bench.runner import run_suite
 from isacbench.bench.store import read_results
@@ -438,6 +439,13 @@ def test_what_parts_cannot_be_merged_without_is_told(run_folder, refused, change
     change(manifest)
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
     assert told in refused(lambda folder: merge([folder], folder.with_name("merged")), run_folder)
+
+
+def test_draws_of_a_scene_that_no_part_has_are_not_merged(run_folder, refused):
+    table = pd.DataFrame([["elsewhere", 0, *[0.0] * 6]], columns=DRAW_COLUMNS)
+    resigned(table, run_folder / "draws.parquet")
+    merged = run_folder.with_name("merged")
+    assert "it has draws of 'elsewhere'" in refused(lambda folder: merge([folder], merged), run_folder)
 
 
 @pytest.mark.parametrize("key", ["sessions", "metric"])
