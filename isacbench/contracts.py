@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
-import numpy as np
-
 from isacbench.display import Description, Displayed, brief, span
 from isacbench.errors import require
 from isacbench.visible import counted
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from isacbench.model.cloud import PointCloud
@@ -84,6 +83,8 @@ class Detection(Displayed):
     noise: NDArray[np.float64]
 
     def _description(self) -> Description:
+        import numpy as np  # which commands that only look up plugins do without
+
         mask = np.asarray(self.mask)
         n_detected = np.count_nonzero(mask)
         share = f" ({100 * n_detected / mask.size:.3g} %)" if mask.size else ""

@@ -9,11 +9,10 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from isacbench.visible import shortened
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import ArrayLike
 
 __all__ = ["Description", "Displayed", "array_brief", "brief", "span"]
@@ -78,11 +77,13 @@ def span(values: ArrayLike, unit: str = "") -> str:
 
     Examples
     --------
-    >>> span([3.0, 1.25, np.nan], "m")
+    >>> span([3.0, 1.25, float("nan")], "m")
     '1.25 to 3 m (1 not finite)'
     >>> span([])
     'none'
     """
+    import numpy as np
+
     array = np.asarray(values)
     if array.dtype.kind not in "biuf":
         return array_brief(array)
@@ -100,6 +101,7 @@ def array_brief(array: np.ndarray[Any, Any]) -> str:
 
     Examples
     --------
+    >>> import numpy as np
     >>> array_brief(np.zeros((3, 4)))
     'float64 (3, 4)'
     """
@@ -113,6 +115,7 @@ def brief(instance: Any) -> str:
 
     Examples
     --------
+    >>> import numpy as np
     >>> @dataclasses.dataclass
     ... class Peak:
     ...     places: np.ndarray
@@ -129,11 +132,11 @@ def brief(instance: Any) -> str:
 
 
 def _brief_value(value: Any) -> str:
-    """Write one field of `brief`; a pandas table is told by its attributes, for pandas loads slowly."""
-    if isinstance(value, np.ndarray):
-        return array_brief(value)
+    """Write one field of `brief`; arrays and tables are known by their attributes, without an import."""
     if hasattr(value, "columns") and hasattr(value, "shape"):
         return f"{type(value).__name__} {value.shape}"
+    if getattr(value, "shape", ()) and hasattr(value, "dtype"):
+        return array_brief(value)
     if isinstance(value, Displayed):
         return value._description().title
     return shortened(repr(value), MOST_OF_A_FIELD)

@@ -154,10 +154,13 @@ class GuardedProcess:
         except DeadlineError as error:
             self._refuse_if_stopped()
             self.renew()
-            if not is_alive:
+            if not is_alive and not future.done():  # else the pool itself has ended it, at its deadline
                 raise ProcessLostError("killed", "the process exited with code 0") from error
             raise ProcessLostError("timeout", f"more than {timeout_s:g} s") from error
         except (ProcessExpired, BrokenProcessPool) as error:
+            if isinstance(error, ProcessExpired) and error.exitcode == -signal.SIGTERM:
+                # What ends a job sends the signal to all its processes: this one may be about to stop, too.
+                self._stopped.wait(GRACE_S)
             self.renew()
             raise ProcessLostError("killed", f"the process {_cause(error)}") from error
 
@@ -219,6 +222,7 @@ def _begin(begin: Callable[..., None], *args: Any) -> None:
     os.setsid()  # a group of its own, so that what plugins start ends with it
     # A plugin that never returns to the interpreter must not outlive its deadline.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _die_with_parent()
     begin(*args)
 

@@ -15,17 +15,19 @@ import uuid
 from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 from weakref import WeakValueDictionary
 
 import cloudpickle
 
-from isacbench.contracts import Estimator
 from isacbench.errors import InputError
 from isacbench.import_closure import is_importable
 from isacbench.plugin_versions import plugin_parts
 from isacbench.registry import canonical_params, is_frozen_dataclass
 from isacbench.spec import spell_spec
+
+if TYPE_CHECKING:
+    from isacbench.contracts import Estimator
 
 __all__ = ["Instances", "spelled_estimators"]
 
@@ -103,7 +105,7 @@ def _default(field: dataclasses.Field[Any]) -> Any:
     return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
-class Instances(Mapping[str, Estimator]):
+class Instances(Mapping[str, "Estimator"]):
     """Estimators that are objects, by the texts that stand for them, on their way between processes.
 
     In the process that they come from they stay the objects that they are.

@@ -27,8 +27,9 @@ def start_process_server() -> None:
     process_context()
     from multiprocessing.forkserver import ensure_running
 
-    # Interrupts are for this process: the server inherits that they are blocked, and its workers from it.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # Signals that end a run are for this process: the server inherits that they are blocked, and its workers
+    # from it. What sends them to all processes would else leave nothing to make the report with.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
         ensure_running()
     finally:

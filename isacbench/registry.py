@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -39,6 +39,7 @@ __all__ = [
     "parameter_types",
     "parse_spec",
     "register_plugin",
+    "require_plugins",
     "required_fields",
     "sees_truth",
     "spec_variants",
@@ -128,6 +129,36 @@ def sees_truth(name: str) -> bool:
     if name not in registered:
         raise unknown_name("estimator", name, sorted(registered))
     return bool(getattr(_load(registered[name]), "needs_truth", False))
+
+
+def require_plugins(kind: Kind, specs: Iterable[str]) -> None:
+    """Refuse specifications of estimators or detectors that do not exist, as quickly as can be told.
+
+    A class is imported only where parameters are given, which it has to know.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+    specs : iterable of str
+        Grids included, see `isacbench.spec.spec_variants`.
+
+    Raises
+    ------
+    InputError
+        If a specification is broken, its name is unknown, or one of the
+        parameters that it gives is not allowed.
+
+    Examples
+    --------
+    >>> require_plugins("estimator", ["music2d", "music2d[pfa=[1e-3,1e-4]]"])
+    """
+    registered = entries(kind)
+    for text in specs:
+        for _, spec in spec_variants(text):
+            if spec.params:
+                _build(kind, spec.name, spec.params)
+            elif spec.name not in registered:
+                raise unknown_name(kind, spec.name, sorted(registered))
 
 
 def build_estimator(spec: str) -> Estimator:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+from isacbench import import_closure, plugin_versions
 from isacbench.entries import isolated_plugins
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
@@ -312,3 +313,23 @@ def noisy_cube(clean_cube):
     cube = clean_cube + parts.view(np.complex128)[..., 0]
     cube.setflags(write=False)
     return cube
+
+
+def forget_code():
+    """Have the code of plugins and of what they import read anew."""
+    for remembered in (
+        plugin_versions._digest,
+        plugin_versions._library_digest,
+        plugin_versions._distribution,
+        import_closure._code,
+        import_closure._spec,
+    ):
+        remembered.cache_clear()
+
+
+@pytest.fixture
+def unknown_code():
+    """Packages of a test may have names that others had, and have, too."""
+    forget_code()
+    yield
+    forget_code()

@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -14,8 +15,9 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 import isacbench
-from isacbench.bench.local import work_guarded
+from isacbench.bench.local import work_guarded, work_here
 from isacbench.cli import app
+from isacbench.cli.termination import Termination
 from isacbench.model.cloud_io import read_cloud
 from isacbench.model.scenario import load_scenario
 from isacbench.report.aside import Aside
@@ -167,6 +169,93 @@ def test_an_interrupted_run_says_where_its_rows_are(cli, monkeypatch):
     assert len(pd.read_parquet("out/results.parquet")) == 3
 
 
+def terminated():
+    """Receive the signal, unless that would end the tests."""
+    assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    ("options", "working"),
+    [
+        ((), "isacbench.bench.runner.work_guarded"),
+        (("--timing",), "isacbench.bench.runner.work_alone"),
+        (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.cluster.work_on_cluster"),
+    ],
+)
+def test_a_terminated_run_tabulates_its_rows_and_exits_143(cli, monkeypatch, tmp_path, options, working):
+    def work(job, blocks, *_):
+        yield from islice(work_here(job, blocks), 3)
+        terminated()
+
+    monkeypatch.setattr(working, work)
+    result = cli(*RUN, "-o", "out", *options)
+    assert result.exit_code == 143
+    assert "deviation" in result.stdout
+    assert result.stderr == "isacbench: terminated: the 3 cells so far are in out\n"
+    assert len(pd.read_parquet("out/results.parquet")) == 3
+    assert (tmp_path / "out" / "summary.csv").exists()
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_run_that_is_terminated_while_it_draws_exits_143_and_says_where_its_rows_are(cli, monkeypatch):
+    monkeypatch.setattr(Aside, "draw_run", lambda self, folder: terminated())
+    result = cli(*RUN, "-n", 1, "-o", "out")
+    assert result.exit_code == 143
+    assert result.stderr == (
+        "isacbench: terminated: what is done so far is in out; isacbench report out tabulates it\n"
+    )
+    assert len(pd.read_parquet("out/results.parquet")) == 9
+
+
+def test_a_run_that_is_terminated_before_its_first_cell_leaves_nothing(cli, monkeypatch, tmp_path):
+    monkeypatch.setattr("isacbench.bench.runner.load_job", lambda suite: terminated())
+    result = cli(*RUN, "-o", "out")
+    assert (result.exit_code, result.stderr) == (143, "isacbench: terminated: nothing is done yet\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_second_termination_ends_at_once_and_an_echo_of_the_first_does_not(monkeypatch):
+    codes = []
+    monkeypatch.setattr(os, "_exit", codes.append)
+    with Termination() as termination:
+        with pytest.raises(KeyboardInterrupt):
+            terminated()
+        terminated()
+        assert codes == []
+        termination._first_s -= 2
+        terminated()
+        assert codes == [143]
+
+
+def test_a_termination_leaves_the_handlers_of_others_alone(monkeypatch):
+    def theirs(*_):
+        """Handle it as a plugin's library may."""
+
+    before = signal.signal(signal.SIGTERM, theirs)
+    try:
+        with Termination():
+            assert signal.getsignal(signal.SIGTERM) is theirs
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with Termination():
+            signal.signal(signal.SIGTERM, theirs)
+        assert signal.getsignal(signal.SIGTERM) is theirs
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_a_run_from_python_installs_no_handler(plugins, tiny, monkeypatch):
+    handlers = []
+
+    def work(*args):
+        handlers.append(signal.getsignal(signal.SIGTERM))
+        yield from work_here(*args)
+
+    monkeypatch.setattr("isacbench.bench.runner.work_here", work)
+    isacbench.run("quick", scenarios=[tiny], estimators=["blob"], snr_db=[0], trials=1)
+    assert handlers == [signal.SIG_DFL]
+
+
 def test_run_shows_no_progress_bar_where_there_is_no_terminal(cli):
     assert cli(*RUN, "-n", 1, "-o", "out").stderr == ""
 
@@ -220,8 +309,23 @@ def test_image_of_a_scenario_without_objects_draws_the_cloud_alone_and_prints_no
     (tmp_path / "bare.toml").write_text(text[: text.index("[[objects]]")])
     result = cli("image", "-s", "bare.toml", "-e", "blob", "--plot", "picture.png")
     assert result.exit_code == 0, result.output
-    assert re.fullmatch(r"tiny, blob, 10 dB: 4 points in [0-9.]+ ms\n", result.output)
+    assert re.fullmatch(r"tiny, blob, 10 dB: 4 points in [^\n]+\n", result.output)
     assert [str(path) for path in drawn] == ["picture.png"]
+
+
+@pytest.mark.parametrize(
+    ("limit_s", "told"),
+    [
+        (1e9, r"ms \(the first call, with imports and tables: [0-9.]+ ms\)\n"),
+        (0, "ms, imports and tables included\n"),
+    ],
+)
+def test_the_time_of_an_image_is_that_of_a_second_call_unless_that_takes_long(
+    cli, monkeypatch, limit_s, told
+):
+    monkeypatch.setattr("isacbench.cli.images.REPEATED_S", limit_s)
+    result = cli("image", "-s", "tiny.toml", "-e", "blob")
+    assert re.search(rf"4 points in [0-9.]+ {told}", result.stdout)
 
 
 def test_a_failing_estimator_shows_its_author_where_and_exits_3(cli):
@@ -376,6 +480,59 @@ def test_a_mistake_ends_in_one_message_exit_code_2_and_nothing_written(
 )
 def test_wrong_usage_exits_2(cli, args):
     assert cli(*args).exit_code == 2
+
+
+UNKNOWN_NAMES = [
+    ["run", "quik"],
+    ["run", "-e", "musicd"],
+    ["run", "-e", "music2d", "-s", "streat"],
+    ["image", "-e", "musicd"],
+    ["image", "-s", "streat"],
+    ["plan", "-e", "musicd"],
+    ["simulate", "-s", "streat", "-o", "frame.npy"],
+    ["waveform", "-s", "streat"],
+    ["stress", "-e", "musicd"],
+    ["stress", "-d", "osc"],
+    ["check", "musicd"],
+]
+
+
+def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp_path):
+    code = (
+        "import json, sys\n"
+        "from typer.testing import CliRunner\n"
+        "from isacbench.cli import app\n"
+        "told = [CliRunner().invoke(app, words).stderr for words in json.loads(sys.argv[1])]\n"
+        "print(json.dumps([told, list(sys.modules)]))"
+    )
+    finished = subprocess.run(
+        [sys.executable, "-c", code, json.dumps(UNKNOWN_NAMES)],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    told, modules = json.loads(finished.stdout)
+    assert [text.count("\n") for text in told] == [1] * len(told)
+    assert all("did you mean" in text for text in told)
+    assert not {*modules} & (HEAVY - {"pydantic"} | {"multiprocessing.forkserver"})
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ("run", "-e", "music2d[pfaa=1]"),
+        ("run", "-e", "music2d[detector=osc]"),
+        ("run", "s.toml"),
+        ("stress", "-e", "music2d[pfa=2]"),
+    ],
+)
+def test_a_mistaken_parameter_is_told_before_any_process_is_started(cli, tmp_path, monkeypatch, args):
+    monkeypatch.setattr("isacbench.process_server.start_process_server", lambda: pytest.fail("started"))
+    (tmp_path / "s.toml").write_text(DETECTION.replace('["ca"]', '["ca[pfaa=1]"]'))
+    result = cli(*args)
+    assert result.exit_code == 2, result.output
+    assert result.stderr.count("\n") == 1
 
 
 def test_a_process_exits_2_with_the_message_alone_and_no_traceback(tmp_path):

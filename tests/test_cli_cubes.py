@@ -65,6 +65,7 @@ def test_the_image_of_a_written_frame_is_that_of_the_simulation(scenario, frame,
     recorded = run("image", "--cube", frame, "-s", scenario, "-e", "music2d", "-o", clouds[0])
     simulated = run("image", "-s", scenario, "--snr", 0, "-e", "music2d", "-o", clouds[1])
     assert recorded.exit_code == simulated.exit_code == 0, recorded.stderr
+    assert " ms, reading, imports and tables included" in recorded.stdout
     first, second = (read_cloud(path).to_array() for path in clouds)
     assert len(first) == 3
     np.testing.assert_allclose(first, second, rtol=1e-5, atol=1e-4)

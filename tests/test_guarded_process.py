@@ -54,11 +54,25 @@ def test_a_deadline_ends_the_process_and_counts_from_the_beginning_of_the_call(p
     assert process.call(abs, -1) == 1
 
 
+def test_a_process_that_its_deadline_has_ended_was_not_lost_before(process, monkeypatch):
+    monkeypatch.setattr(process, "_is_alive", lambda: False)
+    with pytest.raises(ProcessLostError, match=r"more than 0\.2 s"):
+        process.call(time.sleep, 600, timeout_s=0.2)
+
+
 def test_a_fresh_process_begins_as_the_first_one_did():
     with GuardedProcess(os.putenv, "BEGUN", "1") as guarded:
         for _ in range(2):
             assert guarded.call(os.system, 'test "$BEGUN" = 1') == 0
             guarded.renew()
+
+
+def test_a_process_that_dies_first_when_a_whole_job_is_terminated_is_not_told_as_lost():
+    with GuardedProcess(os.getpid) as guarded:
+        guarded.call(os.getpid)
+        Timer(1.0, guarded.cancel).start()
+        with pytest.raises(CancelledError):
+            guarded.call(signal.raise_signal, signal.SIGTERM)
 
 
 def test_a_process_that_is_stopped_ends_at_once_and_answers_nobody():

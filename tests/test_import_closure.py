@@ -8,7 +8,6 @@ import isacbench_algorithms
 import pytest
 
 import isacbench
-from isacbench import import_closure as closures
 from isacbench.import_closure import digest_of, import_closure, source_imports
 
 SOURCES = [
@@ -57,7 +56,7 @@ def test_statements_of_any_shape_are_read(text, names):
 
 
 @pytest.fixture
-def package(tmp_path, monkeypatch):
+def package(tmp_path, monkeypatch, unknown_code):
     """Return a package of which one module imports another that imports a third."""
     folder = tmp_path / "closed"
     (folder / "inner").mkdir(parents=True)
@@ -68,8 +67,6 @@ def package(tmp_path, monkeypatch):
     (folder / "c.py").write_text("from os import path\n")
     (folder / "d.py").write_text("from closed import a\n")
     monkeypatch.syspath_prepend(tmp_path)
-    for remembered in (closures._code, closures._spec):
-        remembered.cache_clear()
     return folder
 
 

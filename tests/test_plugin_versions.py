@@ -4,9 +4,9 @@ import sys
 import pytest
 
 import isacbench
-from isacbench import import_closure, plugin_versions
 from isacbench.plugin_versions import library_code, plugin_version
 from isacbench.registry import PluginFile, build_estimator, get_detector, get_estimator, register_plugin
+from tests.conftest import forget_code
 
 DETECTOR = """
 from dataclasses import dataclass
@@ -42,21 +42,7 @@ class Packaged:
 """
 
 
-def forget():
-    for remembered in (
-        plugin_versions._digest,
-        plugin_versions._library_digest,
-        plugin_versions._distribution,
-        import_closure._code,
-        import_closure._spec,
-    ):
-        remembered.cache_clear()
-
-
-@pytest.fixture(autouse=True)
-def _no_memory():
-    """Packages of different tests have equal names."""
-    forget()
+pytestmark = pytest.mark.usefixtures("unknown_code")  # packages of different tests have equal names
 
 
 @pytest.fixture
@@ -74,7 +60,7 @@ def package(plugin_folder, monkeypatch):
 
 
 def digest(plugin, package):
-    forget()
+    forget_code()
     return plugin_version(plugin)[package]["digest"]
 
 

@@ -109,11 +109,12 @@ def run_cell(
     return Outcome(record, cloud, extras)
 
 
-def score_image(scenario: Scenario, cloud: PointCloud) -> dict[str, Any]:
-    """Scores of a cloud by the metric ``paper``, given the scenario that was observed."""
+def score_image(scenario: Scenario, cloud: PointCloud, metric: str = "paper") -> dict[str, Any]:
+    """Score a cloud, given the scenario that was observed."""
     return score(
         scenario.truth,
         cloud,
+        metric,
         region=scenario.region,
         velocity_bin_mps=scenario.system.velocity_bin_mps,
         radius_m=scenario.radius_m,

@@ -16,7 +16,7 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.frame import Frame, PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scenario import Scatterers, Scenario
+from isacbench.model.scene import Scatterers, Scenario, warned_before
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -93,18 +93,19 @@ def describe_scenario(scenario: Scenario) -> dict[str, Any]:
 
 
 def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
-    """Build the scenario that `describe_scenario` and its rows of the truth describe."""
+    """Build the scenario that `describe_scenario` and its rows of the truth describe, without warnings."""
     points = truth[POINT_COLUMNS].to_numpy()
-    return Scenario(
-        name=name,
-        system=System(**described["system"]),
-        array=VirtualArray(**{key: _tupled(value) for key, value in described["array"].items()}),
-        frame=get_frame(**described["frame"]),
-        base_station_m=np.array(described["base_station_m"]),
-        region=Region(**{key: _tupled(value) for key, value in described["region"].items()}),
-        **{name: described[name] for name in ADDED if name in described},
-        scatterers=Scatterers(xyz=points[:, :3], velocity=points[:, 3], amplitude=np.sqrt(points[:, 4])),
-    )
+    with warned_before():
+        return Scenario(
+            name=name,
+            system=System(**described["system"]),
+            array=VirtualArray(**{key: _tupled(value) for key, value in described["array"].items()}),
+            frame=get_frame(**described["frame"]),
+            base_station_m=np.array(described["base_station_m"]),
+            region=Region(**{key: _tupled(value) for key, value in described["region"].items()}),
+            **{name: described[name] for name in ADDED if name in described},
+            scatterers=Scatterers(xyz=points[:, :3], velocity=points[:, 3], amplitude=np.sqrt(points[:, 4])),
+        )
 
 
 def truth_table(scenario: Scenario) -> pd.DataFrame:

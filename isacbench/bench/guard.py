@@ -11,6 +11,7 @@ import math
 import os
 import resource
 import time
+import warnings
 from collections import deque
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ from threadpoolctl import threadpool_limits
 from isacbench.bench.cell import describe_error
 from isacbench.bench.resume import versions_now
 from isacbench.bench.workbench import Made, Workbench, is_to_time
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.guarded_process import GuardedProcess, ProcessLostError
 
 if TYPE_CHECKING:
@@ -277,6 +278,8 @@ _process_id = 0
 
 def _start_worker(job: Job, repeats: int | None) -> None:
     global _job, _repeats, _workbench, _process_id
+    # The process that plans the run draws the same scenes, and warns of them.
+    warnings.simplefilter("ignore", InputWarning)
     _job, _repeats, _workbench, _process_id = job, repeats, None, os.getpid()
 
 

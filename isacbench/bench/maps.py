@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
+from isacbench.choices import MapName
 from isacbench.model.echo import random_stream, white_gaussian
 
 if TYPE_CHECKING:
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
 __all__ = ["MAPS", "MapName", "PowerMap", "draw_map", "near"]
-
-MapName = Literal["homogeneous", "clutter-edge", "close-targets", "interferers"]
 
 SITE = 32
 """Cells of a site along range and along Doppler."""

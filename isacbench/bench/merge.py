@@ -35,6 +35,7 @@ from isacbench.bench.suite import Suite, restore_suite
 from isacbench.entries import local_plugins
 from isacbench.errors import InputError
 from isacbench.spec import spec_variants
+from isacbench.visible import quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -104,10 +105,21 @@ class _Part:
     @classmethod
     def read(cls, folder: Path) -> _Part:
         manifest, results = read_manifest(folder), read_results(folder)
-        if missing := [key for key in RUN_KEYS if key not in manifest]:
+        contents = (
+            f"scenarios.{name}.content"
+            for name, entry in manifest["scenarios"].items()
+            if "content" not in entry
+        )
+        if missing := [*(key for key in RUN_KEYS if key not in manifest), *contents]:
             raise InputError(
                 f"{folder}: its manifest has no {missing[0]}, as an older isacbench left it; "
                 "allowed is a run that this one has gone on with"
+            )
+        n_described, n_named = len(results.scenarios), len(results.suite.scenarios)
+        if n_described != n_named:
+            raise InputError(
+                f"{folder}: damaged run: its manifest describes {n_described} scenarios, "
+                f"its suite names {n_named}"
             )
         rows = Rows.of_tables(results.records, results.clouds, results.environments)
         if not has_its_cloud(rows).all():
@@ -159,7 +171,8 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     results = _results(parts, rows, described, len(rows) < plan.n_cells)
     session = Session(results.started, {"merged": [str(folder) for folder in folders]})
     sessions = sorted(
-        chain.from_iterable(part.manifest["sessions"] for part in parts), key=lambda entry: entry["started"]
+        chain.from_iterable(part.manifest.get("sessions", ()) for part in parts),
+        key=lambda entry: entry["started"],
     )
     with open_folder(out) as folder:
         write_results(results, folder)
@@ -343,6 +356,11 @@ def _draws(parts: Sequence[_Part], scenes: Sequence[str]) -> pd.DataFrame:
     drawn: dict[tuple[str, int], pd.DataFrame] = {}
     for part in parts:
         for key, table in part.results.draws.groupby(["scenario", "trial"], sort=False):
+            if key[0] not in scenes:
+                raise InputError(
+                    f"{part.folder}: damaged run: it has draws of {quoted(key[0])}; "
+                    "allowed are scenes of its manifest"
+                )
             drawn.setdefault(cast("tuple[str, int]", key), table)
     order = sorted(drawn, key=lambda key: (scenes.index(key[0]), key[1]))
     if not order:

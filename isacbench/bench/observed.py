@@ -12,7 +12,7 @@ from isacbench.bench.record import POINT_COLUMNS
 from isacbench.bench.studies import STUDIES
 from isacbench.bench.study import ImagedScene
 from isacbench.errors import InputError
-from isacbench.model.scene import Scatterers
+from isacbench.model.scene import Scatterers, warned_before
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -94,7 +94,8 @@ class ObservedScenes:
             amplitude=np.sqrt(points[:, 4]),
             phase_rad=self._draws["phase_rad"].to_numpy(dtype=np.float64)[drawn],
         )
-        return dataclasses.replace(scene.template, scatterers=scatterers)
+        with warned_before():
+            return dataclasses.replace(scene.template, scatterers=scatterers)
 
 
 def rows_by_trial(table: pd.DataFrame) -> dict[tuple[str, int], NDArray[np.intp]]:

@@ -11,7 +11,7 @@ import pandas as pd
 from isacbench.bench.matching import with_partners
 from isacbench.bench.record import CLOUD_KEYS
 from isacbench.bench.resume import differing_versions
-from isacbench.bench.sound import require_sound_records
+from isacbench.bench.sound import require_described_scenarios, require_sound_records
 from isacbench.bench.statuses import SCORED
 from isacbench.bench.store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
 from isacbench.errors import InputError
@@ -133,6 +133,10 @@ def read_run(folder: Path) -> RunTable:
     _require(folder / MANIFEST, SECTIONS, manifest)
     _require(folder / RECORDS, COLUMNS, records.columns)
     _require(folder / MANIFEST, records["environment"].unique(), manifest["environments"])
+    try:
+        require_described_scenarios(records, manifest)
+    except ValueError as error:
+        raise InputError(f"{folder}: damaged run: {error}") from error
     for name, described in manifest["scenarios"].items():
         _require(
             folder / MANIFEST, [f"scenarios.{name}.content"], {f"scenarios.{name}.{key}" for key in described}

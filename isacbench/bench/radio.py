@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
+from isacbench.choices import Dimension
 from isacbench.errors import InputError
 from isacbench.model.echo import random_stream
 
@@ -27,9 +28,7 @@ __all__ = [
     "space_places",
 ]
 
-Dimension = Literal["range", "velocity", "u", "w"]
-
-DIMENSIONS: tuple[Dimension, ...] = ("range", "velocity", "u", "w")
+DIMENSIONS: tuple[Dimension, ...] = get_args(Dimension)
 
 CANDIDATES = 64
 MAX_ROUNDS = 200

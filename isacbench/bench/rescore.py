@@ -20,6 +20,7 @@ from isacbench.bench.statuses import failed
 from isacbench.bench.store import (
     JOURNAL,
     Session,
+    current_metric,
     read_manifest,
     read_results,
     save_manifest,
@@ -28,7 +29,6 @@ from isacbench.bench.store import (
 from isacbench.bench.studies import STUDIES
 from isacbench.bench.study import ImagedScene
 from isacbench.errors import InputError
-from isacbench.metrics.score import METRIC_VERSION
 from isacbench.model.cloud import PointCloud
 
 if TYPE_CHECKING:
@@ -116,8 +116,8 @@ def rescore(folder: Path) -> Rescored:
         found = _compared(results.suite.kind, results.records, records, len(rows))
         write_results(dataclasses.replace(results, records=records), folder)
         entry = {**session.describe(time.perf_counter() - tick, False), "rescored": len(rows)}
-        metric = {**manifest["metric"], "version": METRIC_VERSION}
-        save_manifest(folder, {**manifest, "metric": metric, "sessions": [*manifest["sessions"], entry]})
+        sessions = [*manifest.get("sessions", ()), entry]
+        save_manifest(folder, {**manifest, "metric": current_metric(), "sessions": sessions})
         (folder / JOURNAL).unlink(missing_ok=True)
     return found
 

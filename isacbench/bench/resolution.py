@@ -22,7 +22,7 @@ from isacbench.bench.radio import DIMENSIONS, draw_place, gain_db, radio_places,
 from isacbench.bench.statuses import failed
 from isacbench.bench.study import ImagedScene, build_estimators, element_snrs_db
 from isacbench.model.echo import central_phase
-from isacbench.model.scene import Scatterers
+from isacbench.model.scene import Scatterers, warned_before
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -68,10 +68,12 @@ class Resolution:
                         draw = partial(
                             _draw, template, name, dimension, cells, phase_deg, margin_cells, suite.seed
                         )
+                        with warned_before():
+                            renamed = dataclasses.replace(template, name=name)
                         scenes.append(
                             ImagedScene(
                                 suite,
-                                dataclasses.replace(template, name=name),
+                                renamed,
                                 contestants,
                                 element_snrs_db(suite, gain_db(draw(0))),
                                 draw=draw,
@@ -123,7 +125,8 @@ def pair(
     scatterers = Scatterers(xyz, velocity, np.ones(2))
     scenario = dataclasses.replace(template, name=name, scatterers=scatterers)
     phase_rad = np.deg2rad([0.0, phase_deg]) - central_phase(scenario)
-    return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
+    with warned_before():
+        return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
 
 
 def measure(dimension: Dimension, shot: Shot) -> dict[str, Any]:

@@ -7,17 +7,25 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import numpy as np
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from isacbench.bench.record import COLUMNS, TYPES, Status
+from isacbench.errors import InputError
 from isacbench.visible import quoted
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     import pandas as pd
 
-__all__ = ["Manifest", "require_rows_that_fit", "require_sound_records"]
+
+__all__ = [
+    "Manifest",
+    "require_described_scenarios",
+    "require_rows_that_fit",
+    "require_sound_records",
+]
 
 KEYS = ("suite", "scenario", "estimator", "params", "status")
 """Columns of text that every row has."""
@@ -55,7 +63,7 @@ class _Scene(_Part):
     name: str
     content: str
     snr_db: list[Finite]
-    contestants: list[Annotated[int, Field(ge=0)]]
+    contestants: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
 
 
 class _Machine(_Part):
@@ -92,6 +100,19 @@ class Manifest(_Part):
     environments: dict[str, _Environment] = {}
     sessions: list[_Session] = []
 
+    @field_validator("scenes")
+    @classmethod
+    def _require_estimators(cls, scenes: list[_Scene], info: ValidationInfo) -> list[_Scene]:
+        """Refuse scenes whose contestants are not among the estimators."""
+        n_estimators = len(info.data.get("estimators", ()))
+        for scene in scenes:
+            if max(scene.contestants) >= n_estimators:
+                raise ValueError(
+                    f"contestant {max(scene.contestants)} of {scene.name!r}; allowed are indices of the "
+                    f"{n_estimators} estimators"
+                )
+        return scenes
+
 
 def require_sound_records(records: pd.DataFrame) -> None:
     """Refuse records whose columns are not what every reader takes them for.
@@ -120,6 +141,33 @@ def require_sound_records(records: pd.DataFrame) -> None:
     if "params" in records:
         for text in records["params"].unique():
             _require_params(text)
+
+
+def require_described_scenarios(records: pd.DataFrame, manifest: Mapping[str, Any]) -> None:
+    """Refuse records of scenarios that the manifest does not describe.
+
+    Parameters
+    ----------
+    records : DataFrame
+    manifest : mapping of str to Any
+        With ``suite`` and ``scenarios``.
+
+    Raises
+    ------
+    InputError
+        Naming the scenarios.
+    """
+    # A study that makes scenes of a scenario names it in a column of its own; rows of a user have none.
+    names = records["template" if "template" in records else "scenario"].dropna().unique()
+    maps = manifest["suite"].get("maps")
+    others = map(str, maps) if isinstance(maps, list) else ()
+    missing = set(map(str, names)) - {""} - set(manifest["scenarios"]) - set(others)
+    if missing:
+        described = quoted(sorted(manifest["scenarios"])) if manifest["scenarios"] else "none"
+        raise InputError(
+            f"its rows name the scenarios {quoted(sorted(missing))}, which its manifest does not describe; "
+            f"allowed are those that it does, {described}"
+        )
 
 
 def require_rows_that_fit(path: Path) -> None:

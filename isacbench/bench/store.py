@@ -33,7 +33,12 @@ from isacbench.bench.record import (
     typed,
 )
 from isacbench.bench.rows import Rows
-from isacbench.bench.sound import Manifest, require_rows_that_fit, require_sound_records
+from isacbench.bench.sound import (
+    Manifest,
+    require_described_scenarios,
+    require_rows_that_fit,
+    require_sound_records,
+)
 from isacbench.bench.studies import STUDIES
 from isacbench.bench.suite import restore_suite
 from isacbench.errors import InputError, InputWarning
@@ -57,6 +62,7 @@ __all__ = [
     "RUN_KEYS",
     "RUN_TABLES",
     "Session",
+    "current_metric",
     "describe_run",
     "read_manifest",
     "read_results",
@@ -135,7 +141,7 @@ def describe_run(job: Job) -> dict[str, Any]:
     return {
         "seed": suite.seed,
         "suite": suite.model_dump(),
-        "metric": _metric(),
+        "metric": current_metric(),
         "estimators": [
             {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
             for one in job.plan.contestants
@@ -253,14 +259,15 @@ def require_metric(folder: Path) -> None:
         If it was.
     """
     metric = _lenient(lambda: read_manifest(folder)["metric"], folder / MANIFEST)
-    if metric is not None and metric != _metric():
+    if metric is not None and metric != current_metric():
         raise InputError(
             f"its cells were scored by version {metric.get('version')} of the metric, not {METRIC_VERSION}; "
             "allowed is to rescore it first (isacbench rescore), or a new folder"
         )
 
 
-def _metric() -> dict[str, Any]:
+def current_metric() -> dict[str, Any]:
+    """Name and version of the metric that this isacbench scores by, in terms of JSON."""
     return {"name": "paper", "version": METRIC_VERSION}
 
 
@@ -366,7 +373,9 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
         require_sound_records(rows.records)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
         columns = STUDIES[restore_suite(manifest["suite"]).kind].columns
-        return dataclasses.replace(rows, records=typed(rows.records, columns))
+        records = typed(rows.records, columns)
+        require_described_scenarios(records, manifest)
+        return dataclasses.replace(rows, records=records)
 
 
 def read_scenes(folder: Path, manifest: Mapping[str, Any]) -> tuple[Suite, dict[str, Scenario], pd.DataFrame]:

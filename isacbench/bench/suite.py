@@ -16,13 +16,9 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from isacbench.bench.maps import MapName
-from isacbench.bench.radio import DIMENSIONS, Dimension
+from isacbench.choices import Dimension, Division, MapName, Modulation, Sensing
 from isacbench.errors import InputError
 from isacbench.instances import Instances, spelled_estimators
-from isacbench.link.qam import Modulation
-from isacbench.link.signal import Division
-from isacbench.model.prs import Sensing
 from isacbench.tomlfile import builtin_names, describe_mistake, find_toml, read_toml
 
 if TYPE_CHECKING:
@@ -200,7 +196,7 @@ class ResolutionSuite(Suite):
     KINDS: ClassVar[tuple[Kind, ...]] = ("resolution",)
 
     kind: Kind = "resolution"
-    dimensions: Annotated[tuple[Dimension, ...], Field(min_length=1)] = DIMENSIONS
+    dimensions: Annotated[tuple[Dimension, ...], Field(min_length=1)] = get_args(Dimension)
     separations_cells: Annotated[tuple[Separation, ...], Field(min_length=1)]
     phases_deg: Annotated[tuple[Phase, ...], Field(min_length=1)] = (0.0,)
 

@@ -21,6 +21,7 @@ __all__ = [
     "EXIT_INTERRUPTED",
     "EXIT_NOT_COMPARABLE",
     "EXIT_REGRESSION",
+    "EXIT_TERMINATED",
     "EXIT_USAGE",
     "app",
     "fail",
@@ -34,6 +35,7 @@ EXIT_FAILED_CELLS = 3
 EXIT_REGRESSION = 4
 EXIT_NOT_COMPARABLE = 5
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+EXIT_TERMINATED = 143  # 128 + SIGTERM
 
 
 @contextmanager

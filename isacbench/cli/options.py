@@ -1,13 +1,25 @@
-"""Options that several commands share."""
+"""Options that several commands share, and the check of the names in them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-__all__ = ["OUT_HELP", "SEED_HELP", "AsJson", "EstimatorSpecs", "PluginFiles", "ScenarioNames", "register"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = [
+    "OUT_HELP",
+    "SEED_HELP",
+    "AsJson",
+    "EstimatorSpecs",
+    "PluginFiles",
+    "ScenarioNames",
+    "register",
+    "require_names",
+]
 
 EstimatorSpecs = Annotated[
     list[str] | None,
@@ -37,3 +49,16 @@ def register(plugin_files: list[Path] | None) -> None:
 
     for path in plugin_files or ():
         load_plugin_file(path)
+
+
+def require_names(
+    scenarios: Iterable[str] = (), estimators: Iterable[str] = (), detectors: Iterable[str] = ()
+) -> None:
+    """Refuse names that do not exist, before anything is started or anything slow is imported."""
+    from isacbench.registry import require_plugins
+    from isacbench.tomlfile import find_toml
+
+    for scenario in scenarios:
+        find_toml(scenario, "scenario")
+    require_plugins("estimator", estimators)
+    require_plugins("detector", detectors)

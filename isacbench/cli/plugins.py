@@ -42,15 +42,18 @@ def check(
     plugin: PluginFiles = None,
 ) -> None:
     """Put estimators and detectors through the contract, and say what to mend."""
-    from isacbench.conformance import CheckReport, PluginFindings, find_plugins
+    from isacbench.conformance.targets import find_plugins
+
+    register(plugin)
+    wanted = find_plugins(package_or_file)
+    from isacbench.conformance import CheckReport, PluginFindings
     from isacbench.conformance.guarded import check_guarded
     from isacbench.registry import distribution
     from isacbench.report.conformance import describe_checks, print_checks
 
-    register(plugin)
     found = [
         PluginFindings(kind, name, distribution(kind, name), tuple(check_guarded(kind, name)))
-        for kind, name in find_plugins(package_or_file)
+        for kind, name in wanted
     ]
     report = CheckReport(tuple(found))
     if as_json:

@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail
-from isacbench.cli.options import OUT_HELP, SEED_HELP, EstimatorSpecs, PluginFiles, ScenarioNames, register
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
+from isacbench.cli.options import (
+    OUT_HELP,
+    SEED_HELP,
+    EstimatorSpecs,
+    PluginFiles,
+    ScenarioNames,
+    register,
+    require_names,
+)
 from isacbench.cli.printing import report_run
+from isacbench.cli.termination import Termination
 from isacbench.errors import InputError
 from isacbench.progress import progress_shown
+
+if TYPE_CHECKING:
+    from isacbench.bench.record import Results
+    from isacbench.bench.runner import Execution
+    from isacbench.bench.suite import Suite
 
 __all__ = ["run"]
 
@@ -74,6 +88,21 @@ def run(
     ] = None,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
+    from isacbench.bench.suite import load_suite, parse_snr
+
+    if out is None and (rerun or mix_versions):
+        raise InputError(
+            "--rerun and --mix-versions: allowed with -o DIR, the folder of the run to go on with"
+        )
+    register(plugin)
+    wanted = load_suite(suite).replace(
+        estimators=estimator,
+        scenarios=scenario,
+        snr_db=None if snr is None else parse_snr(snr),
+        trials=trials,
+        seed=seed,
+    )
+    require_names(wanted.scenarios, wanted.estimators, getattr(wanted, "detectors", ()))
     if dask is None:
         from isacbench.process_server import start_process_server
 
@@ -82,16 +111,10 @@ def run(
     from isacbench.bench.guard import DEFAULT_TIMEOUT_S, Guard
     from isacbench.bench.plan import Shard
     from isacbench.bench.resume import parse_reruns
-    from isacbench.bench.runner import Execution, run_suite
+    from isacbench.bench.runner import Execution
     from isacbench.bench.statuses import failed
-    from isacbench.bench.suite import load_suite, parse_snr
     from isacbench.bench.timing import repeats_wanted
-    from isacbench.report.aside import Aside
 
-    if out is None and (rerun or mix_versions):
-        raise InputError(
-            "--rerun and --mix-versions: allowed with -o DIR, the folder of the run to go on with"
-        )
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
         guard=Guard(
@@ -104,29 +127,14 @@ def run(
         mix_versions=mix_versions,
         repeats=repeats_wanted(timing, repeats),
     )
-
-    register(plugin)
-    wanted = load_suite(suite).replace(
-        estimators=estimator,
-        scenarios=scenario,
-        snr_db=None if snr is None else parse_snr(snr),
-        trials=trials,
-        seed=seed,
-    )
     folder = default_folder(wanted.name) if out is None else out
-    with Aside() as aside:
-        with progress_shown(wanted.name, is_idle=timing) as show:
-
-            def progress(n_done: int, n_cells: int) -> None:
-                if not timing:
-                    aside.get_ready()  # as soon as workers are busy, and this process is not
-                show(n_done, n_cells)
-
-            results = run_suite(wanted, folder, progress, execution)
-        if not results.records.empty:
-            report_run(folder, results.records, results.suite.kind, aside)
-    if results.interrupted:
-        fail(f"interrupted: the {len(results.records)} cells so far are in {folder}", EXIT_INTERRUPTED)
+    with Termination() as termination:
+        try:
+            results = _run_and_report(wanted, folder, execution)
+        except KeyboardInterrupt:
+            termination.fail(_describe_left(folder))
+        if results.interrupted:
+            termination.fail(f"the {len(results.records)} cells so far are in {folder}")
     lost = results.records[failed(results.records)]
     if not lost.empty:
         first = lost.iloc[0]
@@ -136,3 +144,31 @@ def run(
             f"{first['reason']}",
             EXIT_FAILED_CELLS,
         )
+
+
+def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results:
+    """Run a suite and make tables and figures of its rows, also of those that an interrupt left."""
+    from isacbench.bench.runner import run_suite
+    from isacbench.report.aside import Aside
+
+    with Aside() as aside:
+        with progress_shown(suite.name, is_idle=execution.is_timing) as show:
+
+            def progress(n_done: int, n_cells: int) -> None:
+                if not execution.is_timing:
+                    aside.get_ready()  # as soon as workers are busy, and this process is not
+                show(n_done, n_cells)
+
+            results = run_suite(suite, folder, progress, execution)
+        if not results.records.empty:
+            report_run(folder, results.records, results.suite.kind, aside)
+    return results
+
+
+def _describe_left(folder: Path) -> str:
+    """Describe what an interrupt outside the work on cells leaves."""
+    from isacbench.bench.store import MANIFEST
+
+    if not (folder / MANIFEST).exists():
+        return "nothing is done yet"
+    return f"what is done so far is in {folder}; isacbench report {folder} tabulates it"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail, say, say_lines
-from isacbench.cli.options import SEED_HELP, AsJson, EstimatorSpecs, PluginFiles, register
+from isacbench.cli.options import SEED_HELP, AsJson, EstimatorSpecs, PluginFiles, register, require_names
 from isacbench.cli.printing import print_grid, print_json
 from isacbench.errors import InputError
 
@@ -56,6 +56,8 @@ def stress(
     as_json: AsJson = False,
 ) -> None:
     """Put estimators and detectors through hostile but finite input, and say what breaks."""
+    register(plugin)
+    require_names(estimators=estimator or (), detectors=detector or ())
     from isacbench.process_server import start_process_server
 
     start_process_server()
@@ -73,7 +75,6 @@ def stress(
     from isacbench.stress.running import find_targets
     from isacbench.stress.table import case_table, open_stress_folder, promise_table, write_tables
 
-    register(plugin)
     everything = estimator is None and detector is None
     targets = [
         *find_targets("estimator", estimator_names() if everything else estimator or ()),

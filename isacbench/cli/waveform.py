@@ -8,7 +8,7 @@ from typing import Annotated, cast
 import typer
 
 from isacbench.cli.app import app, say
-from isacbench.cli.options import SEED_HELP, AsJson
+from isacbench.cli.options import SEED_HELP, AsJson, require_names
 from isacbench.cli.printing import print_grid, print_json
 from isacbench.progress import progress_shown
 
@@ -36,6 +36,7 @@ def waveform(
     as_json: AsJson = False,
 ) -> None:
     """Tell what the waveform of a scenario takes and carries: times, band, peaks, bits."""
+    require_names([scenario])
     from isacbench.link.grid import draw_grid
     from isacbench.link.merits import draw_papr_db, waveform_merits
     from isacbench.link.qam import BITS, Modulation, bits_per_symbol

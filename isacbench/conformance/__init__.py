@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.isolation import process_state_kept
-from isacbench.conformance.detectors import DETECTOR_CHECKS, DetectorSubject
-from isacbench.conformance.estimators import ESTIMATOR_CHECKS, EstimatorSubject
 from isacbench.conformance.findings import CheckReport, Finding, PluginFindings, Status, run_checks
 from isacbench.conformance.targets import entries_of_class, find_plugins
-from isacbench.contracts import Detector, Estimator
 from isacbench.entries import Entry, Kind, entries, isolated_plugins
 from isacbench.errors import unknown_name
+
+if TYPE_CHECKING:
+    from isacbench.contracts import Detector, Estimator
 
 __all__ = [
     "CheckReport",
@@ -106,17 +105,26 @@ def iterate_checks(kind: Kind, name: str) -> Iterator[Finding]:
 
 def check_names(kind: Kind) -> list[str]:
     """Names of the checks of estimators or of detectors, in their order."""
+    from isacbench.conformance.detectors import DETECTOR_CHECKS
+    from isacbench.conformance.estimators import ESTIMATOR_CHECKS
+
     return [check.name for check in (ESTIMATOR_CHECKS if kind == "estimator" else DETECTOR_CHECKS)]
 
 
 def _checks(entry: Entry, plugin: object = None) -> Iterator[Finding]:
     """Findings about a class, or about an instance of it."""
     if entry.kind == "estimator":
+        from isacbench.conformance.estimators import ESTIMATOR_CHECKS, EstimatorSubject
+
         return run_checks(ESTIMATOR_CHECKS, EstimatorSubject(entry, plugin))
+    from isacbench.conformance.detectors import DETECTOR_CHECKS, DetectorSubject
+
     return run_checks(DETECTOR_CHECKS, DetectorSubject(entry, plugin))
 
 
 def _findings(entry: Entry, plugin: object = None) -> PluginFindings:
     """All findings about a class, or about an instance of it, which leave this process as it was."""
+    from isacbench.bench.isolation import process_state_kept
+
     with process_state_kept():
         return PluginFindings(entry.kind, entry.name, entry.origin, tuple(_checks(entry, plugin)))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from dataclasses import dataclass, field
+from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +28,13 @@ from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import REGION_TOLERANCE_M, Observation, cross_elements
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.model.frame import FrameName
+
+    Floats = NDArray[np.float64]
+
 __all__ = ["ESTIMATOR_CHECKS", "EstimatorSubject"]
 
 BOUND = "isacbench_algorithms.oracle"
@@ -34,6 +43,9 @@ BOUND = "isacbench_algorithms.oracle"
 ROUNDING_M = 1e-6
 MISS_CELLS = 2.0
 """Rayleigh cells beyond which a lone strong echo counts as missed."""
+
+FOUND_CELLS = 1.0
+"""Rayleigh cells within which a point is where a mistake would put it."""
 
 POWER_FACTOR = 10.0
 WITHOUT_ECHO = ": expect input without any echo"
@@ -91,7 +103,7 @@ def _described(array: object) -> str:
 
 
 def _stays_in_the_region(subject: EstimatorSubject) -> str:
-    for shot in (scenes.ordinary(), scenes.ordinary(paper_frame=True), scenes.lone()):
+    for shot in (scenes.ordinary(), scenes.ordinary(paper_frame=True), scenes.lone(), scenes.lone("paper")):
         xyz = subject.image(shot).xyz
         outside = ~shot.scenario.region.contains(xyz, REGION_TOLERANCE_M + ROUNDING_M)
         if outside.any():
@@ -129,14 +141,33 @@ def _has_possible_powers(subject: EstimatorSubject) -> str:
 
 
 def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
-    shot = scenes.lone()
-    cloud, truth = subject.image(shot), shot.scenario.truth
+    return ", ".join(f"{_miss_m(subject, name):.2g} m off in the {name} frame" for name in scenes.LONE_VIEWS)
+
+
+def _miss_m(subject: EstimatorSubject, frame: FrameName) -> float:
+    """Measure the distance in m between a lone scatterer and its image; a miss is told with its cause."""
+    shot = scenes.lone(frame)
+    observation = _CountingObservation.of(shot.observation())
+    cloud, truth = subject.look(shot, observation), shot.scenario.truth
+    if not len(cloud) and observation.n_placed:
+        raise DoubtfulError(
+            f"all detections of a lone scatterer ({sum(observation.n_placed)}) fell outside the region and "
+            "were dropped: look at the signs of u and w, and at units (bins, direction cosines)"
+        )
     if not len(cloud):
         raise DoubtfulError("detects nothing where one scatterer stands far above the noise")
+    places, true = radio_places(shot.scenario, cloud), radio_places(shot.scenario, truth)[0]
     cells = rayleigh_cells(shot.scenario)
-    off_cells = np.abs(radio_places(shot.scenario, cloud) - radio_places(shot.scenario, truth)) / cells
+    off_cells = np.abs(places - true) / cells
     nearest = int(off_cells.max(axis=1).argmin())
     if off_cells[nearest].max() > MISS_CELLS:
+        mistake = _likeliest_mistake(places / cells, true / cells)
+        if mistake is not None:
+            raise DoubtfulError(
+                f"images a lone scatterer where it would be if {mistake} ({frame} frame): the phase of "
+                "element (p, q) is -π (p u + q w), and v > 0 approaches; where a region does not reach that "
+                "place, all detections fall outside it and are dropped"
+            )
         axis = ("range", "velocity", "u", "w")[int(off_cells[nearest].argmax())]
         raise DoubtfulError(
             f"the nearest point to a lone scatterer far above the noise is {off_cells[nearest].max():.3g} "
@@ -148,8 +179,62 @@ def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
             f"the power of a lone unit scatterer comes out as {power:.3g}, not about 1: divide by "
             "observation.system.processing_gain"
         )
-    distance_m = float(np.linalg.norm(cloud.xyz[nearest] - truth.xyz[0]))
-    return f"{distance_m:.2g} m off"
+    return float(np.linalg.norm(cloud.xyz[nearest] - truth.xyz[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class _CountingObservation(Observation):
+    """Observation that counts the detections which it places, dropped ones included.
+
+    Attributes
+    ----------
+    n_placed : list of int
+        Of each call of `cloud` that placed any.
+    """
+
+    n_placed: list[int] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, observation: Observation) -> _CountingObservation:
+        return cls(**{one.name: getattr(observation, one.name) for one in dataclasses.fields(observation)})
+
+    def cloud(
+        self, range_bin: ArrayLike, doppler_bin: ArrayLike, u: ArrayLike, w: ArrayLike, power: ArrayLike
+    ) -> PointCloud:
+        """Count detections and place them in space."""
+        if np.size(range_bin):
+            self.n_placed.append(np.size(range_bin))
+        return super().cloud(range_bin, doppler_bin, u, w, power)
+
+
+def _likeliest_mistake(places: Floats, true: Floats) -> str | None:
+    """Name the mistake of signs or of order that puts a scatterer where an image has it.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        Points of the image: range, velocity, u and w in Rayleigh cells.
+    true : ndarray of float64, shape (4,)
+        The scatterer.
+
+    Returns
+    -------
+    str or None
+        None where no such mistake does.
+    """
+    misses = {}
+    for swapped, *signs in product((False, True), (1, -1), (1, -1), (1, -1)):
+        seen = true[[0, 1, 3, 2]] if swapped else true
+        off_cells = np.abs(places - seen * [1, *signs]).max(axis=1).min()
+        misses[off_cells] = swapped, signs
+    swapped, signs = misses[min(misses)]
+    if min(misses) > FOUND_CELLS:
+        return None
+    wrong = [name for name, sign in zip(("velocity", "u", "w"), signs, strict=True) if sign < 0]
+    parts = ["u and w were swapped"] if swapped else []
+    if wrong:
+        parts.append(f"{' and '.join(wrong)} had the wrong sign{'s' if len(wrong) > 1 else ''}")
+    return " and ".join(parts)
 
 
 def _reads_what_it_declares(subject: EstimatorSubject) -> str:

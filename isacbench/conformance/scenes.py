@@ -5,16 +5,20 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
-from isacbench.model.frame import Frame, PanelFrame, PaperFrame
+from isacbench.model.frame import Frame, FrameName, PanelFrame, PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = ["Shot", "arrays", "lone", "minimal", "noise", "ordinary", "other", "silence", "single_cell"]
 
@@ -29,7 +33,21 @@ THREE = ((4.0, 5.0, 1.0, 0.0), (13.0, 9.0, 3.0, 17.0), (17.0, 3.0, 5.0, -21.0))
 """Places in m and velocities in m/s of unit scatterers."""
 
 SNR_DB = 5.0
+
+LONE_RANGE_M = 40.0
 LONE_SNR_DB = 20.0
+LONE_ARRAY = 10, 10
+LONE_BASE_STATION_M = np.array([0.0, 0.0, 50.0])
+LONE_SPEED_MPS = (-20.0, 20.0)
+LONE_VIEWS: dict[FrameName, tuple[Region, tuple[float, float], float]] = {
+    "panel": (Region((-28.0, 28.0), (-31.0, -27.0), (22.0, 78.0), LONE_SPEED_MPS), (0.65, 0.22), 17.0),
+    "paper": (Region((-30.0, 30.0), (-30.0, 30.0), (20.5, 24.5), LONE_SPEED_MPS), (-0.22, 0.65), -17.0),
+}
+"""Of each frame region, direction cosines and velocity in m/s of a lone scatterer.
+
+The place where it seems to be if signs are wrong, or u and w swapped, lies in the region as well, and
+more than two Rayleigh cells away.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +103,18 @@ def other() -> Shot:
 
 
 @cache
-def lone() -> Shot:
-    """One scatterer far above the noise."""
-    return _shot(THREE[1:2], snr_db=LONE_SNR_DB)
+def lone(frame: FrameName = "panel") -> Shot:
+    """One scatterer far above the noise, in a region in which its mirror images lie as well."""
+    region, (u, w), velocity_mps = LONE_VIEWS[frame]
+    [offset_m] = get_frame(frame).offsets([LONE_RANGE_M], [u], [w])
+    return _shot(
+        [(*(LONE_BASE_STATION_M + offset_m), velocity_mps)],
+        array=LONE_ARRAY,
+        region=region,
+        frame=get_frame(frame),
+        base_station_m=LONE_BASE_STATION_M,
+        snr_db=LONE_SNR_DB,
+    )
 
 
 @cache
@@ -140,6 +167,7 @@ def _shot(
     array: tuple[int, int] = ARRAY,
     region: Region = REGION,
     frame: Frame | None = None,
+    base_station_m: NDArray[np.float64] = BASE_STATION_M,
     snr_db: float = SNR_DB,
     trial: int = 0,
 ) -> Shot:
@@ -150,7 +178,7 @@ def _shot(
         system=SYSTEM,
         array=VirtualArray((1, 1), array, 1, 1),
         frame=PanelFrame() if frame is None else frame,
-        base_station_m=BASE_STATION_M,
+        base_station_m=base_station_m,
         region=region,
         scatterers=Scatterers(places[:, :3], places[:, 3], np.ones(len(places))),
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.cubes.cube import describe
 from isacbench.errors import InputError
-from isacbench.userfiles import require_file
+from isacbench.userfiles import binary_size, require_file
 from isacbench.visible import shortened
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from isacbench.cubes.cube import ComplexArray
 
-__all__ = ["CUBE", "GRID", "Listed", "Role", "choose", "grid_beside", "parsing", "require_size"]
+__all__ = ["CUBE", "GRID", "Listed", "Role", "choose", "grid_beside", "parsing", "require_size", "too_large"]
 
 
 class Listed(NamedTuple):
@@ -131,3 +131,9 @@ def require_size(path: Path, wanted: int, what: str) -> None:
     size = require_file(path)
     if size < wanted:
         raise InputError(f"{path}: is truncated: {what} takes {wanted} bytes, the file has {size}")
+
+
+def too_large(path: Path, limit_bytes: int) -> InputError:
+    """Build the exception for a file whose arrays take more memory together than is allowed."""
+    allowed = binary_size(limit_bytes)
+    return InputError(f"{path}: its arrays take more than {allowed}, which is what is allowed")

@@ -23,7 +23,15 @@ if TYPE_CHECKING:
 
     from isacbench.cubes.cube import ComplexArray
 
-__all__ = ["dataset_cube", "is_hdf5", "open_hdf5", "read_hdf5_grid"]
+__all__ = [
+    "MATLAB_ATTRIBUTE",
+    "dataset_cube",
+    "is_hdf5",
+    "open_hdf5",
+    "read_hdf5_grid",
+    "require_filled",
+    "require_own",
+]
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SIGNATURE_PLACES = (0, 512)
@@ -60,7 +68,7 @@ def open_hdf5(path: Path, tile_bytes: int) -> ChunkedCube:
         file = on_failure.enter_context(h5py.File(path, "r"))
         datasets = _datasets(file)
         name = choose(path, _listed(datasets), CUBE)
-        _require_own(f"{path}: {name}", datasets[name])
+        require_own(f"{path}: {name}", datasets[name])
         cube = dataset_cube(datasets[name], f"{path}: {name}", tile_bytes, file.close)
         cube.transmitted = grid_beside(
             path, _listed(datasets), cube.shape, lambda grid: _grid(f"{path}: {grid}", datasets[grid])
@@ -93,7 +101,7 @@ def dataset_cube(
         If it is no cube, or was not filled.
     """
     cube = ChunkedCube(name, _stored(dataset), tile_bytes, close)
-    _require_filled(name, dataset)
+    require_filled(name, dataset)
     return cube
 
 
@@ -151,26 +159,51 @@ def _read(dataset: h5py.Dataset, missing: int, box: tuple[slice, ...]) -> NDArra
 def _grid(name: str, dataset: h5py.Dataset) -> ComplexArray:
     """Read a dataset as a transmitted grid."""
     require_grid(name, dataset.shape, complex_dtype(dataset.dtype))
-    _require_own(name, dataset)
+    require_own(name, dataset)
+    require_filled(name, dataset)
     require_chunk(name, dataset.chunks or (), dataset.dtype, dataset.shape)
     values = complex_grid(as_complex(dataset[:]))
     return np.ascontiguousarray(values.T) if MATLAB_ATTRIBUTE in dataset.attrs else values
 
 
-def _require_own(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse numbers that lie in other files: HDF5 opens whatever they name, and gives zeros otherwise."""
+def require_own(name: str, dataset: h5py.Dataset) -> None:
+    """Refuse numbers that lie in other files: HDF5 opens whatever they name, and gives zeros otherwise.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the dataset.
+    dataset : h5py.Dataset
+
+    Raises
+    ------
+    InputError
+        If its storage is external or virtual.
+    """
     if dataset.is_virtual or dataset.external:
         raise InputError(
             f"{name}: keeps its numbers in other files; allowed is a file that holds them itself"
         )
 
 
-def _require_filled(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset of which parts were never written; HDF5 would give zeros for them."""
+def require_filled(name: str, dataset: h5py.Dataset) -> None:
+    """Refuse a dataset of which parts were never written; HDF5 would give zeros for them.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the dataset.
+    dataset : h5py.Dataset
+
+    Raises
+    ------
+    InputError
+        With the numbers of chunks that were written and that there should be.
+    """
     if dataset.is_virtual or dataset.external:
         return
     if dataset.chunks is None:
-        present, wanted = int(dataset.id.get_storage_size() > 0), 1
+        present, wanted = int(dataset.id.get_storage_size() > 0), int(dataset.size > 0)
     else:
         present = dataset.id.get_num_chunks()
         wanted = prod(-(-length // part) for length, part in zip(dataset.shape, dataset.chunks, strict=True))

@@ -18,12 +18,11 @@ from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from isacbench.cubes.files import Listed
+from isacbench.cubes.files import Listed, too_large
 from isacbench.cubes.inflated import OUTPUT_BYTES, ZLIB, InflatedBytes
 from isacbench.cubes.mapped import Bytes, MappedBytes
 from isacbench.cubes.raw import RawArray
 from isacbench.errors import InputError
-from isacbench.userfiles import binary_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -151,9 +150,7 @@ def require_at_most(path: Path, arrays: Mapping[str, MatArray], limit_bytes: int
         for array in arrays.values():
             left_bytes -= _taken(file, array, left_bytes)
             if left_bytes < 0:
-                raise InputError(
-                    f"{path}: its arrays take more than {binary_size(limit_bytes)}, which is what is allowed"
-                )
+                raise too_large(path, limit_bytes)
 
 
 def _taken(file: IO[bytes], array: MatArray, most: int) -> int:

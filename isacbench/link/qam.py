@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from scipy.special import ndtr
 
+from isacbench.choices import Modulation
 from isacbench.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Modulation", "awgn_ber", "bits_per_symbol", "constellation", "decide_bits", "modulate_bits"]
-
-Modulation = Literal["qpsk", "16qam", "64qam", "256qam"]
 
 BITS: dict[Modulation, int] = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
 

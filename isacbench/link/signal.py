@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
+from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import require, unknown_name
-from isacbench.link.qam import Modulation, bits_per_symbol
-from isacbench.model.prs import Sensing
+from isacbench.link.qam import bits_per_symbol
 
 __all__ = ["LARGEST_N_ID", "Division", "Signal", "require_n_id"]
-
-Division = Literal["reciprocal", "matched", "wiener"]
-"""How what was received is divided by what was sent."""
 
 LARGEST_N_ID = 4095
 """Largest identity of a PRS sequence (3GPP TS 38.211, 7.4.1.7.2)."""

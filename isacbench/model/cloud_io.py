@@ -66,9 +66,9 @@ def read_cloud(path: str | Path) -> PointCloud:
         - csv: header ``x,y,z,v,power`` in any order, power optional, or no
           header and 4 or 5 columns in that order;
         - npy: an array of shape (n, 4) or (n, 5);
-        - npz and mat: arrays ``xyz`` (n, 3), ``velocity`` (n,) and optionally
-          ``power`` (n,), or exactly one array of shape (n, 4) or (n, 5)
-          under any name;
+        - npz and mat (MATLAB's -v4 to -v7.3): arrays ``xyz`` (n, 3),
+          ``velocity`` (n,) and optionally ``power`` (n,), or exactly one
+          array of shape (n, 4) or (n, 5) under any name;
         - ply: element vertex with x, y, z, v (or velocity), optionally power.
 
         A missing power is 1. Nothing is ever unpickled.
@@ -263,9 +263,18 @@ def _write_npz(cloud: PointCloud, path: Path) -> None:
 
 
 def _read_mat(path: Path) -> PointCloud:
-    with _parsing(path, "mat (of MATLAB's save option -v7 or older)"):
-        arrays = _arrays_of_mat4(path) if _is_mat4(path) else _arrays_of_mat5(path)
+    with _parsing(path, "mat"):
+        arrays = _arrays_of_mat(path)
     return _cloud_from_arrays(path, arrays)
+
+
+def _arrays_of_mat(path: Path) -> Mapping[str, Any]:
+    """Arrays of numbers of a mat file by name, and descriptions of its other variables."""
+    from isacbench.cubes import hdf5, mat73  # which know of models
+
+    if hdf5.is_hdf5(path):
+        return mat73.read_arrays(path, CLOUD_BYTES)
+    return _arrays_of_mat4(path) if _is_mat4(path) else _arrays_of_mat5(path)
 
 
 def _is_mat4(path: Path) -> bool:
@@ -373,10 +382,8 @@ def _is_table(value: Any) -> bool:
 
 
 def _describe(value: Any) -> str:
-    """Shape and type of an array, for messages."""
-    if hasattr(value, "dtype"):
-        return f"{value.dtype} of shape {value.shape}"
-    return type(value).__name__
+    """Shape and type of an array, for messages; text that says it already, as it is."""
+    return f"{value.dtype} of shape {value.shape}" if hasattr(value, "dtype") else str(value)
 
 
 _READERS: dict[str, Callable[[Path], PointCloud]] = {

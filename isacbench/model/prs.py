@@ -6,10 +6,11 @@ take turns in the comb, so that four of them touch every subcarrier.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
+from isacbench.choices import Sensing
 from isacbench.errors import unknown_name
 
 if TYPE_CHECKING:
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
 
 __all__ = ["Sensing", "prs_elements", "resource_elements"]
-
-Sensing = Literal["all", "prs"]
-"""Resource elements that are sensed with: the whole grid, or the PRS alone."""
 
 COMB_SIZE = 4
 COMB_OFFSETS = (0, 2, 1, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,6 +20,8 @@ from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.visible import counted, quoted
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from isacbench.model.array import VirtualArray
@@ -26,16 +29,26 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
     from isacbench.model.region import Region
 
-__all__ = ["Scatterers", "Scenario"]
+__all__ = ["Scatterers", "Scenario", "warned_before"]
 
 MOST_EXPONENT = 1000
 """Of a unit of amplitude, so that neither it nor its reciprocal overflows."""
 
 MOST_OF_A_NAME = 60
 """Characters of a scenario's name that its ``repr`` shows."""
+ROUNDING = 1e-9
+"""Share of the region's largest coordinate, or speed, up to which a scatterer beyond its limits is in it."""
 
 AT_BASE_STATION_M = 1e-9
 """Distance up to which a scatterer is at the base station, where it has no direction."""
+
+
+@contextmanager
+def warned_before() -> Iterator[None]:
+    """Make scenarios anew, in another process or under another name, without repeating their warnings."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        yield
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,8 +152,9 @@ class Scenario(Displayed):
     Warns
     -----
     InputWarning
-        If scatterers lie outside the region, or farther away than the cyclic
-        prefix reaches.
+        If scatterers lie outside the region by more than rounding, 1e-9 of
+        its largest coordinate or speed, or farther away than the cyclic prefix
+        reaches.
 
     Notes
     -----
@@ -206,9 +220,12 @@ class Scenario(Displayed):
             )
 
     def _warn_of_strays(self) -> None:
-        scatterers, (lowest_mps, highest_mps) = self.scatterers, self.region.speed_mps
-        inside = self.region.contains(scatterers.xyz)
-        inside &= (scatterers.velocity >= lowest_mps) & (scatterers.velocity <= highest_mps)
+        scatterers, region, system = self.scatterers, self.region, self.system
+        rounding_m = ROUNDING * max(np.abs(region.corners_m).max(), system.range_bin_m)
+        rounding_mps = ROUNDING * max(*map(abs, region.speed_mps), system.velocity_bin_mps)
+        inside = region.contains(scatterers.xyz, rounding_m)
+        inside &= scatterers.velocity >= region.speed_mps[0] - rounding_mps
+        inside &= scatterers.velocity <= region.speed_mps[1] + rounding_mps
         if not inside.all():
             warnings.warn(
                 f"scenario {self.name}: {np.sum(~inside)} of {inside.size} scatterers lie outside the region "

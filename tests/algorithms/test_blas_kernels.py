@@ -7,7 +7,7 @@ from isacbench.stress.blas_kernels import KernelProcess, other_kernels
 from isacbench.stress.drift import cloud_drift
 
 BOUND = 1e-7
-"""A thousandth of a millimetre in a crowd, where no promise of 1e-9 is made; powers, each over itself, decide."""
+"""Relative, see `cloud_drift`: a street is a crowd of scatterers, where no promise of 1e-9 is made."""
 
 
 @pytest.mark.slow

@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from isacbench import plugin_versions
 from isacbench.bench.cluster import Backlog
 from isacbench.bench.cluster_worker import Lanes, Order
 from isacbench.bench.guard import Guard
@@ -259,15 +258,13 @@ def test_a_plugin_that_workers_lack_is_told_before_anything_is_made(cluster, sui
 
 
 @pytest.fixture
-def changed_plugins(plugin_folder, tiny, monkeypatch):
+def changed_plugins(plugin_folder, tiny, monkeypatch, unknown_code):
     """Install the plugins with another code than workers have."""
     monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
     source = PLUGINS.replace("np.zeros(self.n)", "np.full(self.n, 1.0)")
     names = {"blob": "Blob", "seer": "Seer"}
     plugin_folder.install("test-plugins", source, estimators=names, detectors={"level": "Level"})
-    plugin_versions._digest.cache_clear()
-    yield Suite(name="test", scenarios=[str(tiny)], estimators=["blob"], snr_db=[0], trials=1)
-    plugin_versions._digest.cache_clear()
+    return Suite(name="test", scenarios=[str(tiny)], estimators=["blob"], snr_db=[0], trials=1)
 
 
 def test_another_code_of_a_plugin_is_told_with_what_is_there_and_what_is_wanted(cluster, changed_plugins):

@@ -17,6 +17,7 @@ from isacbench.bench.content import (
     scenario_digest,
     truth_table,
 )
+from isacbench.errors import InputWarning
 from isacbench.model.scenario import load_scenario
 
 json_values = st.recursive(
@@ -103,6 +104,13 @@ def test_minus_nothing_is_nothing(scenario):
     backwards = dataclasses.replace(scenario.scatterers, velocity=-np.zeros(3))
     one, other = (dataclasses.replace(scenario, scatterers=found) for found in (still, backwards))
     assert scenario_digest(one) == scenario_digest(other)
+
+
+def test_a_scenario_is_restored_without_repeating_its_warnings(tiny):
+    (tiny.parent / "tiny.csv").write_text("x,y,z,v\n1,2,3,0\n1,2,6,0\n")
+    with pytest.warns(InputWarning):
+        scenario = load_scenario(tiny)
+    restore_scenario(scenario.name, describe_scenario(scenario), truth_table(scenario))
 
 
 @pytest.mark.parametrize("name", ["street", None])

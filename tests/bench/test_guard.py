@@ -2,6 +2,7 @@
 
 import os
 import time
+import warnings
 from concurrent.futures import CancelledError
 from multiprocessing import active_children
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.bench import guard
 from isacbench.bench.guard import Guard, Lane
 from isacbench.bench.job import load_job
 from isacbench.bench.local import work_guarded
@@ -20,7 +22,7 @@ from isacbench.bench.record import TIMES
 from isacbench.bench.runner import Execution, run_suite
 from isacbench.bench.suite import Suite
 from isacbench.entries import load_plugin_file
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 
 SLOW = pytest.mark.slow
 
@@ -350,3 +352,11 @@ def test_limits_that_are_none_are_refused(limits, message):
 def test_limits_without_a_worker_to_hold_them_are_refused():
     with pytest.raises(InputError, match="timeout_s and memory_mib: allowed are they with jobs or dask"):
         Execution(guard=Guard(timeout_s=1))
+
+
+def test_a_worker_does_not_repeat_what_the_process_that_plans_has_warned_of(monkeypatch):
+    for name in ("_job", "_repeats", "_workbench", "_process_id"):
+        monkeypatch.setattr(guard, name, None)
+    with warnings.catch_warnings():
+        guard._start_worker(None, None)
+        warnings.warn("a scatterer is far away", InputWarning, stacklevel=1)

@@ -194,20 +194,38 @@ def test_not_even_a_worker_that_never_returns_to_the_interpreter_outlives_its_ru
     wait_until(lambda: not running(marker))
 
 
+def from_the_keyboard(process, _marker):
+    os.killpg(process.pid, signal.SIGINT)
+
+
+def by_what_ends_all_processes_of_a_job(process, marker):
+    """Send SIGTERM to workers and their server first, and to the run when they may be dead."""
+    for number in {*running(marker)} - {process.pid}:
+        os.kill(number, signal.SIGTERM)
+    time.sleep(0.3)
+    process.terminate()
+
+
 @linux
-def test_an_interrupt_from_the_keyboard_writes_the_rows_so_far(start, finish, tmp_path, undisturbed):
+@pytest.mark.parametrize(
+    ("interrupt", "code"), [(from_the_keyboard, 130), (by_what_ends_all_processes_of_a_job, 143)]
+)
+def test_an_interrupt_writes_the_rows_so_far(start, finish, tmp_path, undisturbed, interrupt, code):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
     process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker)
     wait_until(lambda: rows_in(folder) >= 4)
-    os.killpg(process.pid, signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 130
+    interrupt(process, marker)
+    assert process.wait(PATIENCE_S) == code
     output = (tmp_path / "output.txt").read_text()
     assert "Traceback" not in output
     assert f"cells so far are in {folder}" in output.replace("\n", "")
     wait_until(lambda: not running(marker))
     assert not (folder / "journal.jsonl").exists()
     assert json.loads((folder / "manifest.json").read_text())["interrupted"] is True
-    assert 4 <= len(read_results(folder).records) < 30
+    records = read_results(folder).records
+    assert 4 <= len(records) < 30
+    assert set(records["status"]) == {"ok"}
+    assert (folder / "summary.md").exists()
     assert finish(folder) == undisturbed
 
 

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.radio import DIMENSIONS, draw_place, radio_places, rayleigh_cells
-from isacbench.bench.resolution import measure, pair, summarise
+from isacbench.bench.resolution import Resolution, measure, pair, summarise
 from isacbench.bench.runner import run, run_suite
 from isacbench.bench.suite import ResolutionSuite
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import resource_grid
 from isacbench.model.scene import Scatterers
@@ -48,6 +48,13 @@ def test_the_two_echoes_have_the_wanted_phase_between_them_at_the_centre_of_the_
         one = Scatterers(both.xyz[index], both.velocity[index], both.amplitude[index], both.phase_rad[index])
         centre.append(resource_grid(dataclasses.replace(scenario, scatterers=one), [(4, 4)])[127, 63, 0])
     np.testing.assert_allclose(centre[1] / centre[0], np.exp(1j * math.radians(phase_deg)), atol=1e-7)
+
+
+def test_scenes_of_a_template_do_not_repeat_its_warnings(suite, room):
+    stray = Scatterers(np.array([[-1.0, 0.0, 0.0]]), np.zeros(1), np.ones(1))
+    with pytest.warns(InputWarning, match="outside the region"):
+        template = dataclasses.replace(room, scatterers=stray)
+    assert len(Resolution().scenes(suite, {"room": template})) == 8
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)

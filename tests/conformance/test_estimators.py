@@ -1,8 +1,11 @@
 """Each check of an estimator fails one that breaks it, and no other check does."""
 
+import numpy as np
 import pytest
 
-from isacbench.conformance import check_plugin, conduct, find_plugins
+from isacbench.bench.radio import radio_places, rayleigh_cells
+from isacbench.conformance import check_plugin, conduct, find_plugins, scenes
+from isacbench.conformance.estimators import MISS_CELLS
 from isacbench.registry import PluginFile, register_plugin
 
 SOUND = '''
@@ -237,8 +240,12 @@ def test_every_check_has_an_estimator_that_breaks_it(check):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (setting("velocity", "-cloud.velocity"), "Rayleigh cells off in velocity"),
-        (setting("xyz", "(cloud.xyz * [1, 0, 1])"), "Rayleigh cells off in"),
+        (setting("velocity", "0 * cloud.velocity"), "Rayleigh cells off in velocity"),
+        (setting("xyz", "cloud.xyz * [0.3, 1, 1]"), "Rayleigh cells off in range"),
+        (
+            ("[observation.gate.range_bins[row]]", "[10 * observation.gate.range_bins[row]]"),
+            "all detections of a lone scatterer (1) fell outside the region and were dropped: look at",
+        ),
         (setting("power", "1000 * cloud.power"), "power of a lone unit scatterer"),
         (put(BEFORE, "return PointCloud.empty()"), "detects nothing"),
     ],
@@ -248,6 +255,46 @@ def test_an_image_that_is_allowed_but_hardly_meant_is_warned_of(check, change, m
     assert not failed(findings)
     assert findings["lone scatterer"].status == "warning"
     assert message in findings["lone scatterer"].message
+
+
+def placing(u="cosine[i]", w="cosine[j]", doppler="observation.gate.doppler_bins[column]"):
+    """Change what the sound estimator takes for the place of its detection."""
+    right = "[observation.gate.doppler_bins[column]],\n        [cosine[i]],\n        [cosine[j]]"
+    return right, f"[{doppler}], [{u}], [{w}]"
+
+
+IN_PAPER = "(-1 if type(observation.frame).__name__ == 'PaperFrame' else 1)"
+BACKWARDS = "-observation.gate.doppler_bins[column]"
+MISTAKES = {
+    "u had the wrong sign (panel frame)": placing(u="-cosine[i]"),
+    "w had the wrong sign (panel frame)": placing(w="-cosine[j]"),
+    "u and w had the wrong signs (panel frame)": placing("-cosine[i]", "-cosine[j]"),
+    "u and w were swapped (panel frame)": placing("cosine[j]", "cosine[i]"),
+    "u and w were swapped and u had the wrong sign (panel frame)": placing("-cosine[j]", "cosine[i]"),
+    "velocity had the wrong sign (panel frame)": placing(doppler=BACKWARDS),
+    "velocity and u and w had the wrong signs (panel frame)": placing("-cosine[i]", "-cosine[j]", BACKWARDS),
+    "w had the wrong sign (paper frame)": placing(w=f"cosine[j] * {IN_PAPER}"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_of_signs_or_of_order_is_called_by_its_name(check, mistake):
+    findings = check(*MISTAKES[mistake])
+    assert not failed(findings)
+    assert findings["lone scatterer"].status == "warning"
+    assert f"where it would be if {mistake}: " in findings["lone scatterer"].message
+
+
+@pytest.mark.parametrize("frame", scenes.LONE_VIEWS)
+def test_no_mistake_of_signs_or_of_order_is_near_the_truth_or_outside_the_region(frame):
+    shot = scenes.lone(frame)
+    [(range_m, _, u, w)] = radio_places(shot.scenario, shot.scenario.truth)
+    cells = rayleigh_cells(shot.scenario)[2:]
+    mirrored = [(a * p, b * q) for p, q in ((u, w), (w, u)) for a in (1, -1) for b in (1, -1)][1:]
+    assert all((np.abs(np.subtract(place, (u, w))) / cells).max() > MISS_CELLS for place in mirrored)
+    for place in mirrored:
+        xyz = shot.scenario.base_station_m + shot.scenario.frame.offsets([range_m], *np.array([place]).T)
+        assert shot.scenario.region.contains(xyz, -1.0).all()
 
 
 def test_what_builds_on_a_failed_check_is_skipped_and_says_so(check):

@@ -70,20 +70,33 @@ def write_mat(path, *, compressed=False, **arrays):
 
 
 def write_mat73(path, *, compressed=False, **arrays):
-    """Write as MATLAB does: a header of its own, axes in reverse, records of two fields, its own groups."""
+    """Write as MATLAB does: its header before the file, axes in reverse, classes, records of two fields."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, array in arrays.items():
-            values = np.ascontiguousarray(array.T)
-            if array.dtype.kind == "c":
-                part = values.real.dtype
-                values = values.astype(array.dtype.newbyteorder("=")).view([("real", part), ("imag", part)])
-            options = {"chunks": True, "compression": "gzip"} if compressed else {}
-            dataset = file.create_dataset(name, data=values, **options)
-            dataset.attrs["MATLAB_class"] = np.bytes_("double")
-        file.create_dataset("#refs#/a", data=np.zeros((1, 1, 1, 1), np.complex64))
+            put_mat73(file, name, np.asarray(array), compressed)
+        put_mat73(file, "#refs#/a", np.zeros((1, 1, 1, 1), np.complex64))
     header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
     with path.open("r+b") as file:
         file.write(header)
+
+
+def put_mat73(group, name, array, compressed=False):
+    """Put an array of numbers, a text or an array without elements where MATLAB's variables are."""
+    classes = {"U": "char", "f4": "single", "f8": "double", "c8": "single", "c16": "double"}
+    kind = "U" if array.dtype.kind == "U" else array.dtype.str[1:]
+    if kind == "U":
+        array = np.array([[*map(ord, array.item())]], np.uint16)
+    values = np.ascontiguousarray(np.atleast_2d(array.T))
+    if array.dtype.kind == "c":
+        part = values.real.dtype
+        values = values.astype(array.dtype.newbyteorder("=")).view([("real", part), ("imag", part)])
+    if not array.size:
+        values = np.array(array.shape, np.uint64)
+    options = {"chunks": True, "compression": "gzip"} if compressed else {}
+    attributes = group.create_dataset(name, data=values, **options).attrs
+    attributes["MATLAB_class"] = np.bytes_(classes.get(kind, array.dtype.name))
+    if not array.size:
+        attributes["MATLAB_empty"] = np.uint8(1)
 
 
 def write_h5(path, *, compressed=False, **arrays):

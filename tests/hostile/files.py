@@ -264,7 +264,61 @@ def compressed_mat(n_mib):
     return write
 
 
+def mat73(change):
+    """A file of version 7.3, without the header that readers do not look into."""
+
+    def write(path):
+        with h5py.File(path, "w") as file:
+            change(file, path)
+            for array in filter(None, map(file.get, ("xyz", "velocity"))):
+                array.attrs["MATLAB_class"] = np.bytes_("double")
+
+    return write
+
+
+def elsewhere73(file, path):
+    """Numbers in a file that is named inside."""
+    path.with_name("secret.bin").write_bytes(bytes(96))
+    file.create_dataset("xyz", (3, 4), "f8", external=[(str(path.with_name("secret.bin")), 0, 96)])
+    file["velocity"] = np.zeros((1, 4))
+
+
+def linked73(file, path):
+    with h5py.File(path.with_name("other.h5"), "w") as other:
+        other["cloud"] = TABLE
+    file["xyz"] = h5py.ExternalLink("other.h5", "cloud")
+    file["velocity"] = h5py.SoftLink("/xyz")
+
+
+def empty73(file, _path):
+    """An array without elements that has some."""
+    file["cloud"] = np.array([10**12, 4], np.uint64)
+    file["cloud"].attrs["MATLAB_empty"] = np.uint8(1)
+
+
+def packed73(shape, chunk, **options):
+    """One chunk that is not what it says, in an array that is nothing else."""
+
+    def change(file, _path):
+        array = file.create_dataset("xyz", shape, "f8", chunks=chunk, maxshape=(None, None), **options)
+        array.id.write_direct_chunk((0, 0), bytes(100))
+
+    return mat73(change)
+
+
+UNKNOWN_FILTER = {"compression": 32700, "allow_unknown_filter": True}
+
 MAT = {
+    "7.3, numbers in another file": mat73(elsewhere73),
+    "7.3, a link to another file": mat73(linked73),
+    "7.3, elements where there are none": mat73(empty73),
+    "7.3, a chunk of 2 GiB": packed73((3, 4), (3, 2**27 // 3 * 2), compression="gzip"),
+    "7.3, an unknown filter": packed73((3, 4), (3, 4), **UNKNOWN_FILTER),
+    "7.3, 1e9 rows": mat73(
+        lambda file, _path: file.create_dataset("xyz", (3, 10**9), "f8", chunks=(3, 10**6))
+    ),
+    "7.3, nothing written": mat73(lambda file, _path: file.create_dataset("xyz", (3, 10**6), "f8")),
+    "7.3, a structure": mat73(lambda file, _path: file.create_group("xyz/velocity")),
     "cells in cells": nested_cells(200_000),
     "a structure": mat_of(xyz={"a": TABLE}, velocity=TABLE[:, 3]),
     "cells": mat_of(xyz=np.array([TABLE, "a"], dtype=object), velocity=TABLE[:, 3]),

@@ -17,6 +17,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_io import read_cloud, read_points_csv, write_cloud
 from isacbench.model.scenario import load_scenario
 
+from ..cubes.samples import write_mat73
 from .files import CUBE, GRID, TABLE
 
 EXAMPLES = settings.default.max_examples // 4
@@ -68,6 +69,7 @@ SEEDS = {
     "cloud mat": (read_cloud, *cloud_file(".mat")),
     "cloud ply": (read_cloud, *cloud_file(".ply")),
     "cloud, compressed mat": (read_cloud, ".mat", mat(do_compression=True)),
+    "cloud, mat 7.3": (read_cloud, ".mat", lambda path: write_mat73(path, p=TABLE, compressed=True)),
     "cloud, mat 4": (read_cloud, ".mat", mat(format="4")),
     "cloud, compressed npz": (read_cloud, ".npz", lambda path: np.savez_compressed(path, p=TABLE)),
     "cloud, binary ply": (read_cloud, ".ply", big_endian_ply),

@@ -20,11 +20,13 @@ from hypothesis import strategies as st
 from isacbench.bench.compare import compare_tables
 from isacbench.bench.merge import merge
 from isacbench.bench.pairing import NotComparableError, read_run
+from isacbench.bench.record import DRAW_COLUMNS
 from isacbench.bench.rescore import rescore
 from isacbench.bench.runner import run_suite
 from isacbench.bench.store import read_results
 from isacbench.bench.suite import Suite
 from isacbench.errors import InputError
+from isacbench.metrics.score import METRIC_VERSION
 from isacbench.report.comparison_tables import comparison_grids
 from isacbench.report.figures import draw_run
 from isacbench.report.kinds import grids_of, write_tables
@@ -380,6 +382,79 @@ def test_a_manifest_that_nobody_wrote_is_used_or_refused(bounded, made, run_fold
         del parent[key]
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
     use_or_refuse(bounded, run_folder, made[1])
+
+
+def without(*path):
+    """Take something out of a manifest."""
+
+    def change(manifest):
+        for part in path[:-1]:
+            manifest = manifest[part]
+        del manifest[path[-1]]
+
+    return change
+
+
+def another_contestant(manifest):
+    manifest["scenes"][0]["contestants"] = [7]
+
+
+def another_scenario(manifest):
+    manifest["scenarios"]["elsewhere"] = manifest["scenarios"]["tiny"]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (without("scenarios", "tiny"), "its rows name the scenarios ['tiny'], which its manifest does not"),
+        (without("estimators", 0), "contestant 0 of 'tiny'; allowed are indices of the 0 estimators"),
+        (another_contestant, "contestant 7 of 'tiny'; allowed are indices of the 1 estimators"),
+        (without("scenes", 0, "contestants", 0), "scenes[0].contestants = []"),
+    ],
+)
+def test_a_manifest_that_lacks_what_rows_refer_to_is_refused(run_folder, refused, change, told):
+    manifest = manifest_of(run_folder)
+    change(manifest)
+    (run_folder / "manifest.json").write_text(json.dumps(manifest))
+    merged = run_folder.with_name("merged")
+    for use_of in (read_results, read_run, rescore, lambda folder: merge([folder], merged)):
+        assert told in refused(use_of, run_folder)
+
+
+def test_rows_of_a_scenario_that_the_manifest_lacks_are_refused(run_folder, refused):
+    table = pd.read_parquet(run_folder / "results.parquet").assign(scenario="elsewhere")
+    resigned(table, run_folder / "results.parquet")
+    assert "its rows name the scenarios ['elsewhere']" in refused(read_results, run_folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (without("scenarios", "tiny", "content"), "its manifest has no scenarios.tiny.content"),
+        (another_scenario, "its manifest describes 2 scenarios, its suite names 1"),
+    ],
+)
+def test_what_parts_cannot_be_merged_without_is_told(run_folder, refused, change, told):
+    manifest = manifest_of(run_folder)
+    change(manifest)
+    (run_folder / "manifest.json").write_text(json.dumps(manifest))
+    assert told in refused(lambda folder: merge([folder], folder.with_name("merged")), run_folder)
+
+
+def test_draws_of_a_scene_that_no_part_has_are_not_merged(run_folder, refused):
+    table = pd.DataFrame([["elsewhere", 0, *[0.0] * 6]], columns=DRAW_COLUMNS)
+    resigned(table, run_folder / "draws.parquet")
+    merged = run_folder.with_name("merged")
+    assert "it has draws of 'elsewhere'" in refused(lambda folder: merge([folder], merged), run_folder)
+
+
+@pytest.mark.parametrize("key", ["sessions", "metric"])
+def test_a_manifest_without_sessions_or_metric_is_rescored(run_folder, key):
+    manifest = manifest_of(run_folder)
+    del manifest[key]
+    (run_folder / "manifest.json").write_text(json.dumps(manifest))
+    assert rescore(run_folder).n_changed == 0
+    assert manifest_of(run_folder)["metric"] == {"name": "paper", "version": METRIC_VERSION}
 
 
 @pytest.mark.parametrize("value", [False, 3, [], {"a": {"b": 1}}])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,6 +19,8 @@ from scipy.io import loadmat, savemat
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_io import read_cloud, read_points_csv, write_cloud
+
+from ..cubes.samples import put_mat73, write_mat73
 
 FORMATS = ("csv", "npy", "npz", "mat", "ply")
 TABLE = np.array([[1.0, 2, 3, 4, 0.5], [-0.1, 1 / 3, 1e-7, -3, 2.25]])
@@ -282,14 +286,25 @@ def test_nothing_is_unpickled(tmp_path: Path) -> None:
     )
 
 
-def save(path: Path, named: dict[str, Any]) -> None:
-    if path.suffix == ".mat":
-        savemat(path, named)
-    else:
-        np.savez(path, **named)
+SAVES = {
+    "npz": np.savez,
+    "mat": lambda path, **named: savemat(path, named),
+    "mat 7.3": write_mat73,
+    "mat 7.3, compressed": lambda path, **named: write_mat73(path, compressed=True, **named),
+}
+"""Writers of named arrays, as NumPy, as MATLAB's options -v6 and -v7.3."""
 
 
-@pytest.mark.parametrize("suffix", ["npz", "mat"])
+@pytest.fixture(params=SAVES)
+def save(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Path]:
+    def write(**named: Any) -> Path:
+        path = tmp_path / f"cloud.{request.param[:3]}"
+        SAVES[request.param](path, **named)
+        return path
+
+    return write
+
+
 @pytest.mark.parametrize(
     "named",
     [
@@ -301,19 +316,26 @@ def save(path: Path, named: dict[str, Any]) -> None:
     ids=["one table", "one table among others", "parts", "parts as row and column beside a table"],
 )
 def test_npz_and_mat_are_read_as_parts_or_as_the_only_table(
-    tmp_path: Path, suffix: str, named: dict[str, Any]
+    save: Callable[..., Path], named: dict[str, Any]
 ) -> None:
-    path = tmp_path / f"cloud.{suffix}"
-    save(path, named)
-    assert np.array_equal(read_cloud(path).to_array(), TABLE)
+    assert np.array_equal(read_cloud(save(**named)).to_array(), TABLE)
 
 
-@pytest.mark.parametrize("suffix", ["npz", "mat"])
-def test_npz_and_mat_without_power_have_power_one(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"cloud.{suffix}"
+def test_npz_and_mat_without_power_have_power_one(save: Callable[..., Path]) -> None:
     for named in ({"p": TABLE[:, :4]}, {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3]}):
-        save(path, named)
-        assert np.array_equal(read_cloud(path).to_array(), np.column_stack([TABLE[:, :4], [1, 1]]))
+        found = read_cloud(save(**named)).to_array()
+        assert np.array_equal(found, np.column_stack([TABLE[:, :4], [1, 1]]))
+
+
+@pytest.mark.parametrize("dtype", ["f4", "i4", "u2", "i8", "u1"])
+def test_npz_and_mat_of_other_classes_than_double_are_read(save: Callable[..., Path], dtype: str) -> None:
+    table = np.arange(12, dtype=dtype).reshape(3, 4)
+    assert np.array_equal(read_cloud(save(table=table)).to_array()[:, :4], table)
+
+
+@pytest.mark.parametrize("columns", [4, 5])
+def test_npz_and_mat_of_no_points_are_an_empty_cloud(save: Callable[..., Path], columns: int) -> None:
+    assert len(read_cloud(save(table=np.empty((0, columns))))) == 0
 
 
 ARRAYS = (
@@ -321,11 +343,10 @@ ARRAYS = (
 )
 
 
-@pytest.mark.parametrize("suffix", ["npz", "mat"])
 @pytest.mark.parametrize(
     ("named", "message"),
     [
-        ({"truth": TABLE, "estimate": TABLE}, f"{ARRAYS}; several could be the cloud: truth, estimate"),
+        ({"estimate": TABLE, "truth": TABLE}, f"{ARRAYS}; several could be the cloud: estimate, truth"),
         ({"points": np.zeros((2, 3))}, f"{ARRAYS}; it holds points (float64 of shape (2, 3))"),
         ({}, f"{ARRAYS}; it holds nothing"),
         ({"xyz": TABLE[:, :3]}, "has no array velocity, but takes both xyz (n, 3) and velocity (n)"),
@@ -349,16 +370,37 @@ ARRAYS = (
     ],
 )
 def test_a_faulty_npz_or_mat_is_refused(
-    tmp_path: Path, suffix: str, named: dict[str, Any], message: str
+    save: Callable[..., Path], named: dict[str, Any], message: str
 ) -> None:
-    path = tmp_path / f"cloud.{suffix}"
-    save(path, named)
-    assert refusal(path) == message
+    assert refusal(save(**named)) == message
 
 
 def test_a_mat_of_structures_and_cells_names_what_it_holds(tmp_path: Path) -> None:
     savemat(tmp_path / "cloud.mat", {"s": {"xyz": TABLE}, "c": np.array([TABLE, "a"], dtype=object)})
     assert refusal(tmp_path / "cloud.mat").startswith(f"{ARRAYS}; it holds s (")
+
+
+def test_a_mat73_of_other_variables_than_numbers_names_their_classes(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.mat"
+    write_mat73(path, label="street", phases=np.ones((2, 4), complex))
+    with h5py.File(path, "a") as file:
+        file.create_dataset("cell", (2, 1), h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_("cell")
+        put_mat73(file, "names", np.ones((6, 4), np.uint32))
+        file["names"].attrs["MATLAB_class"] = np.bytes_("string")
+        for name, attribute in (("structure", "MATLAB_fields"), ("zeros", "MATLAB_sparse")):
+            put_mat73(file, f"{name}/xyz", TABLE)
+            file[name].attrs["MATLAB_class"] = np.bytes_("struct")
+            file[name].attrs[attribute] = np.uint64(2)
+    assert refusal(path) == (
+        f"{ARRAYS}; it holds cell (cell), label (char), names (string), phases (complex128 of shape (2, 4)), "
+        "structure (struct), zeros (sparse matrix)"
+    )
+
+
+def test_a_mat73_of_another_program_is_read_in_the_order_of_its_file(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "cloud.mat", "w") as file:
+        file["cloud"] = TABLE
+    assert np.array_equal(read_cloud(tmp_path / "cloud.mat").to_array(), TABLE)
 
 
 # ply

@@ -68,6 +68,9 @@ def test_a_scatterer_where_the_array_is_blind_is_refused(make_scenario, frame, p
     ("place", "speed_mps", "stray"),
     [
         ([10.0, 0.0, 5.0], 15.0, False),
+        ([10.0, -1e-14, 5.0], 15.0, False),
+        ([10.0, -1e-6, 5.0], 15.0, True),
+        ([10.0, 0.0, 5.0], np.nextafter(15.0, 16.0), False),
         ([10.1, 0.0, 5.0], 15.0, True),
         ([10.0, 0.0, 5.0], -15.1, True),
     ],

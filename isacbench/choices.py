@@ -1,0 +1,25 @@
+"""Words that suites, options and functions choose from, apart from the code that gives them a meaning.
+
+A suite is held to them before NumPy is imported, so that a slip of the pen is told at once.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+__all__ = ["Dimension", "Division", "MapName", "Modulation", "Sensing"]
+
+Modulation = Literal["qpsk", "16qam", "64qam", "256qam"]
+"""Of the data that are sent."""
+
+Sensing = Literal["all", "prs"]
+"""Resource elements that are sensed with: the whole grid, or the PRS alone."""
+
+Division = Literal["reciprocal", "matched", "wiener"]
+"""How what was received is divided by what was sent."""
+
+Dimension = Literal["range", "velocity", "u", "w"]
+"""Dimensions in which the radio tells scatterers apart."""
+
+MapName = Literal["homogeneous", "clutter-edge", "close-targets", "interferers"]
+"""Synthetic power maps, see `isacbench.bench.maps.draw_map`."""
