@@ -261,7 +261,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         row |= {
             "deviation_mean": deviation_mean,
             "deviation_band": deviation_band,
-            "time_estimate_s_median": part["time_estimate_s"].median(),
+            "time_estimate_s_median": part["time_estimate_s"].dropna().median(),
         }
         rows.append(row)
     return pd.DataFrame(rows)

@@ -134,7 +134,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
                 f"ratio_{dimension}_low": low,
                 f"ratio_{dimension}_high": high,
             }
-        rows.append(row | {"time_estimate_s_median": part["time_estimate_s"].median()})
+        rows.append(row | {"time_estimate_s_median": part["time_estimate_s"].dropna().median()})
     return pd.DataFrame(rows)
 
 

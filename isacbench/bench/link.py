@@ -202,7 +202,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
             "n_failed": int(broken.sum()),
         }
         row |= _received(fine) if row["channel"] else _imaged(fine)
-        rows.append(row | {"time_estimate_s_median": fine["time_estimate_s"].median()})
+        rows.append(row | {"time_estimate_s_median": fine["time_estimate_s"].dropna().median()})
     return pd.DataFrame(rows)
 
 

@@ -184,7 +184,7 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
         for name, resolved in (("resolved", part["resolved"]), ("resolved_in_phase", in_phase)):
             low, high = wilson_interval(int(resolved.sum()), len(resolved))
             row |= {name: resolved.mean(), f"{name}_low": low, f"{name}_high": high}
-        rows.append(row | {"time_estimate_s_median": part["time_estimate_s"].median()})
+        rows.append(row | {"time_estimate_s_median": part["time_estimate_s"].dropna().median()})
     return pd.DataFrame(rows)
 
 

@@ -61,6 +61,9 @@ def progress_bar(title: str, is_idle: bool = False) -> Iterator[Progress]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda done, total: None
+        return
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -70,7 +73,6 @@ def progress_bar(title: str, is_idle: bool = False) -> Iterator[Progress]:
     with Progress(
         *columns,
         console=console,
-        disable=not console.is_terminal,
         transient=True,
         auto_refresh=not is_idle,
     ) as bar:

@@ -197,7 +197,11 @@ def _best_matching(i: Indices, j: Indices, squared_m2: NDArray[np.float64]) -> t
     own = np.arange(rows.size)
     # The solver reads a weight of zero as no edge: c² on top of all leaves the best matching the best.
     weights = np.concatenate([squared_m2, np.full(rows.size, GOSPA_CUTOFF_M**2)]) + GOSPA_CUTOFF_M**2
-    ends = (np.concatenate([row, own]), np.concatenate([column, columns.size + own]))
+    # The solver takes graphs with 32-bit indices alone.
+    ends = (
+        np.concatenate([row, own]).astype(np.int32),
+        np.concatenate([column, columns.size + own]).astype(np.int32),
+    )
     graph = csr_array((weights, ends), shape=(rows.size, columns.size + rows.size))
     chosen_row, chosen_column = min_weight_full_bipartite_matching(graph)
     paired = chosen_column < columns.size

@@ -70,7 +70,7 @@ def _sensed(summary: pd.DataFrame) -> list[Grid]:
     labels = estimator_labels(zip(summary["estimator"], summary["params"], strict=True))
     found = []
     for (template, name, params), part in summary.groupby(["template", "estimator", "params"], sort=False):
-        time_ms = 1e3 * part["time_estimate_s_median"].median()
+        time_ms = 1e3 * part["time_estimate_s_median"].dropna().median()
         title = (
             f"{template}, {labels[str(name), str(params)]}: imaging deviation ± 95 % interval by what is "
             f"sensed with, {counted(part['n_cells'].max(), 'trial')}, {time_ms:.1f} ms an image"

@@ -48,7 +48,7 @@ def efficiency_grids(records: pd.DataFrame) -> list[Grid]:
             missed = f"{entry['n_misses'] / entry['n_trials']:.3f}{failed}"
             row = [f"{entry['snr_gain_db']:.4g}", missed, str(entry["n_false"])]
             rows.append(row + [_ratio(entry, dimension) for dimension in DIMENSIONS])
-        time_ms = 1e3 * part["time_estimate_s_median"].median()
+        time_ms = 1e3 * part["time_estimate_s_median"].dropna().median()
         title = (
             f"{scenario}, {labels[str(name), str(params)]}: error over Cramér-Rao bound (95 % interval), "
             f"{part['n_trials'].max()} trials, {time_ms:.1f} ms"
@@ -79,7 +79,7 @@ def resolution_grids(records: pd.DataFrame) -> list[Grid]:
             times = ["time [ms]", ""]
             for name, params in variants:
                 chosen = part[(part["estimator"] == name) & (part["params"] == params)]
-                times.append(f"{1e3 * chosen['time_estimate_s_median'].median():.1f}")
+                times.append(f"{1e3 * chosen['time_estimate_s_median'].dropna().median():.1f}")
             found.append(Grid(title, header, [*rows, times]))
     return found
 
