@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -93,4 +94,4 @@ def _row(label: str, entry: pd.Series[Any]) -> list[str]:
 
 def _milliseconds(time_s: float) -> str:
     """Milliseconds with two decimals; empty where there is none, as of the spread of a single repeat."""
-    return "" if pd.isna(time_s) else f"{1e3 * time_s:.2f}"
+    return "" if math.isnan(time_s) else f"{1e3 * time_s:.2f}"
