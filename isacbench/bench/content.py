@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import pandas as pd
 from isacbench.added_fields import identity_fields
 from isacbench.bench.record import POINT_COLUMNS
 from isacbench.model.array import VirtualArray
-from isacbench.model.frame import Frame, PaperFrame, get_frame
+from isacbench.model.frame import PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario, warned_before
@@ -86,7 +85,7 @@ def describe_scenario(scenario: Scenario) -> dict[str, Any]:
     own = {name: value for name, value in identity_fields(scenario).items() if name in ADDED}
     return {
         **{name: identity_fields(part) for name, part in parts.items()},
-        "frame": {"name": frame, **_fields(scenario.frame)},
+        "frame": {"name": frame, **identity_fields(scenario.frame)},
         "base_station_m": scenario.base_station_m.tolist(),
         **own,
     }
@@ -122,10 +121,6 @@ def _rounded(content: Any) -> Any:
     if isinstance(content, dict):
         return {key: _rounded(value) for key, value in content.items()}
     return [_rounded(value) for value in content] if isinstance(content, (list, tuple)) else content
-
-
-def _fields(frame: Frame) -> dict[str, float]:
-    return identity_fields(frame) if dataclasses.is_dataclass(frame) else {}
 
 
 def _tupled(value: Any) -> Any:

@@ -111,8 +111,8 @@ def without_formulas(table: pd.DataFrame) -> pd.DataFrame:
     """
     guarded = {}
     for name in table.columns:
-        if pd.api.types.is_string_dtype(table[name]):
-            is_formula = table[name].str.match(FORMULA).fillna(False).astype(bool)
+        if pd.api.types.infer_dtype(table[name], skipna=True) == "string":
+            is_formula = table[name].str.match(FORMULA, na=False)
             if is_formula.any():
                 guarded[name] = table[name].mask(is_formula, GUARD + table[name])
     return table.assign(**guarded)

@@ -40,7 +40,10 @@ def stress(
     search: Annotated[
         int | None,
         typer.Option(
-            "--search", metavar="N", min=1, help="Draw N cases a family at random, instead of the table."
+            "--search",
+            metavar="N",
+            min=1,
+            help="Draw N cases a family at random, instead of the table; needs isacbench[stress].",
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = 0,
@@ -131,8 +134,15 @@ def _work(
     if n_examples is None:
         return Examiners(jobs, timeout_s).examine(tasks_of(targets, cases, seed, options))
     from isacbench.stress.families import find_families
-    from isacbench.stress.search import search
 
+    try:
+        from isacbench.stress.search import search
+    except ModuleNotFoundError as error:
+        if error.name != "hypothesis":
+            raise
+        raise InputError(
+            f'--search {n_examples}: the package `hypothesis` is missing; pip install "isacbench[stress]"'
+        ) from error
     families = find_families(cases, {target.kind for target in targets})
     return search(targets, families, n_examples, seed, timeout_s, options, _tell)
 

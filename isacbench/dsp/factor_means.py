@@ -346,6 +346,6 @@ def _rate_of_half(factor: float, n_own: int, n_other: int, looks: int, greatest:
     return float(np.exp(log_law) @ chosen)
 
 
-def _check_halves(halves: tuple[int, int]) -> None:
+def _check_halves(halves: tuple[int, ...]) -> None:
     if len(halves) != 2 or min(halves) < 0 or max(halves) < 1:
         raise InputError(f"halves = {halves}: numbers of leading and trailing training cells, not both 0")

@@ -180,7 +180,7 @@ def _one_look_rate(factor: float, n_training: int, trimmed: tuple[int, int]) -> 
     return math.exp(-np.log1p(scale * times_contained / (n_training - spacing)).sum())
 
 
-def _check_trimmed(n_training: int, trimmed: tuple[int, int]) -> None:
+def _check_trimmed(n_training: int, trimmed: tuple[int, ...]) -> None:
     checked_training(n_training)
     if (
         len(trimmed) != 2

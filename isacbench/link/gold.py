@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.errors import require
+from isacbench.model.limits import require_count
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -58,8 +59,7 @@ def gold_sequence(c_init: ArrayLike, length: int) -> NDArray[np.uint8]:
     values = np.asarray(c_init)
     integral = values.dtype.kind in "iu" and bool(np.all((values >= 0) & (values < 2**REGISTER)))
     require(integral, "c_init", c_init, f"whole numbers from 0 to {2**REGISTER - 1}")
-    is_count = isinstance(length, (int, np.integer)) and not isinstance(length, bool) and length >= 0
-    require(is_count, "length", length, "a whole number, 0 or more")
+    require_count("length", length, smallest=0)
     second = (values.astype(np.int64)[..., None] >> np.arange(REGISTER)) & 1
     first = np.zeros(REGISTER, dtype=np.uint8)
     first[0] = 1

@@ -205,7 +205,11 @@ def _best_matching(
     own = np.arange(rows.size)
     # The solver reads a weight of zero as no edge: c² on top of all leaves the best matching the best.
     weights = np.concatenate([squared_m2, np.full(rows.size, radius_m**2)]) + radius_m**2
-    ends = (np.concatenate([row, own]), np.concatenate([column, columns.size + own]))
+    # The solver takes graphs with 32-bit indices alone.
+    ends = (
+        np.concatenate([row, own]).astype(np.int32),
+        np.concatenate([column, columns.size + own]).astype(np.int32),
+    )
     graph = csr_array((weights, ends), shape=(rows.size, columns.size + rows.size))
     chosen_row, chosen_column = min_weight_full_bipartite_matching(graph)
     paired = chosen_column < columns.size

@@ -301,7 +301,7 @@ def _clouds_of(results: Results, scenario: str, trial: int) -> dict[Hashable, Po
     points = points[points["scenario"] == scenario]
     return {
         key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
-        for key, part in points.groupby(["estimator", "params", "snr_db"], sort=False)
+        for key, part in points.groupby(["estimator", "params", "snr_db"], sort=False, observed=True)
     }
 
 

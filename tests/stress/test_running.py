@@ -1,13 +1,17 @@
 """Running and searching: guarded, in order, the same again, with lines that reproduce what was found."""
 
 import json
+import re
 import shlex
+import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+import isacbench
 from isacbench.cli import app
 from isacbench.entries import isolated_plugins, register_plugin
 from isacbench.errors import InputError
@@ -192,3 +196,21 @@ def test_a_mistake_ends_with_code_2_and_one_line(cli, tmp_path, args, message):
     assert message in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_search_without_hypothesis_names_the_extra_that_brings_it(cli, tmp_path, monkeypatch):
+    monkeypatch.delitem(sys.modules, "isacbench.stress.search")
+    monkeypatch.setitem(sys.modules, "hypothesis", None)
+    result = cli("-e", "oracle", "--search", "3")
+    assert result.exit_code == 2
+    assert result.stderr == (
+        'isacbench: --search 3: the package `hypothesis` is missing; pip install "isacbench[stress]"\n'
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_hypothesis_is_imported_by_the_search_alone():
+    package = Path(isacbench.__file__).parent
+    imports = re.compile(r"^\s*(from|import) hypothesis\b", re.MULTILINE)
+    importing = [path for path in package.rglob("*.py") if imports.search(path.read_text(encoding="utf-8"))]
+    assert importing == [package / "stress" / "search.py"]
