@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import fcntl
+import math
 import os
 import signal
 import sys
+import time
 from concurrent.futures import CancelledError, wait
 from concurrent.futures import TimeoutError as DeadlineError
 from concurrent.futures.process import BrokenProcessPool
@@ -28,6 +30,9 @@ __all__ = ["GuardedProcess", "ProcessLostError"]
 
 POLL_S = 0.2
 GRACE_S = 2.0
+ENDED_S = 0.5
+"""What the pool takes at most to say that it has ended the process at its deadline."""
+
 END_S = 10.0
 F_SETSIG = 10
 """Of Linux: which signal tells of a file descriptor; Python has no name for it."""
@@ -142,19 +147,22 @@ class GuardedProcess:
 
     def answer(self, future: ProcessFuture[T], timeout_s: float | None = None) -> T:
         """Wait for what was scheduled, as `call` does."""
-        is_alive = True
+        died_s = math.inf
         try:
-            while is_alive and not wait([future], timeout=POLL_S).done:
+            while not wait([future], timeout=POLL_S).done:
                 self._refuse_if_stopped()
-                is_alive = self._is_alive()
+                if not self._is_alive():
+                    died_s = time.monotonic()
+                    break
             # The pool tells of every death but one with code 0, though not at once.
-            return future.result(timeout=None if is_alive else GRACE_S)
+            return future.result(timeout=None if died_s == math.inf else GRACE_S)
         except CancelledError:
             raise
         except DeadlineError as error:
+            was_dead_s = time.monotonic() - died_s
             self._refuse_if_stopped()
             self.renew()
-            if not is_alive and not future.done():  # else the pool itself has ended it, at its deadline
+            if was_dead_s > ENDED_S:
                 raise ProcessLostError("killed", "the process exited with code 0") from error
             raise ProcessLostError("timeout", f"more than {timeout_s:g} s") from error
         except (ProcessExpired, BrokenProcessPool) as error:

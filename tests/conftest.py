@@ -1,6 +1,7 @@
 """Shared fixtures: plugins that are really found through entry points, scenes, and a frame of a street."""
 
 import dataclasses
+import os
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,15 @@ from isacbench.model.scenario import load_scenario
 # How long an example takes on a busy machine decides no test.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+MOST_WORKERS = 8
+
+
+def pytest_xdist_auto_num_workers(config):
+    """Run files and single tests in this process, which starts at once, and folders in one process a core."""
+    asked = [Path(text.partition("::")[0]) for text in config.args]
+    return 0 if all(path.is_file() for path in asked) else min(os.cpu_count() or 1, MOST_WORKERS)
+
 
 PLUGINS = '''
 from dataclasses import dataclass

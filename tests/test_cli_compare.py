@@ -122,12 +122,12 @@ def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, 
     result = cli("old", "--between", "fft4d", "--and", "music2d[pfa=1e-3]")
     assert result.exit_code == 4
     lines = result.stdout.splitlines()
-    assert lines[:3] == ["A fft4d", "B music2d", "in old: isacbench 0.1.0 (0123456789)"]
-    assert lines[-1] == "music2d is worse than fft4d: of 1 curve 1 worse; of 3 points 3 worse"
+    assert lines[:3] == ["A fft4d", "B music2d[pfa=0.001]", "in old: isacbench 0.1.0 (0123456789)"]
+    assert lines[-1] == "music2d[pfa=0.001] is worse than fft4d: of 1 curve 1 worse; of 3 points 3 worse"
     assert (tmp_path / "old" / "figures" / "between-deviation.png").is_file()
     back = cli("old", "--between", "music2d", "--and", "fft4d", "--json")
     assert back.exit_code == 0
-    assert json.loads(back.stdout)["between"] == ["music2d", "fft4d"]
+    assert json.loads(back.stdout)["between"] == ["music2d[pfa=0.001]", "fft4d"]
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_list_and_image_know_plugin_files_and_several_of_them(cli, write_plugin)
     assert (packages["middle"], packages["third"]) == ("local.py", "other.py")
     result = cli("image", "-s", "tiny.toml", "-e", "centre", *files)
     assert result.exit_code == 0, result.output
-    assert "1 points" in result.stdout
+    assert "1 point " in result.stdout
 
 
 @pytest.mark.parametrize("command", ["run", "list", "image"])

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -92,6 +93,8 @@ def start(command, tmp_path):
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
+                # Of a shell's background jobs, tests among them, processes inherit that interrupts are ignored.
+                preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
                 env={**os.environ, **environment},
             )
         groups.append(process)

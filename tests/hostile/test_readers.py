@@ -76,15 +76,17 @@ def test_no_hostile_file_holds_points(refused, hostile, suffix, write):
 
 
 @pytest.mark.parametrize(("suffix", "write"), cases(CUBES))
-@pytest.mark.parametrize("read", [read_cube, read_grid])
-def test_no_hostile_file_is_a_cube_or_a_grid(refused, hostile, read, suffix, write):
-    refused(read, hostile(suffix, write))
+def test_no_hostile_file_is_a_cube_or_a_grid(refused, hostile, suffix, write):
+    path = hostile(suffix, write)
+    refused(read_cube, path)
+    refused(read_grid, path)
 
 
 @pytest.mark.parametrize(("suffix", "write"), cases({".toml": TOML}))
-@pytest.mark.parametrize("load", [load_scenario, load_suite])
-def test_no_hostile_file_is_a_scenario_or_a_suite(refused, hostile, load, suffix, write):
-    refused(load, hostile(suffix, write))
+def test_no_hostile_file_is_a_scenario_or_a_suite(refused, hostile, suffix, write):
+    path = hostile(suffix, write)
+    refused(load_scenario, path)
+    refused(load_suite, path)
 
 
 @pytest.mark.parametrize(

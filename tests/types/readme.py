@@ -1,4 +1,4 @@
-from isacbench import get_estimator, load_scenario, observe, score
+from isacbench import get_estimator, load_scenario, observe, plot_clouds, score
 
 scenario = load_scenario("street")  # or the path of your own .toml
 observation = observe(scenario, snr_db=10, trial=0)  # gated range-Doppler cells of every virtual element
@@ -6,3 +6,4 @@ music = get_estimator("music2d", integration="noncoherent")
 cloud = music.estimate(observation)  # PointCloud: xyz, velocity, power
 scores = score(scenario.truth, cloud, region=scenario.region)
 print(f"{len(cloud)} points, deviation {scores['deviation']:.2f}")
+plot_clouds(scenario.truth, cloud, region=scenario.region, out="picture.png")
