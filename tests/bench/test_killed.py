@@ -93,7 +93,7 @@ def start(command, tmp_path):
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                # Of a shell's background jobs, tests among them, processes inherit that interrupts are ignored.
+                # Processes that a shell runs in the background inherit that interrupts are ignored.
                 preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
                 env={**os.environ, **environment},
             )
