@@ -166,7 +166,8 @@ def _miss_m(subject: EstimatorSubject, frame: FrameName) -> float:
             raise DoubtfulError(
                 f"images a lone scatterer where it would be if {mistake} ({frame} frame): look at the signs "
                 "and the order of u and w; the phase of element (p, q) is -π (p u + q w), and v > 0 "
-                "approaches. In a scene whose region does not reach that place, all detections fall outside the region"
+                "approaches. In a scene whose region does not reach that place, all detections fall outside "
+                "the region"
             )
         axis = ("range", "velocity", "u", "w")[int(off_cells[nearest].argmax())]
         raise DoubtfulError(
