@@ -237,8 +237,7 @@ class Lane:
         return InputError(
             f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
             f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last: "
-            f"{loss.reason}; allowed are a scenario that fits into memory, plugins that can be imported, and "
-            "in a script a run below `if __name__ == '__main__':`"
+            f"{loss.reason}; allowed are a scenario that fits into memory and plugins that can be imported"
         )
 
 
