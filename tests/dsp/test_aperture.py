@@ -60,7 +60,7 @@ def test_a_cross_holds_its_elements_in_the_order_of_an_observation(shape, seed):
 
 
 @APERTURES
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(shape=SHAPES, seed=SEEDS)
 def test_gram_matrices_are_the_products_of_all_pairs_of_responses(kind, shape, seed):
     aperture, _, (u, w) = drawn(kind, shape, seed, (2, 3))
@@ -84,7 +84,7 @@ def test_gram_matrices_of_intersections_are_those_of_the_pairs_written_out(kind,
 
 
 @APERTURES
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(shape=SHAPES, seed=SEEDS)
 def test_matched_filters_are_the_products_of_responses_with_snapshots(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 3))
@@ -109,7 +109,7 @@ def test_beams_are_matched_filters_of_one_direction_for_many_snapshots(kind, sha
 
 
 @APERTURES
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(shape=SHAPES, seed=SEEDS)
 def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape, seed):
     aperture, rng, (u, _), (_, w) = drawn(kind, shape, seed, (2, 3), (2, 2))
@@ -120,6 +120,7 @@ def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape
 
 
 @APERTURES
+@settings(max_examples=30)
 @given(shape=SHAPES, seed=SEEDS)
 def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_double(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 2))

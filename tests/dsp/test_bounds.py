@@ -134,6 +134,7 @@ def test_a_tone_is_bounded_as_rife_and_boorstyn_have_it(n, snr):
     assert tone_std_bins(n, n * snr) == pytest.approx(np.sqrt(frequency) * n / (2 * np.pi), rel=1e-9)
 
 
+@settings(max_examples=30)
 @given(
     n_subcarriers=st.integers(2, 300),
     n_symbols=st.integers(2, 300),
@@ -187,6 +188,7 @@ def test_the_comb_couples_range_and_velocity_and_the_full_grid_does_not():
 
 
 @SENSING
+@settings(max_examples=30)
 @given(snr=st.floats(1e-6, 1e6), gain=st.floats(1e-3, 1e3))
 def test_variances_fall_with_the_snr(sensing, snr, gain):
     once, more = single_bound(SYSTEMS[sensing], SHAPE, [snr, gain * snr], sensing).covariance

@@ -4,7 +4,7 @@ import cmath
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.dsp.kernels import dirichlet, dirichlet_slopes, steering
@@ -19,6 +19,7 @@ def test_the_dirichlet_kernel_is_the_sum_it_stands_for(n, bin_, place):
     assert dirichlet([bin_], [place], n)[0, 0] == pytest.approx(total / n**0.5, abs=1e-10)
 
 
+@settings(max_examples=30)
 @given(st.integers(1, 40), st.lists(PLACES, min_size=1, max_size=3))
 def test_the_kernel_is_an_inverse_dft_and_its_conjugate_a_forward_one(n, places):
     phase = 2j * np.pi * np.outer(np.arange(n), places) / n
@@ -38,6 +39,7 @@ def test_bins_repeat_after_the_transform_length(n, bin_, place, turns):
     np.testing.assert_allclose(dirichlet([bin_ + turns * n], [place], n), expected, atol=1e-10)
 
 
+@settings(max_examples=30)
 @given(st.integers(1, 16), st.lists(st.floats(-1, 1), max_size=3))
 def test_steering_is_one_phase_step_an_element(n_elements, cosines):
     response = steering(n_elements, cosines)

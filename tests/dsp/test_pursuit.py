@@ -227,6 +227,7 @@ def test_maxima_of_noise_off_the_grid_are_as_frequent_as_rice_says():
     assert 0.3 * chance * n_images < n_above < 1.5 * chance * n_images
 
 
+@settings(max_examples=30)
 @given(st.tuples(*[st.floats(-6, 6)] * 4))
 def test_the_envelope_bounds_the_kernels(distance):
     atom_map = noisy(PLACE, [0.0])

@@ -1,7 +1,7 @@
 """Order of numbers that only rounding tells apart."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.dsp.ties import rounded, stepped
@@ -9,6 +9,7 @@ from isacbench.dsp.ties import rounded, stepped
 VALUES = st.floats(1e-100, 1e100)
 
 
+@settings(max_examples=30)
 @given(VALUES, st.integers(-50, 50))
 def test_rounding_is_the_same_in_any_unit(value, exponent):
     scale = 2.0**exponent
