@@ -68,6 +68,7 @@ def test_a_whole_frame_has_the_dirichlet_kernel_bit_for_bit(n, distance):
     assert whole.redundancy == 1
 
 
+@settings(max_examples=40)
 @given(st.floats(-16, 16))
 def test_sidelobes_lie_below_their_bound(distance):
     # The bound takes the sine between two lobes for its angle, π/2 at most.

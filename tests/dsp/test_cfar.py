@@ -130,7 +130,7 @@ def equals_a_plain_double_loop(detect, power, training, guard, looks, parameters
 
 
 @EACH
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(
     seed=SEEDS,
     shape=st.tuples(st.integers(9, 12), st.integers(9, 12)),
@@ -380,8 +380,9 @@ def test_shifted_map_gives_the_shifted_detection_away_from_the_edges(
 @given(seed=SEEDS, pfa=st.floats(1e-6, 0.9), ratio=st.floats(0.01, 0.99))
 @settings(max_examples=3, deadline=None)
 def test_smaller_pfa_detects_a_subset(detect, training, guard, seed, pfa, ratio):
-    power = noise_map(seed, (12, 12))
-    strict, loose = (detect(power, training, guard, p).mask for p in (pfa * ratio, pfa))
+    # Every seventh cell: of each column one, and as many of the factors that halves of windows need.
+    power, cells = noise_map(seed, (12, 12)), tuple(np.indices((12, 12)).reshape(2, -1)[:, ::7])
+    strict, loose = (detect(power, training, guard, p, cells=cells).mask for p in (pfa * ratio, pfa))
     assert not np.any(strict & ~loose)
 
 

@@ -303,11 +303,11 @@ def test_a_map_transposed_with_its_window_is_tested_alike(detector, seed):
 
 @EACH
 def test_narrow_integers_of_numpy_are_numbers_of_cells_and_looks_like_others(detector):
-    power = noise_map(6, (300,))
+    power, cells = noise_map(6, (300,)), ([0, 100, 150, 299],)
     # The factor of a trimmed mean of many looks takes seconds; those of all cells are more than 127 anyway.
-    looks = 4 if detector is TmCfar else 100
-    narrow = detector(training=np.int8(100), guard=np.int8(30)).detect(power, np.int8(looks))
-    plain = detector(training=100, guard=30).detect(power, looks)
+    looks = 2 if detector is TmCfar else 100
+    narrow = detector(training=np.int8(100), guard=np.int8(30)).detect(power, np.int8(looks), cells=cells)
+    plain = detector(training=100, guard=30).detect(power, looks, cells=cells)
     assert np.array_equal(narrow.threshold, plain.threshold)
 
 

@@ -32,6 +32,7 @@ def started_elsewhere(owner, place, matched, response, rng):
     return owner[order], place[order], matched[order], response[np.ix_(order, order)]
 
 
+@settings(max_examples=40)
 @given(st.lists(st.floats(-8, 8), min_size=1, max_size=5))
 def test_lobes_are_the_places_a_period_apart_that_the_region_reaches(doppler):
     doppler = np.array(doppler)

@@ -40,6 +40,7 @@ def sources(n_cells, n_sources, gain_db, seed=0):
     return snapshots
 
 
+@settings(max_examples=40)
 @given(
     eigenvalues=st.lists(st.floats(0, 10), min_size=2, max_size=8).map(lambda v: sorted(v, reverse=True)),
     edge=st.floats(0, 10),

@@ -19,6 +19,7 @@ def distinct(seed, *shape):
     return np.random.default_rng(seed).permutation(np.prod(shape)).reshape(shape) + 1.0
 
 
+@settings(max_examples=40)
 @given(
     offset=st.floats(-0.5, 0.5),
     curvature=st.floats(1e-3, 1e3),
@@ -73,6 +74,7 @@ def test_line_peaks_are_those_of_a_plain_loop(n, g, masked, seed):
         np.testing.assert_allclose(peaks.place[row, : len(maxima)], expected, atol=1e-9)
 
 
+@settings(max_examples=40)
 @given(place=st.floats(-0.8, 0.8), width=st.floats(0.1, 10))
 def test_a_parabola_on_a_line_is_placed_exactly(place, width):
     grid = np.linspace(-1, 1, 21)

@@ -37,6 +37,7 @@ def test_the_map_is_the_double_sum_it_stands_for(n_subcarriers, n_symbols):
             assert cells[r, d] == pytest.approx(total / (n_subcarriers * n_symbols) ** 0.5, abs=1e-12)
 
 
+@settings(max_examples=40)
 @given(SIZES, SIZES, st.integers(1, 3))
 def test_the_map_keeps_the_energy_of_every_element(n_subcarriers, n_symbols, n_elements):
     grid = random_cells((n_subcarriers, n_symbols, n_elements))

@@ -47,6 +47,7 @@ def test_a_sliding_window_has_the_sum_of_each_window_to_the_last_bit(window, n_m
         assert total[place] == sum_of_runs(values[place : place + n_window * stride : stride], runs)
 
 
+@settings(max_examples=40)
 @given(windows(), SEEDS)
 def test_windows_side_by_side_have_the_sums_of_each_alone(window, seed):
     n_window, runs = window

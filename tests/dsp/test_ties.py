@@ -16,6 +16,7 @@ def test_rounding_is_the_same_in_any_unit(value, exponent):
     assert rounded(np.array([scale * value]), 9)[0] == scale * rounded(np.array([value]), 9)[0]
 
 
+@settings(max_examples=40)
 @given(VALUES, st.integers(3, 12))
 def test_rounding_moves_by_no_more_than_half_the_last_digit(value, digits):
     assert abs(rounded(np.array([value]), digits)[0] - value) <= value * 10.0**-digits
@@ -34,6 +35,7 @@ def test_zero_stays():
 PLACES, STEPS = st.floats(-100.0, 100.0), st.floats(1e-12, 0.5)
 
 
+@settings(max_examples=40)
 @given(PLACES, STEPS)
 def test_a_place_moves_by_less_than_the_square_of_the_step_that_led_to_it(place, step):
     assert abs(stepped(np.array([place]), np.array([step]))[0] - place) <= max(
@@ -41,6 +43,7 @@ def test_a_place_moves_by_less_than_the_square_of_the_step_that_led_to_it(place,
     )
 
 
+@settings(max_examples=40)
 @given(PLACES, STEPS)
 def test_mirrored_places_stay_mirrored(place, step):
     one, other = (stepped(np.array([sign * place]), np.array([sign * step]))[0] for sign in (1, -1))
