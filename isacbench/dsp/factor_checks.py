@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from functools import cache
 from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
@@ -144,6 +145,7 @@ def solve_factor(rate: Callable[[float], float], pfa: float, near: float | None 
     if not LEAST_PFA <= pfa <= MOST_PFA:
         raise InputError(f"pfa = {pfa}: factors found as a root are exact from {LEAST_PFA} to {MOST_PFA}")
 
+    @cache  # the search for the root begins with both ends, which are known
     def excess(log_factor: float) -> float:
         # A rate that underflows to 0 still tells on which side the root lies.
         return math.log(max(rate(math.exp(log_factor)), sys.float_info.min) / pfa)

@@ -61,6 +61,7 @@ def atom_map():
     return AtomMap.from_map(GatedMap(CELLS, GATE), SYSTEM)
 
 
+@settings(max_examples=30)
 @given(COORDINATES)
 def test_outputs_of_the_matched_filters_are_plain_inner_products(place):
     atom_map = AtomMap.from_map(GatedMap(CELLS, GATE), SYSTEM)

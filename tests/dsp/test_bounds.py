@@ -97,7 +97,7 @@ def pair(axis, separation, phase=0.0, sensing="all"):
 
 @SENSING
 @pytest.mark.parametrize("k", [1, 2, 4])
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1), noise_power=st.floats(1e-3, 1e3))
 def test_the_bound_is_that_of_the_numerical_fisher_matrix(sensing, k, seed, noise_power):
     system = SYSTEMS[sensing]
@@ -126,6 +126,7 @@ def test_one_scatterer_has_its_closed_form_wherever_it_is(sensing):
         )
 
 
+@settings(max_examples=40)
 @given(st.integers(2, 3000), st.floats(1e-6, 1e6))
 def test_a_tone_is_bounded_as_rife_and_boorstyn_have_it(n, snr):
     # Amplitude b, unknown phase, noise of variance s² in real and in imaginary part, a sample a second.
@@ -134,6 +135,7 @@ def test_a_tone_is_bounded_as_rife_and_boorstyn_have_it(n, snr):
     assert tone_std_bins(n, n * snr) == pytest.approx(np.sqrt(frequency) * n / (2 * np.pi), rel=1e-9)
 
 
+@settings(max_examples=30)
 @given(
     n_subcarriers=st.integers(2, 300),
     n_symbols=st.integers(2, 300),
@@ -187,6 +189,7 @@ def test_the_comb_couples_range_and_velocity_and_the_full_grid_does_not():
 
 
 @SENSING
+@settings(max_examples=30)
 @given(snr=st.floats(1e-6, 1e6), gain=st.floats(1e-3, 1e3))
 def test_variances_fall_with_the_snr(sensing, snr, gain):
     once, more = single_bound(SYSTEMS[sensing], SHAPE, [snr, gain * snr], sensing).covariance

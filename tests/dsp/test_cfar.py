@@ -130,7 +130,7 @@ def equals_a_plain_double_loop(detect, power, training, guard, looks, parameters
 
 
 @EACH
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(
     seed=SEEDS,
     shape=st.tuples(st.integers(9, 12), st.integers(9, 12)),
@@ -144,7 +144,7 @@ def test_every_cell_up_to_the_edges_equals_a_plain_double_loop(detect, seed, sha
     )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(SEEDS, st.tuples(st.integers(9, 12), st.integers(9, 12)), SIZES, st.sampled_from([1, 4]))
 def test_osca_with_the_cell_inside_equals_a_plain_double_loop(seed, shape, training, looks):
     training = training[0] + 1, training[1]
@@ -161,7 +161,8 @@ def test_every_cell_of_a_line_equals_a_plain_loop(detect, seed, length, training
 @pytest.mark.parametrize("detect", [goca_cfar, soca_cfar])
 @pytest.mark.parametrize("split_axis", [0, 1, 2])
 def test_halves_along_any_axis_of_a_cube_equal_a_plain_loop(detect, split_axis):
-    power = noise_map(split_axis, (6, 5, 7))
+    # No more than the window but along that axis, and one cell more there.
+    power = noise_map(split_axis, np.add((5, 3, 7), np.arange(3) == split_axis))
     sizes = (1, 1, 2), (1, 0, 1)
     equals_a_plain_double_loop(detect, power, *sizes, 1, {"split_axis": split_axis}, split_axis)
 
@@ -200,7 +201,7 @@ def test_another_axis_is_the_map_turned(detect, name):
 
 
 @ALL
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     seed=SEEDS,
     shape=st.sampled_from([(12, 11), (40, 43)]),
@@ -327,23 +328,33 @@ def test_trimmed_mean_lies_between_cell_averaging_and_the_order_statistic():
     np.testing.assert_allclose(one_left.threshold[inner], order.threshold[inner], rtol=1e-9)
 
 
+def alarms(detect, power, training, guard, pfa, looks, places):
+    """Counts the maps, one for each place along the last axis, in which each of a few cells is detected."""
+    n_maps = power.shape[2]
+    rows, columns = np.repeat(places, n_maps, axis=0).T
+    cells = rows, columns, np.tile(np.arange(n_maps), len(places))
+    found = detect(power, training, guard, pfa, looks=looks, cells=cells)
+    return np.count_nonzero(found.mask.reshape(len(places), n_maps), axis=1)
+
+
 @EACH
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(seed=SEEDS, training=SIZES.filter(any), guard=SIZES, looks=st.sampled_from([1, 3]))
 def test_false_alarm_rate_is_nominal_for_windows_of_any_shape(detect, seed, training, guard, looks):
-    n_maps, pfa = 6000, 0.03
+    # One in ten, for a rate is known the better the larger it is: to 33 % here as to 45 % of 0.03.
+    n_maps, pfa = 3000, 0.1
     shape = tuple(2 * (t + g) + 3 for t, g in zip(training, guard, strict=True))
     power = noise_map(seed, (*shape, n_maps), looks)
-    found = detect(power, (*training, 0), (*guard, 0), pfa, looks=looks)
+    places = (0, 0), (0, 1), (shape[0] // 2, shape[1] // 2), (shape[0] - 1, 0)
+    counts = alarms(detect, power, (*training, 0), (*guard, 0), pfa, looks, places)
     # Maps are independent of each other, cells of one map are not.
     least, most = binom.interval(1 - 1e-9, n_maps, pfa)
-    for cell in ((0, 0), (0, 1), (shape[0] // 2, shape[1] // 2), (shape[0] - 1, 0)):
-        assert least <= np.count_nonzero(found.mask[cell]) <= most
+    assert np.all((least <= counts) & (counts <= most))
 
 
 @ALL
 @given(seed=SEEDS, exponent=st.integers(-300, 300))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_power_of_two_scale_leaves_the_mask_unchanged(detect, training, guard, seed, exponent):
     power = noise_map(seed, (15, 13))
     found, scaled = (detect(p, training, guard, 0.05) for p in (power, np.ldexp(power, exponent)))
@@ -353,7 +364,7 @@ def test_power_of_two_scale_leaves_the_mask_unchanged(detect, training, guard, s
 
 @ALL
 @given(seed=SEEDS, rows=st.integers(0, 5), cols=st.integers(0, 5))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_shifted_map_gives_the_shifted_detection_away_from_the_edges(
     detect, training, guard, seed, rows, cols
 ):
@@ -367,16 +378,17 @@ def test_shifted_map_gives_the_shifted_detection_away_from_the_edges(
 
 @ALL
 @given(seed=SEEDS, pfa=st.floats(1e-6, 0.9), ratio=st.floats(0.01, 0.99))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 def test_smaller_pfa_detects_a_subset(detect, training, guard, seed, pfa, ratio):
-    power = noise_map(seed, (12, 12))
-    strict, loose = (detect(power, training, guard, p).mask for p in (pfa * ratio, pfa))
+    # Every seventh cell: of each column one, and as many of the factors that halves of windows need.
+    power, cells = noise_map(seed, (12, 12)), tuple(np.indices((12, 12)).reshape(2, -1)[:, ::7])
+    strict, loose = (detect(power, training, guard, p, cells=cells).mask for p in (pfa * ratio, pfa))
     assert not np.any(strict & ~loose)
 
 
 @ALL
 @given(seed=SEEDS, cell=st.tuples(st.integers(0, 14), st.integers(0, 12)))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_noise_of_a_cell_depends_on_its_training_cells_alone(detect, training, guard, seed, cell):
     power = noise_map(seed, (15, 13))
     sizes = [(size,) * 2 if isinstance(size, int) else size for size in (training, guard)]
@@ -406,7 +418,7 @@ def test_noise_beside_a_peak_of_1e12_is_right_to_1e_minus_12(detect, training, g
 
 @ALL
 @given(seed=SEEDS)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 def test_float32_map_gives_what_the_same_map_in_float64_gives(detect, training, guard, seed):
     power = noise_map(seed, (14, 14)).astype(np.float32)
     single, double = (detect(p, training, guard, 1e-3) for p in (power, power.astype(np.float64)))
@@ -416,15 +428,15 @@ def test_float32_map_gives_what_the_same_map_in_float64_gives(detect, training, 
 
 
 @WITH_GUARD
-@pytest.mark.parametrize("looks", [1, 16, 256])
+@pytest.mark.parametrize("looks", [1, 16, pytest.param(256, marks=pytest.mark.slow)])
 def test_false_alarm_rate_is_nominal_in_the_corner_at_the_border_and_inside(detect, guard, looks):
     # One independent map for each place along the last axis, which the window does not mix.
     training, keep = ((4, 4, 0), None) if guard is None else ((3, 3, 0), (1, 1, 0))
     n_maps, pfa = 8000, 0.02
-    found = detect(noise_map(looks, (9, 9, n_maps), looks), training, keep, pfa, looks=looks)
+    power, places = noise_map(looks, (9, 9, n_maps), looks), ((0, 0), (0, 4), (8, 3), (4, 4))
+    counts = alarms(detect, power, training, keep, pfa, looks, places)
     least, most = binom.interval(1 - 1e-6, n_maps, pfa)
-    for cell in ((0, 0), (0, 4), (8, 3), (4, 4)):
-        assert least <= np.count_nonzero(found.mask[cell]) <= most
+    assert np.all((least <= counts) & (counts <= most))
 
 
 @pytest.mark.slow

@@ -58,7 +58,7 @@ def scenes(draw):
     return u, w, np.array(gain), offset * RAYLEIGH
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(scene=scenes())
 def test_noise_free_sources_are_found_from_starts_beside_them(scene):
     u, w, gain, offset = scene

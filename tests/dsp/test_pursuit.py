@@ -201,6 +201,7 @@ def test_two_elements_see_one_wave_and_no_split():
     assert np.all(splits.offsets[:, 2:] == 0)
 
 
+@settings(max_examples=40)
 @given(st.floats(1, 1e6), st.floats(1e-9, 0.1))
 def test_the_highest_noise_is_where_rice_expects_one_crossing_in_so_many_images(n, chance):
     level = noise_maximum(n, chance)
@@ -227,6 +228,7 @@ def test_maxima_of_noise_off_the_grid_are_as_frequent_as_rice_says():
     assert 0.3 * chance * n_images < n_above < 1.5 * chance * n_images
 
 
+@settings(max_examples=30)
 @given(st.tuples(*[st.floats(-6, 6)] * 4))
 def test_the_envelope_bounds_the_kernels(distance):
     atom_map = noisy(PLACE, [0.0])
@@ -334,6 +336,7 @@ def test_pairs_in_no_noise_at_all_are_compared_without_overflow():
     np.testing.assert_array_equal(places, fit.places)
 
 
+@settings(max_examples=40)
 @given(st.tuples(*[st.floats(-200, 200)] * 8))
 def test_the_nearest_of_equal_places_is_within_half_a_period_and_a_whole_number_of_them_away(values):
     places, reference = np.array(values[:4]), np.array(values[4:])

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.dsp.run_sums import sliding_sums, sum_of_runs
@@ -26,6 +26,7 @@ def values_of(seed, *shape):
     return rng.standard_exponential(shape) * 10.0 ** rng.integers(-6, 7, shape)
 
 
+@settings(max_examples=30)
 @given(windows(), SEEDS)
 def test_the_sum_of_runs_is_exact_to_the_rounding_of_a_tree_of_pairs(window, seed):
     n_window, runs = window
@@ -35,6 +36,7 @@ def test_the_sum_of_runs_is_exact_to_the_rounding_of_a_tree_of_pairs(window, see
     assert abs(Fraction(float(found)) - exact) <= exact * Fraction(20, 2**53)
 
 
+@settings(max_examples=30)
 @given(windows(), st.integers(0, 30), st.integers(1, 4), SEEDS)
 def test_a_sliding_window_has_the_sum_of_each_window_to_the_last_bit(window, n_more, stride, seed):
     n_window, runs = window
@@ -45,6 +47,7 @@ def test_a_sliding_window_has_the_sum_of_each_window_to_the_last_bit(window, n_m
         assert total[place] == sum_of_runs(values[place : place + n_window * stride : stride], runs)
 
 
+@settings(max_examples=40)
 @given(windows(), SEEDS)
 def test_windows_side_by_side_have_the_sums_of_each_alone(window, seed):
     n_window, runs = window

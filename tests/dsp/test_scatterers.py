@@ -5,7 +5,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.dsp.planewaves import PlaneWaves
@@ -222,6 +222,7 @@ CROWDS = st.lists(
 )
 
 
+@settings(max_examples=30)
 @given(crowd=CROWDS, seed=st.integers(0, 999))
 def test_merging_keeps_the_strongest_as_a_plain_double_loop_does_in_any_order(crowd, seed):
     points = np.column_stack([crowd.range_bin, crowd.doppler_bin, crowd.u, crowd.w])
@@ -235,6 +236,7 @@ def test_merging_keeps_the_strongest_as_a_plain_double_loop_does_in_any_order(cr
     assert len(merged) == len(kept)
 
 
+@settings(max_examples=30)
 @given(crowd=CROWDS)
 def test_merging_twice_is_merging_once(crowd):
     once = merge_duplicates(crowd)

@@ -35,7 +35,7 @@ def snapshot(u, w, gain, shape=(16, 16)):
     )[None, None]
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(
     decades=st.lists(st.floats(-13, 0), min_size=3, max_size=9),
     order=st.integers(1, 8),
@@ -51,7 +51,7 @@ def test_no_subspace_of_a_covariance_is_farther_off_than_its_bound(decades, orde
     assert off <= 2 * bound + 40 * EPS or bound > 0.1
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(
     decades=st.lists(st.floats(-14, 0), min_size=3, max_size=9),
     order=st.integers(1, 8),
@@ -71,6 +71,7 @@ def test_no_subspace_of_data_is_farther_off_than_its_bound(decades, order, more,
     np.testing.assert_allclose(np.sqrt(pairs.values[0]), singular, atol=20 * n * EPS * singular[0])
 
 
+@settings(max_examples=30)
 @given(decades=st.lists(st.floats(-8, 0), min_size=1, max_size=5), seed=st.integers(0, 999))
 def test_leading_pairs_of_large_data_are_those_of_all_singular_values(decades, seed):
     rng = np.random.default_rng(seed)
@@ -103,6 +104,7 @@ def test_a_white_covariance_has_no_signal_subspace(power):
     assert separated_order(pairs.rotation, np.array([4])).tolist() == [0]
 
 
+@settings(max_examples=30)
 @given(
     sines=st.lists(st.sampled_from([0.0, 1e-9, MOST_ROTATION, 2e-3, 1.0]), min_size=0, max_size=6),
     order=st.integers(0, 7),
@@ -116,6 +118,7 @@ def test_the_order_is_the_largest_that_is_determined(sines, order):
     assert found.tolist() == [expected]
 
 
+@settings(max_examples=30)
 @given(exponent=st.integers(-200, 200), seed=st.integers(0, 99))
 def test_a_power_of_two_changes_neither_bounds_nor_vectors(exponent, seed):
     data = np.random.default_rng(seed).standard_normal((2, 7, 4))

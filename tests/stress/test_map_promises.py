@@ -125,7 +125,15 @@ def broken(case, detector):
     ],
 )
 def test_a_fault_breaks_the_promise_that_is_there_for_it(fault, case, promise):
-    assert promise in broken(case, Faulty(fault=fault))
+    class Narrow(type(case)):
+        """Of its promises the first and the one that is meant."""
+
+        @property
+        def promises(self):
+            first, *others = super().promises
+            return (first, *(one for one in others if one.name == promise))
+
+    assert promise in broken(Narrow(**dataclasses.asdict(case)), Faulty(fault=fault))
 
 
 @pytest.mark.parametrize("family", families_of("detector"))
@@ -142,23 +150,30 @@ def test_every_promise_of_a_detector_is_broken_by_some_fault():
     assert named == {promise for _, _, promise in parameters.args[1]}
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize(
-    "case",
-    [
-        MapLevel(exponent=-322.0),
-        MapLevel(exponent=306.0),
-        MapRange(range_db=300.0),
-        ConstantMap(exponent=308.0),
-        BlankMap(filled="ends"),
-        BlankMap(filled="few_smallest"),
-        MapWindow(n_axes=3, length=5, width=7, training=1, guard=1),
-        MapWindow(length=9, width=8),
-        Rate(exponent=-15.0, looks=16),
-        Rate(exponent=-0.31, looks=2),
-    ],
-    ids=lambda case: case.spec,
+HOSTILE = (
+    MapLevel(exponent=-322.0),
+    MapLevel(exponent=306.0),
+    MapRange(range_db=300.0),
+    ConstantMap(exponent=308.0),
+    BlankMap(filled="ends"),
+    BlankMap(filled="few_smallest"),
+    MapWindow(n_axes=3, length=5, width=7, training=1, guard=1),
+    MapWindow(length=9, width=8),
+    Rate(exponent=-15.0, looks=16),
+    Rate(exponent=-0.31, looks=2),
 )
+
+
+def in_turn(cases):
+    """Gives every case to every second detector, and to the others among the slow tests."""
+    return [
+        pytest.param(name, case, id=f"{name}-{case.spec}", marks=() if (i + j) % 2 else pytest.mark.slow)
+        for i, case in enumerate(cases)
+        for j, name in enumerate(NAMES)
+    ]
+
+
+@pytest.mark.parametrize(("name", "case"), in_turn(HOSTILE))
 def test_built_in_detectors_keep_every_promise(name, case):
     assert not broken(case, get_detector(name))
 
@@ -167,7 +182,7 @@ def test_built_in_detectors_keep_every_promise(name, case):
     case=st.sampled_from([MapLevel, MapRange, ConstantMap, BlankMap, MapWindow]).flatmap(cases_from),
     name=st.sampled_from(NAMES),
 )
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_built_in_detectors_keep_the_promises_of_whatever_the_search_draws(case, name):
     assert not broken(case, get_detector(name))
 
@@ -202,9 +217,8 @@ def test_noise_of_a_detector_that_is_not_built_in_is_not_known():
     assert outcomes["known factor"] == "skipped"
 
 
-@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
-    "case", [case for case in Rate.table() if case.threshold == "exact"], ids=lambda case: case.spec
+    ("name", "case"), in_turn([case for case in Rate.table() if case.threshold == "exact"])
 )
 def test_factors_of_built_in_detectors_are_known_but_for_trimmed_means_of_many_looks(name, case):
     tested = case.subject(get_detector(name), 0)
@@ -220,8 +234,8 @@ def test_an_echo_is_detected_at_every_rate_of_the_table(name):
     for case in Rate.table():
         tested = case.subject(get_detector(name), 0)
         strict = dataclasses.replace(tested.detector, pfa=tested.detector.pfa / 2)
-        assert tested.found.mask[0, 0]
-        assert strict.detect(tested.power, tested.looks).mask[0, 0]
+        for detector in (tested.detector, strict):
+            assert detector.detect(tested.power, tested.looks, cells=([0], [0])).mask.all()
 
 
 def test_a_printed_factor_is_not_held_against_the_rate():
