@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, PackageMetadata, entry_points
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -76,7 +76,10 @@ def entries(kind: Kind) -> dict[str, Entry]:
     InputError
         If two packages or files claim the same name, naming both.
     """
-    installed = [_installed(kind, entry_point) for entry_point in entry_points(group=GROUPS[kind])]
+    found = entry_points(group=GROUPS[kind])
+    # A distribution parses its metadata whenever it is asked for any of it.
+    metadata = {package: package.metadata if package else None for package in {each.dist for each in found}}
+    installed = [_installed(kind, each, metadata[each.dist]) for each in found]
     local = [entry for registered in _local.values() for entry in registered if entry.kind == kind]
     return _by_name([*installed, *local])
 
@@ -155,14 +158,13 @@ def isolated_plugins() -> Iterator[None]:
         _local.update(before)
 
 
-def _installed(kind: Kind, entry_point: EntryPoint) -> Entry:
-    distribution = entry_point.dist
+def _installed(kind: Kind, entry_point: EntryPoint, metadata: PackageMetadata | None) -> Entry:
     return Entry(
         kind,
         entry_point.name,
         entry_point.value,
-        distribution.name if distribution else entry_point.value,
-        distribution.version if distribution else None,
+        metadata["Name"] if metadata else entry_point.value,
+        metadata["Version"] if metadata else None,
         entry_point.load,
     )
 

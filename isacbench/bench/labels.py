@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from typing import Any
 
+from isacbench.entries import Kind
 from isacbench.errors import InputError
 from isacbench.registry import parameter_defaults
 from isacbench.spec import spell_spec, spell_value
-
-if TYPE_CHECKING:
-    from isacbench.entries import Kind
 
 __all__ = ["Variant", "estimator_labels"]
 
@@ -19,6 +18,9 @@ Variant = tuple[str, str]
 """Name and canonical parameters of an estimator."""
 
 Params = Mapping[str, Any]
+
+Defaults = tuple[dict[str, Any], dict[str, Any]]
+Known = Callable[[Kind, str], Defaults | None]
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
@@ -50,11 +52,23 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     namesakes: dict[str, list[Params]] = {}
     for (name, _), own in parsed.items():
         namesakes.setdefault(name, []).append(own)
-    return {(name, params): _label(name, own, namesakes[name]) for (name, params), own in parsed.items()}
+    # What is installed is listed anew whenever it is asked for, which takes milliseconds.
+    known = cache(_defaults)
+    return {
+        (name, params): _label(name, own, namesakes[name], known) for (name, params), own in parsed.items()
+    }
 
 
-def _label(name: str, own: Params, namesakes: Sequence[Params]) -> str:
-    unlike = _unlike_defaults("estimator", name, own)
+def _defaults(kind: Kind, name: str) -> Defaults | None:
+    """Defaults of a plugin, and what parameters meant that are missing; None where nobody knows them."""
+    try:
+        return parameter_defaults(kind, name)
+    except InputError:  # not registered, or broken: its rows can be shown all the same
+        return None
+
+
+def _label(name: str, own: Params, namesakes: Sequence[Params], known: Known) -> str:
+    unlike = _unlike_defaults(known("estimator", name), own)
     if unlike is None:
         return name + _differing(own, namesakes)
     told = {
@@ -62,7 +76,7 @@ def _label(name: str, own: Params, namesakes: Sequence[Params]) -> str:
         for key, value in own.items()
         if key in unlike or _sets_apart(value, [other.get(key) for other in namesakes])
     }
-    return spell_spec(name, {key: _told(value) for key, value in {**told, **unlike}.items()})
+    return spell_spec(name, {key: _told(value, known) for key, value in {**told, **unlike}.items()})
 
 
 def _sets_apart(value: Any, values: Sequence[Any]) -> bool:
@@ -72,12 +86,11 @@ def _sets_apart(value: Any, values: Sequence[Any]) -> bool:
     return _is_plugin(value) and any(other != value for other in values if _name(other) == _name(value))
 
 
-def _unlike_defaults(kind: Kind, name: str, own: Params) -> dict[str, Any] | None:
+def _unlike_defaults(known: Defaults | None, own: Params) -> dict[str, Any] | None:
     """Parameters that are not as by default, None where nobody knows the defaults."""
-    try:
-        defaults, before = parameter_defaults(kind, name)
-    except InputError:  # not registered, or broken: its rows can be shown all the same
+    if known is None:
         return None
+    defaults, before = known
     # A field that is missing was added later, and has the value that stands for what was before.
     return {key: value for key, value in {**before, **own}.items() if value != defaults.get(key, _NONE)}
 
@@ -93,12 +106,12 @@ def _name(value: Any) -> Any:
     return value["name"] if _is_plugin(value) else None
 
 
-def _told(value: Any) -> Any:
+def _told(value: Any, known: Known) -> Any:
     """Value with what has to be told of a detector: what is not as by default, all where it is not known."""
     if not _is_plugin(value):
         return value
     own = {key: inner for key, inner in value.items() if key != "name"}
-    unlike = _unlike_defaults("detector", value["name"], own)
+    unlike = _unlike_defaults(known("detector", value["name"]), own)
     return {"name": value["name"], **(own if unlike is None else unlike)}
 
 

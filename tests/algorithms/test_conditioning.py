@@ -112,7 +112,7 @@ def test_a_noise_free_pair_closer_than_a_rayleigh_cell_is_imaged_at_its_places(m
 
 
 @ALL
-@pytest.mark.parametrize("cells", [1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("cells", [1e-4, 1e-6])
 def test_scatterers_closer_than_any_duplicate_are_one_point_between_them(method, cells):
     points = [FIRST, beside(FIRST, cells * RAYLEIGH)]
     for phase in (0, 1):
@@ -164,7 +164,7 @@ def crowded(snr_db):
 
 
 @ALL
-@pytest.mark.parametrize("snr_db", [0.0, 20.0, 60.0])
+@pytest.mark.parametrize("snr_db", [0.0, 60.0])
 def test_scale_memory_order_and_threads_move_nothing(method, snr_db):
     seen = crowded(snr_db)
     with threadpool_limits(limits=1):
@@ -183,7 +183,7 @@ def test_scale_memory_order_and_threads_move_nothing(method, snr_db):
 
 
 @ALL
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=8)
 @given(
     shape=st.sampled_from([(2, 2), (2, 9), (9, 2), (3, 5), (8, 8)]),
     angles=st.lists(st.floats(-0.15, 0.15), min_size=0, max_size=8),
@@ -206,7 +206,7 @@ def test_whatever_is_in_a_cell_points_are_finite_and_nothing_warns(
 @pytest.mark.parametrize(
     "case",
     [
-        *(Close(exponent=-1.0, along=along) for along in ("u", "w", "all")),
+        *(Close(exponent=-1.0, along=along) for along in ("u", "all")),
         Close(exponent=-1.25, along="u"),
         Coherent(n_echoes=3, separation=0.3),
     ],

@@ -96,12 +96,12 @@ def test_separate_scatterers_are_imaged_in_place_speed_and_power(estimator, fram
     scene = simulator(beside_the_bins(XYZ, offset), frame=frame)
     # The paper's frame turns the bias of an angle between FFT samples into more metres along x.
     position_m = 1.0 if (estimator, frame) == (Fft4d, "paper") else 0.3
-    for trial in range(3):
+    for trial in range(2):
         assert_imaged(estimator().estimate(scene.observe(30.0, trial)), scene.scenario.truth, position_m)
 
 
 @BOTH
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(
     place=st.tuples(st.floats(2, 28), st.floats(2, 38), st.floats(1, 15)),
     velocity=st.floats(-24, 24),
@@ -117,7 +117,7 @@ def test_the_sidelobes_of_one_scatterer_40_db_above_the_noise_are_not_reported(
 
 @BOTH
 def test_a_scene_of_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_imaged(estimator):
-    scene, n_trials, pfa = simulator(np.empty((0, 3)), [], []), 60, 1e-2
+    scene, n_trials, pfa = simulator(np.empty((0, 3)), [], []), 30, 1e-2
     detected, points = [], Counter()
     for trial in range(n_trials):
         observation = scene.observe(0.0, trial)
@@ -291,7 +291,7 @@ def by_rows(array):
 
 
 @FRAMES
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=20)
 @given(n=st.integers(1, 40), spread=st.floats(0.01, 1), seed=st.integers(0, 9999))
 def test_the_oracle_is_the_centroid_of_every_cell_as_a_plain_loop_has_it(frame, n, spread, seed):
     rng = np.random.default_rng(seed)

@@ -66,8 +66,7 @@ def assert_lone_point_at(cloud, place, tolerance_m, tolerance_mps):
 
 
 @pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
-@pytest.mark.parametrize("n_symbols", [64, 13])
-@pytest.mark.parametrize("place", [-0.499, -0.49, -0.3, 0.49])
+@pytest.mark.parametrize(("n_symbols", "place"), [(64, -0.499), (13, -0.49), (13, -0.3), (64, 0.49)])
 def test_a_scatterer_at_either_end_of_a_doppler_axis_without_margins_is_seen(estimator, n_symbols, place):
     system = System(n_subcarriers=256, n_symbols=n_symbols)
     fastest = system.unambiguous_speed_mps
@@ -100,7 +99,7 @@ def test_a_scatterer_at_either_end_of_a_range_axis_without_margins_is_seen(estim
 
 
 @pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
-@pytest.mark.parametrize("shape", [(2, 2), (2, 3), (3, 3), (3, 5), (4, 4), (5, 5), (2, 32), (32, 2)])
+@pytest.mark.parametrize("shape", [(2, 2), (2, 3), (3, 5), (4, 4), (2, 32), (32, 2)])
 def test_few_elements_show_resolved_scatterers_and_nothing_else(estimator, shape):
     scenario = scene(THREE, shape=shape)
     cloud = image(estimator, scenario)
@@ -122,8 +121,7 @@ def test_echoes_that_cancel_are_no_points(estimator, amplitude, phase_rad, snr_d
 
 
 @pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-1])
-@pytest.mark.parametrize("exponent", [-500, 500])
-@pytest.mark.parametrize("snr_db", [10.0, np.inf])
+@pytest.mark.parametrize(("exponent", "snr_db"), [(-500, 10.0), (500, np.inf)])
 def test_images_are_the_same_at_any_amplitude(estimator, exponent, snr_db):
     expected, cloud = (
         image(estimator, scene(THREE, scale, n_subcarriers=128), snr_db) for scale in (1.0, 2.0**exponent)
@@ -155,7 +153,7 @@ def test_cells_whose_power_is_no_number_are_refused(estimator):
         estimator.estimate(dataclasses.replace(shot, cells=shot.cells * 1e200))
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 999), order=st.permutations(range(25)))
 @pytest.mark.parametrize("estimator", [Fft4d(), Music2d(), Oracle()], ids=["fft4d", "music2d", "oracle"])
 def test_the_order_of_scatterers_moves_no_point(estimator, seed, order):

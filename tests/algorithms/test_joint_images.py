@@ -51,7 +51,7 @@ def close_pairs(estimator, dimension, phase_deg, trials):
 @AXES
 @pytest.mark.parametrize("phase_deg", [0, 180])
 def test_a_pair_that_a_cell_resolves_is_in_the_image(estimator, dimension, phase_deg):
-    assert close_pairs(estimator(), dimension, phase_deg, range(2)) == 2
+    assert close_pairs(estimator(), dimension, phase_deg, [0]) == 1
 
 
 @pytest.mark.slow
@@ -154,14 +154,15 @@ def permuted(scatterers, order):
 
 @BOTH
 @SCENES
-@pytest.mark.parametrize("exponent", [-490, -40, 1, 40, 490])
-def test_a_power_of_two_on_the_echo_scales_powers_and_nothing_else(estimator, xyz, exponent):
+def test_a_power_of_two_on_the_echo_scales_powers_and_nothing_else(estimator, xyz):
     observation = simulator(xyz).observe(20.0)
-    scaled = replace(observation, cells=2.0**exponent * observation.cells)
     expected = rows_of(estimator().estimate(observation))
-    found = rows_of(estimator().estimate(scaled))
-    np.testing.assert_allclose(found[:, :4], expected[:, :4], rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(found[:, 4], 4.0**exponent * expected[:, 4], rtol=1e-6)
+    for exponent in (-490, 1, 490):
+        scaled = replace(observation, cells=2.0**exponent * observation.cells)
+        found = rows_of(estimator().estimate(scaled))
+        told = f"cells times 2^{exponent}"
+        np.testing.assert_allclose(found[:, :4], expected[:, :4], rtol=1e-6, atol=1e-6, err_msg=told)
+        np.testing.assert_allclose(found[:, 4], 4.0**exponent * expected[:, 4], rtol=1e-6, err_msg=told)
 
 
 @cache
@@ -170,7 +171,7 @@ def empty():
     return simulator(np.empty((0, 3))).observe(0.0)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(
     n_waves=st.integers(1, 12),
     n_snapshots=st.sampled_from([1, 3]),

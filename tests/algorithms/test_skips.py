@@ -61,11 +61,17 @@ def test_angles_of_detected_cells_are_those_of_all_cells_selected(crowd, estimat
         np.testing.assert_allclose(alone.w[cell, one], everywhere.w[cell, other], atol=1e-8)
 
 
+@pytest.fixture(scope="module")
+def tapered_street():
+    """Return the tapered map of a street."""
+    observation = observe(load_scenario("street"), 10.0)
+    return GatedMap(observation.cells, observation.gate).tapered("hann", "hann")
+
+
 @pytest.mark.parametrize("integration", ["element", "noncoherent"])
 @pytest.mark.parametrize("detector", DETECTORS, ids=repr)
-def test_cells_listed_for_detection_are_those_of_the_whole_map(detector, integration):
-    observation = observe(load_scenario("street"), 10.0)
-    gated = GatedMap(observation.cells, observation.gate).tapered("hann", "hann")
+def test_cells_listed_for_detection_are_those_of_the_whole_map(tapered_street, detector, integration):
+    gated = tapered_street
     found = detect_cells(gated, detector, integration, DYNAMIC_RANGE_DB)
     power, looks = power_map(gated.cells, integration)
     mask = detector.detect(power, looks).mask & gated.gate.reachable & (power > found.floor)

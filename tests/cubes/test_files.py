@@ -36,10 +36,11 @@ from .samples import (
 GRID = random_cube((*SHAPE[:2], 1, 1), seed=1)[:, :, 0, 0]
 
 
-@pytest.mark.parametrize("compressed", [False, True], ids=["plain", "compressed"])
 @pytest.mark.parametrize("kind", FORMATS)
-def test_a_file_gives_its_array_back(tmp_path, dtype, order, kind, compressed):
+def test_a_file_gives_its_array_back(tmp_path, dtype, order, kind):
     write, filename = FORMATS[kind]
+    # Each pair of precision, memory order and compression once.
+    compressed = (dtype == np.complex64) == (order == "C")
     array = random_cube(dtype=dtype, order=order)
     write(tmp_path / filename, cube=array, compressed=compressed)
     for tile_bytes in (SMALL_TILE_BYTES, 2**20):

@@ -73,7 +73,7 @@ LAYOUTS = {
 }
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(
     n_subcarriers=st.sampled_from([1, 2, 3, 16, 61, 128, 257]),
     n_symbols=st.sampled_from([1, 2, 3, 7, 14, 31]),

@@ -251,7 +251,8 @@ def mat_of(**arrays):
 def compressed_mat(n_mib):
     """An array of so many MiB of zeros."""
 
-    def write(path):
+    @cache
+    def data():
         packer = zlib.compressobj(1)
         n_bytes = n_mib * 2**20
         head = mat_array((n_bytes // 24, 3), b"", claimed=n_bytes)
@@ -259,9 +260,9 @@ def compressed_mat(n_mib):
         for _ in range(n_mib):
             data += packer.compress(bytes(2**20))
         data += packer.flush()
-        mat_elements(struct.pack("<II", 15, len(data)) + data)(path)
+        return struct.pack("<II", 15, len(data)) + data
 
-    return write
+    return lambda path: mat_elements(data())(path)
 
 
 def mat73(change):
@@ -380,9 +381,9 @@ PLY = {
 # csv
 
 CSV = {
-    "a million columns": content(b"x," * 10**6 + b"\n"),
-    "a million unnamed columns": content(b"1," * 10**6 + b"1\n"),
-    "a million fields": content(b"x,y,z,v\n" + b"1," * 10**6 + b"\n"),
+    "100 000 columns": content(b"x," * 10**5 + b"\n"),
+    "100 000 unnamed columns": content(b"1," * 10**5 + b"1\n"),
+    "100 000 fields": content(b"x,y,z,v\n" + b"1," * 10**5 + b"\n"),
     "an open quote": content(b'x,y,z,v\n"1,2,3,4\n'),
     "an open quote in the header": content(b'"x,y,z,v\n1,2,3,4\n'),
     "zeros": content(b"x,y,z,v\n1,2,3,4\n\0\0\0\0"),

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from functools import cache
 
 import pytest
+import typer.main
+import typer.testing
 from typer.testing import CliRunner
 
 from isacbench.cli import app
@@ -15,6 +18,14 @@ from .files import ANY, CLOUDS, CUBES, TOML
 from .test_results import made  # noqa: F401, a fixture
 
 ESCAPES = ("\x1b", "\x07", "\x9b", "\u202e")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _commands_built_once():
+    """Spare each of many runs the commands, which take longer to build than to refuse a file."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command), raising=False)
+        yield
 
 
 @pytest.fixture
@@ -62,7 +73,7 @@ def commands(path):
 
 
 WRITERS = {
-    ".csv": {"pipe": ANY["a pipe"], "columns": CLOUDS[".csv"]["a million columns"], "UTF-16": ANY["UTF-16"]},
+    ".csv": {"pipe": ANY["a pipe"], "columns": CLOUDS[".csv"]["100 000 columns"], "UTF-16": ANY["UTF-16"]},
     ".mat": {"pipe": ANY["a pipe"], "cells": CLOUDS[".mat"]["cells in cells"]},
     ".npy": {
         "pipe": ANY["a pipe"],

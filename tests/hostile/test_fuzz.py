@@ -20,7 +20,7 @@ from isacbench.model.scenario import load_scenario
 from ..cubes.samples import write_mat73
 from .files import CUBE, GRID, TABLE
 
-EXAMPLES = settings.default.max_examples // 4
+EXAMPLES = settings.default.max_examples // 6
 """Of each format: with the others they are many."""
 
 SUITE = b"""name = "mine"
@@ -153,7 +153,7 @@ def test_a_file_that_ends_anywhere_is_read_or_refused(tmp_path, bounded, name):
     path = tmp_path / f"cut{suffix}"
     write(path)
     data = path.read_bytes()
-    for size in range(0, len(data), max(1, len(data) // 200)):
+    for size in range(0, len(data), max(1, len(data) // 60)):
         path.write_bytes(data[:size])
         read_or_refuse(bounded, reader, path)
 

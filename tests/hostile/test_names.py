@@ -123,10 +123,9 @@ PICTURES += [(suffix, key) for suffix in (".png", ".pdf") for key in ("mathemati
 
 
 @pytest.mark.parametrize(("suffix", "key"), PICTURES)
-def test_pictures_are_drawn_whatever_their_title(tiny, tmp_path, suffix, key):
-    scenario = load_scenario(tiny)
+def test_pictures_are_drawn_whatever_their_title(tmp_path, suffix, key):
     path = tmp_path / f"picture{suffix}"
-    plot_clouds(scenario.truth, {NAMES[key]: PointCloud.empty()}, title=NAMES[key], out=path)
+    plot_clouds(None, {NAMES[key]: PointCloud.empty()}, title=NAMES[key], out=path)
     if suffix == ".svg":
         text = path.read_text(encoding="utf-8")
         ElementTree.fromstring(text)

@@ -19,7 +19,7 @@ from isacbench.model.scenario import load_scenario
 from isacbench.plugin_files import PluginFile
 from isacbench.userfiles import binary_size
 
-from .files import ANY, CLOUDS, CSV, CUBE, CUBES, GRID, TABLE, TOML, npz
+from .files import ANY, CLOUDS, CSV, CUBE, CUBES, GRID, TABLE, TOML, bomb
 
 SUFFIXES = {
     read_cloud: ".csv",
@@ -171,7 +171,7 @@ def test_other_members_of_an_archive_are_not_looked_at(tmp_path, bounded):
     path = tmp_path / "cloud.npz"
     np.savez(path, cloud=TABLE)
     data = path.read_bytes()
-    npz({"notes.txt": bytes(300 * 2**20)})(path)
+    bomb(b"", 300, names=["notes.txt"])(path)
     with zipfile.ZipFile(path, "a") as archive:
         (tmp_path / "other.npz").write_bytes(data)
         with zipfile.ZipFile(tmp_path / "other.npz") as other:

@@ -31,7 +31,7 @@ def summed(system, sensing, range_offset, doppler_offset):
     st.lists(st.floats(-40, 40), min_size=1, max_size=3),
     st.lists(st.floats(-90, 90), min_size=1, max_size=3),
 )
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=30, derandomize=True, deadline=None)
 def test_closed_form_is_the_sum_over_resource_elements(n, m, sensing, range_offset, doppler_offset):
     system = System(n_subcarriers=n, n_symbols=m)
     spread = point_spread(system, sensing, range_offset, doppler_offset)

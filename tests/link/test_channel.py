@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import j0
 
@@ -53,6 +53,7 @@ def test_the_line_of_sight_is_as_much_stronger_as_the_table_says(name, rice_db):
     assert 10 * np.log10(profile.power[0] / profile.power[1]) == pytest.approx(rice_db)
 
 
+@settings(max_examples=40)
 @given(
     n_paths=st.integers(1, 5),
     speed_hz=st.sampled_from([0.0, 1000.0]),

@@ -67,11 +67,10 @@ def test_a_still_scene_within_the_prefix_is_the_closed_form(modulation, coherent
     np.testing.assert_allclose(divided, resource_grid(scenario, ELEMENTS), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("modulation", ["qpsk", "64qam"])
-def test_a_moving_scene_is_the_closed_form_with_the_leakage_that_theory_has(modulation):
+def test_a_moving_scene_is_the_closed_form_with_the_leakage_that_theory_has():
     """Every echo leaks from all subcarriers to all others."""
     scenario = scene(velocity=[30.0, -190.0, 3.0], amplitude=[1.0, 0.6, 2.5])
-    divided, grid = divided_grid(scenario, modulation)
+    divided, grid = divided_grid(scenario, "64qam")
     expected = np.zeros_like(divided)
     n_subcarriers = scenario.system.n_subcarriers
     for k in range(len(NEAR)):

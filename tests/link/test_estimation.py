@@ -104,6 +104,7 @@ def test_each_order_costs_noise():
     assert np.all(np.diff(gains) > 0)
 
 
+@settings(max_examples=40)
 @given(
     n_subcarriers=st.integers(1, 80),
     n_symbols=st.integers(6, 70),

@@ -43,12 +43,14 @@ def test_without_the_second_sequence_the_first_goes_on_from_its_known_state():
     assert gold_sequence(0, 100).tolist() == first[31:]
 
 
+@settings(max_examples=40)
 @given(C_INITS, C_INITS)
 def test_sequences_add_as_their_initial_values_do(a, b):
     bits = gold_sequence([a, b, a ^ b, 0], 100)
     np.testing.assert_array_equal(bits[0] ^ bits[1], bits[2] ^ bits[3])
 
 
+@settings(max_examples=40)
 @given(C_INITS)
 def test_the_product_of_both_polynomials_annihilates_every_sequence(c_init):
     first = [1, 0, 0, 1] + 27 * [0] + [1]

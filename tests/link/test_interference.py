@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
@@ -46,6 +46,7 @@ def closed_form(system, delay_samples, doppler_ratio):
     return np.exp(2j * np.pi * (m * turn - n * delay_samples / system.n_subcarriers))
 
 
+@settings(max_examples=40)
 @given(ratio=st.floats(-100, 100), n=st.integers(1, 40))
 def test_the_gain_is_the_mean_of_the_doppler_phase(ratio, n):
     phases = np.exp(2j * np.pi * ratio * (np.arange(n) - (n - 1) / 2) / n)

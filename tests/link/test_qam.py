@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
 from py3gpp import nrSymbolModulate
@@ -126,6 +126,7 @@ def test_decisions_invert_the_mapping_of_every_word(modulation):
     np.testing.assert_array_equal(decided, bits)
 
 
+@settings(max_examples=40)
 @each_modulation
 @given(st.complex_numbers(max_magnitude=2, allow_nan=False))
 def test_decided_is_the_nearest_symbol(modulation, received):

@@ -17,7 +17,7 @@ from isacbench.metrics.clouds import CloudScores, cloud_scores, gospa_m
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 
-quick = settings(max_examples=60, deadline=None)
+quick = settings(max_examples=30, deadline=None)
 
 
 def clouds(min_size: int = 0, max_size: int = 5) -> st.SearchStrategy[PointCloud]:

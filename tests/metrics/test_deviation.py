@@ -15,7 +15,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 
-quick = settings(max_examples=60, deadline=None)
+quick = settings(max_examples=30, deadline=None)
 PROJECTIONS = {"hausdorff_xy_m": (0, 1), "hausdorff_xz_m": (0, 2), "hausdorff_yz_m": (1, 2)}
 
 

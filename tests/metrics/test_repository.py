@@ -15,7 +15,7 @@ from isacbench.metrics.repository import RepositoryDeviation, repository_deviati
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 
-quick = settings(max_examples=60, deadline=None)
+quick = settings(max_examples=30, deadline=None)
 
 coordinate = st.floats(-50, 50, allow_subnormal=False) | st.integers(-2, 2).map(float)
 speed = st.integers(-3, 3).map(float)

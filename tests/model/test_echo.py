@@ -298,6 +298,7 @@ def test_the_order_of_scatterers_does_not_matter(make_scenario, order):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
+@settings(max_examples=40)
 @given(exponent=st.integers(-480, 480), snr_db=st.sampled_from([-20.0, 10.0, 200.0, math.inf]))
 def test_an_observation_scales_exactly_with_powers_of_two(make_scenario, exponent, snr_db):
     scale = 2.0**exponent

@@ -11,6 +11,7 @@ from isacbench.contracts import Diagnoser
 from isacbench.registry import get_estimator
 from isacbench.report import figures
 from isacbench.report.figures import draw_run
+from isacbench.report.style import new_figure
 
 SHOWING = '''
 from dataclasses import dataclass
@@ -82,7 +83,7 @@ def run_into(folder, tiny, estimators, snr_db=(0, 10), trials=2):
 def test_every_figure_of_a_run_is_written_where_it_is_said_to_be_with_named_axes(
     shower, tiny, tmp_path, all_axes_named
 ):
-    folder = run_into(tmp_path / "run", tiny, ["blob", "seer", "trouble", "shower"])
+    folder = run_into(tmp_path / "run", tiny, ["blob", "seer", "trouble", "shower"], snr_db=[0])
     assert isinstance(get_estimator("shower"), Diagnoser)
     paths = draw_run(folder)
     assert [path.relative_to(folder).as_posix() for path in paths] == [
@@ -184,7 +185,9 @@ def test_an_estimator_that_is_no_longer_installed_is_still_drawn(plugins, tiny, 
     assert drawn["clouds"][0][3] == ["blob"]
 
 
-def test_the_users_own_matplotlib_settings_come_back(plugins, tiny, tmp_path):
+def test_the_users_own_matplotlib_settings_come_back(plugins, tiny, tmp_path, monkeypatch):
+    for name in ("draw_scores", "draw_clouds"):
+        monkeypatch.setattr(figures, name, lambda *_: new_figure(1, 1))
     folder = run_into(tmp_path / "run", tiny, ["blob"], snr_db=[0], trials=1)
     with matplotlib.rc_context({"text.usetex": True, "font.size": 30.0}):
         draw_run(folder)

@@ -48,6 +48,24 @@ def suites(plugins, room_file, tiny):
     }
 
 
+@pytest.fixture(scope="module")
+def runs():
+    """Rows of the suites that have been run, by kind."""
+    return {}
+
+
+@pytest.fixture
+def rows_of(suites, runs):
+    """Return a function that gives the rows of a suite of a kind, which is run once."""
+
+    def rows(kind):
+        if kind not in runs:
+            runs[kind] = run(suites[kind])
+        return runs[kind].copy()
+
+    return rows
+
+
 def printed(grid):
     console = Console(width=300, record=True, file=io.StringIO())
     console.print(rich_table(grid))
@@ -55,8 +73,8 @@ def printed(grid):
 
 
 @pytest.mark.parametrize("kind", ["efficiency", "resolution"])
-def test_times_are_medians_of_the_cells_that_did_not_fail(suites, kind):
-    records = run(suites[kind])
+def test_times_are_medians_of_the_cells_that_did_not_fail(rows_of, kind):
+    records = rows_of(kind)
     times_s = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
     records["time_estimate_s"] = np.where(records["status"] == "error", 1e6, times_s)
     wanted = records[records["estimator"] == "seer"]["time_estimate_s"].median()
@@ -66,14 +84,14 @@ def test_times_are_medians_of_the_cells_that_did_not_fail(suites, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_table_fits_a_terminal_of_a_hundred_columns(suites, kind):
-    for grid in TABLES[kind].grids(run(suites[kind])):
+def test_every_table_fits_a_terminal_of_a_hundred_columns(rows_of, kind):
+    for grid in TABLES[kind].grids(rows_of(kind)):
         assert all(len(row) == len(grid.header) for row in grid.rows)
         assert max(len(line.rstrip()) for line in printed(grid).splitlines()) <= WIDTH
 
 
-def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(suites):
-    seer, failed, empty = TABLES["efficiency"].grids(run(suites["efficiency"]))
+def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(rows_of):
+    seer, failed, empty = TABLES["efficiency"].grids(rows_of("efficiency"))
     assert seer.title.startswith(
         "room, seer: error over Cramér-Rao bound, 2 trials, no confidence interval below 5"
     )
@@ -82,8 +100,8 @@ def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(sui
     assert empty.rows[0][1] == "1.000"
 
 
-def test_resolution_has_a_row_a_distance_under_the_name_of_its_dimension(suites):
-    first, second = TABLES["resolution"].grids(run(suites["resolution"]))
+def test_resolution_has_a_row_a_distance_under_the_name_of_its_dimension(rows_of):
+    first, second = TABLES["resolution"].grids(rows_of("resolution"))
     assert [row[:2] for row in first.rows] == [
         ["velocity", "0.25"],
         ["", "1"],
@@ -96,8 +114,8 @@ def test_resolution_has_a_row_a_distance_under_the_name_of_its_dimension(suites)
     assert len(first.header) + len(second.header) == 2 * 2 + 6
 
 
-def test_detection_has_a_table_a_map_at_the_papers_rate_and_one_a_scenario(suites):
-    homogeneous, interferers, tiny, more = TABLES["detection"].grids(run(suites["detection"]))
+def test_detection_has_a_table_a_map_at_the_papers_rate_and_one_a_scenario(rows_of):
+    homogeneous, interferers, tiny, more = TABLES["detection"].grids(rows_of("detection"))
     assert homogeneous.title == "homogeneous: P_d and P_fa of a nominal 0.001"
     assert homogeneous.header[1:4] == interferers.header[1:4] == ["level", "ca", "osca"]
     assert [row[0] for row in homogeneous.rows] == ["10", "20"]
@@ -112,8 +130,8 @@ def test_detection_has_a_table_a_map_at_the_papers_rate_and_one_a_scenario(suite
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_summaries_are_written_as_csv_and_markdown(suites, tmp_path, kind):
-    records = run(suites[kind])
+def test_summaries_are_written_as_csv_and_markdown(rows_of, tmp_path, kind):
+    records = rows_of(kind)
     paths = write_tables(tmp_path, records, kind)
     summary = pd.read_csv(paths[0])
     assert len(summary) == len(TABLES[kind].summarise(records))
