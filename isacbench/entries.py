@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -76,7 +78,7 @@ def entries(kind: Kind) -> dict[str, Entry]:
     InputError
         If two packages or files claim the same name, naming both.
     """
-    installed = [_installed(kind, entry_point) for entry_point in entry_points(group=GROUPS[kind])]
+    installed = _installed(kind, _import_path())
     local = [entry for registered in _local.values() for entry in registered if entry.kind == kind]
     return _by_name([*installed, *local])
 
@@ -155,7 +157,32 @@ def isolated_plugins() -> Iterator[None]:
         _local.update(before)
 
 
-def _installed(kind: Kind, entry_point: EntryPoint) -> Entry:
+@lru_cache(maxsize=8)
+def _installed(kind: Kind, _path: tuple[object, ...]) -> tuple[Entry, ...]:
+    """Entries of the packages on the import path: to look for them takes a while, and a run asks often."""
+    return tuple(_installed_entry(kind, entry_point) for entry_point in entry_points(group=GROUPS[kind]))
+
+
+def _import_path() -> tuple[object, ...]:
+    """Folders that packages are found in, with what changes when one is installed, updated or removed."""
+    folders = [(path, _changed_ns(path)) for path in (Path(name).absolute() for name in sys.path)]
+    return tuple((*folder, *map(_changed_ns, _entry_point_files(*folder))) for folder in folders)
+
+
+@lru_cache(maxsize=64)
+def _entry_point_files(folder: Path, _changed_ns: int) -> tuple[Path, ...]:
+    return tuple(sorted(folder.glob("*-info/entry_points.txt")))
+
+
+def _changed_ns(path: Path) -> int:
+    """When a file or folder was changed last, 0 where there is none."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _installed_entry(kind: Kind, entry_point: EntryPoint) -> Entry:
     distribution = entry_point.dist
     return Entry(
         kind,
