@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoint, PackageMetadata, entry_points
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -76,10 +78,7 @@ def entries(kind: Kind) -> dict[str, Entry]:
     InputError
         If two packages or files claim the same name, naming both.
     """
-    found = entry_points(group=GROUPS[kind])
-    # A distribution parses its metadata whenever it is asked for any of it.
-    metadata = {package: package.metadata if package else None for package in {each.dist for each in found}}
-    installed = [_installed(kind, each, metadata[each.dist]) for each in found]
+    installed = _installed(kind, _import_path())
     local = [entry for registered in _local.values() for entry in registered if entry.kind == kind]
     return _by_name([*installed, *local])
 
@@ -158,13 +157,33 @@ def isolated_plugins() -> Iterator[None]:
         _local.update(before)
 
 
-def _installed(kind: Kind, entry_point: EntryPoint, metadata: PackageMetadata | None) -> Entry:
+@lru_cache(maxsize=8)
+def _installed(kind: Kind, _path: tuple[object, ...]) -> tuple[Entry, ...]:
+    """Entries of the packages on the import path: to look for them takes a while, and a run asks often."""
+    return tuple(_installed_entry(kind, entry_point) for entry_point in entry_points(group=GROUPS[kind]))
+
+
+def _import_path() -> tuple[tuple[str, int], ...]:
+    """Folders that packages are found in, and when one was last installed in each, updated or removed."""
+    return tuple((folder, _changed_ns(Path(folder))) for folder in sys.path)
+
+
+def _changed_ns(folder: Path) -> int:
+    """When a folder was changed last, 0 where there is none."""
+    try:
+        return folder.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _installed_entry(kind: Kind, entry_point: EntryPoint) -> Entry:
+    distribution = entry_point.dist
     return Entry(
         kind,
         entry_point.name,
         entry_point.value,
-        metadata["Name"] if metadata else entry_point.value,
-        metadata["Version"] if metadata else None,
+        distribution.name if distribution else entry_point.value,
+        distribution.version if distribution else None,
         entry_point.load,
     )
 

@@ -566,8 +566,8 @@ def test_help_takes_less_than_half_a_second(tmp_path):
         module("--help", cwd=tmp_path)
         return time.perf_counter() - start
 
-    # The best of three: the machine may be busy with something else.
-    assert min(elapsed() for _ in range(3)) < 0.5
+    # One of three: the machine may be busy with something else.
+    assert any(elapsed() < 0.5 for _ in range(3))
 
 
 def test_the_public_names_are_all_there_and_load_on_first_use():

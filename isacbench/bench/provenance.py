@@ -124,8 +124,9 @@ def package_versions() -> dict[str, str | None]:
     return {name: package_version(name) for name in PACKAGES}
 
 
+@cache
 def package_version(package: str) -> str | None:
-    """Version of an installed package."""
+    """Version of an installed package, asked once: what is imported stays, whatever replaces it."""
     try:
         return version(package)
     except PackageNotFoundError:

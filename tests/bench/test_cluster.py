@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import pandas as pd
 import psutil
 import pytest
-from distributed import Client
+from distributed import Client, LocalCluster
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -113,7 +113,7 @@ class Cluster:
     def start_workers(self, n, *args):
         with Client(self.address, set_as_default=False) as client:
             n_before = len(client.nthreads())
-            started = [self.start("worker", "--nthreads", "1", *args) for _ in range(n)]
+            started = [self.start("worker", *(args or ("--nthreads", "1"))) for _ in range(n)]
             client.wait_for_workers(n_before + n, timeout=60)
         return started
 
@@ -147,7 +147,7 @@ def installed(tmp_path_factory):
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory, installed):
     with running_cluster(tmp_path_factory.mktemp("cluster"), PYTHONPATH=str(installed)) as found:
-        found.start_workers(2)
+        found.start_workers(1, "--nthreads", "2")
         yield found
 
 
@@ -187,14 +187,14 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
     monkeypatch.setitem(sys.modules, "isacbench.report.figures", FakeFigures)
     plugin = write_plugin("slow.py", SLOW)
     estimators = [word for name in ("blob", "crash", "seer") for word in ("-e", name)]
-    command = ["run", "quick", "-s", tiny, *estimators, "--snr", "-5,5", "-n", 2, "--plugin", plugin]
+    command = ["run", "quick", "-s", tiny, *estimators, "--snr", "-5,5", "-n", 1, "--plugin", plugin]
     outputs = []
     for options in (["--dask", cluster.address, "-o", tmp_path / "far"], ["-j", 1, "-o", tmp_path / "near"]):
         result = CliRunner().invoke(app, [str(word) for word in [*command, *options]])
         assert result.exit_code == 3, result.output
         outputs.append(result.stderr)
     assert outputs[0] == outputs[1]
-    assert outputs[0].startswith("isacbench: 4 of 12 cells failed, the first one crash on tiny")
+    assert outputs[0].startswith("isacbench: 2 of 6 cells failed, the first one crash on tiny")
     far, near = (pd.read_parquet(tmp_path / name / "results.parquet") for name in ("far", "near"))
     pd.testing.assert_frame_equal(apart_from_times(far), apart_from_times(near))
     clouds = [(tmp_path / name / "clouds.parquet").read_bytes() for name in ("far", "near")]
@@ -208,7 +208,7 @@ class FakeFigures:
 
 
 def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cluster, slow):
-    (victim,) = cluster.start_workers(1, "--no-nanny", "--name", "victim")
+    (victim,) = cluster.start_workers(1, "--no-nanny", "--nthreads", "1", "--name", "victim")
     busy = []
 
     def kill(n_done, _):
@@ -296,7 +296,7 @@ def test_an_interrupt_keeps_the_rows_so_far_and_leaves_no_process_behind(cluster
 def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, installed, capfd):
     slow = slow.replace(trials=8)
     with running_cluster(tmp_path, PYTHONPATH=str(installed)) as lost:
-        (orphan,) = lost.start_workers(1, "--no-nanny")
+        (orphan,) = lost.start_workers(1, "--no-nanny", "--nthreads", "1")
 
         def kill(n_done, _):
             if n_done == 4:
@@ -312,10 +312,11 @@ def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, 
     pd.testing.assert_frame_equal(apart_from_times(rest.records), apart_from_times(run(slow)))
 
 
-def test_a_scheduler_without_workers_is_told(suite, tmp_path, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.cluster.WAIT_S", 1.0)
-    with running_cluster(tmp_path) as empty, pytest.raises(InputError, match="no worker for 1 s; start some"):
-        run(suite, dask=empty.address)
+def test_a_scheduler_without_workers_is_told(suite, monkeypatch):
+    monkeypatch.setattr("isacbench.bench.cluster.WAIT_S", 0.3)
+    alone = LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=":0")
+    with alone as empty, pytest.raises(InputError, match=r"no worker for 0\.3 s; start some"):
+        run(suite, dask=empty.scheduler_address)
 
 
 @pytest.mark.parametrize(
@@ -345,7 +346,9 @@ def test_nothing_left_to_do_asks_for_no_cluster(suite, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [("--nthreads", "2"), ("--no-nanny",), ("--no-nanny", "--nthreads", "3")])
+@pytest.mark.parametrize(
+    "options", [("--nthreads", "1"), ("--no-nanny", "--nthreads", "1"), ("--no-nanny", "--nthreads", "3")]
+)
 def test_every_sort_of_worker_works(suite, tmp_path, installed, options):
     with running_cluster(tmp_path, PYTHONPATH=str(installed)) as found:
         found.start_workers(1, *options)

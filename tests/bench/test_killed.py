@@ -22,16 +22,22 @@ from isacbench.bench.suite import load_suite
 from isacbench.entries import isolated_plugins, load_plugin_file
 
 SLUGGISH = '''
-import ctypes, os, signal, time
+import ctypes, os, signal, sys, time
 from collections import deque
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
+from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
 
 from isacbench.model.cloud import PointCloud
+
+if os.environ.get("DRAW_NOTHING"):
+    figures = sys.modules["isacbench.report.figures"] = ModuleType("isacbench.report.figures")
+    figures.draw_run = lambda folder, **_: []
+    figures.draw_diagnoses = lambda folder: []
 
 if os.environ.get("DIE_AT_STEP"):
     steps, replace = iter(range(100)), Path.replace
@@ -140,9 +146,15 @@ def finish(tiny, plugin):
         yield call
 
 
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    return tmp_path_factory.mktemp("runs")
+
+
 @pytest.fixture
-def undisturbed(finish, tmp_path):
-    return finish(tmp_path / "undisturbed")
+def undisturbed(finish, shelf):
+    folder = shelf / "undisturbed"
+    return table(folder) if folder.exists() else finish(folder)
 
 
 def running(marker):
@@ -175,7 +187,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="look
 @linux
 def test_a_killed_run_leaves_its_rows_no_process_and_no_lock(start, finish, tmp_path, undisturbed):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
-    process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker)
+    process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker, DRAW_NOTHING="yes")
     wait_until(lambda: rows_in(folder) >= 4)
     assert len(running(marker)) >= 3
     process.kill()
@@ -211,11 +223,18 @@ def by_what_ends_all_processes_of_a_job(process, marker):
 
 @linux
 @pytest.mark.parametrize(
-    ("interrupt", "code"), [(from_the_keyboard, 130), (by_what_ends_all_processes_of_a_job, 143)]
+    ("interrupt", "code", "environment"),
+    [
+        (from_the_keyboard, 130, {"DRAW_NOTHING": "yes"}),
+        # The process that draws is terminated, too.
+        (by_what_ends_all_processes_of_a_job, 143, {}),
+    ],
 )
-def test_an_interrupt_writes_the_rows_so_far(start, finish, tmp_path, undisturbed, interrupt, code):
+def test_an_interrupt_writes_the_rows_so_far(
+    start, finish, tmp_path, undisturbed, interrupt, code, environment
+):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
-    process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker)
+    process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker, **environment)
     wait_until(lambda: rows_in(folder) >= 4)
     interrupt(process, marker)
     assert process.wait(PATIENCE_S) == code

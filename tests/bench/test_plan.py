@@ -6,7 +6,7 @@ from itertools import groupby
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.bench.plan import BlockQueue, Plan, Shard
@@ -67,6 +67,7 @@ def marks(plan, data):
     return np.array(drawn, dtype=np.bool_)
 
 
+@settings(max_examples=30)
 @given(plans())
 def test_the_position_of_a_cell_is_its_place_in_the_order_of_the_table(plan):
     cells = every_cell(plan)
@@ -74,6 +75,7 @@ def test_the_position_of_a_cell_is_its_place_in_the_order_of_the_table(plan):
     np.testing.assert_array_equal(plan.positions(cells), np.arange(len(cells)))
 
 
+@settings(max_examples=30)
 @given(plans(), st.randoms(use_true_random=False))
 def test_positions_follow_their_keys_through_every_order(plan, shuffler):
     order = list(range(plan.n_cells))
@@ -81,6 +83,7 @@ def test_positions_follow_their_keys_through_every_order(plan, shuffler):
     np.testing.assert_array_equal(plan.positions(every_cell(plan).iloc[order]), order)
 
 
+@settings(max_examples=30)
 @given(plans(), st.data())
 def test_a_cell_that_the_plan_does_not_have_has_no_position(plan, data):
     cells = every_cell(plan)
@@ -99,6 +102,7 @@ def test_a_cell_that_the_plan_does_not_have_has_no_position(plan, data):
     assert (plan.positions(cells) == -1).all()
 
 
+@settings(max_examples=30)
 @given(plans(), st.data())
 def test_blocks_hold_the_marked_cells_each_once_and_in_order(plan, data):
     todo = marks(plan, data)
@@ -109,12 +113,14 @@ def test_blocks_hold_the_marked_cells_each_once_and_in_order(plan, data):
     assert len({block[:3] for block in blocks}) == len(blocks)
 
 
+@settings(max_examples=30)
 @given(plans(), st.integers(1, 12))
 def test_the_parts_of_a_run_share_its_cells(plan, n):
     parts = np.array([plan.shard(Shard(k, n)) for k in range(1, n + 1)])
     np.testing.assert_array_equal(parts.sum(axis=0), 1)
 
 
+@settings(max_examples=30)
 @given(plans(), st.integers(1, 12))
 def test_no_part_is_empty_while_another_one_has_two_observations(plan, n):
     sizes = [len(plan.blocks(plan.shard(Shard(k, n)))) for k in range(1, n + 1)]
@@ -125,6 +131,7 @@ def test_no_part_is_empty_while_another_one_has_two_observations(plan, n):
         assert max(sizes) - min(sizes) <= 1
 
 
+@settings(max_examples=30)
 @given(plans(), st.integers(1, 5), st.data())
 def test_every_block_is_handed_out_once_whoever_asks_when(plan, n_workers, data):
     blocks = plan.blocks(marks(plan, data))
@@ -142,12 +149,14 @@ def test_every_block_is_handed_out_once_whoever_asks_when(plan, n_workers, data)
     assert set(got) == set(blocks)
 
 
+@settings(max_examples=30)
 @given(plans())
 def test_a_single_worker_gets_the_blocks_in_order(plan):
     blocks = plan.blocks(np.ones(plan.n_cells, dtype=np.bool_))
     assert list(BlockQueue(blocks).blocks()) == blocks
 
 
+@settings(max_examples=30)
 @given(plans())
 def test_two_workers_do_not_share_an_echo_while_there_are_others(plan):
     blocks = plan.blocks(np.ones(plan.n_cells, dtype=np.bool_))
