@@ -135,7 +135,7 @@ def test_two_of_one_range_and_speed_are_paired_by_what_column_and_row_have_in_co
 
 @SEPARABLE
 def test_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_imaged(estimator):
-    scene, n_trials, pfa = simulator(np.empty((0, 3)), []), 30, 1e-2
+    scene, n_trials, pfa = simulator(np.empty((0, 3)), []), 60, 1e-2
     detected, n_imaged = [], 0
     for trial in range(n_trials):
         observation = scene.observe(0.0, trial)
