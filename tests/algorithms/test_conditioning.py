@@ -169,9 +169,8 @@ def test_scale_memory_order_and_threads_move_nothing(method, snr_db):
     seen = crowded(snr_db)
     with threadpool_limits(limits=1):
         cloud = method().estimate(seen)
-        for exponent in (-40, 12):
-            scaled = method().estimate(replace(seen, cells=seen.cells * 2.0**exponent))
-            np.testing.assert_array_equal(scaled.to_array()[:, :4], cloud.to_array()[:, :4])
+        scaled = method().estimate(replace(seen, cells=seen.cells * 2.0**-40))
+        np.testing.assert_array_equal(scaled.to_array()[:, :4], cloud.to_array()[:, :4])
         # The joint methods end in a fit of the map, whose last step rounding still takes or leaves.
         within = 1e-10 if method is Music2d else 1e-7
         assert drift(method().estimate(replace(seen, cells=seen.cells * 0.3)), cloud) < within
@@ -206,7 +205,7 @@ def test_whatever_is_in_a_cell_points_are_finite_and_nothing_warns(
 @pytest.mark.parametrize(
     "case",
     [
-        *(Close(exponent=-1.0, along=along) for along in ("u", "all")),
+        Close(exponent=-1.0, along="all"),
         Close(exponent=-1.25, along="u"),
         Coherent(n_echoes=3, separation=0.3),
     ],

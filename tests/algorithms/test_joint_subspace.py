@@ -152,7 +152,7 @@ def test_esprit_needs_no_margin_at_the_edge_of_the_visible_region(place, look, g
 
 @BOTH
 @LOOKS
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=8)
 @given(
     shift=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
     distance=st.tuples(st.floats(0.15, 0.3), st.floats(-0.3, 0.3)),
