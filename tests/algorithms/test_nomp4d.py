@@ -181,7 +181,7 @@ def rmse_over_bound(snr_after_gain_db, n_trials):
 
 
 def test_a_lone_scatterer_20_db_above_the_noise_is_placed_as_well_as_the_bound_allows():
-    n_trials = 20
+    n_trials = 40
     # RMSE of n Gaussian errors: relative standard deviation (2n)^(-1/2).
     assert np.all(rmse_over_bound(20.0, n_trials) < 1.1 + 3 / np.sqrt(2 * n_trials))
 
