@@ -165,21 +165,22 @@ def _installed(kind: Kind, _path: tuple[object, ...]) -> tuple[Entry, ...]:
 
 def _import_path() -> tuple[object, ...]:
     """Folders that packages are found in, with what changes when one is installed, updated or removed."""
-    folders = [(path, _changed_ns(path)) for path in (Path(name).absolute() for name in sys.path)]
-    return tuple((*folder, *map(_changed_ns, _entry_point_files(*folder))) for folder in folders)
+    folders = [(path, _state(path)) for path in (Path(name).absolute() for name in sys.path)]
+    return tuple((*folder, *map(_state, _entry_point_files(*folder))) for folder in folders)
 
 
 @lru_cache(maxsize=64)
-def _entry_point_files(folder: Path, _changed_ns: int) -> tuple[Path, ...]:
+def _entry_point_files(folder: Path, _state: tuple[int, ...]) -> tuple[Path, ...]:
     return tuple(sorted(folder.glob("*-info/entry_points.txt")))
 
 
-def _changed_ns(path: Path) -> int:
-    """When a file or folder was changed last, 0 where there is none."""
+def _state(path: Path) -> tuple[int, ...]:
+    """When a file or folder was changed last, and its size; nothing where there is none."""
     try:
-        return path.stat().st_mtime_ns
+        found = path.stat()
     except OSError:
-        return 0
+        return ()
+    return found.st_mtime_ns, found.st_size
 
 
 def _installed_entry(kind: Kind, entry_point: EntryPoint) -> Entry:

@@ -47,6 +47,18 @@ def test_names_of_installed_plugins_are_listed_in_order(plugins):
     assert "level" in detector_names()
 
 
+def test_what_is_installed_updated_or_removed_meanwhile_is_known_at_once(plugin_folder):
+    assert "late" not in estimator_names()
+    plugin_folder.install("late-plugins", MINIMAL, estimators={"late": "Good"})
+    assert distribution("estimator", "late") == "late-plugins 1.0"
+    entry_points = plugin_folder.path / "late_plugins-1.0.dist-info" / "entry_points.txt"
+    entry_points.write_text(entry_points.read_text().replace("late =", "later ="))
+    assert "late" not in estimator_names()
+    assert "later" in estimator_names()
+    entry_points.unlink()
+    assert "later" not in estimator_names()
+
+
 def test_what_sees_the_truth_is_told_by_name(plugins):
     assert sees_truth("seer")
     assert not sees_truth("blob")
