@@ -5,6 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.bench.content import digest
 from isacbench.bench.job import load_job
 from isacbench.bench.merge import merge
 from isacbench.bench.outline import outline, restore_plan
@@ -14,6 +15,39 @@ from isacbench.bench.store import read_manifest, read_results
 from isacbench.bench.suite import DetectionSuite, ResolutionSuite, Suite
 from isacbench.entries import entries
 from isacbench.errors import InputError
+from tests.conftest import ROOM, TINY, TINY_POINTS
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    """Return a folder of scenarios, which nobody changes, and of runs, to be copied."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, text in (("tiny.toml", TINY), ("tiny.csv", TINY_POINTS), ("room.toml", ROOM)):
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.fixture
+def tiny(shelf):
+    return shelf / "tiny.toml"
+
+
+@pytest.fixture
+def room_file(shelf):
+    return shelf / "room.toml"
+
+
+@pytest.fixture
+def put_run(shelf):
+    """Return a function that puts a run, or a part of it, into a folder."""
+
+    def put(suite, folder, shard=None):
+        made = shelf / digest([suite.model_dump(mode="json"), shard])
+        if not made.exists():
+            run(suite, out=made, shard=shard)
+        shutil.copytree(made, folder)
+
+    return put
 
 
 @pytest.fixture
@@ -30,7 +64,12 @@ def suites(tiny, room_file):
     return [
         Suite(**common, scenarios=[str(tiny)], snr_db=[0, -10]),
         Suite(kind="efficiency", **rooms),
-        ResolutionSuite(**rooms, dimensions=["u", "range"], separations_cells=[1, 0.5], phases_deg=[0, 90]),
+        ResolutionSuite(
+            **{**rooms, "trials": 2, "snr_gain_db": [20]},
+            dimensions=["u", "range"],
+            separations_cells=[1, 0.5],
+            phases_deg=[0, 90],
+        ),
         DetectionSuite(
             name="test",
             trials=2,
@@ -64,11 +103,13 @@ def forget_plugins(monkeypatch):
     assert not entries("estimator")
 
 
-def test_all_shards_together_are_the_undisturbed_run_and_need_no_plugin(any_suite, tmp_path, monkeypatch):
-    run(any_suite, out=tmp_path / "whole")
-    shards = [tmp_path / f"shard{k}" for k in (3, 1, 2)]
+def test_all_shards_together_are_the_undisturbed_run_and_need_no_plugin(
+    any_suite, put_run, tmp_path, monkeypatch
+):
+    put_run(any_suite, tmp_path / "whole")
+    shards = [tmp_path / f"shard{k}" for k in (2, 1)]
     for folder in shards:
-        run(any_suite, out=folder, shard=f"{folder.name[-1]}/3")
+        run(any_suite, out=folder, shard=f"{folder.name[-1]}/2")
     forget_plugins(monkeypatch)
     merged = merge(shards, tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
@@ -77,8 +118,9 @@ def test_all_shards_together_are_the_undisturbed_run_and_need_no_plugin(any_suit
     assert columns.equals(pd.read_csv(tmp_path / "whole" / "results.csv").columns)
 
 
-def test_the_outline_of_a_plan_places_rows_as_the_plan_does(any_suite, tmp_path):
-    records = run(any_suite, out=tmp_path / "run")
+def test_the_outline_of_a_plan_places_rows_as_the_plan_does(any_suite, put_run, tmp_path):
+    put_run(any_suite, tmp_path / "run")
+    records = read_results(tmp_path / "run").records
     manifest = read_manifest(tmp_path / "run")
     again = restore_plan(manifest)
     assert manifest["scenes"] == outline(load_job(any_suite).plan)
@@ -86,7 +128,7 @@ def test_the_outline_of_a_plan_places_rows_as_the_plan_does(any_suite, tmp_path)
     np.testing.assert_array_equal(load_job(any_suite).plan.positions(records), np.arange(again.n_cells))
 
 
-def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, tmp_path):
+def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, put_run, tmp_path):
     for k in (1, 3):
         run(suite, out=tmp_path / str(k), shard=f"{k}/3")
     merged = merge([tmp_path / "1", tmp_path / "3"], tmp_path / "merged")
@@ -96,7 +138,7 @@ def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, tmp_path):
         ("tiny", "seer", 2, (1,)),
     ]
     done = run(suite, out=tmp_path / "merged")
-    run(suite, out=tmp_path / "whole")
+    put_run(suite, tmp_path / "whole")
     assert len(done) == 12
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
 
@@ -111,41 +153,41 @@ def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, tmp_path):
         [{"estimators": ["blob"], "snr_db": [0]}, {"estimators": ["seer"], "snr_db": [0, 5], "trials": 1}],
     ],
 )
-def test_runs_of_one_suite_are_united_and_the_whole_suite_completes_them(suite, tmp_path, changes):
+def test_runs_of_one_suite_are_united_and_the_whole_suite_completes_them(suite, put_run, tmp_path, changes):
     folders = [tmp_path / str(index) for index in range(len(changes))]
     for folder, change in zip(folders, changes, strict=True):
-        run(suite.replace(**change), out=folder)
+        put_run(suite.replace(**change), folder)
     merged = merge(folders, tmp_path / "merged")
     whole = read_results(tmp_path / "merged").suite
     assert merged.n_cells - len(merged.records) == sum(gap.n_cells for gap in merged.gaps)
     assert whole.trials == max(change.get("trials", 3) for change in changes)
-    run(whole, out=tmp_path / "whole")
+    put_run(whole, tmp_path / "whole")
     run(whole, out=tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
 
 
-def test_snrs_that_rise_in_each_part_rise_together(suite, tmp_path):
-    run(suite.replace(snr_db=[5, 10]), out=tmp_path / "one")
-    run(suite.replace(snr_db=[-10, 5]), out=tmp_path / "two")
+def test_snrs_that_rise_in_each_part_rise_together(suite, put_run, tmp_path):
+    put_run(suite.replace(snr_db=[5, 10]), tmp_path / "one")
+    put_run(suite.replace(snr_db=[-10, 5]), tmp_path / "two")
     merge([tmp_path / "one", tmp_path / "two"], tmp_path / "merged")
     assert read_results(tmp_path / "merged").suite.snr_db == (-10, 5, 10)
 
 
-def test_a_scenario_may_have_another_path_in_each_part(suite, tiny, tmp_path):
+def test_a_scenario_may_have_another_path_in_each_part(suite, tiny, put_run, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     for path in (tiny, tiny.with_name("tiny.csv")):
         shutil.copy(path, elsewhere)
-    run(suite, out=tmp_path / "1", shard="1/2")
+    put_run(suite, tmp_path / "1", "1/2")
     run(suite, scenarios=[elsewhere / "tiny.toml"], out=tmp_path / "2", shard="2/2")
     merged = merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
     assert merged.gaps == []
     assert read_results(tmp_path / "merged").suite == suite
 
 
-def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(suite, tmp_path):
+def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(suite, put_run, tmp_path):
     for k in (1, 2):
-        run(suite, out=tmp_path / str(k), shard=f"{k}/2")
+        put_run(suite, tmp_path / str(k), f"{k}/2")
     merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
     manifest = read_manifest(tmp_path / "merged")
     assert [session.get("shard") for session in manifest["sessions"]] == ["1/2", "2/2", None]
@@ -157,8 +199,8 @@ def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(suite
     assert manifest["seed"] == 1
 
 
-def test_equal_rows_of_a_cell_count_once(suite, tmp_path):
-    run(suite, out=tmp_path / "1")
+def test_equal_rows_of_a_cell_count_once(suite, put_run, tmp_path):
+    put_run(suite, tmp_path / "1")
     run(suite, trials=2, out=tmp_path / "2")
     merged = merge([tmp_path / "2", tmp_path / "1"], tmp_path / "merged")
     assert len(merged.records) == merged.n_cells == 12
@@ -172,9 +214,9 @@ def rewrite(folder, change):
     table.to_parquet(folder / "results.parquet", index=False)
 
 
-def test_rows_that_disagree_about_a_cell_are_refused_with_its_name(suite, tmp_path):
+def test_rows_that_disagree_about_a_cell_are_refused_with_its_name(suite, put_run, tmp_path):
     for name in ("1", "2"):
-        run(suite, out=tmp_path / name)
+        put_run(suite, tmp_path / name)
     rewrite(
         tmp_path / "2", lambda table: table.__setitem__("deviation", table["deviation"] + (table.index == 3))
     )
@@ -183,9 +225,9 @@ def test_rows_that_disagree_about_a_cell_are_refused_with_its_name(suite, tmp_pa
     assert not (tmp_path / "merged").exists()
 
 
-def test_clouds_that_disagree_are_refused_too(suite, tmp_path):
+def test_clouds_that_disagree_are_refused_too(suite, put_run, tmp_path):
     for name in ("1", "2"):
-        run(suite, out=tmp_path / name)
+        put_run(suite, tmp_path / name)
     clouds = pd.read_parquet(tmp_path / "2" / "clouds.parquet")
     clouds.attrs = {}
     clouds.loc[0, "x"] += 1
@@ -203,8 +245,10 @@ def test_clouds_that_disagree_are_refused_too(suite, tmp_path):
         ({"snr_db": None, "snr_gain_db": [3.0]}, "cannot be united: only some have snr"),
     ],
 )
-def test_runs_that_do_not_belong_together_are_refused_with_what_differs(suite, tmp_path, changes, message):
-    run(suite, trials=1, out=tmp_path / "1")
+def test_runs_that_do_not_belong_together_are_refused_with_what_differs(
+    suite, put_run, tmp_path, changes, message
+):
+    put_run(suite.replace(trials=1), tmp_path / "1")
     other = Suite.model_validate({**suite.model_dump(), "trials": 1, **changes})
     run(other, out=tmp_path / "2")
     with pytest.raises(InputError, match=message):
@@ -212,24 +256,25 @@ def test_runs_that_do_not_belong_together_are_refused_with_what_differs(suite, t
     assert not (tmp_path / "merged").exists()
 
 
-def test_another_content_of_a_scenario_is_refused(suite, tiny, tmp_path):
-    run(suite, out=tmp_path / "1", shard="1/2")
-    tiny.with_name("tiny.csv").write_text("x,y,z,v,amplitude\n1,2,3,0,2\n")
-    run(suite, out=tmp_path / "2", shard="2/2")
+def test_another_content_of_a_scenario_is_refused(suite, tiny, put_run, tmp_path):
+    put_run(suite, tmp_path / "1", "1/2")
+    other = shutil.copy(tiny, tmp_path)
+    (tmp_path / "tiny.csv").write_text("x,y,z,v,amplitude\n1,2,3,0,2\n")
+    run(suite, scenarios=[other], out=tmp_path / "2", shard="2/2")
     with pytest.raises(InputError, match="the scenario 'tiny' has another content"):
         merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
 
 
-def test_another_metric_is_refused(suite, tmp_path, monkeypatch):
-    run(suite, out=tmp_path / "1", shard="1/2")
+def test_another_metric_is_refused(suite, put_run, tmp_path, monkeypatch):
+    put_run(suite, tmp_path / "1", "1/2")
     monkeypatch.setattr("isacbench.bench.store.METRIC_VERSION", 0)
     run(suite, out=tmp_path / "2", shard="2/2")
     with pytest.raises(InputError, match=r"metric \{'name': 'paper', 'version': 1\} and"):
         merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
 
 
-def test_other_versions_are_refused_unless_they_may_be_mixed(suite, tmp_path, monkeypatch):
-    run(suite, out=tmp_path / "1", shard="1/2")
+def test_other_versions_are_refused_unless_they_may_be_mixed(suite, put_run, tmp_path, monkeypatch):
+    put_run(suite, tmp_path / "1", "1/2")
     monkeypatch.setattr("isacbench.bench.provenance.package_version", lambda package: "0.0")
     run(suite, out=tmp_path / "2", shard="2/2")
     folders = [tmp_path / "1", tmp_path / "2"]
@@ -242,15 +287,15 @@ def test_other_versions_are_refused_unless_they_may_be_mixed(suite, tmp_path, mo
     assert merged.gaps == []
 
 
-def test_a_part_without_its_clouds_is_refused(suite, tmp_path):
-    run(suite, out=tmp_path / "1")
+def test_a_part_without_its_clouds_is_refused(suite, put_run, tmp_path):
+    put_run(suite, tmp_path / "1")
     (tmp_path / "1" / "clouds.parquet").unlink()
     with pytest.raises(InputError, match=r"damaged run: some clouds are missing"):
         merge([tmp_path / "1"], tmp_path / "merged")
 
 
-def test_a_manifest_without_an_outline_is_refused(suite, tmp_path):
-    run(suite, out=tmp_path / "1")
+def test_a_manifest_without_an_outline_is_refused(suite, put_run, tmp_path):
+    put_run(suite, tmp_path / "1")
     manifest = read_manifest(tmp_path / "1")
     del manifest["scenes"]
     (tmp_path / "1" / "manifest.json").write_text(json.dumps(manifest))
@@ -258,7 +303,7 @@ def test_a_manifest_without_an_outline_is_refused(suite, tmp_path):
         merge([tmp_path / "1"], tmp_path / "merged")
 
 
-def test_a_folder_with_a_run_is_not_merged_into(suite, tmp_path):
-    run(suite, out=tmp_path / "1")
+def test_a_folder_with_a_run_is_not_merged_into(suite, put_run, tmp_path):
+    put_run(suite, tmp_path / "1")
     with pytest.raises(InputError, match="holds a run; allowed is a new folder"):
         merge([tmp_path / "1"], tmp_path / "1")

@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -14,8 +15,15 @@ from isacbench.metrics.score import score
 from isacbench.model.echo import observe
 
 
+@pytest.fixture(scope="module")
+def made():
+    """Return a list for the run that all tests read, of a copy."""
+    return []
+
+
 @pytest.fixture
-def written(plugins, tiny, tmp_path):
+def written(made, plugins, tiny, tmp_path, tmp_path_factory):
+    """Return the results of a run, and a folder that holds it."""
     suite = Suite(
         name="test",
         scenarios=[str(tiny), "street"],
@@ -23,8 +31,11 @@ def written(plugins, tiny, tmp_path):
         snr_db=[0, 10],
         trials=2,
     )
-    folder = tmp_path / "results" / "mine"
-    return run_suite(suite, out=folder), folder
+    if not made:
+        folder = tmp_path_factory.mktemp("made") / "run"
+        made.append((run_suite(suite, out=folder), folder))
+    results, folder = made[0]
+    return results, shutil.copytree(folder, tmp_path / "results" / "mine")
 
 
 def test_a_run_is_read_back_as_it_was_written(written):

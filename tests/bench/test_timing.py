@@ -457,11 +457,19 @@ def test_scoring_again_leaves_the_times_as_they_are(suite, tmp_path):
 TIME = [parse_tolerance("time_estimate_s=10%"), parse_tolerance("time_detection_s=10%")]
 
 
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    """Return a folder for runs that several tests read."""
+    return tmp_path_factory.mktemp("runs")
+
+
 @pytest.fixture
-def two_timed_runs(moody_suite, tmp_path):
-    for name in ("base", "new"):
-        timed_run(moody_suite, out=tmp_path / name, trials=12)
-    return tmp_path / "base", tmp_path / "new"
+def two_timed_runs(moody_suite, shelf):
+    folders = shelf / "base", shelf / "new"
+    for folder in folders:
+        if not folder.exists():
+            timed_run(moody_suite, out=folder, trials=12)
+    return folders
 
 
 def test_the_times_of_two_timed_runs_are_compared(two_timed_runs):
