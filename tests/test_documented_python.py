@@ -24,5 +24,5 @@ def test_the_examples_run_and_print_what_is_shown(tmp_path, monkeypatch):
     assert without_numbers(f">>> cloud\n{script.cloud!r}\n") in without_numbers(text)
     for example in others:
         exec(example, vars(script))
-    assert len(script.rows) == len(script.stored.clouds) == 4
+    assert (len(script.stored.clouds), len(script.rows)) == (4, 2)
     assert f">>> report\n{script.report!r}\n".replace("(script)", "(__main__)") in text

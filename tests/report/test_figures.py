@@ -1,4 +1,5 @@
 import json
+import shutil
 import subprocess
 import sys
 
@@ -179,7 +180,7 @@ def test_of_very_many_estimators_the_best_show_their_work(shower, tiny, tmp_path
 
 def test_an_estimator_that_is_no_longer_installed_is_still_drawn(plugins, tiny, tmp_path, drawn):
     folder = run_into(tmp_path / "run", tiny, ["blob"])
-    (plugins.path / "test_plugins-1.0.dist-info" / "entry_points.txt").write_text("")
+    shutil.rmtree(plugins.path / "test_plugins-1.0.dist-info")
     with pytest.warns(UserWarning, match="no map and no spectra of blob: unknown estimator"):
         draw_run(folder)
     assert drawn["clouds"][0][3] == ["blob"]
