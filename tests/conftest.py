@@ -17,17 +17,21 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
 from isacbench.model.scenario import load_scenario
 
-# How long an example takes on a busy machine decides no test.
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
+# How long an example takes on a busy machine decides no test. More examples: pytest --hypothesis-profile=thorough
+settings.register_profile("quick", deadline=None, max_examples=50)
+settings.register_profile("thorough", deadline=None, max_examples=500)
+settings.load_profile("quick")
 
 MOST_WORKERS = 8
 
 
 def pytest_xdist_auto_num_workers(config):
-    """Run files and single tests in this process, which starts at once, and folders in one process a core."""
+    """Run files and single tests in this process, which starts at once, and folders in one process a core.
+
+    One more works while others wait for what they have started.
+    """
     asked = [Path(text.partition("::")[0]) for text in config.args]
-    return 0 if all(path.is_file() for path in asked) else min(os.cpu_count() or 1, MOST_WORKERS)
+    return 0 if all(path.is_file() for path in asked) else min((os.cpu_count() or 1) + 1, MOST_WORKERS)
 
 
 PLUGINS = '''

@@ -20,7 +20,7 @@ from isacbench.model.scenario import load_scenario
 from ..cubes.samples import write_mat73
 from .files import CUBE, GRID, TABLE
 
-EXAMPLES = settings.default.max_examples // 6
+EXAMPLES = settings.default.max_examples // 3
 """Of each format: with the others they are many."""
 
 SUITE = b"""name = "mine"

@@ -380,7 +380,7 @@ JSON = st.recursive(
 )
 
 
-EXAMPLES = settings.default.max_examples // 12
+EXAMPLES = settings.default.max_examples // 6
 """A tenth of a second each; what they found has tests of its own below."""
 
 
