@@ -36,8 +36,9 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
         come from: ``version``, None for a file, and ``digest``, the SHA-256 of
         their modules and of all that these import from the same top-level
         package, None where they are not on disk. Of a script or a notebook
-        the classes count, and the functions that they use. What is imported
-        from `isacbench` itself, `library_code` tells.
+        the classes count, and the functions that they use; likewise of classes
+        that are made in functions. What is imported from `isacbench` itself,
+        `library_code` tells.
 
     Examples
     --------
@@ -58,6 +59,10 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
             found[module] = {"version": None, "digest": class_digest(_classes(plugin), module)}
     for (package, version), modules in packaged.items():
         found[package] = {"version": version, "digest": _digest(frozenset(modules))}
+    for base in _classes(plugin):  # of two that functions of one module make, its file tells nothing
+        if "<locals>" in base.__qualname__ and is_importable(base.__module__):
+            name = f"{base.__module__}.{base.__qualname__}"
+            found[name] = {"version": None, "digest": class_digest([base], base.__module__)}
     return dict(sorted(found.items()))
 
 

@@ -17,7 +17,7 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
 from isacbench.model.scenario import load_scenario
 
-# How long an example takes on a busy machine decides no test. More examples: pytest --hypothesis-profile=thorough
+# How long an example takes on a busy machine decides no test. More examples: --hypothesis-profile=thorough
 settings.register_profile("quick", deadline=None, max_examples=50)
 settings.register_profile("thorough", deadline=None, max_examples=500)
 settings.load_profile("quick")
