@@ -76,7 +76,7 @@ def values_before(plugin: Any) -> dict[str, Any]:
 
 
 def _is_equal(value: object, before: object) -> bool:
-    """Whether two values are the same; 1 and True are not, and arrays are told by what they are alone."""
+    """Tell whether two values are the same; 1 and True are not, and arrays are compared by identity."""
     return value is before or (type(value) is type(before) and isinstance(value, _PLAIN) and value == before)
 
 

@@ -16,7 +16,7 @@ Sensing = Literal["all", "prs"]
 """Resource elements that are sensed with: the whole grid, or the PRS alone."""
 
 Division = Literal["reciprocal", "matched", "wiener"]
-"""How what was received is divided by what was sent."""
+"""Division of the received by the transmitted symbols."""
 
 Dimension = Literal["range", "velocity", "u", "w"]
 """Dimensions in which the radio tells scatterers apart."""

@@ -92,7 +92,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _text(code: CodeType) -> str:
-    """What code does: its instructions, names and constants, but neither its file nor its lines."""
+    """Instructions, names and constants of code, but neither its file nor its lines."""
     constants = [
         _text(one)
         if isinstance(one, CodeType)

@@ -31,7 +31,7 @@ __all__ = ["GuardedProcess", "ProcessLostError"]
 POLL_S = 0.2
 GRACE_S = 2.0
 ENDED_S = 0.5
-"""What the pool takes at most to say that it has ended the process at its deadline."""
+"""Longest time in which the pool says that it has ended the process at its deadline."""
 
 END_S = 10.0
 F_SETSIG = 10

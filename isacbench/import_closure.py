@@ -22,7 +22,7 @@ __all__ = ["digest_of", "import_closure", "is_importable", "source_imports"]
 CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
 
 STATEMENT = re.compile(r"(?:^|[:;])[ \t]*((?:from[ \t.]|import[ \t]).*)", re.MULTILINE)
-"""What may be an import statement; the text of a docstring may look like one, too."""
+"""Lines that may be import statements; the text of a docstring may look like one, too."""
 
 FOR_TYPES = re.compile(r"^if (?:typing\.)?TYPE_CHECKING:\n(?:(?:[ \t]+.*)?\n)+", re.MULTILINE)
 
@@ -189,7 +189,7 @@ def _code(name: str) -> _Code | None:
 
 @cache
 def _spec(name: str) -> ModuleSpec | None:
-    """Where a module is found, without importing anything."""
+    """Find a module without importing anything."""
     parent, _, _ = name.rpartition(".")
     if not parent:
         # Not by sys.modules: what was made there, another process does not find.

@@ -155,7 +155,7 @@ class NotebookLine:
 
 
 class _Line(NamedTuple):
-    """What a notebook shows: a bar and words, or the words alone."""
+    """Line of a notebook: a bar and words, or the words alone."""
 
     text: str
     n_done: int

@@ -56,7 +56,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def told(environment, folder):
-    """What commands print, all of them called in one process that sees the package, without figures."""
+    """Output of commands, all of them called in one process that sees the package, without figures."""
     grid = "strongest[detector=[median,ca,median[pfa=1e-2]]]"
     cells = ["-e", grid, "-e", "fft4d[detector=median]", "--snr", "-5,10", "-n", "1", "-j", "1"]
     commands = {

@@ -1,4 +1,4 @@
-"""Where worker processes come from."""
+"""The server of worker processes."""
 
 import subprocess
 import sys

@@ -85,7 +85,7 @@ class Comparison:
 
     @property
     def is_regression(self) -> bool:
-        """Whether a curve or point got worse, or a cell or a score failed or went missing."""
+        """Tell whether a curve or point got worse, or a cell or a score failed or went missing."""
         worse = any((table["verdict"] == "regression").any() for table in (self.curves, self.points))
         return bool(worse or self.n_lost_scores or len(self.cells.new_failures) or len(self.cells.missing))
 

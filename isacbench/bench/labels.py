@@ -80,7 +80,7 @@ def _label(name: str, own: Params, namesakes: Sequence[Params], known: Known) ->
 
 
 def _sets_apart(value: Any, values: Sequence[Any]) -> bool:
-    """Whether no more than half share a value, or a detector among them could be mistaken for it."""
+    """Tell whether at most half share a value, or a detector among them could be mistaken for it."""
     if 2 * values.count(value) <= len(values):
         return True
     return _is_plugin(value) and any(other != value for other in values if _name(other) == _name(value))

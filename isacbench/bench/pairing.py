@@ -78,7 +78,7 @@ class RunTable:
 
 @dataclass(frozen=True, eq=False)
 class CellChanges:
-    """What became of the cells of two runs.
+    """Cells of two runs, counted by what became of them.
 
     Tables have the columns of `CELL`, status and reason, and ``new_estimator``
     and ``new_params``, which differ where an estimator was paired with another.

@@ -36,7 +36,7 @@ SEED = typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)
 DEFAULT_SNR = "10"
 
 REPEATED_S = 1.0
-"""Where the first call takes longer, imports and tables are a small part of it, and a second costs much."""
+"""Longest first call that is repeated: of longer ones imports are a small part, and a second costs much."""
 
 
 @app.command()

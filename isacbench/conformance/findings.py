@@ -86,7 +86,7 @@ class PluginFindings:
 
     @property
     def ok(self) -> bool:
-        """Whether no check has failed; warnings are allowed."""
+        """True if no check has failed; warnings are allowed."""
         return all(finding.status != "failed" for finding in self.findings)
 
     def __str__(self) -> str:
@@ -106,7 +106,7 @@ class CheckReport(Displayed):
 
     @property
     def ok(self) -> bool:
-        """Whether no check of any plugin has failed; warnings are allowed."""
+        """True if no check of any plugin has failed; warnings are allowed."""
         return all(plugin.ok for plugin in self.plugins)
 
     @property

@@ -83,7 +83,7 @@ class Observation(Displayed):
 
     @property
     def has_cells(self) -> bool:
-        """Whether `cells` is at hand, rather than still to be computed from a recorded frame."""
+        """True if `cells` is at hand, False if it is still to be computed from a recorded frame."""
         return "cells" in vars(self)
 
     @cached_property

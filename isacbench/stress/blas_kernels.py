@@ -145,7 +145,7 @@ class KernelProcess:
 
     @property
     def has_ended(self) -> bool:
-        """Whether it can no longer be asked."""
+        """True if it can no longer be asked."""
         return self._process.poll() is not None
 
     def close(self) -> None:

@@ -54,7 +54,7 @@ __all__ = [
 ]
 
 INVARIANCE = 1e-9
-"""What neither threads, nor the BLAS kernel, nor memory, nor the order of elements may exceed."""
+"""Bound on the drift with threads, the BLAS kernel, memory and the order of elements."""
 
 LIMITS = 2.0**-490, 2.0**490
 """Amplitudes, about 1e-147 and 1e147, whose squares and sums of squares are still numbers."""

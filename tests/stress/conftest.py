@@ -1,4 +1,4 @@
-"""What the tests of the promises share."""
+"""Fixtures of the tests of promises."""
 
 import pytest
 

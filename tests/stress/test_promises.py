@@ -31,7 +31,7 @@ from isacbench.stress.shots import RESOLVED, observed
 FAST = ("fft4d", "music2d", "esprit2d", "oracle")
 
 ABLE = {"opened_range": "music2d", "next_beam": "esprit2d", "unseparated": "esprit2d", "subarray": "music2d"}
-"""Who has the parameters of families about which others are not asked."""
+"""Estimators that have the parameters of a family, by its name."""
 
 
 @dataclass(frozen=True)

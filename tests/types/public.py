@@ -1,4 +1,4 @@
-"""What a type checker knows of the public names: `mypy` looks at this file, and nothing runs it."""
+"""Types of the public names as a type checker knows them: `mypy` looks at this file, and nothing runs it."""
 
 from collections.abc import Mapping
 from typing import assert_type
