@@ -15,27 +15,7 @@ from isacbench.entries import isolated_plugins, register_plugin
 from isacbench.errors import InputError
 from isacbench.metrics.score import score
 from isacbench.plugin_files import PluginFile
-
-TINY = """
-name = "tiny"
-[system]
-n_subcarriers = 256
-n_symbols = 32
-[array]
-frame = "panel"
-tx_shape = [1, 1]
-rx_shape = [4, 4]
-[base_station]
-position_m = [5.0, 40.0, 10.0]
-[region]
-x_m = [0.0, 10.0]
-y_m = [0.0, 10.0]
-z_m = [0.0, 5.0]
-speed_mps = [-15.0, 15.0]
-[[objects]]
-kind = "points"
-file = "tiny.csv"
-"""
+from tests.conftest import TINY
 
 PLUGINS = """
 from dataclasses import dataclass
