@@ -26,21 +26,21 @@ from typing import Any, ClassVar, Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.contracts import Detection, Detector, Diagnosis, Needs, Spectrum
-from isacbench.dsp.aperture import Aperture, Cross, Plane
-from isacbench.dsp.detection import DetectedCells, Integration, detect_cells, white_noise
-from isacbench.dsp.joint import refine_jointly, select_jointly
-from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
+from isacbench.dsp.fitting.joint_selection import refine_jointly, select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.dsp.scaling import amplitude_exponent, in_unit
 from isacbench.dsp.scatterers import Scatterers, locate, merge_duplicates
-from isacbench.dsp.units import amplitude_exponent, in_unit
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
+from isacbench.instrument.remarks import Remarks
+from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
-from isacbench.remarks import Remarks
-from isacbench.stages import stage
+from isacbench.plugins.contracts import Detection, Detector, Diagnosis, Needs, Spectrum
 
 from .detectors import OscaCfar
 
@@ -313,7 +313,7 @@ class CellwiseEstimator(ABC):
 
         Notes
         -----
-        Its time counts for the stage ``peaks``, but for what it marks itself (`isacbench.stages`).
+        Its time counts for the stage ``peaks``, but for what it marks itself (`isacbench.instrument.stages`).
         """
 
     @abstractmethod

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from isacbench.contracts import Detection
 from isacbench.dsp.cfar import (
     Cells,
     CellsPerSide,
@@ -20,9 +19,10 @@ from isacbench.dsp.cfar import (
     soca_cfar,
     tm_cfar,
 )
-from isacbench.dsp.cfar_checks import check_fraction, checked_axis
-from isacbench.dsp.cfar_orders import check_trim
-from isacbench.dsp.thresholds import check_pfa
+from isacbench.dsp.cfar.factors import check_pfa
+from isacbench.dsp.cfar.map_checks import check_fraction, checked_axis
+from isacbench.dsp.cfar.sorted_means import check_trim
+from isacbench.plugins.contracts import Detection
 
 if TYPE_CHECKING:
     import numpy as np

@@ -40,8 +40,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.esprit import unitary_esprit
-from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.angles.esprit import unitary_esprit
+from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.model.observation import Observation
 
 from .jointsubspace import JointSubspaceEstimator, Subspaces

@@ -36,16 +36,16 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from isacbench.contracts import Detector, Spectrum
-from isacbench.dsp.aperture import Cross
+from isacbench.dsp.angles.aperture import Cross
+from isacbench.dsp.angles.peaks import Peaks, plane_peaks
+from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
+from isacbench.dsp.cell_detection import detect_listed
 from isacbench.dsp.cfar import Cells
-from isacbench.dsp.detection import detect_listed
-from isacbench.dsp.peaks import Peaks, plane_peaks
-from isacbench.dsp.planewaves import PlaneWaves, pair_directions
 from isacbench.errors import require
+from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
-from isacbench.stages import stage
+from isacbench.plugins.contracts import Detector, Spectrum
 
 from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
 from .detectors import CaCfar

@@ -31,28 +31,28 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.contracts import Spectrum
-from isacbench.dsp.esprit import most_sources
-from isacbench.dsp.joint import explain_map, refine_jointly, select_jointly
-from isacbench.dsp.kernels import steering
-from isacbench.dsp.maxlik import resolve_directions
-from isacbench.dsp.model_order import (
+from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
+from isacbench.dsp.angles.esprit import most_sources
+from isacbench.dsp.angles.model_order import (
     ModelOrder,
     eigenvalue_cfar_order,
     information_order,
     noise_order,
     smoothed_noise_edge,
 )
-from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly, select_jointly
+from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import Scatterers, merge_duplicates
-from isacbench.dsp.separation import Eigenpairs, separated_order
-from isacbench.dsp.subspace2d import planar_eigenpairs
 from isacbench.errors import require
+from isacbench.instrument.remarks import remark
+from isacbench.instrument.stages import stage
+from isacbench.model.kernels import steering
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
-from isacbench.remarks import remark
-from isacbench.stages import stage
+from isacbench.plugins.contracts import Spectrum
 
 from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
 

@@ -41,8 +41,14 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.contracts import Detection, Detector, Spectrum
-from isacbench.dsp.model_order import (
+from isacbench.dsp.angles.eigenpairs import separated_order
+from isacbench.dsp.angles.line_subspaces import (
+    line_eigenpairs,
+    music_null_minima,
+    music_null_spectrum,
+    real_steering,
+)
+from isacbench.dsp.angles.model_order import (
     ModelOrder,
     eigenvalue_cfar_order,
     information_order,
@@ -50,19 +56,13 @@ from isacbench.dsp.model_order import (
     noise_order,
     smoothed_noise_edge,
 )
-from isacbench.dsp.peaks import Peaks, line_peaks
-from isacbench.dsp.planewaves import PlaneWaves, pair_directions
-from isacbench.dsp.separation import separated_order
-from isacbench.dsp.subspace import (
-    line_eigenpairs,
-    music_null_minima,
-    music_null_spectrum,
-    real_steering,
-)
+from isacbench.dsp.angles.peaks import Peaks, line_peaks
+from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.errors import require
+from isacbench.instrument.remarks import remark
+from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
-from isacbench.remarks import remark
-from isacbench.stages import stage
+from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
 from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
 from .detectors import CaCfar

@@ -43,11 +43,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.contracts import Spectrum
-from isacbench.dsp.planewaves import PlaneWaves
-from isacbench.dsp.subspace2d import Nulls, null_minima, planar_null_spectrum
+from isacbench.dsp.angles.planar_subspaces import Nulls, null_minima, planar_null_spectrum
+from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.errors import require
 from isacbench.model.observation import Observation
+from isacbench.plugins.contracts import Spectrum
 
 from .cellwise import Levels, Snapshots
 from .jointsubspace import JointSubspaceEstimator, Subspaces

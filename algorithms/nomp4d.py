@@ -45,13 +45,12 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.contracts import Needs
-from isacbench.dsp.atomfit import AtomFit, refine_atoms, refit_atoms
-from isacbench.dsp.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.bursts import SymbolBursts
-from isacbench.dsp.detection import white_noise
-from isacbench.dsp.lobes import best_lobes, lobes_within
-from isacbench.dsp.pursuit import (
+from isacbench.dsp.cell_detection import white_noise
+from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, refit_atoms
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
+from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
+from isacbench.dsp.fitting.pursuit import (
     BeamSpace,
     descending,
     noise_maximum,
@@ -63,12 +62,13 @@ from isacbench.dsp.pursuit import (
     unwrapped,
 )
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.units import amplitude_exponent, in_unit
+from isacbench.dsp.scaling import amplitude_exponent, in_unit
 from isacbench.errors import require
+from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.gate import Gate
 from isacbench.model.observation import Observation
-from isacbench.stages import stage
+from isacbench.plugins.contracts import Needs
 
 __all__ = ["Nomp4d"]
 

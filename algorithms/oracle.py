@@ -16,10 +16,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.contracts import Needs
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
+from isacbench.plugins.contracts import Needs
 
 __all__ = ["Oracle"]
 

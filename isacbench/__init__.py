@@ -15,21 +15,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from isacbench.bench.compare import compare
-    from isacbench.bench.comparison import Comparison
-    from isacbench.bench.pairing import NotComparableError
-    from isacbench.bench.runner import run
-    from isacbench.bench.stored_run import load_run
-    from isacbench.conformance import check
-    from isacbench.cubes.observing import observe_cube
+    from isacbench.bench.compare.comparison import Comparison
+    from isacbench.bench.compare.matching import NotComparableError
+    from isacbench.bench.compare.regressions import compare
+    from isacbench.bench.run.runner import run
+    from isacbench.bench.store.stored_run import load_run
+    from isacbench.checking.contract import check
+    from isacbench.cubes.frame_observation import observe_cube
     from isacbench.errors import InputError
+    from isacbench.link.sensing.observing import observe
     from isacbench.metrics.score import score
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
-    from isacbench.model.scenario import Scenario, load_scenario
-    from isacbench.observing import observe
-    from isacbench.registry import get_detector, get_estimator
-    from isacbench.report.plotting import plot_clouds
+    from isacbench.model.scenes.scenario import Scenario, load_scenario
+    from isacbench.plugins.registry import get_detector, get_estimator
+    from isacbench.report.figures.plotting import plot_clouds
 
 __version__ = "0.1.0"
 
@@ -56,22 +56,22 @@ __all__ = [
 
 # Where each public name lives: loaded on first use, so that the command line starts without NumPy.
 _HOMES = {
-    "Comparison": "isacbench.bench.comparison",
+    "Comparison": "isacbench.bench.compare.comparison",
     "InputError": "isacbench.errors",
-    "NotComparableError": "isacbench.bench.pairing",
+    "NotComparableError": "isacbench.bench.compare.matching",
     "Observation": "isacbench.model.observation",
     "PointCloud": "isacbench.model.cloud",
-    "Scenario": "isacbench.model.scenario",
-    "compare": "isacbench.bench.compare",
-    "check": "isacbench.conformance",
-    "get_detector": "isacbench.registry",
-    "get_estimator": "isacbench.registry",
-    "load_run": "isacbench.bench.stored_run",
-    "load_scenario": "isacbench.model.scenario",
-    "observe": "isacbench.observing",
-    "observe_cube": "isacbench.cubes.observing",
-    "plot_clouds": "isacbench.report.plotting",
-    "run": "isacbench.bench.runner",
+    "Scenario": "isacbench.model.scenes.scenario",
+    "compare": "isacbench.bench.compare.regressions",
+    "check": "isacbench.checking.contract",
+    "get_detector": "isacbench.plugins.registry",
+    "get_estimator": "isacbench.plugins.registry",
+    "load_run": "isacbench.bench.store.stored_run",
+    "load_scenario": "isacbench.model.scenes.scenario",
+    "observe": "isacbench.link.sensing.observing",
+    "observe_cube": "isacbench.cubes.frame_observation",
+    "plot_clouds": "isacbench.report.figures.plotting",
+    "run": "isacbench.bench.run.runner",
     "score": "isacbench.metrics.score",
 }
 

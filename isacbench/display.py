@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isacbench.visible import shortened
+from isacbench.files.escaping import shortened
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,7 +64,7 @@ class Displayed(ABC):
 
     def _repr_html_(self) -> str:
         # By name, because the model knows no figures: they are loaded where a notebook shows something.
-        page: str = import_module("isacbench.report.notebook").page(self, self._description())
+        page: str = import_module("isacbench.report.texts.notebook").page(self, self._description())
         return page
 
 

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
-from isacbench import import_closure, plugin_versions
-from isacbench.entries import isolated_plugins
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
-from isacbench.model.scenario import load_scenario
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins import import_closure, plugin_versions
+from isacbench.plugins.discovery import isolated_plugins
 
 # How long an example takes on a busy machine decides no test. More examples: --hypothesis-profile=thorough
 settings.register_profile("quick", deadline=None, max_examples=50)
@@ -40,7 +40,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from isacbench.contracts import Detection, Detector
+from isacbench.plugins.contracts import Detection, Detector
 from isacbench.model.cloud import PointCloud
 
 

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from isacbench.added_fields import added_field, identity_fields
-from isacbench.bench.content import describe_scenario, restore_scenario, scenario_digest, truth_table
-from isacbench.model.scenario import load_scenario
-from isacbench.registry import canonical_params
+from isacbench.bench.suites.scenario_digest import (
+    describe_scenario,
+    restore_scenario,
+    scenario_digest,
+    truth_table,
+)
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.registry import canonical_params
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.contracts import Detection, Diagnosis, Spectrum
-from isacbench.cubes.observing import CubeObservation
+from isacbench.cubes.frame_observation import CubeObservation
 from isacbench.display import brief, span
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import observe
-from isacbench.model.scenario import load_scenario
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.contracts import Detection, Diagnosis, Spectrum
 
 NAN = np.full((3, 4), np.nan)
 LONG_NAME = "\x1b[31m" * 40

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from isacbench import run
-from isacbench.bench.compare import compare_tables
-from isacbench.bench.pairing import read_run
+from isacbench.bench.compare.matching import read_run
+from isacbench.bench.compare.regressions import compare_tables
 
 REFERENCES = Path(__file__).parent.parent / "results" / "reference"
 

@@ -25,7 +25,7 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
-from isacbench.report.style import new_figure, save, styled
+from isacbench.report.drawing.style import new_figure, save, styled
 
 DOCS = Path(__file__).resolve().parents[1]
 PAGE, FIGURE = DOCS / "cost-growth.md", DOCS / "images" / "cost-growth.png"

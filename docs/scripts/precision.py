@@ -23,9 +23,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from isacbench import get_estimator, load_scenario
-from isacbench.contracts import Estimator
 from isacbench.metrics.score import score
 from isacbench.model.echo import Simulator
+from isacbench.plugins.contracts import Estimator
 
 PAGE = Path(__file__).resolve().parents[1] / "precision.md"
 START, END = "<!-- precision: written by docs/scripts/precision.py -->", "<!-- end -->"

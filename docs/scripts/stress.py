@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from isacbench.report.stress import family_grid, promise_grid
-from isacbench.report.tables import markdown
-from isacbench.stress.families import FAMILIES
-from isacbench.stress.table import PROMISES, TABLE
+from isacbench.checking.stress.runs.families import FAMILIES
+from isacbench.checking.stress.runs.stress_table import PROMISES, TABLE
+from isacbench.report.tables.run_tables import markdown
+from isacbench.report.texts.stress_findings import family_grid, promise_grid
 
 PAGE = Path(__file__).resolve().parents[1] / "stress.md"
 START, END = "<!-- stress: written by docs/scripts/stress.py -->", "<!-- end -->"

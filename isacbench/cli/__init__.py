@@ -5,7 +5,20 @@ Importing the package registers the commands, in the order of ``isacbench --help
 
 from __future__ import annotations
 
-from isacbench.cli import running, results, plugins, images, waveform, stress  # isort: skip
+# isort: off
+from isacbench.cli import run_commands, result_commands, plugin_commands
+from isacbench.cli import image_commands, waveform_commands, stress_commands
+
+# isort: on
 from isacbench.cli.app import app, main
 
-__all__ = ["app", "images", "main", "plugins", "results", "running", "stress", "waveform"]
+__all__ = [
+    "app",
+    "image_commands",
+    "main",
+    "plugin_commands",
+    "result_commands",
+    "run_commands",
+    "stress_commands",
+    "waveform_commands",
+]

@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
-from isacbench.visible import visible, visible_lines
+from isacbench.files.escaping import visible, visible_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

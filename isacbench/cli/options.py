@@ -45,7 +45,7 @@ ScenarioNames = Annotated[
 
 def register(plugin_files: list[Path] | None) -> None:
     """Register local plugin files."""
-    from isacbench.entries import load_plugin_file
+    from isacbench.plugins.discovery import load_plugin_file
 
     for path in plugin_files or ():
         load_plugin_file(path)
@@ -55,8 +55,8 @@ def require_names(
     scenarios: Iterable[str] = (), estimators: Iterable[str] = (), detectors: Iterable[str] = ()
 ) -> None:
     """Refuse names that do not exist, before anything is started or anything slow is imported."""
-    from isacbench.registry import require_plugins
-    from isacbench.tomlfile import find_toml
+    from isacbench.files.toml_files import find_toml
+    from isacbench.plugins.registry import require_plugins
 
     for scenario in scenarios:
         find_toml(scenario, "scenario")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from isacbench.cli.app import say
-from isacbench.visible import visible_json
+from isacbench.files.escaping import visible_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from isacbench.bench.suite import Kind
-    from isacbench.report.aside import Aside
-    from isacbench.report.tables import Grid
+    from isacbench.bench.suites.suite import Kind
+    from isacbench.report.figures.background_drawing import Aside
+    from isacbench.report.tables.run_tables import Grid
 
 __all__ = ["print_grid", "print_json", "print_scores", "report_run"]
 
@@ -28,8 +28,8 @@ MAX_TABLE_WIDTH = 1000
 
 def report_run(folder: Path, records: pd.DataFrame, kind: Kind, aside: Aside | None = None) -> None:
     """Write and print the tables of a run, and draw its figures."""
-    from isacbench.report.aside import Aside
-    from isacbench.report.kinds import grids_of, write_tables
+    from isacbench.report.figures.background_drawing import Aside
+    from isacbench.report.tables.tables_by_kind import grids_of, write_tables
 
     for grid in grids_of(records, kind):
         print_grid(grid)
@@ -43,7 +43,7 @@ def print_grid(grid: Grid) -> None:
     """Print a table, in lines longer than the terminal rather than with cropped numbers."""
     from rich.console import Console
 
-    from isacbench.report.tables import rich_table
+    from isacbench.report.tables.run_tables import rich_table
 
     table = rich_table(grid)
     width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
-from isacbench.userfiles import GRID_BYTES, binary_size
+from isacbench.files.checked_files import GRID_BYTES, binary_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

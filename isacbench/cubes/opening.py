@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from isacbench.cubes.arrays import ArrayCube
 from isacbench.cubes.cube import TILE_BYTES
-from isacbench.cubes.files import parsing
-from isacbench.cubes.hdf5 import dataset_cube, open_hdf5, read_hdf5_grid
-from isacbench.cubes.mat import open_mat, read_mat_grid
-from isacbench.cubes.npy import open_npy, read_npy_grid
-from isacbench.cubes.npz import open_npz, read_npz_grid
-from isacbench.cubes.zarrs import open_zarr, read_zarr_grid, zarr_cube
+from isacbench.cubes.formats.array_cubes import ArrayCube
+from isacbench.cubes.formats.cube_files import parsing
+from isacbench.cubes.formats.hdf5 import dataset_cube, open_hdf5, read_hdf5_grid
+from isacbench.cubes.formats.mat_cubes import open_mat, read_mat_grid
+from isacbench.cubes.formats.npy_cubes import open_npy, read_npy_grid
+from isacbench.cubes.formats.npz_cubes import open_npz, read_npz_grid
+from isacbench.cubes.formats.zarr_cubes import open_zarr, read_zarr_grid, zarr_cube
 from isacbench.errors import InputError
-from isacbench.userfiles import require_file
+from isacbench.files.checked_files import require_file
 
 if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray, Cube

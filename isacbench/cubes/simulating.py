@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from isacbench.cores import available_cores
 from isacbench.cubes.writing import create_cube
-from isacbench.dsp.partialdft import doppler_rows, range_rows, transform_block
+from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
 from isacbench.errors import require
 from isacbench.model.echo import Simulator, random_stream, resource_grid, white_gaussian
 

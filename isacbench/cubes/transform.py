@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from isacbench.cores import available_cores
-from isacbench.dsp.partialdft import (
+from isacbench.dsp.partial_dft import (
     DopplerSums,
     RangeMethod,
     doppler_sums,

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from isacbench.cubes.cube import ComplexArray, describe, require_cube
-from isacbench.cubes.files import CUBE
-from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
+from isacbench.cubes.formats.cube_files import CUBE
 from isacbench.errors import InputError
-from isacbench.userfiles import is_there
+from isacbench.files.arrays.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
+from isacbench.files.checked_files import is_there
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.dsp.kernels import dirichlet, dirichlet_slopes
 from isacbench.errors import InputError
+from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.prs import resource_elements
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isacbench.display import brief
-from isacbench.dsp.aperture import Aperture, Plane
+from isacbench.dsp.angles.aperture import Aperture, Plane
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, taper
-from isacbench.stages import stage
+from isacbench.instrument.stages import stage
 
 if TYPE_CHECKING:
     from isacbench.model.gate import Gate

@@ -11,10 +11,10 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from isacbench.display import brief
+from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.bursts import SymbolBursts
-from isacbench.dsp.planewaves import PlaneWaves
 from isacbench.dsp.rangedoppler import Bins, GatedMap
-from isacbench.dsp.ties import rounded
+from isacbench.dsp.stable_order import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin
 
 __all__ = ["Scatterers", "locate", "merge_duplicates"]

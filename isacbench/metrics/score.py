@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from isacbench.errors import InputError, unknown_name
-from isacbench.metrics.clouds import RADIUS_M, pair_scores
+from isacbench.metrics.cloud_scores import RADIUS_M, pair_scores
 from isacbench.metrics.deviation import pair_deviation
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.repository import repository_deviation

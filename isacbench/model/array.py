@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.errors import InputError
-from isacbench.model.limits import require_count
+from isacbench.model.number_limits import require_count
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.display import Description, Displayed, span
-from isacbench.model.frozen import freeze_arrays
-from isacbench.visible import counted
+from isacbench.files.escaping import counted
+from isacbench.model.frozen_arrays import freeze_arrays
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,14 +89,14 @@ class PointCloud(Displayed):
 
     @classmethod
     def read(cls, path: str | Path) -> PointCloud:
-        """Read a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_io.read_cloud`."""
-        from isacbench.model.cloud_io import read_cloud  # which imports this module
+        """Read a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_files.formats.read_cloud`."""
+        from isacbench.model.cloud_files.formats import read_cloud  # which imports this module
 
         return read_cloud(path)
 
     def write(self, path: str | Path) -> None:
-        """Write a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_io.write_cloud`."""
-        from isacbench.model.cloud_io import write_cloud  # which imports this module
+        """Write a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_files.formats.write_cloud`."""
+        from isacbench.model.cloud_files.formats import write_cloud  # which imports this module
 
         write_cloud(self, path)
 

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.dsp.kernels import dirichlet
 from isacbench.errors import require
 from isacbench.model.gate import Gate, build_gate
-from isacbench.model.limits import LARGEST_NOISE_AMPLITUDE
+from isacbench.model.kernels import dirichlet
+from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.model.observation import Observation
 
@@ -437,7 +437,7 @@ def observe(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) ->
 
     Examples
     --------
-    >>> from isacbench.model.scenario import load_scenario
+    >>> from isacbench.model.scenes.scenario import load_scenario
     >>> street = load_scenario("street")
     >>> observe(street, snr_db=10).cells.shape[2:]
     (16, 16)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.display import Description, Displayed, span
-from isacbench.model.frozen import freeze_arrays
+from isacbench.model.frozen_arrays import freeze_arrays
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

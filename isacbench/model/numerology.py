@@ -8,7 +8,7 @@ import numpy as np
 from scipy import constants
 
 from isacbench.errors import require
-from isacbench.model.limits import require_count
+from isacbench.model.number_limits import require_count
 
 __all__ = ["SPEED_OF_LIGHT_MPS", "System"]
 

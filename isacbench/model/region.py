@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.display import span
-from isacbench.model.limits import LARGEST_PLACE_M, require_interval
+from isacbench.model.number_limits import LARGEST_PLACE_M, require_interval
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 
 if TYPE_CHECKING:

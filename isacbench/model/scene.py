@@ -13,11 +13,11 @@ import numpy as np
 from isacbench.added_fields import added_field
 from isacbench.display import Description, Displayed
 from isacbench.errors import InputError, InputWarning, require
+from isacbench.files.escaping import counted, quoted
 from isacbench.model.cloud import PointCloud, describe_points
-from isacbench.model.frozen import freeze_arrays
-from isacbench.model.limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
+from isacbench.model.frozen_arrays import freeze_arrays
+from isacbench.model.number_limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
-from isacbench.visible import counted, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -160,7 +160,7 @@ class Scenario(Displayed):
     -----
     In closed form echoes are those of endless subcarriers: one from beyond the
     cyclic prefix comes without the interference between symbols that it brings
-    to `isacbench.link.echo_waveform.observe_waveform`.
+    to `isacbench.link.sensing.echo_waveform.observe_waveform`.
     One from beyond the unambiguous range or speed folds back, as theory has it.
     """
 

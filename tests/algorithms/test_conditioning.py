@@ -13,15 +13,15 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 from threadpoolctl import threadpool_limits
 
+from isacbench.checking.stress.cases.crowds import Close, Coherent
+from isacbench.checking.stress.promises.image_promises import ANY_SCALE, ELEMENT_ORDER, Imaging
+from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import PanelFrame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
-from isacbench.remarks import Remarks
-from isacbench.stress.crowds import Close, Coherent
-from isacbench.stress.imaging import ANY_SCALE, ELEMENT_ORDER, Imaging
 
 SYSTEM = System(n_subcarriers=512, n_symbols=64)
 BASE_M = np.array([10.0, 50.0, 12.0])

@@ -11,15 +11,15 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.contracts import Needs, needs_of
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, observe
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.contracts import Needs, needs_of
 
 SYSTEM = System(n_subcarriers=256, n_symbols=64)
 BASE_M = np.array([15.0, 100.0, 20.0])

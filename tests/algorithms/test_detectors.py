@@ -5,9 +5,9 @@ import pytest
 from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 
 from isacbench import get_detector
-from isacbench.contracts import Detector
 from isacbench.dsp.cfar import ca_cfar, goca_cfar, os_cfar, osca_cfar, soca_cfar, tm_cfar
 from isacbench.errors import InputError
+from isacbench.plugins.contracts import Detector
 
 ALL = {"ca": CaCfar, "os": OsCfar, "osca": OscaCfar, "goca": GocaCfar, "soca": SocaCfar, "tm": TmCfar}
 EACH = pytest.mark.parametrize("detector", ALL.values(), ids=ALL)

@@ -13,7 +13,6 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.oracle import Oracle
 
-from isacbench.contracts import Diagnoser, Estimator, TruthEstimator
 from isacbench.dsp.windows import Window
 from isacbench.errors import InputError
 from isacbench.metrics.deviation import paper_deviation
@@ -23,8 +22,9 @@ from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
 from isacbench.model.region import Region
-from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.contracts import Diagnoser, Estimator, TruthEstimator
 
 SYSTEM = System(n_subcarriers=256, n_symbols=64)
 BASE_M = np.array([15.0, 100.0, 20.0])

@@ -10,20 +10,20 @@ from hypothesis import strategies as st
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.bench.cell import Shot
-from isacbench.bench.efficiency import BOUNDS, ERRORS
-from isacbench.bench.efficiency import measure as measure_error
-from isacbench.bench.radio import DIMENSIONS, draw_place, gain_db, space_places
-from isacbench.bench.resolution import measure as measure_pair
-from isacbench.bench.resolution import pair
-from isacbench.dsp.kernels import steering
+from isacbench.bench.cells.cell import Shot
+from isacbench.bench.cells.radio_coordinates import DIMENSIONS, draw_place, gain_db, space_places
+from isacbench.bench.studies.efficiency_study import BOUNDS, ERRORS
+from isacbench.bench.studies.efficiency_study import measure as measure_error
+from isacbench.bench.studies.resolution_study import measure as measure_pair
+from isacbench.bench.studies.resolution_study import pair
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
+from isacbench.model.kernels import steering
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scenes.scenario import load_scenario
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
 AXES = pytest.mark.parametrize("dimension", ["u", "w"])

@@ -12,17 +12,17 @@ from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.contracts import Estimator
-from isacbench.dsp.kernels import steering
 from isacbench.errors import InputError
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, observe
 from isacbench.model.frame import get_frame
+from isacbench.model.kernels import steering
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.contracts import Estimator
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
 SYSTEM = System(n_subcarriers=256, n_symbols=64)

@@ -8,11 +8,11 @@ from isacbench_algorithms.cellwise import Levels
 from isacbench_algorithms.music2d import Music2d
 from scipy.optimize import minimize_scalar
 
-from isacbench.dsp.detection import detect_cells
-from isacbench.dsp.kernels import steering
+from isacbench.dsp.cell_detection import detect_cells
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.echo import observe
-from isacbench.model.scenario import load_scenario
+from isacbench.model.kernels import steering
+from isacbench.model.scenes.scenario import load_scenario
 
 ELEMENTS, SUBARRAY, MAX_ORDER = 16, 10, 4
 DENSE_SHAPE = 300, 150

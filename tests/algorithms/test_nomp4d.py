@@ -8,8 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from isacbench_algorithms.nomp4d import Nomp4d
 
-from isacbench.bench.radio import DIMENSIONS, gain_db, radio_places, rayleigh_cells, space_places
-from isacbench.bench.resolution import pair
+from isacbench.bench.cells.radio_coordinates import (
+    DIMENSIONS,
+    gain_db,
+    radio_places,
+    rayleigh_cells,
+    space_places,
+)
+from isacbench.bench.studies.resolution_study import pair
 from isacbench.dsp.bounds import single_bound
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray

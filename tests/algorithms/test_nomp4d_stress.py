@@ -5,10 +5,10 @@ import pytest
 from isacbench_algorithms import nomp4d
 from isacbench_algorithms.nomp4d import Nomp4d
 
-from isacbench.stress import blas_kernels
-from isacbench.stress.examine import BROKEN, examine
-from isacbench.stress.families import find_cases
-from isacbench.stress.imaging import ANY_SCALE, FOUND_FIRST, LAYOUT, Imaging
+from isacbench.checking.stress.promises import blas_kernels
+from isacbench.checking.stress.promises.image_promises import ANY_SCALE, FOUND_FIRST, LAYOUT, Imaging
+from isacbench.checking.stress.runs.examining import BROKEN, examine
+from isacbench.checking.stress.runs.families import find_cases
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

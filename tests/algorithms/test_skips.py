@@ -9,15 +9,15 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.dsp.detection import detect_cells, power_map
+from isacbench.dsp.cell_detection import detect_cells, power_map
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, observe
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scenes.scenario import load_scenario
 
 DETECTORS = [CaCfar(), OsCfar(), OscaCfar(), OscaCfar(guard=1), GocaCfar(), SocaCfar(), TmCfar()]
 DYNAMIC_RANGE_DB = 28.0

@@ -13,7 +13,7 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.nomp4d import Nomp4d
 
-from isacbench.bench.radio import radio_places, rayleigh_cells, space_places
+from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells, space_places
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacbench.bench.cell import Shot
-from isacbench.bench.radio import space_places
-from isacbench.entries import load_plugin_file
+from isacbench.bench.cells.cell import Shot
+from isacbench.bench.cells.radio_coordinates import space_places
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import PanelFrame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
+from isacbench.plugins.discovery import load_plugin_file
 
 
 @pytest.fixture(scope="session")

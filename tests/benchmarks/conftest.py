@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 from isacbench_algorithms.music2d import Music2d
 
-from isacbench.dsp.detection import detect_cells, white_noise
-from isacbench.dsp.joint import select_jointly
-from isacbench.dsp.model_order import noise_edge, noise_order
-from isacbench.dsp.peaks import line_peaks
-from isacbench.dsp.planewaves import pair_directions
+from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steering, smoothed_covariance
+from isacbench.dsp.angles.model_order import noise_edge, noise_order
+from isacbench.dsp.angles.peaks import line_peaks
+from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance
+from isacbench.dsp.angles.plane_waves import pair_directions
+from isacbench.dsp.cell_detection import detect_cells, white_noise
+from isacbench.dsp.fitting.joint_selection import select_jointly
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import locate, merge_duplicates
-from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_covariance
-from isacbench.dsp.subspace2d import leading_eigenpairs, planar_covariance
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scenes.scenario import load_scenario
 
 SNR_DB = 10.0
 

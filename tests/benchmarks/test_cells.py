@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 
+from isacbench.dsp.cell_detection import detect_cells, power_map, white_noise
 from isacbench.dsp.cfar import os_mask
-from isacbench.dsp.detection import detect_cells, power_map, white_noise
-from isacbench.dsp.thresholds import tm_factor
+from isacbench.dsp.cfar.factors import tm_factor
 
 DETECTORS = pytest.mark.parametrize(
     "detector",

@@ -17,7 +17,7 @@ from isacbench_algorithms.music2d import Music2d
 
 from isacbench import load_scenario, observe_cube
 from isacbench.cubes.simulating import FrameSimulator
-from isacbench.dsp.detection import power_map
+from isacbench.dsp.cell_detection import power_map
 from isacbench.model.echo import Simulator, resource_grid, white_gaussian
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation

@@ -5,17 +5,17 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.dsp.esprit import unitary_esprit
-from isacbench.dsp.maxlik import resolve_directions
-from isacbench.dsp.peaks import line_peaks, plane_peaks
-from isacbench.dsp.planewaves import PlaneWaves
-from isacbench.dsp.subspace import music_null_minima, music_null_spectrum, smoothed_covariance
-from isacbench.dsp.subspace2d import (
+from isacbench.dsp.angles.esprit import unitary_esprit
+from isacbench.dsp.angles.line_subspaces import music_null_minima, music_null_spectrum, smoothed_covariance
+from isacbench.dsp.angles.peaks import line_peaks, plane_peaks
+from isacbench.dsp.angles.planar_subspaces import (
     leading_eigenpairs,
     null_minima,
     planar_covariance,
     planar_null_spectrum,
 )
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 
 
 def test_covariance(benchmark, scene):

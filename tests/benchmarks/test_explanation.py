@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from isacbench_algorithms.nomp4d import Nomp4d
 
-from isacbench.dsp.atomfit import fit_atoms, refine_atoms
-from isacbench.dsp.atoms import AtomMap
-from isacbench.dsp.joint import explain_map, refine_jointly
-from isacbench.dsp.pursuit import BeamSpace
+from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms
+from isacbench.dsp.fitting.atoms import AtomMap
+from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly
+from isacbench.dsp.fitting.pursuit import BeamSpace
 
 
 def test_locate(benchmark, scene):

@@ -8,7 +8,7 @@ from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench_algorithms.nomp4d import Nomp4d
 from isacbench_algorithms.oracle import Oracle
 
-from isacbench.metrics.clouds import cloud_scores, gospa_m
+from isacbench.metrics.cloud_scores import cloud_scores, gospa_m
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.metrics.repository import repository_deviation
 from isacbench.metrics.score import METRICS, score

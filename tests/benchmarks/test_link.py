@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.fft import fft, ifft
 
-from isacbench.link.grid import draw_grid
-from isacbench.link.ofdm import demodulate, modulate
+from isacbench.link.waveform.ofdm import demodulate, modulate
+from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.numerology import System
 
 

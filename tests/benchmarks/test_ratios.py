@@ -4,10 +4,10 @@ import numpy as np
 from isacbench_algorithms.music2d import Music2d
 from scipy.ndimage import rank_filter, uniform_filter
 
+from isacbench.dsp.angles.model_order import noise_edge
 from isacbench.dsp.cfar import ca_cfar, os_mask
-from isacbench.dsp.kernels import steering
-from isacbench.dsp.model_order import noise_edge
-from isacbench.dsp.thresholds import ca_factor, osca_factor
+from isacbench.dsp.cfar.factors import ca_factor, osca_factor
+from isacbench.model.kernels import steering
 
 INSIDE = (slice(4, -4), slice(4, -4))
 DENSE_SHAPE = 300, 150

@@ -11,14 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.csv_table import write_csv_table
-from isacbench.bench.job import load_job
-from isacbench.bench.record import CLOUD_KEYS, DRAW_COLUMNS, POINT_COLUMNS, Results
-from isacbench.bench.store import Session, describe_run, write_manifest, write_results
-from isacbench.bench.suite import Suite
-from isacbench.model.scenario import load_scenario
-from isacbench.report.figures import draw_run
-from isacbench.report.kinds import TABLES, write_tables
+from isacbench.bench.cells.record import CLOUD_KEYS, DRAW_COLUMNS, POINT_COLUMNS, Results
+from isacbench.bench.plan.job import load_job
+from isacbench.bench.store.csv_table import write_csv_table
+from isacbench.bench.store.run_store import Session, describe_run, write_manifest, write_results
+from isacbench.bench.suites.suite import Suite
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.tables.tables_by_kind import TABLES, write_tables
 
 SCORES = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m", "density", "velocity_nmse", "deviation"]
 SCORES += ["chamfer_m", "gospa_m", "time_estimate_s", "precision", "recall", "time_score_s"]

@@ -7,9 +7,9 @@ import timeit
 
 import pytest
 
-from isacbench.bench.runner import run
-from isacbench.registry import estimator_names
-from isacbench.stages import STAGES, StageClock, stage
+from isacbench.bench.run.runner import run
+from isacbench.instrument.stages import STAGES, StageClock, stage
+from isacbench.plugins.registry import estimator_names
 
 pytestmark = pytest.mark.slow
 

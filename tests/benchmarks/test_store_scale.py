@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from isacbench.bench import runner
-from isacbench.bench.record import Cell, Outcome, Record
-from isacbench.bench.suite import Suite
-from isacbench.bench.workbench import Made, Workbench
+from isacbench.bench.cells.record import Cell, Outcome, Record
+from isacbench.bench.run import runner
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.workers.workbench import Made, Workbench
 from isacbench.model.cloud import PointCloud
-from isacbench.report.figures import draw_run
-from isacbench.report.kinds import write_tables
+from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.tables.tables_by_kind import write_tables
 
 MAX_MEMORY_GIB = 4.0
 N_POINTS = 2

@@ -8,10 +8,10 @@ from scipy import constants
 
 import isacbench
 from isacbench.dsp.bounds import joint_bound, position_covariance, single_bound, tone_std_bins
-from isacbench.dsp.kernels import dirichlet
 from isacbench.errors import InputError
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.gate import DOPPLER_MARGIN_BINS, RANGE_MARGIN_BINS
+from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
-from isacbench.dsp.kernels import dirichlet, dirichlet_slopes
 from isacbench.errors import InputError
+from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacbench.dsp.aperture import Cross, Plane
+from isacbench.dsp.angles.aperture import Cross, Plane
 from isacbench.dsp.rangedoppler import GatedMap, range_doppler_map
 from isacbench.dsp.windows import COEFFICIENTS, reach, taper
 from isacbench.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacbench.dsp.planewaves import PlaneWaves
+from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import DUPLICATE_CELL, Scatterers, locate, merge_duplicates
 from isacbench.dsp.windows import Window

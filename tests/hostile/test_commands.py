@@ -177,7 +177,7 @@ def test_a_run_shows_names_as_they_are(tiny, tmp_path, bounded):
 
 
 def test_a_bar_takes_no_name_for_markup(monkeypatch, capsys):
-    from isacbench.progress import progress_shown
+    from isacbench.bench.run.progress import progress_shown
 
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TTY_COMPATIBLE", "1")

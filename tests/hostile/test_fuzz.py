@@ -10,12 +10,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from isacbench.bench.suite import load_suite
+from isacbench.bench.suites.suite import load_suite
 from isacbench.cubes import open_cube, read_grid
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_io import read_cloud, read_points_csv, write_cloud
-from isacbench.model.scenario import load_scenario
+from isacbench.model.cloud_files.formats import read_cloud, read_points_csv, write_cloud
+from isacbench.model.scenes.scenario import load_scenario
 
 from ..cubes.samples import write_mat73
 from .files import CUBE, GRID, TABLE

@@ -14,14 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from isacbench.bench.csv_table import without_formulas
+from isacbench.bench.store.csv_table import without_formulas
 from isacbench.errors import InputError
+from isacbench.files.escaping import in_markdown, quoted, shortened, visible, visible_json, visible_lines
 from isacbench.model.cloud import PointCloud
-from isacbench.model.scenario import load_scenario
-from isacbench.report.plotting import plot_clouds
-from isacbench.report.style import drawable, file_stems
-from isacbench.report.tables import Grid, markdown, rich_table
-from isacbench.visible import in_markdown, quoted, shortened, visible, visible_json, visible_lines
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.report.drawing.style import drawable, file_stems
+from isacbench.report.figures.plotting import plot_clouds
+from isacbench.report.tables.run_tables import Grid, markdown, rich_table
 
 NAMES = {
     "up": "../../etc/passwd",

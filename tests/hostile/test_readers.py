@@ -9,15 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacbench import npyfile, tomlfile, userfiles
-from isacbench.bench import journal, sound, suite
-from isacbench.bench.suite import load_suite
-from isacbench.cubes import chunked, open_cube, read_grid, zarrs
-from isacbench.model import scenario
-from isacbench.model.cloud_io import read_cloud, read_points_csv
-from isacbench.model.scenario import load_scenario
-from isacbench.plugin_files import PluginFile
-from isacbench.userfiles import binary_size
+from isacbench.bench.store import journal, validation
+from isacbench.bench.suites import suite
+from isacbench.bench.suites.suite import load_suite
+from isacbench.cubes import open_cube, read_grid
+from isacbench.cubes.formats import chunked, zarr_cubes
+from isacbench.files import checked_files, toml_files
+from isacbench.files.arrays import npy_files
+from isacbench.files.checked_files import binary_size
+from isacbench.model.cloud_files.formats import read_cloud, read_points_csv
+from isacbench.model.scenes import scenario
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.local_files import PluginFile
 
 from .files import ANY, CLOUDS, CSV, CUBE, CUBES, GRID, TABLE, TOML, bomb
 
@@ -183,16 +186,16 @@ def test_other_members_of_an_archive_are_not_looked_at(tmp_path, bounded):
 def test_the_documentation_has_the_limits_that_hold():
     text = (Path(__file__).parents[2] / "docs" / "hostile-files.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE))
-    assert rows["a scenario or a suite"] == binary_size(userfiles.TOML_BYTES)
-    assert rows["a dotted key in it"] == f"{tomlfile.MOST_PARTS} parts"
+    assert rows["a scenario or a suite"] == binary_size(checked_files.TOML_BYTES)
+    assert rows["a dotted key in it"] == f"{toml_files.MOST_PARTS} parts"
     assert rows["a name of a scenario or a suite"] == f"{scenario.MAX_NAME} characters"
     assert suite.MAX_NAME == scenario.MAX_NAME
-    assert rows["a point cloud, in its file and decompressed"] == binary_size(userfiles.CLOUD_BYTES)
-    assert rows["the header of an npy file"] == binary_size(npyfile.HEADER_BYTES)
-    assert rows["a transmitted grid, as complex128"] == binary_size(userfiles.GRID_BYTES)
+    assert rows["a point cloud, in its file and decompressed"] == binary_size(checked_files.CLOUD_BYTES)
+    assert rows["the header of an npy file"] == binary_size(npy_files.HEADER_BYTES)
+    assert rows["a transmitted grid, as complex128"] == binary_size(checked_files.GRID_BYTES)
     assert rows["a chunk of HDF5 or zarr"].startswith(binary_size(chunked.CHUNK_BYTES))
-    assert rows["chunks of a zarr array"] == f"{zarrs.MOST_CHUNKS:,}".replace(",", " ")
-    assert rows["the source of a plugin"] == binary_size(userfiles.SOURCE_BYTES)
-    assert rows["a manifest"] == binary_size(userfiles.MANIFEST_BYTES)
+    assert rows["chunks of a zarr array"] == f"{zarr_cubes.MOST_CHUNKS:,}".replace(",", " ")
+    assert rows["the source of a plugin"] == binary_size(checked_files.SOURCE_BYTES)
+    assert rows["a manifest"] == binary_size(checked_files.MANIFEST_BYTES)
     assert rows["a line of a journal"] == binary_size(journal.LINE_BYTES)
-    assert sound.FREE_ROWS == 10**6
+    assert validation.FREE_ROWS == 10**6

@@ -17,22 +17,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from isacbench.bench.compare import compare_tables
-from isacbench.bench.merge import merge
-from isacbench.bench.pairing import NotComparableError, read_run
-from isacbench.bench.record import DRAW_COLUMNS
-from isacbench.bench.rescore import rescore
-from isacbench.bench.runner import run_suite
-from isacbench.bench.store import read_results
-from isacbench.bench.suite import Suite
+from isacbench.bench.cells.record import DRAW_COLUMNS
+from isacbench.bench.compare.matching import NotComparableError, read_run
+from isacbench.bench.compare.regressions import compare_tables
+from isacbench.bench.run.merging import merge
+from isacbench.bench.run.rescoring import rescore
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.run_store import read_results
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.score import METRIC_VERSION
-from isacbench.report import figures
-from isacbench.report.comparison_tables import comparison_grids
-from isacbench.report.figures import draw_run
-from isacbench.report.kinds import grids_of, write_tables
-from isacbench.report.style import new_figure
-from isacbench.report.tables import rich_table
+from isacbench.report.comparisons.comparison_tables import comparison_grids
+from isacbench.report.drawing.style import new_figure
+from isacbench.report.figures import run_figures
+from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.tables.run_tables import rich_table
+from isacbench.report.tables.tables_by_kind import grids_of, write_tables
 
 from .files import ANY, Trap, content, sparse
 
@@ -82,7 +82,7 @@ def run_folder(made, tmp_path):
 def written_empty(monkeypatch):
     """Leave figures empty, and write all of them."""
     for name in ("draw_deviations", "draw_scores", "draw_clouds"):
-        monkeypatch.setattr(figures, name, lambda *_: new_figure(1, 1))
+        monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
 
 
 def outside(run_folder):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from isacbench.errors import InputError
-from isacbench.metrics.clouds import cloud_scores
+from isacbench.metrics.cloud_scores import cloud_scores
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.metrics.repository import repository_deviation
 from isacbench.metrics.score import METRICS, score

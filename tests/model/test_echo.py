@@ -25,8 +25,8 @@ from isacbench.model.echo import (
     unit_noise,
 )
 from isacbench.model.gate import build_gate
-from isacbench.model.scenario import load_scenario
 from isacbench.model.scene import Scatterers
+from isacbench.model.scenes.scenario import load_scenario
 
 C = 299_792_458.0
 SIGMAS = 5.0

@@ -9,7 +9,7 @@ import pytest
 
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.array import VirtualArray
-from isacbench.model.scenario import load_scenario
+from isacbench.model.scenes.scenario import load_scenario
 
 
 def test_the_truth_is_the_scatterers_with_their_power(make_scenario):

@@ -5,8 +5,8 @@ import json
 import pandas as pd
 import pytest
 
-from isacbench.bench.record import COLUMNS, TIMING_COLUMNS
-from isacbench.report import figures
+from isacbench.bench.cells.record import COLUMNS, TIMING_COLUMNS
+from isacbench.report.figures import run_figures
 
 SCORES = ["density", "velocity_nmse", "chamfer_m", "gospa_m", "precision", "recall"]
 
@@ -14,7 +14,7 @@ SCORES = ["density", "velocity_nmse", "chamfer_m", "gospa_m", "precision", "reca
 @pytest.fixture
 def all_axes_named(monkeypatch):
     """Hold every figure that is saved to y axes with names wherever there are curves; list the figures."""
-    drawn, save = [], figures.save
+    drawn, save = [], run_figures.save
 
     def hold(figure, path):
         for axes in (axes for axes in figure.axes if axes.lines):
@@ -22,7 +22,7 @@ def all_axes_named(monkeypatch):
         drawn.append(figure)
         return save(figure, path)
 
-    monkeypatch.setattr(figures, "save", hold)
+    monkeypatch.setattr(run_figures, "save", hold)
     return drawn
 
 

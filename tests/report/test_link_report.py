@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.runner import run_suite
-from isacbench.bench.suite import LinkSuite
-from isacbench.report.figures import draw_run
-from isacbench.report.kinds import grids_of
-from isacbench.report.link_figures import draw_link, draw_trade
-from isacbench.report.link_tables import receiver_labels, signal_label
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.suites.suite import LinkSuite
+from isacbench.report.figures.link_figures import draw_link, draw_trade
+from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.tables.link_tables import receiver_labels, signal_label
+from isacbench.report.tables.tables_by_kind import grids_of
 
 PARAMS = {name: json.dumps({"knowledge": name, "time_order": 0}) for name in ("perfect", "prs")}
 SNRS = [0.0, 10.0, 20.0]

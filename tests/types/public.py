@@ -6,8 +6,8 @@ from typing import assert_type
 import pandas as pd
 
 import isacbench
-from isacbench.bench.stored_run import CellKey
-from isacbench.contracts import Detection, Detector, Estimator, TruthEstimator
+from isacbench.bench.store.stored_run import CellKey
+from isacbench.plugins.contracts import Detection, Detector, Estimator, TruthEstimator
 
 scenario = isacbench.load_scenario("street")
 observation = isacbench.observe(scenario, snr_db=10)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from scipy.special import gammainccinv, gammaincinv
 
-from isacbench.contracts import Detection
-from isacbench.dsp.cfar_checks import checked_power
-from isacbench.dsp.thresholds import check_pfa
+from isacbench.dsp.cfar.factors import check_pfa
+from isacbench.dsp.cfar.map_checks import checked_power
+from isacbench.plugins.contracts import Detection
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.contracts import Detector
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
+from isacbench.plugins.contracts import Detector
 
 from .median import MedianCfar
 

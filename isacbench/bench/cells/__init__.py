@@ -1,0 +1,1 @@
+"""One cell of a run: an estimate that is timed, scored and recorded."""

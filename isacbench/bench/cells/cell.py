@@ -1,0 +1,179 @@
+"""One cell of a run: an estimator meets an observation, timed, scored, and never in the way of the others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from isacbench.bench.cells.record import Cell, Outcome, Record
+from isacbench.metrics.score import score
+from isacbench.model.cloud import PointCloud
+from isacbench.plugins.contracts import TruthEstimator
+
+if TYPE_CHECKING:
+    from isacbench.bench.cells.record import Status
+    from isacbench.model.observation import Observation
+    from isacbench.model.scenes.scenario import Scenario
+    from isacbench.plugins.contracts import Estimator
+
+__all__ = [
+    "Measure",
+    "Shot",
+    "describe_error",
+    "estimate_cloud",
+    "failed_by",
+    "failure",
+    "raw_cloud",
+    "run_cell",
+    "score_image",
+]
+
+MAX_MESSAGE = 1000
+"""Characters of an exception's message that a row keeps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """An image as a study measures it.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        With the scatterers that were observed.
+    observation : Observation or None
+        None where a stored cloud is measured again.
+    estimator : Estimator or None
+        Likewise.
+    snr_db : float
+    cloud : PointCloud
+        What the estimator made of the observation.
+    """
+
+    scenario: Scenario
+    observation: Observation | None
+    estimator: Estimator | None
+    snr_db: float
+    cloud: PointCloud
+
+
+Measure = Callable[[Shot], Mapping[str, Any]]
+"""What a study measures of an image beside its scores: further columns of the row."""
+
+
+def run_cell(
+    cell: Cell,
+    scenario: Scenario,
+    observation: Observation,
+    estimator: Estimator,
+    measure: Measure | None = None,
+) -> Outcome:
+    """Estimate, time and score one cell; whatever the estimator raises becomes the record's reason.
+
+    Parameters
+    ----------
+    cell : Cell
+        The key of the row.
+    scenario : Scenario
+        Whose truth the estimate is scored against.
+    observation : Observation
+    estimator : Estimator
+    measure : callable, optional
+        What a study measures beside the scores.
+
+    Returns
+    -------
+    Outcome
+    """
+    truth = scenario.truth
+    start = time.perf_counter()
+    try:
+        cloud = estimate_cloud(estimator, observation, truth)
+        estimated = time.perf_counter()
+        scores = score_image(scenario, cloud)
+        shot = Shot(scenario, observation, estimator, cell.snr_db, cloud)
+        extras = {} if measure is None else measure(shot)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        return failed_by(error, cell, len(truth), time.perf_counter() - start)
+    record = Record(
+        **vars(cell),
+        status="ok" if len(cloud) else "no_detection",
+        reason="",
+        **scores,
+        time_estimate_s=estimated - start,
+        time_score_s=time.perf_counter() - estimated,
+    )
+    return Outcome(record, cloud, extras)
+
+
+def score_image(scenario: Scenario, cloud: PointCloud, metric: str = "paper") -> dict[str, Any]:
+    """Score a cloud, given the scenario that was observed."""
+    return score(
+        scenario.truth,
+        cloud,
+        metric,
+        region=scenario.region,
+        velocity_bin_mps=scenario.system.velocity_bin_mps,
+        radius_m=scenario.radius_m,
+    )
+
+
+def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:
+    """Row of a cell that an exception ended after a time; out of memory is killed, all else an error."""
+    status: Status = "killed" if isinstance(error, MemoryError) else "error"
+    return failure(cell, status, describe_error(error), n_true, time_s)
+
+
+def describe_error(error: BaseException) -> str:
+    """Type and message of an exception, in one line that every file can hold."""
+    try:
+        message = str(error)
+    except Exception as another:
+        message = f"its message raised {type(another).__name__}"
+    message = " ".join(message[:MAX_MESSAGE].split()) + ("..." if len(message) > MAX_MESSAGE else "")
+    # A name of a file that is no UTF-8 becomes half a character, which no table takes.
+    message = message.replace("\0", "").encode(errors="backslashreplace").decode()
+    return f"{type(error).__name__}: {message}" if message else type(error).__name__
+
+
+def failure(cell: Cell, status: Status, reason: str, n_true: int, time_s: float) -> Outcome:
+    """Row of a cell that failed after a time, with the reason."""
+    record = Record(
+        **vars(cell), status=status, reason=reason, n_true=n_true, n_estimated=0, time_estimate_s=time_s
+    )
+    return Outcome(record, PointCloud.empty())
+
+
+def estimate_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
+    """Image an observation, and hold the cloud to its contract.
+
+    Raises
+    ------
+    TypeError
+        If the estimator returns anything but a `PointCloud`.
+    ValueError
+        If the cloud has wrong shapes, NaN or infinities.
+    """
+    cloud = raw_cloud(estimator, observation, truth)
+    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
+    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
+
+
+def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
+    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+
+    Raises
+    ------
+    TypeError
+        If the estimator returns anything but a `PointCloud`.
+    """
+    if isinstance(estimator, TruthEstimator) and estimator.needs_truth:
+        cloud = estimator.estimate(observation, truth)
+    else:
+        cloud = estimator.estimate(observation)
+    if not isinstance(cloud, PointCloud):
+        raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
+    return cloud

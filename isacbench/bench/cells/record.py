@@ -1,0 +1,231 @@
+"""What a run yields: one record a cell, and all of them together with what they were made from."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from isacbench.display import brief
+from isacbench.instrument.stages import STAGES
+from isacbench.model.cloud import POINT_COLUMNS, PointCloud
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from datetime import datetime
+
+    from isacbench.bench.suites.suite import Suite
+    from isacbench.model.scenes.scenario import Scenario
+
+__all__ = [
+    "CLOUD_KEYS",
+    "COLUMNS",
+    "DRAW_COLUMNS",
+    "POINT_COLUMNS",
+    "PROVENANCE",
+    "TIMES",
+    "TIMING_COLUMNS",
+    "Cell",
+    "Outcome",
+    "Record",
+    "Results",
+    "Status",
+    "typed",
+]
+
+Status = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
+
+CLOUD_KEYS = ["scenario", "estimator", "params", "snr_db", "trial"]
+DRAW_COLUMNS = ["scenario", "trial", *POINT_COLUMNS, "phase_rad"]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One image to take: the key of its row.
+
+    Attributes
+    ----------
+    suite, scenario, estimator : str
+        Bare names.
+    params : str
+        The estimator's parameters as canonical JSON.
+    snr_db : float
+    trial, seed : int
+    scenario_content : str
+        Digest of what the scene consists of: two cells are the same only if
+        it is, too.
+    """
+
+    suite: str
+    scenario: str
+    estimator: str
+    params: str
+    snr_db: float
+    trial: int
+    seed: int
+    scenario_content: str
+
+
+@dataclass(frozen=True)
+class Record(Cell):
+    """One row of the results; `COLUMNS` has the order of the columns.
+
+    Attributes
+    ----------
+    status : str
+        ``ok``, ``no_detection`` (an empty cloud), or what went wrong.
+    reason : str
+        ``Type: message`` of a failure, else empty.
+    n_true, n_estimated : int
+        Points of the truth and of the estimate; a failure delivered 0.
+    hausdorff_xy_m, ..., recall : float
+        Scores of the metric ``paper``, NaN for a failure.
+    time_estimate_s : float
+        Wall time of the estimate, the median of repeats where it was timed,
+        or until it failed.
+    time_score_s : float
+        Wall time of the scoring, NaN for a failure.
+    timing : bool
+        Whether the time counts: measured alone, one cell after the other, on
+        one thread, warm.
+    environment : str
+        Name of the environment that made it; the manifest describes it.
+    """
+
+    status: Status
+    reason: str
+    n_true: int
+    n_estimated: int
+    hausdorff_xy_m: float = math.nan
+    hausdorff_xz_m: float = math.nan
+    hausdorff_yz_m: float = math.nan
+    density: float = math.nan
+    velocity_nmse: float = math.nan
+    deviation: float = math.nan
+    chamfer_m: float = math.nan
+    gospa_m: float = math.nan
+    time_estimate_s: float = math.nan
+    precision: float = math.nan
+    recall: float = math.nan
+    time_score_s: float = math.nan
+    timing: bool = False
+    environment: str = ""
+
+
+PROVENANCE = ["timing", "scenario_content", "environment"]
+COLUMNS = [field.name for field in dataclasses.fields(Record) if field.name not in PROVENANCE] + PROVENANCE
+"""Columns of every table of results; a study appends its own."""
+
+TYPES = {field.name: str(field.type) for field in dataclasses.fields(Record)}
+KINDS = {"str": "str", "Status": "str", "int": "int64", "float": "float64", "bool": "bool"}
+
+TIMING_COLUMNS: dict[str, float] = dict.fromkeys(
+    [*(f"time_{name}_s" for name in STAGES), "time_spread_s", "peak_memory_mib"], math.nan
+)
+"""Columns that a run with timing has beside all others, each with its value where a row was not timed."""
+
+TIMES = ["time_estimate_s", "time_score_s"]
+"""Columns of every table that differ from one run to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A record, the cloud that it scores, and what a study adds; the cloud of a failure is empty.
+
+    Attributes
+    ----------
+    record : Record
+    cloud : PointCloud
+    extras : mapping of str to Any
+        Values of further columns, as far as there are any.
+    """
+
+    record: Record
+    cloud: PointCloud
+    extras: Mapping[str, Any] = field(default_factory=dict)
+
+    def labelled(self, labels: Mapping[str, Any]) -> Outcome:
+        """Same with further columns, as far as it does not have them itself."""
+        return dataclasses.replace(self, extras={**labels, **self.extras})
+
+    def made_by(self, environment: str, timing: bool = False) -> Outcome:
+        """Same with the name of the environment that made it, and whether its time counts."""
+        record = dataclasses.replace(self.record, environment=environment, timing=timing)
+        return dataclasses.replace(self, record=record)
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Everything that a run knows afterwards.
+
+    Attributes
+    ----------
+    suite : Suite
+        As it was run, overrides included.
+    records : DataFrame
+        One row a cell, columns as in `Record` and then those of the study.
+    clouds : DataFrame
+        One row a point: the keys of its cell, then x, y, z in m, v in m/s, power.
+    scenarios : dict of str to Scenario
+        By name, as the suite lists them.
+    draws : DataFrame
+        One row a scatterer that a study drew: scenario, trial, x, y, z, v,
+        power, phase_rad. Empty where all scatterers are the scenarios' own.
+    environments : mapping of str to dict
+        What made the rows, by the names that they have.
+    started : datetime
+        With its time zone.
+    wall_time_s : float
+        Loading, echoes, estimates and scores together.
+    interrupted : bool
+        Whether the run was stopped before its last cell.
+    """
+
+    suite: Suite
+    records: pd.DataFrame
+    clouds: pd.DataFrame
+    scenarios: dict[str, Scenario]
+    draws: pd.DataFrame
+    environments: Mapping[str, Any]
+    started: datetime
+    wall_time_s: float
+    interrupted: bool
+
+    __repr__ = brief
+
+    def cloud(self, scenario: str, estimator: str, params: str, snr_db: float, trial: int) -> PointCloud:
+        """Return the estimated cloud of a cell, empty where nothing was detected."""
+        chosen = np.ones(len(self.clouds), dtype=np.bool_)
+        for key, value in zip(CLOUD_KEYS, (scenario, estimator, params, snr_db, trial), strict=True):
+            chosen &= (self.clouds[key] == value).to_numpy()
+        return PointCloud.from_array(self.clouds.loc[chosen, POINT_COLUMNS].to_numpy())
+
+
+def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
+    """Table with all columns in their order and in their types, wherever its rows come from.
+
+    Parameters
+    ----------
+    records : DataFrame
+    columns : mapping of str to Any
+        Columns of the study, each with a value of its type, which rows
+        without it get.
+
+    Returns
+    -------
+    DataFrame
+        Columns as in `COLUMNS`, then those of the study, and then those of
+        `TIMING_COLUMNS` that the records have.
+    """
+    kinds = {name: KINDS[TYPES[name]] for name in COLUMNS}
+    timing = {name: default for name, default in TIMING_COLUMNS.items() if name in records}
+    kinds |= {name: KINDS[type(default).__name__] for name, default in {**columns, **timing}.items()}
+    table = records.reindex(columns=list(kinds))
+    for name, default in columns.items():
+        if name not in records:
+            table[name] = default
+    return table.astype(kinds)

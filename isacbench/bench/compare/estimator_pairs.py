@@ -1,0 +1,277 @@
+"""Pairs of estimators that a comparison is told: found in the runs that hold them, whatever is installed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isacbench.bench.plan.labels import Variant
+from isacbench.errors import InputError, did_you_mean
+from isacbench.files.escaping import shortened
+from isacbench.plugins.specifications import Spec, parse_spec, spell_spec
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
+
+    import pandas as pd
+
+    from isacbench.bench.compare.matching import RunTable
+
+__all__ = [
+    "find_pairs",
+    "find_variant",
+    "pair_variants",
+    "parse_map",
+    "restrict",
+    "spell_apart",
+    "variants_of",
+    "with_partners",
+]
+
+MAX_LISTED = 10
+"""Variants that a message lists."""
+
+KEYS = ["estimator", "params"]
+
+
+def parse_map(text: str) -> tuple[str, str]:
+    """Cut ``OLD[param=value,...]=NEW[param=value,...]`` into its two specifications.
+
+    Raises
+    ------
+    InputError
+        Quoting the text and saying what is allowed.
+
+    Examples
+    --------
+    >>> parse_map("music2d[pfa=1e-3]=music2d[pfa=1e-4]")
+    ('music2d[pfa=1e-3]', 'music2d[pfa=1e-4]')
+    """
+    depth = 0
+    for place, sign in enumerate(text):
+        depth += (sign in "[(") - (sign in "])")
+        if sign == "=" and not depth:
+            return text[:place], text[place + 1 :]
+    raise InputError(
+        f"map {text!r}: allowed is OLD[param=value,...]=NEW[param=value,...], such as "
+        "'music2d[pfa=1e-3]=music2d[pfa=1e-4]'"
+    )
+
+
+def variants_of(run: RunTable) -> list[Variant]:
+    """List the variants of estimators that a run holds, in the order of its rows."""
+    return list(run.records.groupby(KEYS, sort=False, observed=True).size().index)
+
+
+def find_variant(run: RunTable, text: str) -> Variant:
+    """Find the one variant of a run that a specification fits.
+
+    A variant fits if its name is the specification's and its stored parameters
+    have every value that is given. A detector given by its name alone fits
+    with any parameters.
+
+    Parameters
+    ----------
+    run : RunTable
+    text : str
+        As `isacbench.plugins.specifications.parse_spec` takes it.
+
+    Returns
+    -------
+    estimator, params : str
+
+    Raises
+    ------
+    InputError
+        If the text is broken, or fits none or several of the variants.
+    """
+    return _find(run, text, "a specification that fits one of them alone")
+
+
+def find_pairs(
+    base: RunTable, new: RunTable, maps: Iterable[str], names: Iterable[str]
+) -> dict[Variant, Variant]:
+    """Find the pairs of variants that maps and names stand for.
+
+    Parameters
+    ----------
+    base, new : RunTable
+    maps : iterable of str
+        A variant of the base and one of the new run each, as `parse_map` takes them.
+    names : iterable of str
+        Estimators of which each run has one variant, whatever its parameters.
+
+    Returns
+    -------
+    dict of (str, str) to (str, str)
+        Variant of the new run for each one of the base that is named.
+
+    Raises
+    ------
+    InputError
+        If a text fits none or several of the variants, or a variant is paired twice.
+    """
+    pairs: dict[Variant, Variant] = {}
+    named = [(*parse_map(text), "a specification that fits one of them alone") for text in maps]
+    named += [
+        (_bare(name), name, "--map OLD[param=value,...]=NEW[param=value,...], which pairs one of them")
+        for name in names
+    ]
+    for old_text, new_text, allowed in named:
+        old, partner = _find(base, old_text, allowed), _find(new, new_text, allowed)
+        for run, text, is_taken in (
+            (base, old_text, old in pairs),
+            (new, new_text, partner in pairs.values()),
+        ):
+            if is_taken:
+                raise InputError(
+                    f"{run.label}: {text!r} is paired twice; allowed is one map or match for each variant"
+                )
+        pairs[old] = partner
+    return pairs
+
+
+def restrict(run: RunTable, variant: Variant) -> RunTable:
+    """Take the rows of one variant."""
+    return dataclasses.replace(run, records=run.records[_is_of(run, variant)])
+
+
+def pair_variants(
+    base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]
+) -> tuple[RunTable, RunTable, list[str]]:
+    """Give rows of the new run the name and parameters of their partners in the base.
+
+    Parameters
+    ----------
+    base, new : RunTable
+    partners : mapping of (str, str) to (str, str)
+        Variant of the new run for variants of the base; all others are
+        partners of their equals.
+
+    Returns
+    -------
+    base, new : RunTable
+        Without variants whose equal in the other run has another partner.
+    notes : list of str
+        Names of those that were left out.
+    """
+    if not partners:
+        return base, new, []
+    originals = {partner: variant for variant, partner in partners.items()}
+    left_base, notes = _without(base, [one for one in originals if one not in partners], new.label)
+    new, more = _without(new, [one for one in partners if one not in originals], base.label)
+    groups = new.records.groupby(KEYS, sort=False, observed=True)
+    names = np.array([originals.get(one, one) for one in groups.size().index], dtype=object).reshape(-1, 2)
+    renamed = names[groups.ngroup().to_numpy()]
+    records = new.records.assign(estimator=renamed[:, 0], params=renamed[:, 1])
+    return left_base, dataclasses.replace(new, records=records), notes + more
+
+
+def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list[str]:
+    """Spell each variant by the parameters in which those of its name differ.
+
+    Parameters
+    ----------
+    variants : sequence of (str, str)
+    also : collection of str
+        Parameters to spell in any case.
+
+    Examples
+    --------
+    >>> spell_apart([("a", '{"k":0,"n":1}'), ("a", '{"k":0,"n":2}'), ("b", '{"n":1}')])
+    ['a[n=1]', 'a[n=2]', 'b']
+    """
+    parsed = [(name, json.loads(params)) for name, params in variants]
+    texts = []
+    for name, params in parsed:
+        others = [other for other_name, other in parsed if other_name == name]
+        shown = {
+            key: value
+            for key, value in params.items()
+            if key in also or any(other.get(key) != value for other in others)
+        }
+        texts.append(shortened(spell_spec(name, shown)))
+    return texts
+
+
+def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
+    """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner."""
+    variants = zip(table["estimator"], table["params"], strict=True)
+    named = [partners.get(variant, variant) for variant in variants]
+    return table.assign(new_estimator=[name for name, _ in named], new_params=[params for _, params in named])
+
+
+def _bare(name: str) -> str:
+    if parse_spec(name).params:
+        raise InputError(f"match {name!r}: allowed is the bare name of an estimator; a map takes parameters")
+    return name
+
+
+def _find(run: RunTable, text: str, allowed: str) -> Variant:
+    name, asked = parse_spec(text)
+    variants = variants_of(run)
+    namesakes = [variant for variant in variants if variant[0] == name]
+    if not namesakes:
+        names = dict.fromkeys(estimator for estimator, _ in variants)
+        raise InputError(f"{run.label}: no estimator fits {text!r}: {did_you_mean(name, names)}")
+    stored = [json.loads(params) for _, params in namesakes]
+    known = dict.fromkeys(key for params in stored for key in params)
+    for key in asked:
+        if key not in known:
+            raise InputError(
+                f"{run.label}: no variant fits {text!r}, {name} has no parameter {key!r}: "
+                f"{did_you_mean(key, known)}"
+            )
+    fitting = [index for index, params in enumerate(stored) if _fits(params, asked)]
+    if len(fitting) == 1:
+        return namesakes[fitting[0]]
+    if not fitting:
+        raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(namesakes, asked)}")
+    several = _listed([namesakes[index] for index in fitting], asked)
+    raise InputError(f"{run.label}: {text!r} fits {len(fitting)} variants, {several}; allowed is {allowed}")
+
+
+def _fits(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> bool:
+    """Tell whether stored parameters have every value asked for."""
+    return all(key in stored and _agrees(stored[key], value) for key, value in asked.items())
+
+
+def _agrees(stored: Any, asked: Any) -> bool:
+    """Compare a value in terms of JSON with one of a specification."""
+    if isinstance(asked, Spec):
+        return isinstance(stored, dict) and stored.get("name") == asked.name and _fits(stored, asked.params)
+    if isinstance(asked, tuple):
+        return isinstance(stored, list) and len(stored) == len(asked) and all(map(_agrees, stored, asked))
+    if isinstance(asked, str):
+        if isinstance(stored, dict):
+            return bool(stored.get("name") == asked)
+        return stored == asked or (stored is None and asked == "none")
+    # In Python True == 1, in a specification it is not.
+    return isinstance(stored, bool) == isinstance(asked, bool) and bool(stored == asked)
+
+
+def _listed(variants: Sequence[Variant], asked: Collection[str]) -> str:
+    """Spell the first few variants by the parameters that set them apart or were asked for."""
+    more = f" and {len(variants) - MAX_LISTED} more" if len(variants) > MAX_LISTED else ""
+    return f"{', '.join(spell_apart(variants, asked)[:MAX_LISTED])}{more}"
+
+
+def _is_of(run: RunTable, variant: Variant) -> pd.Series[bool]:
+    """Mark the rows of a variant."""
+    return (run.records["estimator"] == variant[0]) & (run.records["params"] == variant[1])
+
+
+def _without(run: RunTable, variants: Collection[Variant], other: str) -> tuple[RunTable, list[str]]:
+    """Leave variants out as far as a run holds them, and say so."""
+    present = variants_of(run)
+    notes = []
+    for name, params in [variant for variant in present if variant in variants]:
+        run = dataclasses.replace(run, records=run.records[~_is_of(run, (name, params))])
+        spelt = dict(zip(present, spell_apart(present), strict=True))
+        notes.append(
+            f"{spelt[name, params]} of {run.label} is left out: that of {other} is paired with another"
+        )
+    return run, notes

@@ -1,0 +1,307 @@
+"""Two runs side by side: whether they can be compared at all, and which cell belongs to which."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from isacbench.bench.cells.record import CLOUD_KEYS
+from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.compare.estimator_pairs import with_partners
+from isacbench.bench.store.resume import differing_versions
+from isacbench.bench.store.run_store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
+from isacbench.bench.store.validation import require_described_scenarios, require_sound_records
+from isacbench.errors import InputError
+from isacbench.files.checked_files import is_there
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from isacbench.bench.plan.labels import Variant
+
+__all__ = [
+    "CELL",
+    "CURVE",
+    "CellChanges",
+    "NotComparableError",
+    "RunTable",
+    "code_version",
+    "incomparable",
+    "machines",
+    "pair_cells",
+    "read_run",
+    "version_differences",
+]
+
+CURVE = ["scenario", "estimator", "params"]
+CELL = CLOUD_KEYS
+COLUMNS = [*CELL, "status", "reason", "environment", "scenario_content", "timing"]
+SECTIONS = ["suite", "seed", "metric", "scenarios", "environments"]
+
+
+class NotComparableError(ValueError):
+    """Two runs that measured different things.
+
+    Attributes
+    ----------
+    reasons : tuple of str
+        All of them, in words.
+    """
+
+    def __init__(self, reasons: tuple[str, ...]) -> None:
+        super().__init__("; ".join(reasons))
+        self.reasons = reasons
+
+
+@dataclass(frozen=True, eq=False)
+class RunTable:
+    """What a comparison needs to know of a run.
+
+    Attributes
+    ----------
+    label : str
+        How messages call it: its folder.
+    records : DataFrame
+        One row a cell.
+    manifest : mapping of str to Any
+        As JSON has it.
+    """
+
+    label: str
+    records: pd.DataFrame
+    manifest: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class CellChanges:
+    """Cells of two runs, counted by what became of them.
+
+    Tables have the columns of `CELL`, status and reason, and ``new_estimator``
+    and ``new_params``, which differ where an estimator was paired with another.
+
+    Attributes
+    ----------
+    n_paired : int
+        Delivered, with points or without, by both.
+    n_failed_both : int
+        Failed in both, and left out.
+    new_failures : DataFrame
+        Delivered by the base alone: the status and the reason of the new run.
+    missing : DataFrame
+        In the base alone.
+    repaired : DataFrame
+        Delivered by the new run alone: the status and the reason of the base.
+    added : DataFrame
+        In the new run alone.
+    """
+
+    n_paired: int
+    n_failed_both: int
+    new_failures: pd.DataFrame
+    missing: pd.DataFrame
+    repaired: pd.DataFrame
+    added: pd.DataFrame
+
+
+def read_run(folder: Path) -> RunTable:
+    """Read what a comparison needs from the folder of a run: ``results.parquet`` and ``manifest.json``.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold them, or they lack what tells runs apart.
+    """
+    manifest = read_manifest(folder)
+    if is_there(folder / JOURNAL):
+        raise InputError(
+            f"{folder}: the run has not come to its end; allowed is one that has, and the same "
+            "isacbench run into the folder goes on"
+        )
+    if not is_there(folder / RECORDS):
+        raise InputError(
+            f"{folder}: not the folder of a run, {RECORDS} missing; allowed is one that isacbench run wrote"
+        )
+    try:
+        records = read_table(folder / RECORDS)
+        require_sound_records(records)
+    except ValueError as error:
+        raise InputError(f"{folder}: damaged run: {error}") from error
+    _require(folder / MANIFEST, SECTIONS, manifest)
+    _require(folder / RECORDS, COLUMNS, records.columns)
+    _require(folder / MANIFEST, records["environment"].unique(), manifest["environments"])
+    try:
+        require_described_scenarios(records, manifest)
+    except ValueError as error:
+        raise InputError(f"{folder}: damaged run: {error}") from error
+    for name, described in manifest["scenarios"].items():
+        _require(
+            folder / MANIFEST, [f"scenarios.{name}.content"], {f"scenarios.{name}.{key}" for key in described}
+        )
+    repeated = records.duplicated(CELL)
+    if repeated.any():
+        raise InputError(
+            f"{folder / RECORDS}: {repeated.sum()} cells have more than one row; allowed is one a cell"
+        )
+    return RunTable(str(folder), records, manifest)
+
+
+def code_version(run: RunTable) -> str:
+    """Version of the code that made a run, with its commit where it is known."""
+    version, git = str(run.manifest.get("isacbench", "unknown version")), run.manifest.get("git")
+    if not git or not git.get("commit"):
+        return version
+    return f"{version} ({git['commit'][:10]}{', changed' if git.get('dirty') else ''})"
+
+
+def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
+    """Every reason, in words, why two runs cannot be compared; differing code is none.
+
+    Parameters
+    ----------
+    base, new : RunTable
+
+    Returns
+    -------
+    tuple of str
+        Empty where they can.
+    """
+    reasons = [
+        f"{what} differs: {before} in {base.label}, {after} in {new.label}"
+        for what, before, after in _measured(base.manifest, new.manifest)
+        if before != after
+    ]
+    contents, others = _contents(base), _contents(new)
+    changed = [name for name in contents if name in others and contents[name] != others[name]]
+    reasons += [f"scenario {name} has another content" for name in changed]
+    return tuple(reasons)
+
+
+def pair_cells(
+    base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]
+) -> tuple[pd.DataFrame, CellChanges]:
+    """Pair the cells of two runs by scenario, estimator, parameters, SNR and trial.
+
+    Parameters
+    ----------
+    base, new : RunTable
+    partners : mapping of (str, str) to (str, str)
+        Variants of the new run that have the name of one of the base by now,
+        as `isacbench.bench.compare.estimator_pairs.pair_variants` gave it to them.
+
+    Returns
+    -------
+    pairs : DataFrame
+        A row for each cell that both delivered: the columns of `CELL`, and
+        all others twice, ending in ``_base`` and in ``_new``.
+    changes : CellChanges
+        All other cells.
+    """
+    # Categories differ between runs, text does not.
+    text = dict.fromkeys([*CURVE, "status", "reason", "environment"], object)
+    cells = pd.merge(
+        base.records.astype(text),
+        new.records.astype(text),
+        on=CELL,
+        how="outer",
+        suffixes=("_base", "_new"),
+        indicator=True,
+        sort=False,
+    )
+    in_both = cells["_merge"] == "both"
+    base_scored, new_scored = (cells[f"status_{end}"].isin(SCORED) for end in ("base", "new"))
+    pairs = cells[in_both & base_scored & new_scored]
+    changes = CellChanges(
+        n_paired=len(pairs),
+        n_failed_both=int((in_both & ~base_scored & ~new_scored).sum()),
+        new_failures=_told(cells[in_both & base_scored & ~new_scored], "new", partners),
+        missing=_told(cells[cells["_merge"] == "left_only"], "base", partners),
+        repaired=_told(cells[in_both & ~base_scored & new_scored], "base", partners),
+        added=_told(cells[cells["_merge"] == "right_only"], "new", partners),
+    )
+    return pairs.drop(columns="_merge"), changes
+
+
+def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]) -> list[str]:
+    """Say in one line by which versions cells of the same name in both runs were made, if by others.
+
+    Parameters
+    ----------
+    base, new : RunTable
+    partners : mapping of (str, str) to (str, str)
+        As `pair_cells` takes them. The plugins of estimators with different
+        names are different anyway, and left out.
+    """
+    before, after = _versions(base), _versions(new)
+    told: set[str] = set()
+    for variant in [variant for variant in before if variant in after]:
+        old, now = before[variant], after[variant]
+        if partners.get(variant, variant)[0] != variant[0]:
+            old, now = ({**versions, "plugins": {}} for versions in (old, now))
+        told.update(differing_versions(now, old))
+    return [f"made by other versions: {'; '.join(sorted(told))}"] if told else []
+
+
+def _versions(run: RunTable) -> dict[tuple[str, str], dict[str, Any]]:
+    """Versions that made the first cell of each estimator, by name and parameters."""
+    first = run.records.drop_duplicates(["estimator", "params"])
+    return {
+        (estimator, params): run.manifest["environments"][name].get("versions", {})
+        for estimator, params, name in zip(
+            first["estimator"], first["params"], first["environment"], strict=True
+        )
+    }
+
+
+def machines(run: RunTable) -> dict[str, str]:
+    """Processor and number of cores of each environment, in words.
+
+    Raises
+    ------
+    InputError
+        If the manifest does not tell.
+    """
+    try:
+        found = {name: one["machine"] for name, one in run.manifest["environments"].items()}
+        return {name: f"{one['processor']}, {one['cores']} cores" for name, one in found.items()}
+    except KeyError as error:
+        raise InputError(f"{run.label}: an environment of the manifest lacks {error}") from error
+
+
+def _require(where: Path, wanted: Any, present: Any) -> None:
+    missing = [str(name) for name in wanted if name not in present]
+    if missing:
+        raise InputError(
+            f"{where}: {', '.join(missing)} missing; allowed is a run of this version: run it again"
+        )
+
+
+def _measured(base: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    """What has to be equal for two runs to have measured the same, with both values."""
+    for key, what in (("name", "the suite"), ("kind", "the kind of suite")):
+        yield what, base["suite"].get(key), new["suite"].get(key)
+    yield "the seed", base["seed"], new["seed"]
+    for key, what in (("name", "the metric"), ("version", "the version of the metric")):
+        yield what, base["metric"].get(key), new["metric"].get(key)
+
+
+def _contents(run: RunTable) -> dict[str, set[str]]:
+    """Digests of each scenario's content, of the manifest and of the rows."""
+    found: dict[str, set[str]] = {}
+    for name, described in run.manifest["scenarios"].items():
+        found.setdefault(name, set()).add(described["content"])
+    rows = run.records[["scenario", "scenario_content"]].drop_duplicates()
+    for name, content in zip(rows["scenario"], rows["scenario_content"], strict=True):
+        if not pd.isna(content):
+            found.setdefault(name, set()).add(content)
+    return found
+
+
+def _told(cells: pd.DataFrame, end: str, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
+    """Cells with the status and the reason that one of the runs has."""
+    told = cells[[*CELL, f"status_{end}", f"reason_{end}"]]
+    told = told.set_axis([*CELL, "status", "reason"], axis=1).reset_index(drop=True)
+    return with_partners(told, partners)

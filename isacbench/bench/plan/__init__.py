@@ -1,0 +1,1 @@
+"""The plan of a run: cells, blocks, and the job that other processes work on."""

@@ -1,0 +1,92 @@
+"""A job: everything that another process needs to work on a run, by content."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from isacbench.bench.cells.record import DRAW_COLUMNS
+from isacbench.bench.plan.run_plan import Plan
+from isacbench.bench.studies.study_kinds import STUDIES
+from isacbench.errors import InputError
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.discovery import local_plugins, register_plugin
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from isacbench.bench.studies.study import Scene
+    from isacbench.bench.suites.suite import Suite
+    from isacbench.model.scenes.scenario import Scenario
+    from isacbench.plugins.local_files import PluginFile
+
+__all__ = ["Job", "load_job"]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A suite with its scenarios and the plugins that come from files.
+
+    Attributes
+    ----------
+    suite : Suite
+    scenarios : mapping of str to Scenario
+        By name.
+    plugins : tuple of PluginFile
+    """
+
+    suite: Suite
+    scenarios: Mapping[str, Scenario]
+    plugins: tuple[PluginFile, ...] = ()
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Scenes that the suite's study makes of the scenarios, and their cells.
+
+        Raises
+        ------
+        InputError
+            If the suite cannot be run on them, or names an unknown plugin.
+        """
+        for plugin in self.plugins:
+            register_plugin(plugin)
+        study = STUDIES[self.suite.kind]
+        scenes = study.scenes(self.suite, self.scenarios)
+        _refuse_repeats(scenes)
+        return Plan(scenes, self.suite.trials)
+
+    def draws(self) -> pd.DataFrame:
+        """Scatterers that the scenes drew."""
+        tables = [table for scene in self.plan.scenes if len(table := scene.draws(self.suite.trials))]
+        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=DRAW_COLUMNS)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave the plan behind: another process makes its own, with its own plugins."""
+        return {key: value for key, value in vars(self).items() if key != "plan"}
+
+
+def load_job(suite: Suite) -> Job:
+    """Load the scenarios of a suite, and take the plugins from files that are registered.
+
+    Raises
+    ------
+    InputError
+        If a scenario is unknown, wrong, or one of two with the same name.
+    """
+    loaded: dict[str, Scenario] = {}
+    for name_or_path in suite.scenarios:
+        scenario = load_scenario(name_or_path)
+        if scenario.name in loaded:
+            raise InputError(f"scenarios: {name_or_path!r} repeats the name {scenario.name!r}")
+        loaded[scenario.name] = scenario
+    return Job(suite, loaded, local_plugins())
+
+
+def _refuse_repeats(scenes: Sequence[Scene]) -> None:
+    names = [scene.name for scene in scenes]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")

@@ -1,0 +1,188 @@
+"""The plan of a run: its cells in the order of the table, and the blocks in which they are worked off.
+
+A cell's position follows from its key alone, so that rows that come from a
+file, from another process or in another order find their place.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby, pairwise
+from threading import Lock
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.bench.studies.study import Contestant, Scene
+
+__all__ = ["Block", "BlockQueue", "Plan", "Shard"]
+
+
+class Block(NamedTuple):
+    """Cells that share an observation.
+
+    Attributes
+    ----------
+    scene : int
+        Index of the scene.
+    trial : int
+    snr_db : float
+    contestants : tuple of int
+        Indices into the scene's contestants, those that have not met it yet.
+    """
+
+    scene: int
+    trial: int
+    snr_db: float
+    contestants: tuple[int, ...]
+
+
+class Shard(NamedTuple):
+    """Part `k` of `n` of a run, counted from 1."""
+
+    k: int
+    n: int
+
+    @classmethod
+    def parse(cls, text: str) -> Shard:
+        """Parse ``k/n``.
+
+        Raises
+        ------
+        InputError
+            Quoting the text and saying what is allowed.
+
+        Examples
+        --------
+        >>> Shard.parse("2/3")
+        Shard(k=2, n=3)
+        """
+        k, _, n = text.partition("/")
+        if not (k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+            raise InputError(f"shard {text!r}: allowed is k/n with 1 <= k <= n, such as 2/3")
+        return cls(int(k), int(n))
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Every cell of a run: scene by scene, trial by trial, SNR by SNR, contestant by contestant.
+
+    Attributes
+    ----------
+    scenes : sequence of Scene
+    n_trials : int
+    """
+
+    scenes: Sequence[Scene]
+    n_trials: int
+
+    @property
+    def n_cells(self) -> int:
+        """Cells of all scenes."""
+        return int(self._offsets[-1])
+
+    @property
+    def contestants(self) -> list[Contestant[Any]]:
+        """Everybody who takes part, once each."""
+        every = {(one.name, one.params): one for scene in self.scenes for one in scene.contestants}
+        return list(every.values())
+
+    def positions(self, keys: pd.DataFrame) -> NDArray[np.int64]:
+        """Positions in the table of some cells.
+
+        Parameters
+        ----------
+        keys : DataFrame
+            With the columns scenario, estimator, params, snr_db and trial.
+
+        Returns
+        -------
+        ndarray of int64, shape (n,)
+            -1 where the plan has no such cell.
+        """
+        found = np.full(len(keys), -1, dtype=np.int64)
+        names = pd.Index([scene.name for scene in self.scenes])
+        of_scene = names.get_indexer(pd.Index(keys["scenario"]))
+        for index in np.unique(of_scene[of_scene >= 0]):
+            (chosen,) = np.nonzero(of_scene == index)
+            found[chosen] = self._positions_in(int(index), keys.iloc[chosen])
+        return found
+
+    def blocks(self, todo: NDArray[np.bool_]) -> list[Block]:
+        """Blocks of the cells that are marked, in the order of the table."""
+        blocks = []
+        for index, scene in enumerate(self.scenes):
+            shape = self.n_trials, len(scene.snr_db), len(scene.contestants)
+            marked = todo[self._offsets[index] : self._offsets[index + 1]].reshape(shape)
+            for trial, at_snr in zip(*np.nonzero(marked.any(axis=2)), strict=True):
+                contestants = tuple(np.flatnonzero(marked[trial, at_snr]).tolist())
+                blocks.append(Block(index, int(trial), scene.snr_db[at_snr], contestants))
+        return blocks
+
+    def shard(self, shard: Shard) -> NDArray[np.bool_]:
+        """Mark the cells of a part of the run: whole trials of a scene, if there are enough."""
+        blocks = self.blocks(np.ones(self.n_cells, dtype=np.bool_))
+        trials = [block[:2] for block in blocks]
+        part = np.cumsum([before != after for before, after in pairwise([trials[0], *trials])])
+        if part[-1] + 1 < shard.n:
+            part = np.arange(len(blocks))
+        return np.repeat(part % shard.n == shard.k - 1, [len(block.contestants) for block in blocks])
+
+    @cached_property
+    def _offsets(self) -> NDArray[np.int64]:
+        """Position of the first cell of every scene, and of the end."""
+        sizes = [self.n_trials * len(scene.snr_db) * len(scene.contestants) for scene in self.scenes]
+        return np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
+
+    def _positions_in(self, index: int, keys: pd.DataFrame) -> NDArray[np.int64]:
+        scene = self.scenes[index]
+        at_snr = pd.Index(scene.snr_db, dtype=np.float64).get_indexer(
+            pd.Index(keys["snr_db"], dtype=np.float64)
+        )
+        variants = pd.MultiIndex.from_tuples([(one.name, one.params) for one in scene.contestants])
+        contestant = variants.get_indexer(pd.MultiIndex.from_frame(keys[["estimator", "params"]]))
+        trial = keys["trial"].to_numpy()
+        known = (at_snr >= 0) & (contestant >= 0) & (trial >= 0) & (trial < self.n_trials)
+        inside = (trial * len(scene.snr_db) + at_snr) * len(scene.contestants) + contestant
+        return np.where(known, self._offsets[index] + inside, -1)
+
+
+class BlockQueue:
+    """Blocks for several workers: each goes on with its own trial of a scene, whose echo and noise it has.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+    """
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self._lock = Lock()
+        self._waiting = deque(deque(group) for _, group in groupby(blocks, key=lambda block: block[:2]))
+        self._taken: list[deque[Block]] = []
+
+    def blocks(self) -> Iterator[Block]:
+        """Blocks for one worker, until none is left for anybody."""
+        mine: deque[Block] = deque()
+        while (block := self._next(mine)) is not None:
+            yield block
+
+    def _next(self, mine: deque[Block]) -> Block | None:
+        with self._lock:
+            if not mine and self._waiting:
+                mine.extend(self._waiting.popleft())
+                if not any(mine is other for other in self._taken):
+                    self._taken.append(mine)
+            if mine:
+                return mine.popleft()
+            # Nothing untouched is left: take from the end of whoever has most.
+            fullest = max(self._taken, key=len, default=mine)
+            return fullest.pop() if fullest else None

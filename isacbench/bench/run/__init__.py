@@ -1,0 +1,1 @@
+"""Runs: made, gone on with, joined, scored again."""

@@ -1,0 +1,1 @@
+"""Stored runs: their folder, their rows, and where each row comes from."""

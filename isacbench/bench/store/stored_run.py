@@ -1,0 +1,326 @@
+"""A run read back for Python users: its rows, its clouds by the key of their cell, its scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.cells.record import CLOUD_KEYS, Status
+from isacbench.bench.cells.statuses import SCORED, failed
+from isacbench.bench.store.observed_scenes import ObservedScenes
+from isacbench.bench.store.run_store import read_manifest, read_scenes, read_sound_rows
+from isacbench.display import Description, Displayed, span
+from isacbench.errors import InputError, unknown_name
+from isacbench.files.escaping import counted, quoted, shortened
+from isacbench.model.cloud import PointCloud
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.bench.store.rows import Rows
+    from isacbench.bench.suites.suite import Suite
+    from isacbench.model.scenes.scenario import Scenario
+
+__all__ = ["CellKey", "StoredRun", "load_run"]
+
+MOST_NAMED = 6
+"""Values of a column that a message or a ``repr`` lists."""
+
+MOST_OF_A_PATH = 60
+MOST_OF_A_VALUE = 40
+
+NO_IMAGE = "it is the test of a detector on a map or of a receiver; allowed are rows of estimators"
+
+
+class CellKey(NamedTuple):
+    """Key of a row and of its cloud.
+
+    Attributes
+    ----------
+    scenario, estimator : str
+    params : str
+        The estimator's parameters as canonical JSON.
+    snr_db : float
+    trial : int
+    """
+
+    scenario: str
+    estimator: str
+    params: str
+    snr_db: float
+    trial: int
+
+    def __str__(self) -> str:
+        return f"{self.estimator} on {self.scenario} at {self.snr_db:g} dB, trial {self.trial}"
+
+
+Row = pd.Series | pd.DataFrame | Mapping[str, Any] | tuple[Any, ...]
+"""A row of `StoredRun.rows` in any form that pandas gives, or a `CellKey`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredRun(Displayed):
+    """A run in its folder, as `load_run` reads it. Clouds are read when they are first asked for.
+
+    Attributes
+    ----------
+    folder : Path
+    rows : DataFrame
+        One row a cell, all columns.
+    manifest : mapping of str to Any
+        The content of ``manifest.json``: suite, seed, versions, machine.
+    """
+
+    folder: Path
+    rows: pd.DataFrame
+    manifest: Mapping[str, Any]
+
+    @cached_property
+    def clouds(self) -> Mapping[CellKey, PointCloud]:
+        """Clouds of all cells that were imaged, by `CellKey` or an equal tuple, in the order of the rows."""
+        return _Clouds(read_sound_rows(self.folder, self.manifest))
+
+    def cloud(
+        self,
+        row: Row | None = None,
+        /,
+        *,
+        scenario: str | None = None,
+        estimator: str | None = None,
+        params: str | None = None,
+        snr_db: float | None = None,
+        trial: int | None = None,
+    ) -> PointCloud:
+        """Return the cloud that was estimated in one cell.
+
+        Parameters
+        ----------
+        row : Series, named tuple, mapping, DataFrame of one row, or CellKey, optional
+            A row of `rows`, as ``loc``, ``iterrows`` and ``itertuples`` give it.
+        scenario, estimator, params, snr_db, trial : optional
+            The key, instead of a row. What is left out may have any value, as
+            long as just one row has the others.
+
+        Returns
+        -------
+        PointCloud
+            Without a point where nothing was detected.
+
+        Raises
+        ------
+        InputError
+            If no row or more than one is meant; or if the cell has no cloud,
+            because it failed, or because its row is no image but the test of
+            a detector or of a receiver.
+        """
+        columns = (scenario, estimator, params, snr_db, trial)
+        given = {name: value for name, value in zip(CLOUD_KEYS, columns, strict=True) if value is not None}
+        wanted = given if row is None else {**_key_columns(row), **given}
+        if len(wanted) == len(CLOUD_KEYS) and (cloud := self.clouds.get(CellKey(**wanted))) is not None:
+            return cloud
+        record = self.rows.iloc[self._position(wanted)]
+        key = CellKey(*record[CLOUD_KEYS])
+        if key not in self.clouds:
+            raise InputError(f"{self.folder}: {key} has no cloud: {_reason(record)}")
+        return self.clouds[key]
+
+    def scenario(self, row: Row | str) -> Scenario:
+        """Return the scenario that was observed in a row, with its true scatterers.
+
+        Parameters
+        ----------
+        row : row of `rows` as `cloud` takes it, or str
+            In studies whose trials draw their scatterers, a row has those of
+            its trial. A name is that of a scenario of the suite.
+
+        Returns
+        -------
+        Scenario
+            The cloud of the row was scored against its `truth`, in its `region`.
+
+        Raises
+        ------
+        InputError
+            If the name is unknown, or the row is the test of a detector or of
+            a receiver, for which no scenario is observed.
+        """
+        if isinstance(row, str):
+            _, scenarios, _ = self._scenes_read
+            if row not in scenarios:
+                raise InputError(f"{self.folder}: {unknown_name('scenario', row, scenarios)}")
+            return scenarios[row]
+        record = self.rows.iloc[self._position(_key_columns(row))]
+        key = CellKey(*record[CLOUD_KEYS])
+        if key.scenario not in self._observed.scenes:
+            raise InputError(f"{self.folder}: {key} observes no scenario: {NO_IMAGE}")
+        return self._observed.scenario(key.scenario, key.trial)
+
+    def truth(self, row: Row | str) -> PointCloud:
+        """Return the true scatterers of `scenario` as a cloud."""
+        return self.scenario(row).truth
+
+    @cached_property
+    def _scenes_read(self) -> tuple[Suite, dict[str, Scenario], pd.DataFrame]:
+        return read_scenes(self.folder, self.manifest)
+
+    @cached_property
+    def _observed(self) -> ObservedScenes:
+        return ObservedScenes(self.folder, *self._scenes_read, self.rows)
+
+    def _position(self, wanted: Mapping[str, Any]) -> int:
+        """Position in the table of the one row that has some values in its key."""
+        chosen = np.ones(len(self.rows), dtype=np.bool_)
+        for name, value in wanted.items():
+            chosen &= (self.rows[name] == value).to_numpy()
+        found = np.flatnonzero(chosen)
+        if found.size != 1:
+            raise InputError(f"{self.folder}: {self._not_one(found, wanted)}")
+        return int(found[0])
+
+    def _not_one(self, found: NDArray[np.intp], wanted: Mapping[str, Any]) -> str:
+        """Say why some values are the key of no row, or of several."""
+        told = " and ".join(f"{name} = {quoted(value)}" for name, value in wanted.items()) or "any key"
+        if found.size:
+            values = {name: self.rows[name].iloc[found].unique() for name in CLOUD_KEYS}
+            differing = [name for name in CLOUD_KEYS if len(values[name]) > 1]
+            return (
+                f"{found.size} rows have {told}; allowed is a row, or what one row alone has: they differ in "
+                f"{'; '.join(f'{name}: {_listed(values[name])}' for name in differing)}"
+            )
+        for name, value in wanted.items():
+            known = self.rows[name].unique()
+            if value not in known:
+                return f"no row has {name} = {quoted(value)}; allowed are {_listed(known)}"
+        return f"no row has {told}, all at once"
+
+    def _description(self) -> Description:
+        rows, suite = self.rows, self.manifest["suite"]
+        folder = shortened(str(self.folder), MOST_OF_A_PATH)
+        names = rows["estimator"].unique()
+        n_variants = len(rows[["estimator", "params"]].drop_duplicates())
+        statuses = [(status, int((rows["status"] == status).sum())) for status in get_args(Status)]
+        return Description(
+            f"StoredRun of {quoted(suite.get('name'))}: {counted(len(rows), 'row')} in {quoted(folder)}",
+            {
+                "status": ", ".join(f"{number} {status}" for status, number in statuses if number),
+                "scenarios": _listed(rows["scenario"].unique()),
+                "estimators": _listed(names)
+                + (f" in {n_variants} variants" if n_variants > len(names) else ""),
+                "SNR": span(rows["snr_db"], "dB"),
+                "trials": str(rows["trial"].nunique()),
+                "started": str(self.manifest.get("started")),
+            },
+        )
+
+
+def load_run(folder: str | Path) -> StoredRun:
+    """Read a run back from its folder, also one that was killed.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder that `isacbench run`, or `isacbench.run` with `out`, wrote.
+
+    Returns
+    -------
+    StoredRun
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold a run, or a damaged one.
+
+    Warns
+    -----
+    InputWarning
+        If lines of the journal of a run that was killed are damaged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from isacbench import run, score
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     records = run("quick", estimators=["oracle"], snr_db=[10], trials=1, out=folder)
+    ...     stored = load_run(folder)
+    ...     row = stored.rows.iloc[0]
+    ...     scenario, cloud = stored.scenario(row), stored.cloud(row)
+    >>> scores = score(scenario.truth, cloud, region=scenario.region)
+    >>> bool(scores["deviation"] == row["deviation"])
+    True
+    """
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    return StoredRun(folder, read_sound_rows(folder, manifest, with_clouds=False).records, manifest)
+
+
+class _Clouds(Mapping[CellKey, PointCloud]):
+    """Clouds of rows, each made when it is asked for."""
+
+    def __init__(self, rows: Rows) -> None:
+        records, ends = rows.records, np.cumsum(rows.n_points)
+        keys = map(CellKey, *(records[name].tolist() for name in CLOUD_KEYS))
+        is_whole = _is_imaged(records) & (rows.n_points == records["n_estimated"].to_numpy())
+        bounds = zip((ends - rows.n_points).tolist(), ends.tolist(), strict=True)
+        self._bounds = {key: bound for key, bound, whole in zip(keys, bounds, is_whole, strict=True) if whole}
+        self._points = rows.points
+
+    def __getitem__(self, key: CellKey) -> PointCloud:
+        return PointCloud.from_array(self._points[slice(*self._bounds[key])])
+
+    def __iter__(self) -> Iterator[CellKey]:
+        return iter(self._bounds)
+
+    def __len__(self) -> int:
+        return len(self._bounds)
+
+    def __repr__(self) -> str:
+        return f"Clouds of {counted(len(self), 'cell')}, by scenario, estimator, params, snr_db and trial"
+
+
+def _is_imaged(records: pd.DataFrame) -> NDArray[np.bool_]:
+    """Tell which rows are images that were scored: no failures, and no tests of detectors and receivers."""
+    return (~failed(records) & records["deviation"].notna()).to_numpy()
+
+
+def _reason(record: pd.Series[Any]) -> str:
+    """Say why a row has no cloud."""
+    if record["status"] not in SCORED:
+        return f"its status is {record['status']}, {record['reason']}; allowed are {' and '.join(SCORED)}"
+    if pd.isna(record["deviation"]):
+        return NO_IMAGE
+    return "it is missing or damaged; `isacbench run` into the folder makes it again"
+
+
+def _key_columns(row: Row) -> dict[str, Any]:
+    """Key of a row, in whatever form it comes."""
+    if isinstance(row, pd.DataFrame):
+        if len(row) != 1:
+            raise InputError(
+                f"a table of {counted(len(row), 'row')}: allowed is one row, such as rows.iloc[0]"
+            )
+        row = row.iloc[0]
+    if isinstance(row, tuple) and not hasattr(row, "_fields"):
+        row = CellKey(*row) if len(row) == len(CLOUD_KEYS) else row
+    holder = row if isinstance(row, (pd.Series, Mapping)) else getattr(row, "_asdict", dict)()
+    if missing := [name for name in CLOUD_KEYS if name not in holder]:
+        raise InputError(
+            f"a {type(row).__name__} without {missing[0]}: allowed are a row of the run's table, and a tuple "
+            f"or mapping of {', '.join(CLOUD_KEYS)}"
+        )
+    return {name: holder[name] for name in CLOUD_KEYS}
+
+
+def _listed(values: Any) -> str:
+    """Write some values, the first ones of many."""
+    shown = [
+        f"{value:g}" if isinstance(value, float) else shortened(str(value), MOST_OF_A_VALUE)
+        for value in values
+    ]
+    more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
+    return ", ".join(shown[:MOST_NAMED]) + more

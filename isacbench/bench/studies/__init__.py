@@ -1,0 +1,1 @@
+"""Studies: what each kind of suite runs and measures."""

@@ -1,0 +1,215 @@
+"""The study ``resolution``: two equal scatterers in ever smaller distance, and whether both are found.
+
+They differ in one of range, velocity, u and w alone. What makes a pair easy
+or hard is the phase between the two at the centre of resource grid and array:
+in phase they look like one, so that every relative phase is a scene of its
+own. The centre of the pair is drawn once a trial, the same for all scenes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.cells.radio_coordinates import (
+    DIMENSIONS,
+    draw_place,
+    gain_db,
+    radio_places,
+    rayleigh_cells,
+    space_places,
+)
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.studies.intervals import share_band
+from isacbench.bench.studies.medians import median_times
+from isacbench.bench.studies.study import ImagedScene, build_estimators, element_snrs_db
+from isacbench.model.echo import central_phase
+from isacbench.model.scene import Scatterers, warned_before
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from isacbench.bench.cells.cell import Shot
+    from isacbench.bench.cells.radio_coordinates import Dimension
+    from isacbench.bench.suites.suite import ResolutionSuite
+    from isacbench.model.scenes.scenario import Scenario
+
+__all__ = ["Resolution", "measure", "pair", "summarise"]
+
+MARGIN_CELLS = 0.5
+"""Rayleigh cells between the farthest pair and the region's border."""
+
+GROUP = ["template", "estimator", "params", "snr_gain_db", "dimension", "separation_cells"]
+
+
+class Resolution:
+    """Probability that two equal scatterers are both found, over their distance."""
+
+    columns: ClassVar[Mapping[str, Any]] = {
+        "snr_gain_db": math.nan,
+        "template": "",
+        "dimension": "",
+        "separation_cells": math.nan,
+        "phase_deg": math.nan,
+        "resolved": False,
+        "n_false": 0,
+    }
+
+    def scenes(self, suite: ResolutionSuite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+        """One scene a scenario, dimension, distance and relative phase."""
+        contestants = build_estimators(suite)
+        margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
+        scenes = []
+        for template in scenarios.values():
+            for dimension in suite.dimensions:
+                for cells in suite.separations_cells:
+                    for phase_deg in suite.phases_deg:
+                        name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
+                        draw = partial(
+                            _draw, template, name, dimension, cells, phase_deg, margin_cells, suite.seed
+                        )
+                        with warned_before():
+                            renamed = dataclasses.replace(template, name=name)
+                        scenes.append(
+                            ImagedScene(
+                                suite,
+                                renamed,
+                                contestants,
+                                element_snrs_db(suite, gain_db(draw(0))),
+                                draw=draw,
+                                measure=partial(measure, dimension),
+                                labels={
+                                    "template": template.name,
+                                    "dimension": dimension,
+                                    "separation_cells": cells,
+                                    "phase_deg": phase_deg,
+                                },
+                            )
+                        )
+        return scenes
+
+
+def pair(
+    template: Scenario,
+    name: str,
+    centre: NDArray[np.float64],
+    dimension: Dimension,
+    separation_cells: float,
+    phase_deg: float,
+) -> Scenario:
+    """Scenario of two unit scatterers around a place.
+
+    Parameters
+    ----------
+    template : Scenario
+        Its radio and its region.
+    name : str
+        Of the new scenario.
+    centre : ndarray of float64, shape (4,)
+        Range in m, velocity in m/s, u and w of the middle.
+    dimension : {"range", "velocity", "u", "w"}
+        In which they differ.
+    separation_cells : float
+        By how many Rayleigh cells.
+    phase_deg : float
+        Phase between the echoes at the centre of resource grid and array.
+
+    Returns
+    -------
+    Scenario
+    """
+    index = DIMENSIONS.index(dimension)
+    places = np.stack([centre, centre])
+    places[:, index] += np.array([-0.5, 0.5]) * separation_cells * rayleigh_cells(template)[index]
+    xyz, velocity = space_places(template, places)
+    scatterers = Scatterers(xyz, velocity, np.ones(2))
+    scenario = dataclasses.replace(template, name=name, scatterers=scatterers)
+    phase_rad = np.deg2rad([0.0, phase_deg]) - central_phase(scenario)
+    with warned_before():
+        return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
+
+
+def measure(dimension: Dimension, shot: Shot) -> dict[str, Any]:
+    """Measure an image of two scatterers.
+
+    Parameters
+    ----------
+    dimension : {"range", "velocity", "u", "w"}
+        In which they differ.
+    shot : Shot
+
+    Returns
+    -------
+    dict
+        ``resolved``, whether each scatterer has a point within half their
+        distance along that dimension and within one Rayleigh cell in the
+        others; ``n_false``, all points but one for each that has.
+    """
+    index, limits = DIMENSIONS.index(dimension), rayleigh_cells(shot.scenario)
+    true = radio_places(shot.scenario, shot.scenario.scatterers)
+    limits[index] = abs(true[1, index] - true[0, index]) / 2
+    error = radio_places(shot.scenario, shot.cloud)[:, None] - true
+    # Their neighbourhoods do not overlap, so that no point stands for both.
+    found = (np.abs(error) < limits).all(axis=2).any(axis=0)
+    return {"resolved": bool(found.all()), "n_false": len(shot.cloud) - int(found.sum())}
+
+
+def summarise(records: pd.DataFrame) -> pd.DataFrame:
+    """Probability of resolution of every estimator over the distance.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    DataFrame
+        One row for each template, estimator (with its parameters), SNR,
+        dimension and distance: ``n_cells``, ``n_trials``, ``n_failed`` (not
+        resolved either) and ``n_false``; ``resolved``, the share over all relative
+        phases, ``resolved_worst`` that of the phase with the smallest,
+        ``worst_phase_deg``, and ``resolved_in_phase`` that of phase 0 if it
+        was run; the first and the last with 95 % intervals, ``..._low`` and
+        ``..._high`` (Wilson) from five trials on; ``time_estimate_s_median``
+        as `isacbench.bench.studies.medians.median_times` has it.
+    """
+    rows = []
+    for key, part in records.groupby(GROUP, sort=False):
+        phases = part.groupby("phase_deg")["resolved"].mean()
+        in_phase = part.loc[part["phase_deg"] == 0, "resolved"]
+        row: dict[str, Any] = {
+            **dict(zip(GROUP, key, strict=True)),
+            "n_cells": len(part),
+            "n_trials": part["trial"].nunique(),
+            "n_failed": int(failed(part).sum()),
+            "n_false": int(part["n_false"].sum()),
+            "resolved_worst": phases.min(),
+            "worst_phase_deg": phases.idxmin(),
+        }
+        for name, resolved in (("resolved", part["resolved"]), ("resolved_in_phase", in_phase)):
+            low, high = share_band(int(resolved.sum()), len(resolved), row["n_trials"])
+            row |= {name: resolved.mean(), f"{name}_low": low, f"{name}_high": high}
+        rows.append(row)
+    return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
+
+
+def _draw(
+    template: Scenario,
+    name: str,
+    dimension: Dimension,
+    separation_cells: float,
+    phase_deg: float,
+    margin_cells: float,
+    seed: int,
+    trial: int,
+) -> Scenario:
+    centre = draw_place(template, trial, seed, margin_cells)
+    return pair(template, name, centre, dimension, separation_cells, phase_deg)

@@ -1,0 +1,127 @@
+"""What a scenario consists of, in terms of JSON and of a table, and the digest that it is known by."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from isacbench.added_fields import identity_fields
+from isacbench.bench.cells.record import POINT_COLUMNS
+from isacbench.model.array import VirtualArray
+from isacbench.model.frame import PaperFrame, get_frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario, warned_before
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "canonical_json",
+    "describe_scenario",
+    "digest",
+    "restore_scenario",
+    "scenario_digest",
+    "truth_table",
+]
+
+SIGNIFICANT = 10
+"""Significant digits of a number in a digest; drawn places go through sines, whose last digits vary."""
+
+ADDED = ("radius_m",)
+"""Plain numbers of a scenario that older descriptions lack."""
+
+DIGITS = 16
+"""Hexadecimal digits of a digest: 64 bits tell more contents apart than anybody will ever store."""
+
+
+def canonical_json(content: Any) -> str:
+    """JSON with sorted keys and without spaces: equal contents give equal texts."""
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def digest(content: Any) -> str:
+    """Short SHA-256 digest of something in terms of JSON.
+
+    Examples
+    --------
+    >>> digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
+    True
+    """
+    return hashlib.sha256(canonical_json(content).encode()).hexdigest()[:DIGITS]
+
+
+def scenario_digest(scenario: Scenario) -> str:
+    """Digest of everything that observations of a scenario follow from; noise follows from its name.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    str
+        Hexadecimal. Whatever way a scenario was written, equal radios,
+        regions and scatterers give equal digests.
+    """
+    scatterers = scenario.scatterers
+    arrays = {name: values.tolist() for name, values in identity_fields(scatterers).items()}
+    content = {"name": scenario.name, "radio": describe_scenario(scenario), "scatterers": arrays}
+    return digest(_rounded(content))
+
+
+def describe_scenario(scenario: Scenario) -> dict[str, Any]:
+    """Describe a scenario without its scatterers, which the truth holds.
+
+    Fields that were added later are left out at the value that stands for the
+    behaviour before (`isacbench.added_fields`), so that digests stay.
+    """
+    frame = "paper" if isinstance(scenario.frame, PaperFrame) else "panel"
+    parts = {name: getattr(scenario, name) for name in ("system", "array", "region")}
+    own = {name: value for name, value in identity_fields(scenario).items() if name in ADDED}
+    return {
+        **{name: identity_fields(part) for name, part in parts.items()},
+        "frame": {"name": frame, **identity_fields(scenario.frame)},
+        "base_station_m": scenario.base_station_m.tolist(),
+        **own,
+    }
+
+
+def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
+    """Build the scenario that `describe_scenario` and its rows of the truth describe, without warnings."""
+    points = truth[POINT_COLUMNS].to_numpy()
+    with warned_before():
+        return Scenario(
+            name=name,
+            system=System(**described["system"]),
+            array=VirtualArray(**{key: _tupled(value) for key, value in described["array"].items()}),
+            frame=get_frame(**described["frame"]),
+            base_station_m=np.array(described["base_station_m"]),
+            region=Region(**{key: _tupled(value) for key, value in described["region"].items()}),
+            **{name: described[name] for name in ADDED if name in described},
+            scatterers=Scatterers(xyz=points[:, :3], velocity=points[:, 3], amplitude=np.sqrt(points[:, 4])),
+        )
+
+
+def truth_table(scenario: Scenario) -> pd.DataFrame:
+    """One row a scatterer."""
+    table = scenario.truth.to_dataframe()
+    table.insert(0, "scenario", scenario.name)
+    return table
+
+
+def _rounded(content: Any) -> Any:
+    """Same with floats of few enough digits that they do not depend on the machine that computed them."""
+    if isinstance(content, float):
+        return float(f"{content:.{SIGNIFICANT}g}") + 0.0
+    if isinstance(content, dict):
+        return {key: _rounded(value) for key, value in content.items()}
+    return [_rounded(value) for value in content] if isinstance(content, (list, tuple)) else content
+
+
+def _tupled(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

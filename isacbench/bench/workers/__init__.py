@@ -1,0 +1,1 @@
+"""Worker processes: guarded cells on this machine and on others."""

@@ -1,0 +1,77 @@
+"""Where worker processes come from: a server that has imported what they need, and nothing else."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.context import ForkServerContext, ForkServerProcess
+from multiprocessing.process import BaseProcess
+from threading import Lock
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multiprocessing.popen_forkserver import Popen
+
+__all__ = ["process_context", "start_process_server"]
+
+PRELOADED = [
+    "isacbench.bench.workers.guarded_cells",
+    "isacbench.bench.studies.study_kinds",
+    "isacbench.bench.workers.preload",
+]
+"""What the server imports once, so that a fresh worker is there at once."""
+
+
+_hiding = Lock()
+
+
+class _Process(ForkServerProcess):
+    """Process that does not import the caller's script: what it needs of it travels by its code."""
+
+    @staticmethod
+    def _Popen(process_obj: BaseProcess) -> Popen:  # noqa: N802, the name that multiprocessing calls
+        with _hiding, _script_hidden():
+            return ForkServerProcess._Popen(process_obj)
+
+
+class _Context(ForkServerContext):
+    Process = _Process
+
+
+@contextmanager
+def _script_hidden() -> Iterator[None]:
+    """Let ``__main__`` look like that of a console, which multiprocessing does not import in processes.
+
+    A script then needs no ``if __name__ == "__main__":``, and one that is read
+    from a pipe, of which there is no file to import, has workers as well.
+    """
+    main: dict[str, object] = vars(sys.modules["__main__"])
+    hidden: dict[str, object] = {name: main.pop(name) for name in ("__spec__", "__file__") if name in main}
+    main["__spec__"] = None
+    try:
+        yield
+    finally:
+        main.update(hidden)
+
+
+def process_context() -> ForkServerContext:
+    """Context of processes that inherit neither threads nor locks, and that start in milliseconds."""
+    context = _Context()
+    context.set_forkserver_preload(PRELOADED)
+    return context
+
+
+def start_process_server() -> None:
+    """Start the server, which imports while this process imports what it needs itself."""
+    process_context()
+    from multiprocessing.forkserver import ensure_running
+
+    # Signals that end a run are for this process: the server inherits that they are blocked, and its workers
+    # from it. What sends them to all processes would else leave nothing to make the report with.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

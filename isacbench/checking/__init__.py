@@ -1,0 +1,1 @@
+"""Checks of plugins: whether they keep the contract, and what they do under stress."""

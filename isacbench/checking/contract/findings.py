@@ -1,0 +1,210 @@
+"""Checks and what they find: one finding a check, in words that say what is wrong and how to mend it."""
+
+from __future__ import annotations
+
+import io
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar, get_args
+
+from isacbench.display import Description, Displayed
+from isacbench.files.escaping import visible
+
+if TYPE_CHECKING:
+    from isacbench.plugins.discovery import Kind
+
+__all__ = [
+    "BrokenContractError",
+    "Check",
+    "CheckReport",
+    "DoubtfulError",
+    "Finding",
+    "PluginFindings",
+    "Status",
+    "raised_at",
+    "run_checks",
+]
+
+Status = Literal["ok", "warning", "failed", "skipped"]
+
+Subject = TypeVar("Subject")
+
+_LIBRARIES = frozenset({"isacbench", "numpy", "scipy"})
+"""Folders of code that a plugin calls, or that calls it."""
+
+
+class BrokenContractError(Exception):
+    """The plugin breaks the contract; the message says how, and how to mend it."""
+
+
+class DoubtfulError(Exception):
+    """The plugin keeps the contract, but hardly does what was meant."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found.
+
+    Attributes
+    ----------
+    check : str
+        Its name.
+    status : {"ok", "warning", "failed", "skipped"}
+        Skipped where a check that it builds on has failed.
+    message : str
+        What is wrong and how to mend it; of a check that passed, what was
+        measured, if anything.
+    """
+
+    check: str
+    status: Status
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class PluginFindings:
+    """Findings about one plugin.
+
+    Attributes
+    ----------
+    kind : {"estimator", "detector"}
+    name, package : str
+        Its name, and the distribution with its version, the file or the module that it comes from.
+    findings : tuple of Finding
+        One a check, in the order in which they ran.
+    """
+
+    kind: Kind
+    name: str
+    package: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """True if no check has failed; warnings are allowed."""
+        return all(finding.status != "failed" for finding in self.findings)
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.name} ({self.package})"
+
+
+@dataclass(frozen=True, repr=False)
+class CheckReport(Displayed):
+    """Findings about the plugins that were checked.
+
+    Attributes
+    ----------
+    plugins : tuple of PluginFindings
+    """
+
+    plugins: tuple[PluginFindings, ...]
+
+    @property
+    def ok(self) -> bool:
+        """True if no check of any plugin has failed; warnings are allowed."""
+        return all(plugin.ok for plugin in self.plugins)
+
+    @property
+    def counts(self) -> dict[Status, int]:
+        """Number of findings of every status."""
+        counted = Counter(finding.status for plugin in self.plugins for finding in plugin.findings)
+        return {status: counted[status] for status in get_args(Status)}
+
+    def __repr__(self) -> str:
+        """Write the counts, and a line for each warning and each failure."""
+        lines = [self._title]
+        for plugin in self.plugins:
+            of = f"{plugin.name}, " if len(self.plugins) > 1 else ""
+            lines += [
+                visible(f"  {finding.status}: {of}{finding.check}: {finding.message}")
+                for finding in plugin.findings
+                if finding.status in ("warning", "failed")
+            ]
+        return "\n".join(lines)
+
+    @property
+    def _title(self) -> str:
+        told = ", ".join(f"{number} {status}" for status, number in self.counts.items() if number)
+        return visible(f"Check of {', '.join(map(str, self.plugins))}: {told}")
+
+    def _description(self) -> Description:
+        facts = {
+            f"{plugin.name}: {finding.check}": f"{finding.status} {finding.message}"
+            for plugin in self.plugins
+            for finding in plugin.findings
+        }
+        return Description(self._title, facts)
+
+
+@dataclass(frozen=True)
+class Check(Generic[Subject]):
+    """A property that is held to the contract.
+
+    Attributes
+    ----------
+    name : str
+    look : callable
+        Takes the subject and returns what it measured; raises
+        `BrokenContractError` or `DoubtfulError`. Anything else that it raises
+        is the plugin's own failure.
+    needs : tuple of str
+        Names of checks without which it says nothing.
+    """
+
+    name: str
+    look: Callable[[Subject], str]
+    needs: tuple[str, ...] = ()
+
+
+def run_checks(checks: Sequence[Check[Subject]], subject: Subject) -> Iterator[Finding]:
+    """Run checks in their order; what a plugin prints or warns of is kept from the terminal.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+    subject : object
+        What they look at.
+
+    Yields
+    ------
+    Finding
+    """
+    found: dict[str, Finding] = {}
+    for check in checks:
+        missing = [name for name in check.needs if found[name].status in ("failed", "skipped")]
+        if missing:
+            found[check.name] = Finding(check.name, "skipped", f"needs {missing[0]!r}")
+        else:
+            with redirect_stdout(io.StringIO()), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                found[check.name] = _found(check, subject)
+        yield found[check.name]
+
+
+def _found(check: Check[Subject], subject: Subject) -> Finding:
+    try:
+        return Finding(check.name, "ok", check.look(subject))
+    except DoubtfulError as error:
+        return Finding(check.name, "warning", str(error))
+    except BrokenContractError as error:
+        return Finding(check.name, "failed", str(error))
+    except (Exception, SystemExit) as error:
+        return Finding(check.name, "failed", raised_at(error))
+
+
+def raised_at(error: BaseException) -> str:
+    """Say what was raised, and where."""
+    return f"raises {type(error).__name__}: {error} ({_place(error)})"
+
+
+def _place(error: BaseException) -> str:
+    """Where an exception was raised: the innermost line that is the plugin's own, if one is."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if not _LIBRARIES.intersection(Path(frame.filename).parts)]
+    frame = (own or frames)[-1]
+    return f"{Path(frame.filename).name}, line {frame.lineno}, in {frame.name}"

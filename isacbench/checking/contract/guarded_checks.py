@@ -1,0 +1,62 @@
+"""Checks in a process of their own: a plugin that hangs or dies fails the check that it does it in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
+from isacbench.checking.contract import check_names, iterate_checks
+from isacbench.checking.contract.findings import Finding
+from isacbench.plugins.discovery import Kind, local_plugins, register_plugin
+from isacbench.plugins.local_files import PluginFile
+
+__all__ = ["CHECK_TIMEOUT_S", "check_guarded"]
+
+CHECK_TIMEOUT_S = 120.0
+"""A check images small scenes a few times; what takes longer hangs."""
+
+LOSSES = {"timeout": "takes {}: does it hang?", "killed": "does not live through it: {}"}
+
+
+def check_guarded(kind: Kind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> list[Finding]:
+    """Put a plugin through the contract as `check_plugin` does, whatever it does to its process.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+    name : str
+        A registered name.
+    timeout_s : float
+        Longest time of one check in s.
+
+    Returns
+    -------
+    list of Finding
+        The check during which the plugin hung or lost its process has
+        failed, those after it are skipped.
+    """
+    names = check_names(kind)
+    found: list[Finding] = []
+    with GuardedProcess(_start, kind, name, local_plugins()) as process:
+        try:
+            while len(found) < len(names):
+                found.append(process.call(_next, timeout_s=timeout_s))
+        except ProcessLostError as loss:
+            found.append(Finding(names[len(found)], "failed", LOSSES[loss.status].format(loss.reason)))
+    return found + [Finding(name, "skipped", f"needs {found[-1].check!r}") for name in names[len(found) :]]
+
+
+# What follows runs in the process of the checks.
+
+_checks: Iterator[Finding] = iter(())
+
+
+def _start(kind: Kind, name: str, plugins: tuple[PluginFile, ...]) -> None:
+    global _checks
+    for plugin in plugins:
+        register_plugin(plugin)
+    _checks = iterate_checks(kind, name)
+
+
+def _next() -> Finding:
+    return next(_checks)

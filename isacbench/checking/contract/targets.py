@@ -1,0 +1,95 @@
+"""What is asked to be checked: a file, a package, or a registered name."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, cast
+
+from isacbench.errors import InputError, did_you_mean
+from isacbench.files.escaping import quoted
+from isacbench.plugins.discovery import GROUPS, Entry, Kind, entries, entries_of, register_plugin
+from isacbench.plugins.local_files import METHODS, PluginFile
+
+__all__ = ["entries_of_class", "find_plugins"]
+
+
+def find_plugins(package_or_file: str) -> list[tuple[Kind, str]]:
+    """Find every estimator and detector that a package or a file provides.
+
+    Parameters
+    ----------
+    package_or_file : str
+        A Python file, which is registered; the name of a distribution, or of
+        an import package; or a registered name.
+
+    Returns
+    -------
+    list of (str, str)
+        Kind and name: of a file in the order of definition, else estimators
+        first, each kind by name.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or provides nothing.
+
+    Examples
+    --------
+    >>> find_plugins("oracle")
+    [('estimator', 'oracle')]
+    """
+    if package_or_file.endswith(".py"):
+        file = PluginFile.read(package_or_file)
+        register_plugin(file)
+        return [(entry.kind, entry.name) for entry in entries_of(file)]
+    found = [entry for entry in _registered() if package_or_file in _names(entry)]
+    if not found:
+        known = sorted({name for entry in _registered() for name in _names(entry)})
+        raise InputError(
+            f"{package_or_file!r} is no registered name, and no package with entry points in "
+            f"{' or '.join(GROUPS.values())}: {did_you_mean(package_or_file, known)}, or a file that ends "
+            "in .py"
+        )
+    return [(entry.kind, entry.name) for entry in found]
+
+
+def entries_of_class(plugin: type[Any]) -> list[Entry]:
+    """Describe a class as if it was registered under its own name.
+
+    Parameters
+    ----------
+    plugin : type
+        Of an estimator or a detector, or of both.
+
+    Returns
+    -------
+    list of Entry
+        One for each kind that it has the method of.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    name = getattr(plugin, "name", None)
+    kinds = [kind for kind, method in METHODS.items() if callable(getattr(plugin, method, None))]
+    if not kinds or not isinstance(name, str):
+        raise InputError(
+            f"{quoted(plugin)} is no plugin: allowed are a registered name, the name of a package, a file "
+            "that ends in .py, a class with a class attribute `name` and a method `estimate` or `detect`, "
+            "and an instance of such a class"
+        )
+    target, module = f"{plugin.__module__}:{plugin.__qualname__}", plugin.__module__
+    return [Entry(cast("Kind", kind), name, target, module, None, lambda: plugin) for kind in kinds]
+
+
+def _registered() -> list[Entry]:
+    return [entry for kind in GROUPS for _, entry in sorted(entries(kind).items())]
+
+
+def _names(entry: Entry) -> set[str]:
+    """Names by which an entry is asked for: its own, its distribution's in two spellings, its package's."""
+    if entry.version is None:
+        return {entry.name}
+    normalised = re.sub(r"[-_.]+", "-", entry.package).lower()
+    return {entry.name, entry.package, normalised, entry.module.partition(".")[0]}

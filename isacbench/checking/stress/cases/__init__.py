@@ -1,0 +1,1 @@
+"""Cases: hostile but finite input, by subject."""

@@ -1,0 +1,1 @@
+"""Promises: what every estimator and every detector keeps on hostile input."""

@@ -1,0 +1,1 @@
+"""Stress runs: cases chosen, gone through in guarded processes, and tabulated."""

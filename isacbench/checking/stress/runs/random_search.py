@@ -1,0 +1,127 @@
+"""Random search: cases drawn by hypothesis from the spaces of the table, broken ones made simple."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import seed as seeded
+from hypothesis import strategies as st
+
+from isacbench.checking.stress.runs.stress_runs import Examiner, Task
+from isacbench.checking.stress.spaces import Choice, Real, Whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from hypothesis.strategies import SearchStrategy
+
+    from isacbench.checking.stress.case import Case
+    from isacbench.checking.stress.runs.stress_runs import Examined, Target
+    from isacbench.checking.stress.spaces import Space
+
+__all__ = ["cases_from", "search"]
+
+
+def _drawn(space: Space) -> SearchStrategy[Any]:
+    """Strategy of all values of a space."""
+    match space:
+        case Whole(low, high):
+            return st.integers(low, high)
+        case Real(low, high):
+            return st.floats(low, high, allow_subnormal=False)
+        case Choice(values):
+            return st.sampled_from(values)
+
+
+def cases_from(family: type[Case[Any]]) -> SearchStrategy[Case[Any]]:
+    """Strategy of all cases of a family, from the spaces of its fields.
+
+    Examples
+    --------
+    >>> from isacbench.checking.stress.cases.levels import Snr
+    >>> cases_from(Snr)
+    builds(Snr, snr_db=floats(min_value=-80.0, max_value=200.0, allow_subnormal=False))
+    """
+    return st.builds(family, **{name: _drawn(space) for name, space in family.spaces().items()})
+
+
+class _FoundError(Exception):
+    """A case is broken; what it is travels beside."""
+
+
+def search(
+    targets: Sequence[Target],
+    families: Sequence[type[Case[Any]]],
+    n_examples: int,
+    seed: int,
+    timeout_s: float,
+    options: tuple[str, ...] = (),
+    progress: Callable[[Target, type[Case[Any]]], None] = lambda target, family: None,
+) -> Iterator[Examined]:
+    """Look for cases that break a promise.
+
+    Parameters
+    ----------
+    targets : sequence of Target
+    families : sequence of Case classes
+    n_examples : int
+        Cases drawn a target and family.
+    seed : int
+        Of the search, and of what is random in the cases.
+    timeout_s : float
+        Longest time of a case in s.
+    options : tuple of str
+        See `isacbench.checking.stress.runs.stress_runs.Task`.
+    progress : callable
+        Told which target and family come next.
+
+    Yields
+    ------
+    Examined
+        One a target and family of which a case breaks a promise: the simplest
+        such case that was found.
+    """
+    with closing(Examiner(timeout_s)) as examiner:
+        for target in targets:
+            for family in families:
+                if family.kind == target.kind:
+                    progress(target, family)
+                    found = _simplest_broken(target, family, n_examples, seed, options, examiner)
+                    if found is not None:
+                        yield found
+
+
+def _simplest_broken(
+    target: Target,
+    family: type[Case[Any]],
+    n_examples: int,
+    seed: int,
+    options: tuple[str, ...],
+    examiner: Examiner,
+) -> Examined | None:
+    """Simplest broken case of a family that can be found; the last one that hypothesis tries."""
+    last: list[Examined] = []
+
+    @seeded(seed)
+    @settings(
+        max_examples=n_examples,
+        deadline=None,
+        database=None,
+        phases=(Phase.generate, Phase.shrink),
+        suppress_health_check=list(HealthCheck),
+        report_multiple_bugs=False,
+    )
+    @given(cases_from(family))
+    def attempt(case: Case[Any]) -> None:
+        examined = examiner.examine(Task(target, case, seed, options))
+        if examined.is_broken:
+            last[:] = [examined]
+            raise _FoundError
+
+    try:
+        attempt()
+    except _FoundError:
+        return last[0]
+    return None

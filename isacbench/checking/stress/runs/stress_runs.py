@@ -1,0 +1,250 @@
+"""Running stress cases: each in a guarded process, each with a row, whatever becomes of it."""
+
+from __future__ import annotations
+
+import shlex
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, redirect_stdout
+from io import StringIO
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+from isacbench.bench.cells.isolation import process_state_kept, seed_global_generators
+from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
+from isacbench.checking.stress.promises.blas_kernels import other_kernels, set_kernels
+from isacbench.checking.stress.runs.examining import BROKEN, Verdict, examine
+from isacbench.checking.stress.runs.families import find_cases, require_kind, table_of
+from isacbench.plugins.discovery import local_plugins, register_plugin
+from isacbench.plugins.registry import (
+    build_estimators_of,
+    canonical_params,
+    get_detector,
+    parse_spec,
+    spec_variants,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from isacbench.checking.stress.case import Case
+    from isacbench.checking.stress.runs.examining import Outcome
+    from isacbench.plugins.discovery import Kind
+    from isacbench.plugins.local_files import PluginFile
+
+__all__ = ["TIMEOUT_S", "Examined", "Examiner", "Examiners", "Target", "Task", "find_targets", "tasks_of"]
+
+TIMEOUT_S = 120.0
+"""A case takes milliseconds to seconds, thousands of scatterers included."""
+
+
+class Target(NamedTuple):
+    """An estimator or a detector under stress.
+
+    Attributes
+    ----------
+    kind : {"estimator", "detector"}
+    spec : str
+        ``name[param=value,...]``.
+    params : str
+        Canonical JSON of all parameters.
+    """
+
+    kind: Kind
+    spec: str
+    params: str
+
+    @property
+    def name(self) -> str:
+        """Registered name."""
+        return parse_spec(self.spec).name
+
+
+class Task(NamedTuple):
+    """A case that a target is to go through.
+
+    Attributes
+    ----------
+    target : Target
+    case : Case
+    seed : int
+        Of what is random in it.
+    options : tuple of str
+        Further options of the command that runs it alone: where the plugin is found.
+    """
+
+    target: Target
+    case: Case[Any]
+    seed: int
+    options: tuple[str, ...] = ()
+
+
+class Examined(NamedTuple):
+    """What became of a task: a verdict a promise."""
+
+    task: Task
+    verdicts: list[Verdict]
+
+    @property
+    def worst(self) -> Verdict:
+        """Verdict that counts: a finding, else the one that came closest to its bound."""
+        return max(self.verdicts, key=lambda verdict: verdict.severity)
+
+    @property
+    def outcome(self) -> Outcome:
+        """Outcome of the whole case."""
+        return self.worst.outcome if self.is_broken else self.verdicts[0].outcome
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether it is a finding."""
+        return self.worst.outcome in BROKEN
+
+    @property
+    def time_s(self) -> float:
+        """Time of all promises together."""
+        return sum(verdict.time_s for verdict in self.verdicts)
+
+    @property
+    def reproduce(self) -> str:
+        """Command that runs this case alone."""
+        target, case, seed, options = self.task
+        option = "-e" if target.kind == "estimator" else "-d"
+        return shlex.join(
+            ["isacbench", "stress", *options, option, target.spec, "--case", case.spec, "--seed", str(seed)]
+        )
+
+
+def find_targets(kind: Kind, specs: Sequence[str]) -> list[Target]:
+    """Targets that specifications stand for, grids included.
+
+    Raises
+    ------
+    InputError
+        If one cannot be built.
+    """
+    found = [
+        Target(kind, spec, canonical_params(plugin)) for text in specs for spec, plugin in _built(kind, text)
+    ]
+    return list(dict.fromkeys(found))
+
+
+def _built(kind: Kind, text: str) -> list[tuple[str, Any]]:
+    if kind == "estimator":
+        return list(build_estimators_of(text))
+    return [(one, get_detector(spec.name, **spec.params)) for one, spec in spec_variants(text)]
+
+
+def tasks_of(
+    targets: Sequence[Target], cases: Sequence[str], seed: int, options: tuple[str, ...] = ()
+) -> list[Task]:
+    """Every target through every case that is meant for it.
+
+    Parameters
+    ----------
+    targets : sequence of Target
+    cases : sequence of str
+        Families or cases; all of the fixed table where there are none.
+    seed : int
+    options : tuple of str
+        See `Task`.
+
+    Raises
+    ------
+    InputError
+        If a case cannot be found, or is meant for none of the targets.
+    """
+    found = {text: find_cases(text) for text in cases}
+    kinds = {target.kind for target in targets}
+    for text, members in found.items():
+        require_kind(text, type(members[0]), kinds)
+    wanted = {
+        kind: [case for members in found.values() for case in members if case.kind == kind]
+        if cases
+        else table_of(kind)
+        for kind in kinds
+    }
+    return [Task(target, case, seed, options) for target in targets for case in wanted[target.kind]]
+
+
+class Examiner:
+    """One guarded process that examines; to be closed.
+
+    Parameters
+    ----------
+    timeout_s : float
+        Longest time of a case in s.
+    """
+
+    def __init__(self, timeout_s: float = TIMEOUT_S) -> None:
+        self._timeout_s = timeout_s
+        self._process = GuardedProcess(_start, local_plugins(), other_kernels())
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.stop()
+
+    def examine(self, task: Task) -> Examined:
+        """Put a target through a case; if it hangs or dies, that is the verdict."""
+        target, case, seed = task[:3]
+        try:
+            verdicts = self._process.call(
+                _examine, target.kind, target.spec, case.spec, seed, timeout_s=self._timeout_s
+            )
+        except ProcessLostError as loss:
+            time_s = self._timeout_s if loss.status == "timeout" else float("nan")
+            verdicts = [Verdict("finite", loss.status, float("nan"), float("nan"), time_s, loss.reason)]
+        return Examined(task, verdicts)
+
+
+class Examiners:
+    """Processes that examine side by side.
+
+    Parameters
+    ----------
+    jobs : int
+    timeout_s : float
+        Longest time of a case in s.
+    """
+
+    def __init__(self, jobs: int = 1, timeout_s: float = TIMEOUT_S) -> None:
+        self._jobs, self._timeout_s = jobs, timeout_s
+
+    def examine(self, tasks: Sequence[Task]) -> Iterator[Examined]:
+        """Examine tasks; what comes of them comes in their order."""
+        idle: SimpleQueue[Examiner] = SimpleQueue()
+        with ExitStack() as stack:
+            threads = stack.enter_context(ThreadPoolExecutor(self._jobs))
+            for _ in range(self._jobs):
+                idle.put(stack.enter_context(closing(Examiner(self._timeout_s))))
+            stack.callback(threads.shutdown, wait=False, cancel_futures=True)
+
+            def examine(task: Task) -> Examined:
+                examiner = idle.get()
+                try:
+                    return examiner.examine(task)
+                finally:
+                    idle.put(examiner)
+
+            yield from threads.map(examine, tasks)
+
+
+# What follows runs in the process.
+
+_plugins: dict[tuple[Kind, str], Any] = {}
+
+
+def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
+    set_kernels(kernels)
+    for plugin in plugins:
+        register_plugin(plugin)
+
+
+def _examine(kind: Kind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
+    if (kind, spec) not in _plugins:
+        [(_, _plugins[kind, spec])] = _built(kind, spec)
+    [case] = find_cases(case_spec)
+    with process_state_kept(), threadpool_limits(1), redirect_stdout(StringIO()):
+        seed_global_generators(seed, spec, case_spec)
+        return examine(case, _plugins[kind, spec], seed)

@@ -1,0 +1,299 @@
+"""Commands on one image: take it, score it, write its frame, plan it."""
+
+from __future__ import annotations
+
+import math
+import time
+import traceback
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from isacbench.bench.run.progress import progress_shown
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
+from isacbench.cli.options import SEED_HELP, AsJson, PluginFiles, register, require_names
+from isacbench.cli.printing import print_grid, print_json, print_scores
+from isacbench.errors import InputError
+from isacbench.files.escaping import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.observation import Observation
+
+__all__ = ["image", "plan", "score", "simulate"]
+
+
+SCENARIO = typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
+ESTIMATOR = typer.Option("-e", "--estimator", metavar="NAME[param=value,...]", help="Estimator.")
+TRIAL = typer.Option("--trial", metavar="TRIAL", min=0, help="Which noise draw.")
+SEED = typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)
+DEFAULT_SNR = "10"
+
+REPEATED_S = 1.0
+"""Longest first call that is repeated: of longer ones imports are a small part, and a second costs much."""
+
+
+@app.command()
+def image(
+    scenario: Annotated[str, SCENARIO] = "street",
+    estimator: Annotated[str, ESTIMATOR] = "music2d",
+    cube: Annotated[
+        Path | None,
+        typer.Option("--cube", metavar="FILE", help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr."),
+    ] = None,
+    transmitted: Annotated[
+        Path | None,
+        typer.Option("--transmitted", metavar="FILE", help="Grid that the cube is to be divided by."),
+    ] = None,
+    snr: Annotated[
+        str | None, typer.Option("--snr", metavar="DB|inf", help="SNR in dB; default 10, none with a cube.")
+    ] = None,
+    trial: Annotated[int | None, TRIAL] = None,
+    seed: Annotated[int | None, SEED] = None,
+    sensing: Annotated[
+        str | None, typer.Option("--sensing", metavar="all|prs", help="Resource elements sensed with.")
+    ] = None,
+    modulation: Annotated[
+        str | None,
+        typer.Option("--modulation", metavar="qpsk|16qam|64qam|256qam", help="Of the data that are sent."),
+    ] = None,
+    division: Annotated[
+        str | None,
+        typer.Option(
+            "--division", metavar="reciprocal|matched|wiener", help="How the echo is divided by the symbols."
+        ),
+    ] = None,
+    waveform: Annotated[
+        bool, typer.Option("--waveform", help="Simulate the echo in the time domain, not in closed form.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="cloud.csv|.ply|.mat|.npy", help="Write the cloud.")
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot", metavar="picture.png", help="Draw the cloud, beside the truth if there is any."
+        ),
+    ] = None,
+    plugin: PluginFiles = None,
+) -> None:
+    """Take one image, of a simulated or of a recorded frame; score, write or draw its cloud."""
+    from isacbench.files.checked_files import require_picture
+
+    if plot is not None:
+        require_picture(plot)
+    if cube is None and transmitted is not None:
+        raise InputError("--transmitted: allowed with --cube FILE, which it belongs to")
+    if cube is not None and (trial, seed, modulation, waveform) != (None, None, None, False):
+        raise InputError(
+            "--trial, --seed, --modulation and --waveform: allowed without --cube, which is recorded"
+        )
+    if cube is not None and snr is not None and division != "wiener":
+        raise InputError("--snr: allowed with --cube where --division wiener takes it; the noise is recorded")
+    signal = _given(sensing=sensing, modulation=modulation, division=division)
+    register(plugin)
+    require_names([scenario], [estimator])
+    from threadpoolctl import threadpool_limits
+
+    from isacbench.bench.cells.cell import score_image
+    from isacbench.bench.run.runner import estimate_cloud
+    from isacbench.cubes.frame_observation import observe_cube
+    from isacbench.instrument.remarks import Remarks
+    from isacbench.model.cloud_files.formats import write_cloud
+    from isacbench.model.scenes.scenario import load_scenario
+    from isacbench.plugins.registry import build_estimator
+
+    scene, imager = load_scenario(scenario), build_estimator(estimator)
+    if cube is None:
+        snr_db = _one_snr(snr or DEFAULT_SNR)
+        told = [*signal.values(), *(["waveform"] if waveform else [])]
+        title = ", ".join([scene.name, estimator, f"{snr_db:g} dB", *told])
+        observation = _simulated(waveform)(scene, snr_db, trial or 0, seed or 0, **signal)
+    else:
+        title = ", ".join([cube.name, scene.name, estimator, *signal.values()])
+        known_snr_db = None if snr is None else _one_snr(snr)
+        observation = observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
+    take = partial(estimate_cloud, imager, observation, scene.truth)
+    try:
+        # Small batched algebra is slower on several threads, and much so where others use the cores.
+        with threadpool_limits(limits=1):
+            with Remarks() as remarks:
+                cloud, first_s = _timed(take)
+            # A recorded frame is read by the first call.
+            again_s = _timed(take)[1] if cube is None and first_s < REPEATED_S else None
+    except InputError:
+        raise
+    except Exception as error:
+        traceback.print_exc()
+        fail(f"{estimator} failed: {type(error).__name__}: {error}", EXIT_FAILED_CELLS)
+    if out is not None:
+        write_cloud(cloud, out)
+    if plot is not None:
+        from isacbench.report.figures.plotting import plot_clouds
+
+        plot_clouds(scene.truth, cloud, region=scene.region, radius_m=scene.radius_m, title=title, out=plot)
+    say(f"{title}: {counted(len(cloud), 'point')} in {_told_time(first_s, again_s, cube is not None)}")
+    for sentence in remarks.sentences():
+        typer.echo(sentence)
+    if len(scene.truth):  # a scene of noise alone can be looked at, not scored
+        print_scores(score_image(scene, cloud))
+
+
+@app.command()
+def simulate(
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="FILE", help="New file: .npy, .h5, .hdf5 or .zarr.")
+    ],
+    scenario: Annotated[str, SCENARIO] = "street",
+    snr: Annotated[str, typer.Option("--snr", metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
+    trial: Annotated[int, TRIAL] = 0,
+    seed: Annotated[int, SEED] = 0,
+    precision: Annotated[
+        str, typer.Option("--precision", metavar="single|double", help="complex64 or complex128.")
+    ] = "single",
+) -> None:
+    """Write the full frame of a scenario, whose image is that of the same SNR, trial and seed."""
+    require_names([scenario])
+    from isacbench.cubes.simulating import FrameSimulator, write_frame
+    from isacbench.model.scenes.scenario import load_scenario
+
+    dtype = _dtype(precision)
+    frame = FrameSimulator(load_scenario(scenario), _one_snr(snr), trial, seed)
+    start = time.perf_counter()
+    with progress_shown(out.name, "subcarriers") as show:
+        write_frame(frame, out, dtype, show)
+    size = " x ".join(map(str, frame.shape))
+    n_bytes = math.prod(frame.shape) * dtype.itemsize
+    say(f"{out}: {size}, {dtype}, {n_bytes / 1e6:.0f} MB in {time.perf_counter() - start:.1f} s")
+
+
+@app.command()
+def plan(
+    scenario: Annotated[str, SCENARIO] = "street",
+    estimator: Annotated[str, ESTIMATOR] = "music2d",
+    precision: Annotated[
+        str, typer.Option("--precision", metavar="single|double", help="Of the cube.")
+    ] = "single",
+    as_json: AsJson = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Say what an image of a recorded frame takes, and what it skips of the full 4-D chain."""
+    register(plugin)
+    require_names([scenario], [estimator])
+    from isacbench.cubes.image_cost import plan_image
+    from isacbench.model.scenes.scenario import load_scenario
+    from isacbench.plugins.registry import build_estimator
+    from isacbench.report.texts.image_plan import describe_plan, plan_grids, plan_lines
+
+    scene = load_scenario(scenario)
+    planned = plan_image(scene, build_estimator(estimator), _dtype(precision))
+    if as_json:
+        print_json(describe_plan(planned))
+        return
+    say(f"{scene.name}, {estimator}")
+    for line in plan_lines(planned, scene.system):
+        say(line)
+    for grid in plan_grids(planned):
+        print_grid(grid)
+    say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
+
+
+@app.command()
+def score(
+    truth: Annotated[
+        str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
+    ],
+    cloud: Annotated[
+        Path, typer.Argument(metavar="CLOUD", help="Cloud file: .csv, .npy, .npz, .mat or .ply.")
+    ],
+    metric: Annotated[str, typer.Option("--metric", metavar="METRIC", help="paper or repository.")] = "paper",
+    as_json: AsJson = False,
+) -> None:
+    """Score a cloud against the truth."""
+    from isacbench.model.cloud_files.formats import read_cloud
+
+    scores = _scorer(truth)(read_cloud(cloud), metric=metric)
+    if as_json:
+        print_json(scores)
+    else:
+        print_scores(scores)
+
+
+def _timed(take: Callable[[], PointCloud]) -> tuple[PointCloud, float]:
+    """Take an image and measure the time in s."""
+    start = time.perf_counter()
+    cloud = take()
+    return cloud, time.perf_counter() - start
+
+
+def _told_time(first_s: float, again_s: float | None, is_read: bool) -> str:
+    """Describe the time of an image: of a second call where there was one, which is what runs measure."""
+    first = f"{1e3 * first_s:.1f} ms"
+    if again_s is None:
+        return f"{first}, {'reading, ' if is_read else ''}imports and tables included"
+    return f"{1e3 * again_s:.1f} ms (the first call, with imports and tables: {first})"
+
+
+def _simulated(waveform: bool) -> Callable[..., Observation]:
+    """What observes a simulated frame: the closed form, or the waveform in the time domain."""
+    if waveform:
+        from isacbench.link.sensing.echo_waveform import observe_waveform
+
+        return observe_waveform
+    from isacbench.link.sensing.observing import observe
+
+    return observe
+
+
+def _given(**options: str | None) -> dict[str, Any]:
+    """Options that were given."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _dtype(precision: str) -> np.dtype[Any]:
+    """Precision of a cube."""
+    import numpy as np
+
+    dtypes: dict[str, np.dtype[Any]] = {
+        "single": np.dtype(np.complex64),
+        "double": np.dtype(np.complex128),
+    }
+    if precision not in dtypes:
+        raise InputError(f"--precision {precision!r}: allowed are {' and '.join(dtypes)}")
+    return dtypes[precision]
+
+
+def _one_snr(text: str) -> float:
+    """Parse a single SNR; without noise it is infinite."""
+    from isacbench.bench.suites.suite import parse_snr
+
+    if text.strip() == "inf":
+        return math.inf
+    values = parse_snr(text)
+    if len(values) != 1:
+        raise InputError(f"SNR {text!r}: allowed is one number, an image has one SNR")
+    return values[0]
+
+
+def _scorer(name_or_path: str) -> Callable[..., dict[str, Any]]:
+    """Return what scores clouds against the truth of a file, or of a scenario in its region."""
+    from isacbench.bench.cells.cell import score_image
+    from isacbench.metrics.score import score
+    from isacbench.model.cloud_files.formats import read_cloud
+    from isacbench.model.scenes.scenario import load_scenario
+
+    if Path(name_or_path).suffix in ("", ".toml"):
+        scenario = load_scenario(name_or_path)
+        truth, scorer = scenario.truth, partial(score_image, scenario)
+    else:
+        truth = read_cloud(name_or_path)
+        scorer = partial(score, truth)
+    if not len(truth):
+        raise InputError(f"{name_or_path}: the truth has no points; allowed is at least one")
+    return scorer

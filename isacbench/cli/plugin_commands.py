@@ -1,0 +1,64 @@
+"""Commands on estimators and detectors: list them, check them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, say
+from isacbench.cli.options import AsJson, PluginFiles, register
+from isacbench.cli.printing import print_json
+
+__all__ = ["check", "list_"]
+
+
+@app.command("list")
+def list_(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
+    """List estimators, detectors, scenarios and suites."""
+    from isacbench.bench.suites.catalogue import catalogue
+    from isacbench.plugins.specifications import spell_value
+
+    register(plugin)
+    content = catalogue()
+    if as_json:
+        print_json(content)
+        return
+    for section, entries in content.items():
+        say(f"{section}:")
+        for entry in entries:
+            say(f"  {entry['name']:<16} {entry['description']}")
+            for name, parameter in entry.get("parameters", {}).items():
+                default = f" = {spell_value(parameter['default'])}" if "default" in parameter else ""
+                say(f"      {name}: {parameter['type']}{default}")
+
+
+@app.command()
+def check(
+    package_or_file: Annotated[
+        str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
+    ],
+    as_json: AsJson = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Put estimators and detectors through the contract, and say what to mend."""
+    from isacbench.checking.contract.targets import find_plugins
+
+    register(plugin)
+    wanted = find_plugins(package_or_file)
+    from isacbench.checking.contract import CheckReport, PluginFindings
+    from isacbench.checking.contract.guarded_checks import check_guarded
+    from isacbench.plugins.registry import distribution
+    from isacbench.report.texts.contract_findings import describe_checks, print_checks
+
+    found = [
+        PluginFindings(kind, name, distribution(kind, name), tuple(check_guarded(kind, name)))
+        for kind, name in wanted
+    ]
+    report = CheckReport(tuple(found))
+    if as_json:
+        print_json(describe_checks(report))
+    else:
+        print_checks(report)
+    if not report.ok:
+        raise typer.Exit(EXIT_FAILED_CELLS)

@@ -1,0 +1,237 @@
+"""Commands on the results of runs: draw again, join, score again, compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
+from isacbench.cli.options import AsJson, PluginFiles, register
+from isacbench.cli.printing import print_grid, print_json, report_run
+from isacbench.errors import InputError
+from isacbench.files.checked_files import is_there, require_replaceable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from isacbench.bench.compare.comparison import Comparison
+
+__all__ = ["compare", "merge", "report", "rescore"]
+
+GAPS_SHOWN = 10
+"""Lines about missing cells; whoever misses more has not merged all parts yet."""
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    plugin: PluginFiles = None,
+) -> None:
+    """Redraw tables and figures of a run, without running again."""
+    from isacbench.bench.store.run_store import read_results
+
+    register(plugin)
+    results = read_results(folder)
+    report_run(folder, results.records, results.suite.kind)
+
+
+@app.command()
+def merge(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Folders of runs of one suite, such as its shards.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="New folder for all of them.")],
+    mix_versions: Annotated[
+        bool, typer.Option("--mix-versions", help="Join rows of an estimator that several versions made.")
+    ] = False,
+    plugin: PluginFiles = None,
+) -> None:
+    """Join parts of a run: its shards, or runs of one suite with other estimators, SNRs or trials."""
+    from isacbench.bench.plan.labels import estimator_labels
+    from isacbench.bench.run.merging import merge as merge_runs
+
+    register(plugin)
+    merged = merge_runs(folders, out, mix_versions)
+    if not merged.records.empty:
+        report_run(out, merged.records, merged.kind)
+    say(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
+    made = zip(merged.records["estimator"], merged.records["params"], strict=True)
+    labels = estimator_labels([*made, *((gap.estimator, gap.params) for gap in merged.gaps)])
+    for gap in merged.gaps[:GAPS_SHOWN]:
+        trials = f"trial{'s' if len(gap.trials) > 1 else ''} {', '.join(map(str, gap.trials))}"
+        label = labels[gap.estimator, gap.params]
+        say(f"missing: {gap.n_cells} cells of {label} on {gap.scenario}, {trials}")
+    if len(merged.gaps) > GAPS_SHOWN:
+        say(f"missing: and of {len(merged.gaps) - GAPS_SHOWN} more")
+
+
+@app.command()
+def rescore(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+    """Score the clouds of a run again, without estimating: after a change of the metric, say."""
+    from isacbench.bench.run.rescoring import rescore as rescore_run
+
+    rescored = rescore_run(folder)
+    if not rescored.records.empty:
+        report_run(folder, rescored.records, rescored.kind)
+    say(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")
+    for change in rescored.changes:
+        say(f"{change.column}: {change.n_rows} rows, by at most {change.largest:.6g}")
+
+
+@app.command()
+def compare(
+    base: Annotated[
+        Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with, or of the only run.")
+    ],
+    new: Annotated[
+        Path | None, typer.Argument(metavar="NEW", help="Folder of the run to judge.", show_default=False)
+    ] = None,
+    mapped: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="OLD[...]=NEW[...]",
+            help="Pair an estimator of BASE with another one, or other parameters, of NEW; repeats.",
+        ),
+    ] = None,
+    match: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--match", metavar="NAME", help="Pair the one NAME of each run, whatever its parameters; repeats."
+        ),
+    ] = None,
+    between: Annotated[
+        str | None,
+        typer.Option(
+            "--between", metavar="A[...]", help="With --and: compare two estimators of the one run BASE."
+        ),
+    ] = None,
+    other: Annotated[
+        str | None, typer.Option("--and", metavar="B[...]", help="Estimator to judge by that of --between.")
+    ] = None,
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tolerance",
+            metavar="NAME=5%",
+            help="Tolerated change of a score, in % of BASE or in its unit; repeats. Always: deviation=5%.",
+        ),
+    ] = None,
+    alpha: Annotated[
+        float, typer.Option("--alpha", metavar="0.01", help="Probability of any false regression, at most.")
+    ] = 0.01,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot",
+            metavar="picture.png",
+            help="Default NEW/figures/compare-<score>.png, where NEW can be written.",
+        ),
+    ] = None,
+    markdown: Annotated[
+        Path | None, typer.Option("--markdown", metavar="FILE", help="Write a summary for people.")
+    ] = None,
+    junit: Annotated[
+        Path | None,
+        typer.Option("--junit", metavar="FILE", help="Write JUnit XML for continuous integration."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two runs, or two estimators of one.
+
+    Exit code 4 if a curve is worse or cells are lost, 5 if the runs cannot be compared.
+    """
+    from isacbench.bench.compare.matching import NotComparableError
+    from isacbench.bench.compare.regressions import compare as compare_runs
+    from isacbench.report.comparisons.comparison_figure import comparison_paths, draw_comparison_files
+    from isacbench.report.comparisons.comparison_tables import comparison_content
+    from isacbench.report.comparisons.junit import comparison_junit, incomparable_junit
+    from isacbench.report.comparisons.markdown import comparison_markdown, incomparable_markdown
+
+    if (between is None) != (other is None):
+        raise InputError("--between A and --and B: allowed are both or neither")
+    _require_own_places([path for path in (markdown, junit) if path is not None])
+    try:
+        found = compare_runs(
+            base,
+            new,
+            map=mapped or (),
+            match=match or (),
+            between=None if between is None or other is None else (between, other),
+            tolerances=tolerance or (),
+            alpha=alpha,
+        )
+    except NotComparableError as error:
+        told = str(base), str(new), error.reasons
+        _write(markdown, lambda: incomparable_markdown(*told))
+        _write(junit, lambda: incomparable_junit(*told))
+        if as_json:
+            print_json({"comparable": False, "reasons": error.reasons})
+            raise typer.Exit(EXIT_NOT_COMPARABLE) from error
+        fail("not comparable: " + "; ".join(error.reasons), EXIT_NOT_COMPARABLE)
+    folder = base if new is None else new
+    comparison_paths(found, folder, plot)  # a wrong name is told before anything else
+    _write(markdown, lambda: comparison_markdown(found))
+    _write(junit, lambda: comparison_junit(found))
+    if not as_json:
+        _print_comparison(found, folder, plot)
+    else:
+        print_json(comparison_content(found))
+        if plot is not None:
+            draw_comparison_files(found, folder, plot)
+    if found.is_regression:
+        raise typer.Exit(EXIT_REGRESSION)
+
+
+def _require_own_places(paths: list[Path]) -> None:
+    """Refuse files that could not be written, that are one, or that are what a run consists of."""
+    from isacbench.bench.store.run_store import RUN_TABLES
+
+    for index, path in enumerate(paths):
+        require_replaceable(path)
+        if path.name in RUN_TABLES and is_there(path):
+            raise InputError(f"{path}: what a run consists of is not overwritten; allowed is another name")
+        if path.resolve() in [other.resolve() for other in paths[:index]]:
+            raise InputError(f"{path}: is asked for twice; allowed is a file for each")
+
+
+def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -> None:
+    """Print a comparison and draw it; by default into the folder of the new run, where that is allowed."""
+    from isacbench.bench.store.run_folder import require_unlocked
+    from isacbench.report.comparisons.comparison_figure import draw_comparison_files
+    from isacbench.report.comparisons.comparison_tables import (
+        comparison_grids,
+        comparison_lines,
+        comparison_summary,
+    )
+    from isacbench.report.comparisons.words import wording
+
+    for line in wording(comparison).heading:
+        say(line)
+    for grid in comparison_grids(comparison):
+        print_grid(grid)
+    for line in comparison_lines(comparison):
+        say(line)
+    try:
+        if plot is None:
+            require_unlocked(folder)
+        figures = draw_comparison_files(comparison, folder, plot)
+    except InputError as error:
+        if plot is not None:
+            raise
+        say(f"no figures: {error}")
+    else:
+        if figures:
+            say(f"figures: {', '.join(map(str, figures))}")
+    say(comparison_summary(comparison))
+
+
+def _write(path: Path | None, content: Callable[[], str]) -> None:
+    """Write a file that was asked for, in place of an older one."""
+    from isacbench.bench.store.run_folder import replacing
+
+    if path is not None:
+        with replacing(path, afterwards="") as temporary:
+            temporary.write_text(content(), encoding="utf-8", newline="")

@@ -1,0 +1,157 @@
+"""The command that puts estimators and detectors under stress."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail, say, say_lines
+from isacbench.cli.options import SEED_HELP, AsJson, EstimatorSpecs, PluginFiles, register, require_names
+from isacbench.cli.printing import print_grid, print_json
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from isacbench.checking.stress.case import Case
+    from isacbench.checking.stress.runs.stress_runs import Examined, Target
+
+__all__ = ["stress"]
+
+TIMEOUT_S = 120.0
+"""Equal to `isacbench.checking.stress.runs.stress_runs.TIMEOUT_S`, whose import takes long."""
+
+
+@app.command()
+def stress(
+    estimator: EstimatorSpecs = None,
+    detector: Annotated[
+        list[str] | None,
+        typer.Option(
+            "-d", "--detector", metavar="NAME[param=value,...]", help="Detector, likewise; repeats."
+        ),
+    ] = None,
+    case: Annotated[
+        list[str] | None,
+        typer.Option("--case", metavar="FAMILY[param=value,...]", help="Case, or all of a family; repeats."),
+    ] = None,
+    search: Annotated[
+        int | None,
+        typer.Option(
+            "--search",
+            metavar="N",
+            min=1,
+            help="Draw N cases a family at random, instead of the table; needs isacbench[stress].",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="Folder; default results/stress-<time>."),
+    ] = None,
+    jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes.")] = 1,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="SECONDS", min=0.001, help="Longest time of a case.")
+    ] = TIMEOUT_S,
+    plugin: PluginFiles = None,
+    as_json: AsJson = False,
+) -> None:
+    """Put estimators and detectors through hostile but finite input, and say what breaks."""
+    register(plugin)
+    require_names(estimators=estimator or (), detectors=detector or ())
+    from isacbench.bench.workers.process_server import start_process_server
+
+    start_process_server()
+    from isacbench.bench.store.run_folder import default_folder
+    from isacbench.checking.stress.runs.stress_runs import find_targets
+    from isacbench.checking.stress.runs.stress_table import (
+        case_table,
+        open_stress_folder,
+        promise_table,
+        write_tables,
+    )
+    from isacbench.plugins.registry import detector_names, estimator_names
+    from isacbench.report.texts.stress_findings import (
+        HEADER,
+        describe_stress,
+        family_grid,
+        line,
+        promise_grid,
+        searched,
+        summary,
+    )
+
+    everything = estimator is None and detector is None
+    targets = [
+        *find_targets("estimator", estimator_names() if everything else estimator or ()),
+        *find_targets("detector", detector_names() if everything else detector or ()),
+    ]
+    options = tuple(part for path in plugin or () for part in ("--plugin", str(path)))
+    work = _work(targets, case or [], search, seed, jobs, timeout, options)
+    examined: list[Examined] = []
+    interrupted = False
+    folder = default_folder("stress") if out is None else out
+    with open_stress_folder(folder):
+        try:
+            if not as_json:
+                say(HEADER)
+            for one in work:
+                examined.append(one)
+                if not as_json:
+                    say_lines(line(one))
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            # Whatever ends this, a terminal that is gone included.
+            paths = write_tables(folder, examined, timeout_s=timeout)
+    if as_json:
+        print_json(describe_stress(examined))
+    else:
+        for grid in (promise_grid(promise_table(examined)), family_grid(case_table(examined))):
+            if search is None and grid.rows:
+                print_grid(grid)
+        say(summary(examined) if search is None or interrupted else searched(examined, search, len(targets)))
+        say(f"{folder}: {', '.join(path.name for path in paths)}")
+    if interrupted:
+        fail(f"interrupted: the {len(examined)} cases so far are in {folder}", EXIT_INTERRUPTED)
+    broken = [one for one in examined if one.is_broken]
+    if broken:
+        findings = "1 finding" if len(broken) == 1 else f"{len(broken)} findings"
+        fail(f"{findings}; the first one: {broken[0].reproduce}", EXIT_FAILED_CELLS)
+
+
+def _work(
+    targets: list[Target],
+    cases: list[str],
+    n_examples: int | None,
+    seed: int,
+    jobs: int,
+    timeout_s: float,
+    options: tuple[str, ...],
+) -> Iterator[Examined]:
+    """Cases of the table, or findings of a search, one after the other."""
+    from isacbench.checking.stress.runs.stress_runs import Examiners, tasks_of
+
+    if n_examples is not None and jobs > 1:
+        raise InputError(f"--jobs {jobs}: allowed with --search is 1, for one case leads to the next")
+    if n_examples is None:
+        return Examiners(jobs, timeout_s).examine(tasks_of(targets, cases, seed, options))
+    from isacbench.checking.stress.runs.families import find_families
+
+    try:
+        from isacbench.checking.stress.runs.random_search import search
+    except ModuleNotFoundError as error:
+        if error.name != "hypothesis":
+            raise
+        raise InputError(
+            f'--search {n_examples}: the package `hypothesis` is missing; pip install "isacbench[stress]"'
+        ) from error
+    families = find_families(cases, {target.kind for target in targets})
+    return search(targets, families, n_examples, seed, timeout_s, options, _tell)
+
+
+def _tell(target: Target, family: type[Case[Any]]) -> None:
+    """Say on stderr what is searched, for it takes a while."""
+    say(f"searching {family.name} for {target.spec}", err=True)

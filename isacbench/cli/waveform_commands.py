@@ -1,0 +1,73 @@
+"""The command on the transmitted waveform."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from isacbench.bench.run.progress import progress_shown
+from isacbench.cli.app import app, say
+from isacbench.cli.options import SEED_HELP, AsJson, require_names
+from isacbench.cli.printing import print_grid, print_json
+
+__all__ = ["waveform"]
+
+
+@app.command()
+def waveform(
+    scenario: Annotated[
+        str, typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
+    ] = "street",
+    modulation: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--modulation", metavar="NAME", help="qpsk, 16qam, 64qam or 256qam; repeats. All unless given."
+        ),
+    ] = None,
+    frames: Annotated[
+        int, typer.Option("--frames", metavar="FRAMES", min=1, help="Frames whose peaks are measured.")
+    ] = 45,
+    seed: Annotated[int, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = 0,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder to draw figures into.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Tell what the waveform of a scenario takes and carries: times, band, peaks, bits."""
+    require_names([scenario])
+    from isacbench.link.waveform.figures_of_merit import draw_papr_db, waveform_merits
+    from isacbench.link.waveform.qam import BITS, Modulation, bits_per_symbol
+    from isacbench.link.waveform.resource_grid import draw_grid
+    from isacbench.model.scenes.scenario import load_scenario
+    from isacbench.report.texts.waveform_merits import describe_waveform, waveform_grids
+
+    modulations = [cast("Modulation", name) for name in dict.fromkeys(modulation or BITS)]
+    for name in modulations:
+        bits_per_symbol(name)
+    scene = load_scenario(scenario)
+    system = scene.system
+    merits = waveform_merits(system)
+    with progress_shown("peaks", "frames") as show:
+        n_drawn, n_frames = 0, frames * len(modulations)
+
+        def drawn() -> None:
+            nonlocal n_drawn
+            n_drawn += 1
+            show(n_drawn, n_frames)
+
+        papr_db = {name: draw_papr_db(system, name, frames, seed=seed, drawn=drawn) for name in modulations}
+    if as_json:
+        print_json({"scenario": scene.name, **describe_waveform(system, merits, papr_db)})
+    else:
+        say(scene.name)
+        for grid in waveform_grids(system, merits, papr_db):
+            print_grid(grid)
+    if out is not None:
+        from isacbench.report.figures.waveform_figures import draw_waveform
+
+        paths = draw_waveform(out, scene.name, system, draw_grid(system, modulations[0], seed=seed), papr_db)
+        if not as_json:
+            for path in paths:
+                say(str(path))

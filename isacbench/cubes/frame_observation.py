@@ -1,0 +1,200 @@
+"""The observation of a recorded frame: range-Doppler cells that are computed when an estimator reads them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isacbench.cubes.cube import Cube, require_shape
+from isacbench.cubes.opening import open_cube, read_grid
+from isacbench.cubes.transform import GateTransform
+from isacbench.errors import InputError
+from isacbench.link.sensing.division import division_factors, sensed_elements
+from isacbench.link.waveform.sent_signal import Signal
+from isacbench.model.gate import build_gate
+from isacbench.model.observation import Observation, cross_elements
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from isacbench.link.waveform.sent_signal import Division
+    from isacbench.model.prs import Sensing
+    from isacbench.model.scene import Scenario
+
+__all__ = ["CubeObservation", "observe_cube"]
+
+CubeLike = Any
+"""Array in memory, HDF5 dataset, zarr array, or the path of a file that holds one."""
+
+
+class CubeObservation(Observation):
+    """Range-Doppler cells of a recorded frame, transformed when they are first read, and then kept.
+
+    `cells` reads the whole frame, `cross` one column and one row of the
+    array. Built by `observe_cube`.
+    """
+
+    _source: CubeLike
+    _factors: NDArray[np.complex128] | None
+    _workers: int | None
+
+    def __init__(
+        self,
+        source: CubeLike,
+        scenario: Scenario,
+        factors: NDArray[np.complex128] | None,
+        workers: int | None,
+        sensing: Sensing,
+    ) -> None:
+        known = {
+            "gate": build_gate(scenario.system, scenario.base_station_m, scenario.region),
+            "system": scenario.system,
+            "array": scenario.array,
+            "frame": scenario.frame,
+            "base_station_m": scenario.base_station_m,
+            "region": scenario.region,
+            "sensing": sensing,
+            "_source": source,
+            "_factors": factors,
+            "_workers": workers,
+        }
+        for name, value in known.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def cells(self) -> NDArray[np.complex128]:
+        """Cells (n_range, n_doppler, P, Q) of all virtual elements, read-only."""
+        cells = self._transformed(self.array.positions)
+        return cells.reshape(*self.gate.shape, *self.array.shape)
+
+    @cached_property
+    def cross(self) -> NDArray[np.complexfloating[Any, Any]]:
+        """Cells (n_range, n_doppler, P + Q - 1) of the elements (p, 0), then of (0, q) from q = 1."""
+        if "cells" in vars(self):
+            return super().cross
+        return self._transformed(cross_elements(self.array.shape))
+
+    def _transformed(self, elements: NDArray[np.int64]) -> NDArray[np.complex128]:
+        transform = GateTransform(self.gate, self.system)
+        with open_cube(self._source) as cube:
+            cells = transform.cells(cube, elements, self._factors, self._workers)
+        cells.setflags(write=False)
+        return cells
+
+
+def observe_cube(
+    array_or_path: CubeLike,
+    scenario: Scenario,
+    transmitted: ArrayLike | str | Path | None = None,
+    workers: int | None = None,
+    *,
+    sensing: Sensing = "all",
+    division: Division = "reciprocal",
+    snr_db: float | None = None,
+) -> Observation:
+    """Observe a recorded frame; its cells are transformed when an estimator reads them.
+
+    Parameters
+    ----------
+    array_or_path : array_like, HDF5 dataset, zarr array, str or Path
+        The cube, shape (n_subcarriers, n_symbols, P, Q), complex64 or
+        complex128: what each virtual element received, per resource element.
+        Files are ``.npy``, ``.npz``, ``.mat`` (7.3 as well), ``.h5``,
+        ``.hdf5`` and ``.zarr``.
+    scenario : Scenario
+        Its system, array, frame, base station and region; its scatterers do
+        not matter.
+    transmitted : array_like, str or Path, optional
+        Transmitted grid, shape (n_subcarriers, n_symbols), or the file that
+        holds it, by which the cube is then divided. Without it the one beside
+        the cube in its file, and where there is none the cube counts as
+        divided.
+    workers : int, optional
+        Threads of the transform; by default all cores.
+    sensing : {"all", "prs"}
+        Resource elements that are sensed with. What is not sensed with need
+        not be known: there the transmitted grid may be anything.
+    division : {"reciprocal", "matched", "wiener"}
+        How the cube is divided by the transmitted grid.
+    snr_db : float, optional
+        SNR of the echo per resource element, which Wiener division takes.
+
+    Returns
+    -------
+    Observation
+        Whose `cells` and `cross` raise `InputError` where what they read is
+        not finite.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is damaged, the cube has the wrong
+        shape or is not complex, or a division lacks the transmitted grid or the
+        SNR that it takes.
+
+    Examples
+    --------
+    >>> from isacbench import get_estimator, load_scenario
+    >>> scenario = load_scenario("single")
+    >>> shape = scenario.system.n_subcarriers, scenario.system.n_symbols, *scenario.array.shape
+    >>> observation = observe_cube(np.zeros(shape, dtype=np.complex64), scenario)
+    >>> len(get_estimator("music2d", integration="element").estimate(observation))
+    0
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"workers {workers}: allowed is 1 or more")
+    signal = Signal(sensing=sensing, division=division)
+    with open_cube(array_or_path) as cube:
+        require_shape(cube, scenario.system, scenario.array)
+        grid = cube.transmitted if transmitted is None else _read_transmitted(transmitted)
+        sensed = sensed_elements(scenario.system, sensing)
+        symbols = None if grid is None else _checked(grid, cube, sensed)
+        _require_known(cube, symbols, division, snr_db)
+        factors = None
+        if symbols is not None or not sensed.all():
+            known = np.ones(sensed.shape) if symbols is None else symbols
+            factors = division_factors(known, sensed, signal.division, np.inf if snr_db is None else snr_db)
+    return CubeObservation(array_or_path, scenario, factors, workers, sensing)
+
+
+def _read_transmitted(transmitted: ArrayLike | str | Path) -> NDArray[Any]:
+    return read_grid(transmitted) if isinstance(transmitted, (str, PathLike)) else np.asarray(transmitted)
+
+
+def _require_known(
+    cube: Cube, symbols: NDArray[np.complex128] | None, division: Division, snr_db: float | None
+) -> None:
+    """Refuse divisions that need to know what nobody said, and an SNR that is good for nothing."""
+    if symbols is None and division != "reciprocal":
+        raise InputError(
+            f"{cube.name}: division = {division!r} takes the transmitted grid, and there is none; allowed is "
+            "'reciprocal' for a cube that is divided"
+        )
+    if division == "wiener" and (snr_db is None or np.isnan(snr_db)):
+        raise InputError(f"{cube.name}: division = 'wiener' takes the SNR of the echo, snr_db = {snr_db}")
+    if division != "wiener" and snr_db is not None:
+        raise InputError(f"{cube.name}: snr_db is allowed with division = 'wiener', not {division!r}")
+
+
+def _checked(grid: NDArray[Any], cube: Cube, sensed: NDArray[np.bool_]) -> NDArray[np.complex128]:
+    """Transmitted grid that something can be divided by."""
+    if grid.shape != cube.shape[:2]:
+        raise InputError(
+            f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "
+            "subcarriers by symbols as in the cube"
+        )
+    if grid.dtype.kind not in "fiuc":
+        raise InputError(f"{cube.name}: the transmitted grid has dtype {grid.dtype}; allowed are numbers")
+    values = grid.astype(np.complex128)
+    faulty = sensed & (~np.isfinite(values) | (values == 0))
+    if faulty.any():
+        n, m = np.unravel_index(int(faulty.argmax()), faulty.shape)
+        raise InputError(
+            f"{cube.name}: the transmitted grid is {values[n, m]:g} at subcarrier {n}, symbol {m}; "
+            "allowed are finite numbers other than 0, for the cube is divided by them"
+        )
+    return values

@@ -1,0 +1,1 @@
+"""Directions of plane waves: apertures, subspaces, model orders, spectra and their peaks."""

@@ -1,0 +1,131 @@
+"""Two-dimensional unitary ESPRIT: paired direction cosines without a grid, for a batch of signal subspaces.
+
+A subarray shifted by one element sees the same sources, each turned by its
+own phase. After the unitary transform this is one real equation along u and
+one along w. Both have the eigenvectors of the sources, so that the
+eigenvalues of the one plus j times the other hold the pairs.
+
+References
+----------
+Zoltowski, Haardt and Mathews, "Closed-form 2-D angle estimation with
+rectangular arrays in element space or beamspace via unitary ESPRIT", IEEE
+Trans. SP 44 (1996).
+Haardt and Nossek, "Unitary ESPRIT: how to obtain increased estimation accuracy
+with a reduced computational burden", IEEE Trans. SP 43 (1995).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.dsp.angles.line_subspaces import unitary_transform
+
+__all__ = ["EspritDirections", "most_sources", "unitary_esprit"]
+
+Floats = NDArray[np.float64]
+
+SMALLEST_PIVOT = 2.0**-26
+"""Of equations whose columns have at most norm 1: keeps them soluble where an invariance is void, as for a
+source at the very edge of the visible region, whose tangent is infinite. The root of rounding: that source
+is right to 1e-8, and its tangent leaves as many digits to the others."""
+
+
+UNRELIABLE = 0.4
+"""Imaginary part of an eigenvalue over the distance of the nearest pair; noise that turns a pair from one
+axis to the other makes it a half."""
+
+
+class EspritDirections(NamedTuple):
+    """Directions of k sources in each of n subspaces, in no order.
+
+    Attributes
+    ----------
+    u, w : ndarray of float64, shape (n, k)
+        Direction cosines, -1 to 1.
+    reliable : ndarray of bool, shape (n,)
+        Whether both equations alone have real eigenvalues, as far as the
+        distances of the pairs show: complex ones are those of two sources
+        that noise took for apart along the wrong axis.
+    """
+
+    u: Floats
+    w: Floats
+    reliable: NDArray[np.bool_]
+
+
+def most_sources(subarray: tuple[int, int]) -> int:
+    """Sources that the shift of a subarray along either axis can tell apart.
+
+    Parameters
+    ----------
+    subarray : (int, int)
+        Elements along u and along w, two and more.
+
+    Returns
+    -------
+    int
+    """
+    n_u, n_w = subarray
+    return min((n_u - 1) * n_w, n_u * (n_w - 1))
+
+
+def unitary_esprit(basis: Floats) -> EspritDirections:
+    """Directions of the sources that span signal subspaces.
+
+    Parameters
+    ----------
+    basis : ndarray of float64, shape (n, L, M, k)
+        Orthonormal bases after the unitary transform; k at most
+        `most_sources` of L, M.
+
+    Returns
+    -------
+    EspritDirections
+        Exact for exact subspaces, also where sources share u or share w.
+    """
+    n, n_u, n_w, k = basis.shape
+    along_u = _invariance(basis.reshape(n, n_u, n_w * k), k)
+    along_w = _invariance(basis.transpose(0, 2, 1, 3).reshape(n, n_w, n_u * k), k)
+    paired = np.linalg.eigvals(along_u + 1j * along_w)
+    u: Floats = 2 / np.pi * np.arctan(paired.real)
+    w: Floats = 2 / np.pi * np.arctan(paired.imag)
+    return EspritDirections(u, w, _reliable(along_u, along_w, paired))
+
+
+def _reliable(along_u: Floats, along_w: Floats, paired: NDArray[np.inexact[Any]]) -> NDArray[np.bool_]:
+    """Whether imaginary parts, which only noise makes, are small beside the distances of the pairs."""
+    n, k = paired.shape
+    reliable: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
+    if k > 1:
+        distance = np.abs(paired[:, :, None] - paired[:, None, :]) + np.where(np.eye(k) > 0, np.inf, 0)
+        for one in (along_u, along_w):
+            imaginary = np.abs(np.linalg.eigvals(one).imag).max(axis=1)
+            reliable &= imaginary < UNRELIABLE * distance.min(axis=(1, 2))
+    return reliable
+
+
+def _invariance(lines: Floats, n_sources: int) -> Floats:
+    """Least-squares solution (n, k, k) of the shift equation along the first axis of lines (n, L, M k).
+
+    Its eigenvalues are tan(π u / 2).
+    """
+    n, n_line, n_others = lines.shape
+    rows = (n, (n_line - 1) * n_others // n_sources, n_sources)
+    even, odd = ((selection @ lines).reshape(rows) for selection in _selections(n_line))
+    # Orthogonalised: normal equations would have half the digits near that edge.
+    rotation, triangle = np.linalg.qr(even)
+    pivot = np.einsum("nii->ni", triangle)
+    small = np.abs(pivot) < SMALLEST_PIVOT
+    triangle += np.where(small, np.copysign(SMALLEST_PIVOT, pivot) - pivot, 0)[:, None, :] * np.eye(n_sources)
+    return np.asarray(np.linalg.solve(triangle, rotation.transpose(0, 2, 1) @ odd), dtype=np.float64)
+
+
+@lru_cache
+def _selections(n: int) -> tuple[Floats, Floats]:
+    """Real matrices (n - 1, n): K_2 d = tan(π u / 2) K_1 d for the real steering vector d towards u."""
+    shifted = unitary_transform(n - 1).conj().T @ unitary_transform(n)[1:]
+    return np.ascontiguousarray(shifted.real), np.ascontiguousarray(-shifted.imag)

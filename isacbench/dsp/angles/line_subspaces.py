@@ -1,0 +1,238 @@
+"""Subspace methods on a line of sensors, batched over many cells and in real arithmetic.
+
+Forward-backward averaging makes a covariance centro-Hermitian; the unitary
+transform then turns it into a real symmetric matrix, and a steering vector
+referred to the middle of the subarray into a real vector. Everything after
+the data is real.
+
+References
+----------
+Pillai and Kwon, "Forward/backward spatial smoothing techniques for coherent
+signal identification", IEEE Trans. ASSP 37 (1989).
+Huarng and Yeh, "A unitary transformation method for angle-of-arrival
+estimation", IEEE Trans. SP 39 (1991).
+Schmidt, "Multiple emitter location and signal parameter estimation", IEEE
+Trans. AP 34 (1986).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+
+from isacbench.dsp.angles.eigenpairs import Eigenpairs, pairs_of_covariance, pairs_of_data
+
+__all__ = [
+    "line_eigenpairs",
+    "music_null_minima",
+    "music_null_spectrum",
+    "real_steering",
+    "real_steering_slopes",
+    "smoothed_covariance",
+    "unitary_transform",
+]
+
+Floats = NDArray[np.float64]
+
+NEWTON_STEPS = 3
+"""From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""
+
+
+def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Floats:
+    """Forward-backward spatially smoothed covariance after the unitary transform.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, n_sensors, n_snapshots)
+        One set of snapshots a cell.
+    n_subarray : int
+        Sensors of a subarray, 2 to n_sensors.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, n_subarray, n_subarray)
+        Real, symmetric, non-negative definite, in the precision of the
+        snapshots. Mean eigenvalue in noise of power σ² is σ².
+    """
+    n_shifts = snapshots.shape[1] - n_subarray + 1
+    whole = snapshots @ snapshots.conj().transpose(0, 2, 1)
+    # The covariance of a subarray is a diagonal block of the whole array's.
+    blocks = (whole[:, k : k + n_subarray, k : k + n_subarray] for k in range(n_shifts))
+    forward = sum(blocks, start=np.zeros((), dtype=whole.dtype)) / (n_shifts * snapshots.shape[2])
+    transform = unitary_transform(n_subarray).astype(whole.dtype, copy=False)
+    # The real part is the forward-backward average: the backward half adds the conjugate.
+    covariance: Floats = (transform.conj().T @ forward @ transform).real
+    return covariance
+
+
+def line_eigenpairs(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Eigenpairs:
+    """All eigenpairs of smoothed covariances, each cell with the digits that it takes.
+
+    Where the rounding of the covariance is not small beside a gap between the
+    eigenvalues, they follow from the singular vectors of the subarrays, whose
+    dynamic range is not squared.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, n_sensors, n_snapshots)
+    n_subarray : int
+        Sensors of a subarray, 2 to n_sensors.
+
+    Returns
+    -------
+    Eigenpairs
+    """
+    values, vectors = np.linalg.eigh(smoothed_covariance(snapshots, n_subarray))
+    pairs = pairs_of_covariance(values[:, ::-1], vectors[:, :, ::-1])
+    coarse = pairs.coarse
+    if coarse.size:
+        transform = unitary_transform(n_subarray).conj().astype(snapshots.dtype, copy=False)
+        subarrays = sliding_window_view(snapshots[coarse], n_subarray, axis=1) @ transform
+        subarrays = subarrays.reshape(coarse.size, -1, n_subarray)
+        rows = np.concatenate([subarrays.real, subarrays.imag], axis=1)
+        data = rows / np.sqrt(subarrays.shape[1]).astype(rows.dtype)
+        pairs.put(coarse, pairs_of_data(data, n_subarray))
+    return pairs
+
+
+@lru_cache
+def unitary_transform(n: int) -> NDArray[np.complex128]:
+    """Unitary matrix that turns centro-Hermitian matrices into real ones.
+
+    Parameters
+    ----------
+    n : int
+
+    Returns
+    -------
+    ndarray of complex128, shape (n, n)
+        Sums and differences of mirrored sensors.
+    """
+    half = n // 2
+    identity, flip = np.eye(half), np.eye(half)[::-1]
+    transform = np.zeros((n, n), dtype=np.complex128)
+    transform[:half, :half], transform[n - half :, :half] = identity, flip
+    transform[:half, n - half :], transform[n - half :, n - half :] = 1j * identity, -1j * flip
+    transform /= np.sqrt(2)
+    if n % 2:
+        transform[half, half] = 1
+    return transform
+
+
+def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
+    """Steering vectors of a subarray, referred to its middle, after the same unitary transform.
+
+    Parameters
+    ----------
+    n_subarray : int
+    cosine : array_like, shape (g,)
+
+    Returns
+    -------
+    ndarray of float64, shape (n_subarray, g)
+        Columns of squared norm n_subarray.
+    """
+    half = n_subarray // 2
+    arm = (n_subarray - 1) / 2 - np.arange(half)
+    phase = np.pi * np.multiply.outer(arm, np.asarray(cosine, dtype=np.float64))
+    middle = np.ones((n_subarray - 2 * half, phase.shape[1]))
+    return np.concatenate([np.sqrt(2) * np.cos(phase), middle, np.sqrt(2) * np.sin(phase)])
+
+
+def real_steering_slopes(n_subarray: int, cosine: Floats) -> tuple[Floats, Floats, Floats]:
+    """Real steering vectors, and their first and second derivatives.
+
+    Parameters
+    ----------
+    n_subarray : int
+    cosine : ndarray of float64, any shape (...)
+
+    Returns
+    -------
+    tuple of ndarray of float64, each of shape (..., n_subarray)
+        Steering vectors as `real_steering` has them, first and second
+        derivatives per unit cosine.
+    """
+    steered = real_steering(n_subarray, cosine.ravel()).T.reshape(*cosine.shape, n_subarray)
+    half = n_subarray // 2
+    rate = np.pi * ((n_subarray - 1) / 2 - np.arange(half))
+    cosines, sines = steered[..., :half], steered[..., n_subarray - half :]
+    middle = np.zeros_like(steered[..., half : n_subarray - half])
+    first = np.concatenate([-rate * sines, middle, rate * cosines], axis=-1)
+    second = np.concatenate([-(rate**2) * cosines, middle, -(rate**2) * sines], axis=-1)
+    return steered, first, second
+
+
+def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering: Floats) -> Floats:
+    """Squared distance of steering vectors from the signal subspace: the reciprocal of MUSIC's spectrum.
+
+    Computed as L - |E_s^T a|² from the small signal subspace.
+
+    Parameters
+    ----------
+    eigenvectors : ndarray of float64, shape (n, L, L)
+        Columns by descending eigenvalue.
+    order : ndarray of int64, shape (n,)
+        Dimension of the signal subspace.
+    steering : ndarray of float64, shape (L, g)
+        From `real_steering`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, g)
+        0 on a source, L in empty directions.
+    """
+    n_sensors = len(steering)
+    n_signal = int(order.max(initial=1))
+    in_signal = np.arange(n_signal) < order[:, None]
+    basis = eigenvectors[:, :, :n_signal] * in_signal[:, None, :]
+    projection = basis.transpose(0, 2, 1) @ steering.astype(basis.dtype, copy=False)
+    null: Floats = n_sensors - np.einsum("nkg,nkg->ng", projection, projection)
+    return np.maximum(null, 0.0)
+
+
+def music_null_minima(
+    eigenvectors: Floats, order: NDArray[np.int64], place: Floats, found: NDArray[np.bool_], reach: float
+) -> Floats:
+    """Local minima of null spectra, by Newton's method from places near them.
+
+    Parameters
+    ----------
+    eigenvectors : ndarray of float64, shape (n, L, L)
+        Columns by descending eigenvalue.
+    order : ndarray of int64, shape (n,)
+        Dimension of the signal subspace.
+    place : ndarray of float64, shape (n, m)
+        Direction cosines, from peaks on a grid for example.
+    found : ndarray of bool, shape (n, m)
+        Which entries are to be moved; the others stay.
+    reach : float
+        How far from its place a minimum lies at most; half of it bounds a step.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, m)
+    """
+    cell, entry = np.nonzero(found)
+    n_signal = int(order.max(initial=1))
+    in_signal = np.arange(n_signal) < order[:, None]
+    basis = (eigenvectors[:, :, :n_signal] * in_signal[:, None, :])[cell]
+    start = place[cell, entry]
+    moved = start
+    for _ in range(NEWTON_STEPS):
+        slopes = np.stack(real_steering_slopes(eigenvectors.shape[1], moved), axis=1)
+        level, first, second = np.moveaxis(slopes @ basis, 1, 0)
+        # Half the derivatives of |E_s^T a|², which has a maximum where the null spectrum has a minimum.
+        slope = np.sum(level * first, axis=1)
+        bend = -np.sum(first**2 + level * second, axis=1)
+        limit = reach / 2
+        # Where the spectrum is not convex, the steepest way down is the only hint.
+        step = np.where(bend > 0, slope / np.where(bend > 0, bend, 1), np.sign(slope) * limit)
+        moved = np.clip(moved + np.clip(step, -limit, limit), start - reach, start + reach)
+    minima = place.copy()
+    minima[cell, entry] = moved
+    return minima

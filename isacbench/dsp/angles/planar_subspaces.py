@@ -1,0 +1,278 @@
+"""Subspaces of a planar array's snapshots, batched over many cells and in real arithmetic.
+
+A P x Q snapshot is read as all its L x M subarrays, forwards and backwards.
+The unitary transform of a rectangle is that along u times that along w, so
+that each subarray becomes L M real numbers twice over, and the steering
+vector of a direction a product of two short real vectors.
+
+References
+----------
+Pillai and Kwon, "Forward/backward spatial smoothing techniques for coherent
+signal identification", IEEE Trans. ASSP 37 (1989).
+Zoltowski, Haardt and Mathews, "Closed-form 2-D angle estimation with
+rectangular arrays in element space or beamspace via unitary ESPRIT", IEEE
+Trans. SP 44 (1996).
+Halko, Martinsson and Tropp, "Finding structure with randomness", SIAM Review
+53 (2011), on subspace iteration.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import minimum_filter
+
+from isacbench.dsp.angles.eigenpairs import (
+    ITERATIONS,
+    SPARE_DIMENSIONS,
+    Eigenpairs,
+    pairs_of_covariance,
+    pairs_of_data,
+    start_basis,
+)
+from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes, unitary_transform
+from isacbench.instrument.stages import stage
+
+__all__ = [
+    "Nulls",
+    "leading_eigenpairs",
+    "null_minima",
+    "planar_covariance",
+    "planar_eigenpairs",
+    "planar_null_spectrum",
+]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complexfloating[Any, Any]]
+
+CHUNK_VALUES = 2**16
+"""Projections computed at once: half a megabyte stays in the cache."""
+
+DEEP_NULL = 0.5
+"""Share of a steering vector outside the subspace from which a minimum is no source: half of it."""
+
+NEWTON_STEPS = 3
+"""From a sample next to a minimum: digits double with every step."""
+
+
+def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
+    """Forward-backward spatially smoothed covariance of planar snapshots after the unitary transform.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, P, Q)
+    subarray : (int, int)
+        Elements L, M of a subarray, 1 to P and 1 to Q.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, L M, L M)
+        Real, symmetric, non-negative definite, in the precision of the
+        snapshots. Mean eigenvalue in noise of power σ² is σ².
+    """
+    real = _real_subarrays(snapshots, subarray)
+    covariance: Floats = real.transpose(0, 2, 1) @ real
+    covariance /= real.shape[1] / 2
+    return covariance
+
+
+def _real_subarrays(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
+    """Subarrays of planar snapshots, read forwards and backwards, as real rows (n, 2 S, L M)."""
+    n_u, n_w = subarray
+    into_u, into_w = (unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in subarray)
+    along_u = sliding_window_view(snapshots, n_u, axis=1) @ into_u
+    both = sliding_window_view(along_u, n_w, axis=2) @ into_w
+    subarrays = both.reshape(len(snapshots), both.shape[1] * both.shape[2], n_u * n_w)
+    # Real and imaginary parts are the forward-backward average: the backward half adds the conjugate.
+    real: Floats = np.concatenate([subarrays.real, subarrays.imag], axis=1)
+    return real
+
+
+def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: int) -> Eigenpairs:
+    """Largest eigenpairs of smoothed covariances, each cell with the digits that it takes.
+
+    Of almost all cells they follow from the covariance. Where its rounding is
+    not small beside a gap between them, they follow from the singular vectors
+    of the subarrays, whose dynamic range is not squared.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, s, P, Q)
+        s snapshots of each cell, that share a covariance.
+    subarray : (int, int)
+        Elements L, M of a subarray, 1 to P and 1 to Q.
+    n_pairs : int
+        Pairs to return, 1 to L M.
+
+    Returns
+    -------
+    Eigenpairs
+    """
+    n_cells, n_snapshots = snapshots.shape[:2]
+    shape = snapshots.shape[2], snapshots.shape[3]
+    each = planar_covariance(snapshots.reshape(n_cells * n_snapshots, *shape), subarray)
+    covariance = each.reshape(n_cells, n_snapshots, *each.shape[1:]).mean(axis=1)
+    pairs = pairs_of_covariance(*leading_eigenpairs(covariance, n_pairs))
+    coarse = pairs.coarse
+    if coarse.size:
+        rows = _real_subarrays(snapshots[coarse].reshape(coarse.size * n_snapshots, *shape), subarray)
+        n_rows = n_snapshots * rows.shape[1]
+        data = rows.reshape(coarse.size, n_rows, rows.shape[2]) / np.sqrt(n_rows / 2).astype(rows.dtype)
+        pairs.put(coarse, pairs_of_data(data, n_pairs))
+    return pairs
+
+
+def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats]:
+    """Largest eigenvalues and their eigenvectors, by subspace iteration.
+
+    Parameters
+    ----------
+    covariance : ndarray of float64, shape (n, L, L)
+        Symmetric, non-negative definite.
+    n_pairs : int
+        Pairs to return, 1 to L.
+
+    Returns
+    -------
+    eigenvalues : ndarray of float64, shape (n, n_pairs)
+        Descending.
+    eigenvectors : ndarray of float64, shape (n, L, n_pairs)
+        Orthonormal columns. Errors fall as (d / λ)^4, d the eigenvalue four
+        places behind the last one asked for.
+    """
+    n_sensors = covariance.shape[1]
+    n_basis = n_pairs + SPARE_DIMENSIONS
+    if 2 * n_basis >= n_sensors:
+        values, vectors = np.linalg.eigh(covariance)
+        return values[:, ::-1][:, :n_pairs], vectors[:, :, ::-1][:, :, :n_pairs]
+    start = start_basis(n_sensors, n_basis).astype(covariance.dtype, copy=False)
+    basis = np.broadcast_to(start, (len(covariance), n_sensors, n_basis))
+    for _ in range(ITERATIONS):
+        basis = np.linalg.qr(covariance @ basis)[0]
+    values, vectors = np.linalg.eigh(basis.transpose(0, 2, 1) @ covariance @ basis)
+    return values[:, ::-1][:, :n_pairs], basis @ vectors[:, :, ::-1][:, :, :n_pairs]
+
+
+def planar_null_spectrum(basis: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
+    """Squared distance of the steering vectors of a grid from signal subspaces.
+
+    Computed separably as L M - |E_s^T a|².
+
+    Parameters
+    ----------
+    basis : ndarray of float64, shape (n, L, M, k)
+        Orthonormal bases E_s of the signal subspaces; unused columns are 0.
+    u : array_like, shape (g,)
+    w : array_like, shape (h,)
+
+    Returns
+    -------
+    ndarray of float64, shape (n, g, h)
+        0 on a source, L M in empty directions.
+    """
+    n, n_u, n_w, k = basis.shape
+    towards_u, towards_w = (real_steering(*line).astype(basis.dtype) for line in ((n_u, u), (n_w, w)))
+    towards_u = towards_u.T
+    columns = np.ascontiguousarray(basis.transpose(0, 3, 1, 2))
+    null = np.empty((n, len(towards_u), towards_w.shape[1]), dtype=basis.dtype)
+    n_cells = max(CHUNK_VALUES // max(k * null[:1].size, 1), 1)
+    for first in range(0, n, n_cells):
+        projection = towards_u @ (columns[first : first + n_cells] @ towards_w)
+        null[first : first + n_cells] = np.einsum("nkgh,nkgh->ngh", projection, projection)
+    np.subtract(n_u * n_w, null, out=null)
+    return np.maximum(null, 0.0, out=null)
+
+
+class Nulls(NamedTuple):
+    """Minima of the null spectra of n cells, deepest first; rows are filled up to the same length.
+
+    Attributes
+    ----------
+    u, w : ndarray of float64, shape (n, m)
+        Direction cosines.
+    found : ndarray of bool, shape (n, m)
+        Which entries are minima.
+    curvature : ndarray of float64, shape (n, m, 2, 2)
+        Second derivatives of the null spectrum at the minima.
+    """
+
+    u: Floats
+    w: Floats
+    found: NDArray[np.bool_]
+    curvature: Floats
+
+
+def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: NDArray[np.int64]) -> Nulls:
+    """Deepest local minima of joint null spectra, placed off the grid by Newton's method.
+
+    Parameters
+    ----------
+    basis : ndarray of float64, shape (n, L, M, k)
+        As for `planar_null_spectrum`.
+    u, w : ndarray of float64, shapes (g,) and (h,)
+        Equidistant samples, three and more. Minima on their border are none:
+        the spectrum may go on falling.
+    n_minima : ndarray of int64, shape (n,)
+        Most minima to return of each cell.
+
+    Returns
+    -------
+    Nulls
+        Those that hold half of their steering vector, and the deepest in any
+        case.
+    """
+    with stage("spectrum"):
+        null = planar_null_spectrum(basis, u, w)
+    inner = null[:, 1:-1, 1:-1]
+    is_minimum = inner <= minimum_filter(null, size=(1, 3, 3))[:, 1:-1, 1:-1]
+    deepest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)
+    is_minimum &= (inner <= deepest) | (inner < DEEP_NULL * basis.shape[1] * basis.shape[2])
+    depth = np.where(is_minimum, inner, np.inf).reshape(len(null), inner.shape[1] * inner.shape[2])
+    index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=0))]
+    found = np.isfinite(np.take_along_axis(depth, index, axis=1))
+    found &= np.arange(index.shape[1]) < n_minima[:, None]
+    row, column = np.divmod(index, inner.shape[2])
+    start_u, start_w = u[row + 1], w[column + 1]
+    place_u, place_w = start_u, start_w
+    step_limit = np.array([u[1] - u[0], w[1] - w[0]])
+    for _ in range(NEWTON_STEPS):
+        gradient, curvature = _null_slopes(basis, place_u, place_w)
+        step = _newton_step(gradient, curvature, step_limit)
+        # A minimum lies within a sample of where it was seen.
+        place_u = np.clip(place_u + step[:, :, 0], start_u - step_limit[0], start_u + step_limit[0])
+        place_w = np.clip(place_w + step[:, :, 1], start_w - step_limit[1], start_w + step_limit[1])
+    return Nulls(place_u, place_w, found, _null_slopes(basis, place_u, place_w)[1])
+
+
+def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
+    """Steps (n, m, 2) towards a minimum; where the spectrum is not convex, downhill."""
+    values, axes = np.linalg.eigh(curvature * np.multiply.outer(limit, limit))
+    along = np.einsum("nmij,nmi->nmj", axes, gradient * limit)
+    size = np.abs(values)
+    step = -np.divide(along, size, out=np.zeros_like(along), where=size > 0)
+    clipped = np.clip(step, -0.5, 0.5)
+    scaled: Floats = np.einsum("nmij,nmj->nmi", axes, clipped) * limit
+    return scaled
+
+
+def _null_slopes(basis: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats]:
+    """First (n, m, 2) and second (n, m, 2, 2) derivatives of the null spectrum at u and w (n, m)."""
+    n, n_u, n_w, k = basis.shape
+    a, b = real_steering_slopes(n_u, u), real_steering_slopes(n_w, w)
+    lines = basis.reshape(n, n_u, n_w * k)
+
+    def projection(u_order: int, w_order: int) -> Floats:
+        along_u = (a[u_order] @ lines).reshape(*u.shape, n_w, k)
+        projected: Floats = np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
+        return projected
+
+    level, along_u, along_w = projection(0, 0), projection(1, 0), projection(0, 1)
+    gradient = -2 * np.stack([np.sum(level * along, axis=2) for along in (along_u, along_w)], axis=-1)
+    uu = np.sum(along_u**2 + level * projection(2, 0), axis=2)
+    uw = np.sum(along_u * along_w + level * projection(1, 1), axis=2)
+    ww = np.sum(along_w**2 + level * projection(0, 2), axis=2)
+    curvature = -2 * np.stack([uu, uw, uw, ww], axis=-1).reshape(*u.shape, 2, 2)
+    return gradient, curvature

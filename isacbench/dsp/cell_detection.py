@@ -1,0 +1,218 @@
+"""Which range-Doppler cells hold an echo: one element or all, a detector, and two floors under it.
+
+A CFAR detector tells an echo from noise. It does not tell an echo from what
+a strong one leaves in other cells: window sidelobes and the misfit of any
+model to a crowd of scatterers. Both scale with the strong echo, so that
+without a limit on the dynamic range images get worse as the SNR rises.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.display import brief
+from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.model.gate import Gate
+from isacbench.plugins.contracts import Detection, Detector
+
+__all__ = [
+    "DetectedCells",
+    "Integration",
+    "detect_cells",
+    "detect_listed",
+    "power_map",
+    "reference_noise",
+    "white_noise",
+]
+
+Integration = Literal["element", "noncoherent"]
+
+PEAK_CELLS = 20
+"""Cells whose mean power counts as the strongest echo: one cell alone may be two echoes in phase."""
+
+CLEAR_BINS = 3
+"""Doppler bins between the reach of an echo's mainlobe and where noise is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class DetectedCells:
+    """Cells that hold an echo.
+
+    Attributes
+    ----------
+    power : ndarray of float64, shape (n_range, n_doppler)
+        The map that the detector saw.
+    detector : Detector
+        The detector.
+    looks : int
+        Independent noise powers that each cell of the map averages.
+    bins : (ndarray of int64, ndarray of int64), each shape (n,)
+        Absolute range and Doppler bins of the cells kept: detected,
+        reachable, and above the floor.
+    floor : float
+        Power below which nothing is told from noise or from the leakage of
+        the strongest echoes.
+    """
+
+    power: NDArray[np.float64]
+    detector: Detector
+    looks: int
+    bins: Bins
+    floor: float
+
+    __repr__ = brief
+
+    @cached_property
+    def detection(self) -> Detection:
+        """What the detector says of the whole map, tested when first asked for."""
+        return self.detector.detect(self.power, self.looks)
+
+    def strongest_cell(self, gate: Gate) -> tuple[int, int] | None:
+        """Range and Doppler bin of the strongest cell kept, None where there is none; `gate` is the map's."""
+        if not self.bins[0].size:
+            return None
+        rows, columns = self.bins[0] - gate.range_bins[0], self.bins[1] - gate.doppler_bins[0]
+        strongest = int(self.power[rows, columns].argmax())
+        return int(self.bins[0][strongest]), int(self.bins[1][strongest])
+
+
+def power_map(
+    cells: NDArray[np.complexfloating[Any, Any]], integration: Integration
+) -> tuple[NDArray[np.float64], int]:
+    """Power of range-Doppler cells and the number of looks it averages.
+
+    Parameters
+    ----------
+    cells : ndarray of complex, shape (n_range, n_doppler, *elements)
+        Of any elements of the array, (0, 0) first.
+    integration : {"element", "noncoherent"}
+        That element's power, or the average over all of them.
+
+    Returns
+    -------
+    power : ndarray of float64, shape (n_range, n_doppler)
+    looks : int
+        Looks that are independent in noise.
+    """
+    n_looks = prod(cells.shape[2:])
+    elements = np.ascontiguousarray(cells).reshape(*cells.shape[:2], n_looks)
+    if integration == "element":
+        element = elements[:, :, 0]
+        return element.real**2 + element.imag**2, 1
+    parts = elements.view(cells.real.dtype)
+    return np.einsum("rde,rde->rd", parts, parts) / n_looks, n_looks
+
+
+def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = False) -> float | None:
+    """Noise power in Doppler bins that no speed of the region reaches, or in range bins that no place does.
+
+    Parameters
+    ----------
+    power : ndarray of float64, shape (n_range, n_doppler)
+    gate : Gate
+        Bins of the map.
+    sees_lobes : bool, default False
+        Whether every echo shows along all Doppler bins, in grating lobes: it
+        is then range that leaves noise alone.
+
+    Returns
+    -------
+    float or None
+        Median over those bins of their mean over the others' axis, so that a
+        mover beyond the region's speeds does not count as noise; None where
+        the gate has no such bins.
+    """
+    axis = 0 if sees_lobes else 1
+    reach = gate.reachable_range if sees_lobes else gate.reachable_doppler
+    outside = np.r_[0 : max(reach.start - CLEAR_BINS, 0), reach.stop + CLEAR_BINS : power.shape[axis]]
+    clear = power[outside] if sees_lobes else power[:, outside]
+    return float(np.median(clear.mean(axis=1 - axis))) if outside.size else None
+
+
+def white_noise(gated: GatedMap) -> float:
+    """Noise power of an untapered map, per cell and element.
+
+    Parameters
+    ----------
+    gated : GatedMap
+
+    Returns
+    -------
+    float
+        Of the bins that `reference_noise` looks at, behind a Hann window along
+        Doppler, which keeps the sidelobes of strong echoes out of them. Where
+        there are none, the median power of the map.
+    """
+    seen = gated.tapered("hann" if gated.sees_lobes else "rect", gated.doppler_taper("hann"))
+    power = power_map(seen.cells, "noncoherent")[0]
+    noise = reference_noise(power, seen.gate, seen.sees_lobes)
+    return float(np.median(power)) if noise is None else noise
+
+
+def detect_listed(
+    detector: Detector, power: NDArray[np.float64], looks: int, cells: tuple[NDArray[np.intp], ...]
+) -> Detection:
+    """Test listed cells of a power map, and no others where the detector can be told so.
+
+    Parameters
+    ----------
+    detector : Detector
+        Its `detect` may take ``cells``; of one that does not, all cells are
+        tested and the listed ones picked.
+    power : ndarray of float64
+        Power map of any rank.
+    looks : int
+        Independent noise powers that each cell averages.
+    cells : tuple of ndarray of int, each shape (n,)
+        Cells to test, as `numpy.nonzero` gives them.
+
+    Returns
+    -------
+    Detection
+        Arrays of shape (n,).
+    """
+    if "cells" in inspect.signature(detector.detect).parameters:
+        return cast("Detection", cast("Any", detector).detect(power, looks, cells=cells))
+    whole = detector.detect(power, looks)
+    return Detection(whole.mask[cells], whole.threshold[cells], whole.noise[cells])
+
+
+def detect_cells(
+    gated: GatedMap,
+    detector: Detector,
+    integration: Integration,
+    dynamic_range_db: float,
+) -> DetectedCells:
+    """Detect cells of a gated range-Doppler map.
+
+    Parameters
+    ----------
+    gated : GatedMap
+    detector : Detector
+    integration : {"element", "noncoherent"}
+    dynamic_range_db : float
+        How far below the strongest cells an echo is still told from their
+        leakage.
+
+    Returns
+    -------
+    DetectedCells
+    """
+    gate = gated.gate
+    power, looks = power_map(gated.cells, integration)
+    noise = reference_noise(power, gate, gated.sees_lobes)
+    if noise is None:
+        noise = float(np.median(detector.detect(power, looks).noise))
+    strongest = np.sort(power[gate.reachable])[-PEAK_CELLS:].mean()
+    floor = max(noise, float(strongest) * 10 ** (-dynamic_range_db / 10))
+    rows, columns = candidates = np.nonzero(gate.reachable & (power > floor))
+    found = detect_listed(detector, power, looks, candidates).mask
+    bins = gate.range_bins[rows[found]], gate.doppler_bins[columns[found]]
+    return DetectedCells(power, detector, looks, bins, floor)

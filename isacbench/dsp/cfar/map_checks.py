@@ -1,0 +1,233 @@
+"""What a CFAR detector refuses: bad maps, windows, kinds of threshold and lists of cells."""
+
+from __future__ import annotations
+
+import math
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from isacbench.dsp.cfar.factors.rate_roots import check_looks
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "Cells",
+    "CellsPerSide",
+    "Threshold",
+    "check_cells",
+    "check_fraction",
+    "check_threshold",
+    "checked_axis",
+    "checked_extent",
+    "checked_list",
+    "checked_power",
+    "share_of",
+    "spread",
+]
+
+CellsPerSide = int | tuple[int, ...]
+Threshold = Literal["exact", "paper"]
+Cells = tuple["NDArray[np.intp]", ...]
+"""Cells of a map as `numpy.nonzero` gives them: for each axis an array of indices, shape (n,)."""
+
+_ROUNDING = 1e-9
+"""What rounding may take from the product of a fraction and a number of cells."""
+
+
+def check_cells(name: str, sizes: CellsPerSide) -> None:
+    """Refuse numbers of cells per side that are not whole numbers of at least 0.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, for the message; "training" must not be 0 throughout.
+    sizes : int or tuple of int
+        Cells per side, for all axes or for each.
+
+    Raises
+    ------
+    InputError
+        If a number is negative or no whole number, or all training is 0.
+    """
+    per_axis = sizes if isinstance(sizes, tuple) else (sizes,)
+    if not per_axis or not all(isinstance(size, Integral) and size >= 0 for size in per_axis):
+        raise InputError(f"{name} = {sizes!r}: cells per side are whole numbers >= 0, one or a tuple")
+    if name == "training" and not any(per_axis):
+        raise InputError(f"training = {sizes}: at least one axis needs training cells")
+
+
+def check_threshold(threshold: str) -> None:
+    """Refuse an unknown kind of threshold factor.
+
+    Parameters
+    ----------
+    threshold : str
+        Kind of factor.
+
+    Raises
+    ------
+    InputError
+        If it is neither "exact" nor "paper".
+    """
+    if threshold not in ("exact", "paper"):
+        raise InputError(f'threshold = {threshold!r}: "exact" or "paper" is allowed')
+
+
+def check_fraction(name: str, fraction: float, lowest: float, highest: float) -> None:
+    """Refuse a fraction of the training cells outside its limits.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, for the message.
+    fraction : float
+    lowest, highest : float
+        Limits, both allowed.
+
+    Raises
+    ------
+    InputError
+        If `fraction` is no number within the limits.
+    """
+    if not isinstance(fraction, Real) or not lowest <= fraction <= highest:
+        raise InputError(f"{name} = {fraction!r}: a fraction from {lowest:g} to {highest:g} is allowed")
+
+
+def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
+    """Give the number of an axis that a detector treats differently.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, for the message.
+    axis : int
+    n_axes : int, optional
+        Axes of the map; without it only negative numbers are refused.
+
+    Raises
+    ------
+    InputError
+        If the map has no axis of that number.
+    """
+    if not isinstance(axis, Integral) or axis < 0:
+        raise InputError(f"{name} = {axis!r}: allowed are 0 (range) and above")
+    if n_axes is not None and axis >= n_axes:
+        raise InputError(f"{name} = {axis}: a map of {n_axes} axes has none of that number")
+    return int(axis)
+
+
+def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
+    """Give a power map in float64.
+
+    Parameters
+    ----------
+    power : array_like of real numbers
+        Power map of any rank.
+    looks : int
+        Independent noise powers that each cell averages.
+
+    Raises
+    ------
+    InputError
+        If the map is complex or empty, holds NaN, infinite or negative power,
+        or if `looks` is out of range.
+    """
+    return checked_extent(power, looks)[0]
+
+
+def checked_extent(power: ArrayLike, looks: int) -> tuple[NDArray[np.float64], float]:
+    """Give a power map in float64, as `checked_power` does, and the power of its strongest cell."""
+    check_looks(looks)
+    given = np.asarray(power)
+    if given.dtype.kind not in "fiu":
+        raise InputError(f"the power map holds {given.dtype}: real numbers are allowed, take |.|² first")
+    if given.ndim == 0 or given.size == 0:
+        raise InputError(f"the power map has shape {given.shape}: at least one axis and one cell are needed")
+    # What no float64 holds is infinite, and refused.
+    with np.errstate(over="ignore", under="ignore"):
+        cells = np.asarray(given, dtype=np.float64)
+    lowest, highest = float(cells.min()), float(cells.max())
+    # Both are NaN as soon as one cell is.
+    if not 0 <= lowest <= highest < math.inf:
+        raise InputError(f"the power map spans {lowest} to {highest}: finite powers >= 0 are allowed")
+    return cells, highest
+
+
+def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
+    """Give a list of cells under test as arrays of indices.
+
+    Parameters
+    ----------
+    cells : tuple of array_like of int
+        For each axis of the map indices from 0, shape (n,), as `numpy.nonzero`
+        gives them.
+    shape : tuple of int
+        Shape of the map.
+
+    Raises
+    ------
+    InputError
+        If there is not one array for each axis, if they differ in length, or
+        if a cell lies outside the map.
+    """
+    if not isinstance(cells, tuple) or len(cells) != len(shape):
+        raise InputError(
+            f"cells: a tuple of {len(shape)} arrays of indices is needed, as numpy.nonzero gives"
+        )
+    indices = tuple(np.asarray(index) for index in cells)
+    if any(
+        index.ndim != 1 or index.dtype.kind not in "iu" or index.size != indices[0].size for index in indices
+    ):
+        raise InputError(
+            "cells: the arrays of indices must be one-dimensional, whole numbers and equally long"
+        )
+    for axis, (index, length) in enumerate(zip(indices, shape, strict=True)):
+        if index.size and not 0 <= index.min() <= index.max() < length:
+            raise InputError(
+                f"cells: {index.min()} to {index.max()} along axis {axis}, the map has 0 to {length - 1}"
+            )
+    return tuple(index.astype(np.intp) for index in indices)
+
+
+def spread(
+    training: CellsPerSide, guard: CellsPerSide, n_axes: int
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Give training and guard cells per side for each axis of the map.
+
+    Parameters
+    ----------
+    training, guard : int or tuple of int
+        Cells per side, for all axes or for each.
+    n_axes : int
+        Axes of the map.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Training cells, and guard cells, of each axis.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers of cells, or not as many as axes.
+    """
+    per_side = []
+    for name, sizes in (("training", training), ("guard", guard)):
+        check_cells(name, sizes)
+        per_axis = sizes if isinstance(sizes, tuple) else (sizes,) * n_axes
+        if len(per_axis) != n_axes:
+            raise InputError(f"{name} = {sizes}: the map has {n_axes} axes, give one number or {n_axes}")
+        # A NumPy integer may be too narrow for the size of the window.
+        per_side.append(tuple(int(size) for size in per_axis))
+    return per_side[0], per_side[1]
+
+
+def share_of(fraction: float, n_cells: int) -> int:
+    """Give ⌊fraction n⌋, where rounding has not made it one less."""
+    return int(fraction * n_cells + _ROUNDING)

@@ -1,0 +1,343 @@
+"""Joint fits of many atoms to a map: amplitudes, Newton steps of all places together, and their accuracy.
+
+Amplitudes are linear and are eliminated (variable projection), so that a step
+solves for four real coordinates an atom. The matrix of the step is, up to the
+noise, the joint Fisher information, whose inverse is the Cramér-Rao bound.
+
+Products of atoms square the data: of two atoms d Rayleigh cells apart, d²
+survives in the Gram matrix, and d⁴ in the information where their echoes are in
+phase, d² in quadrature. What rounding leaves of that, a fit tells (`AtomFit.blurred`):
+it is about 0.01 cells in phase and 0.001 in quadrature from which places are known.
+
+Of a step only what it is solved for need have all digits, not its matrix. So a fit that
+products leave imprecise (`AtomFit.delicate`) is settled on what it leaves of the map, cell by
+cell (`settle_atoms`): the differences are taken before anything is squared, and
+rounding is magnified by the condition of the atoms and slopes, not by its square.
+
+References
+----------
+Golub and Pereyra, "The differentiation of pseudo-inverses and nonlinear least
+squares problems whose variables separate", SIAM J. Numer. Anal. 10 (1973).
+Kaufman, "A variable projection method for solving separable nonlinear least
+squares problems", BIT 15 (1975).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri
+
+from isacbench.dsp.fitting.atoms import (
+    N_COORDINATES,
+    AtomMap,
+    Correlations,
+    LineProducts,
+    Lines,
+    product_matrix,
+)
+
+__all__ = ["AtomFit", "fit_atoms", "refine_atoms", "refit_atoms", "settle_atoms"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+ROUNDING = 16 * float(np.finfo(np.float64).eps)
+"""Of unit atoms: error of a product of two, that of four products along the coordinates."""
+
+LEVERAGE = 4.0
+"""Of two products and a loading between them: rounding of the information over that of a product."""
+
+LEAST_SLOPE = 1e-6
+"""Energy of a unit atom's slope, 3 of many samples, from which a coordinate is seen: 0 of one sample."""
+
+BLURRED = 0.01
+"""Share of a variance that rounding decides, from which it is no variance."""
+
+DELICATE = 1e-11
+"""The same, from which a step is settled: rounding moves an atom by about as many Rayleigh cells, and by as
+much of its amplitude over the distance of its neighbour."""
+
+NOT_LESS = 1e-12
+"""Of the explained energy: a step that loses no more is not told from one that gains."""
+
+FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
+"""Levenberg-Marquardt damping, relative to the diagonal of the information."""
+
+LONGEST_STEP_CELLS = 0.3
+"""Beyond it the quadratic model of a kernel is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class AtomFit:
+    """Least-squares fit of n atoms at given places.
+
+    Attributes
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        In Rayleigh cells.
+    amplitude : ndarray of complex128, shape (n,)
+        Of the unit-energy atoms; a scatterer's power per element of the map
+        is |amplitude|² / (P Q).
+    energy : float
+        Explained of the map's.
+    correlations : Correlations
+        Of the atoms with the map.
+    products : tuple of LineProducts
+        Of the atoms with each other.
+    gram : ndarray of float64, shape (n, n)
+        Products of the atoms, loaded by their rounding: two atoms that
+        coincide share their amplitude.
+    periods : ndarray of float64, shape (4,)
+        Rayleigh cells after which an atom is the same (`AtomMap.periods`).
+    """
+
+    places: Floats
+    amplitude: Complex
+    energy: float
+    correlations: Correlations
+    products: tuple[LineProducts, ...]
+    gram: Floats
+    periods: Floats
+
+    def __len__(self) -> int:
+        return self.amplitude.size
+
+    @property
+    def power(self) -> Floats:
+        """Energies |amplitude|² of the atoms, shape (n,)."""
+        power: Floats = self.amplitude.real**2 + self.amplitude.imag**2
+        return power
+
+    @cached_property
+    def score(self) -> Floats:
+        """Half the slope of the energy along all coordinates, coordinate by coordinate, shape (4 n,)."""
+        residual_slope = self.correlations.slope.T.ravel() - self._mixed.T @ self.amplitude
+        score: Floats = (np.tile(self.amplitude, N_COORDINATES).conj() * residual_slope).real
+        return score
+
+    @cached_property
+    def information(self) -> Floats:
+        """Of the places, amplitudes eliminated, for noise of power 2 per cell and element, (4 n, 4 n)."""
+        information: Floats = self._slopes - self._mixed.T @ self._eliminated[:, len(self) :]
+        coherence = (self.amplitude.conj()[:, None] * self.amplitude).real
+        n = len(self)
+        blocks = information.reshape(N_COORDINATES, n, N_COORDINATES, n)
+        blocks *= coherence[:, None, :]
+        return information
+
+    @cached_property
+    def rounding(self) -> Floats:
+        """Error of the information's diagonal by rounding, shape (4 n,)."""
+        # The elimination divides by the part of an atom that the others do not explain.
+        own = 1 / np.maximum(self._eliminated.diagonal(), 1)
+        slopes = np.maximum(self._slopes.diagonal(), LEAST_SLOPE)
+        rounding: Floats = slopes * np.tile(self.power / own, N_COORDINATES)
+        return LEVERAGE * ROUNDING * rounding
+
+    def covariance(self, noise: float) -> Floats:
+        """Joint Cramér-Rao bound of the places (4, n, 4, n) in noise of a power, Rayleigh cells squared.
+
+        No variance is above that of an information of the size of its
+        rounding; see `blurred`.
+        """
+        n = len(self)
+        bound: Floats = noise / 2 * self._inverse_information
+        return bound.reshape(N_COORDINATES, n, N_COORDINATES, n)
+
+    @property
+    def blurred(self) -> NDArray[np.bool_]:
+        """Atoms (n,) with a coordinate whose variance is one of rounding: the true one may be any larger."""
+        return np.logical_not(self._known_to(BLURRED).all(axis=0))
+
+    @property
+    def delicate(self) -> bool:
+        """Whether products are too coarse for the places of any atoms: `settle_atoms` does without."""
+        return not self._known_to(DELICATE).all()
+
+    def _known_to(self, largest_share: float) -> NDArray[np.bool_]:
+        """Coordinates (4, n) of whose variance rounding decides no more than a share."""
+        share = self._inverse_information.diagonal() * self.rounding
+        return ((share >= 0) & (share <= largest_share)).reshape(N_COORDINATES, -1)
+
+    def steps(self, rest: Correlations) -> tuple[Complex, Floats]:
+        """Undamped Gauss-Newton steps (n,) of the amplitudes and (n, 4) of the places.
+
+        Parameters
+        ----------
+        rest : Correlations
+            Of the atoms with what they leave of the map.
+        """
+        matched = np.stack([rest.value.real, rest.value.imag], axis=1)
+        own: Complex = np.linalg.solve(self.gram, matched) @ np.array([1, 1j])
+        turning = np.tile(self.amplitude, N_COORDINATES)
+        score = (turning.conj() * (rest.slope.T.ravel() - self._mixed.T @ own)).real
+        along = self._inverse_information @ score
+        amplitude: Complex = own - self._eliminated[:, len(self) :] @ (turning * along)
+        return amplitude, along.reshape(N_COORDINATES, -1).T
+
+    @cached_property
+    def _mixed(self) -> Floats:
+        """Products (n, 4 n) of the atoms with all slopes."""
+        return np.concatenate(
+            [product_matrix(self.products, None, axis) for axis in range(N_COORDINATES)], axis=1
+        )
+
+    @cached_property
+    def _slopes(self) -> Floats:
+        """Products (4 n, 4 n) of all slopes."""
+        axes = range(N_COORDINATES)
+        return np.block([[product_matrix(self.products, left, right) for right in axes] for left in axes])
+
+    @cached_property
+    def _eliminated(self) -> Floats:
+        """Inverse of the Gram matrix, and behind it its product with that of atoms and slopes, (n, 5 n)."""
+        solved: Floats = np.linalg.solve(self.gram, np.concatenate([np.eye(len(self)), self._mixed], axis=1))
+        return solved
+
+    @cached_property
+    def _inverse_information(self) -> Floats:
+        size = self.information.shape[0]
+        # Unit diagonal: strong and weak atoms are rounded alike.
+        scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
+        loaded = self.information * scale[:, None] * scale
+        loaded[np.diag_indices(size)] += self.rounding * scale**2
+        return _inverse(loaded) * scale[:, None] * scale
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """Inverse of a symmetric matrix; twice as fast where it is positive definite."""
+    factor, indefinite = dpotrf(matrix, lower=1)
+    if indefinite:
+        inverse: Floats = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        return inverse
+    lower, _ = dpotri(factor, lower=1)
+    inverse = lower + lower.T
+    inverse[np.diag_indices(len(inverse))] /= 2
+    return inverse
+
+
+def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
+    """Fit the amplitudes of atoms, and prepare a step of their places.
+
+    Parameters
+    ----------
+    atom_map : AtomMap
+    places : ndarray of float64, shape (n, 4)
+        In Rayleigh cells, n at least 1.
+
+    Returns
+    -------
+    AtomFit
+    """
+    lines = atom_map.lines(places)
+    return _fit(atom_map, places, lines, atom_map.correlate(lines))
+
+
+def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: NDArray[np.bool_], places: Floats) -> AtomFit:
+    """Fit some of the atoms of another fit; only atoms that have moved are correlated anew.
+
+    Parameters
+    ----------
+    atom_map : AtomMap
+    fit : AtomFit
+        Of n atoms.
+    keep : ndarray of bool, shape (n,)
+        Atoms that stay, one at least.
+    places : ndarray of float64, shape (n, 4)
+        Where they are now.
+
+    Returns
+    -------
+    AtomFit
+    """
+    known = fit.correlations.select(keep)
+    moved = np.any(places[keep] != fit.places[keep], axis=1)
+    if moved.any():
+        fresh = atom_map.correlate(atom_map.lines(places[keep][moved]))
+        known.value[moved], known.slope[moved] = fresh.value, fresh.slope
+    return _fit(atom_map, places[keep], atom_map.lines(places[keep]), known)
+
+
+def _fit(atom_map: AtomMap, places: Floats, lines: Lines, correlations: Correlations) -> AtomFit:
+    products = atom_map.products(lines)
+    gram = product_matrix(products, None, None)
+    gram[np.diag_indices(len(gram))] += ROUNDING
+    target = np.stack([correlations.value.real, correlations.value.imag], axis=1)
+    amplitude: Complex = np.linalg.solve(gram, target) @ np.array([1, 1j])
+    energy = float((correlations.value.conj() @ amplitude).real)
+    return AtomFit(places, amplitude, energy, correlations, products, gram, atom_map.periods)
+
+
+def refine_atoms(atom_map: AtomMap, places: Floats, n_steps: int) -> AtomFit:
+    """Move all atoms together towards the least-squares fit of the map (Levenberg-Marquardt).
+
+    Parameters
+    ----------
+    atom_map : AtomMap
+    places : ndarray of float64, shape (n, 4)
+        In Rayleigh cells, n at least 1.
+    n_steps : int
+        Steps to try; one that explains less, by more than rounding, is taken back.
+
+    Returns
+    -------
+    AtomFit
+        The best one seen.
+    """
+    best = fit_atoms(atom_map, places)
+    damping = FIRST_DAMPING
+    for _ in range(n_steps):
+        tried = fit_atoms(atom_map, best.places + _step(best, damping))
+        # At the optimum rounding decides which of two explains more, and must not decide whether to step.
+        if tried.energy >= (1 - NOT_LESS) * best.energy:
+            best, damping = tried, max(damping / 3, LEAST_DAMPING)
+        else:
+            damping *= 10
+    return best
+
+
+def _step(fit: AtomFit, damping: float) -> Floats:
+    """Damped Gauss-Newton step (n, 4), no atom farther than the kernels are known."""
+    diagonal = fit.information.diagonal()
+    load = damping * diagonal + np.finfo(np.float64).eps * diagonal.max()
+    step = np.linalg.solve(fit.information + np.diag(load), fit.score).reshape(N_COORDINATES, -1).T
+    longest = np.abs(step).max(axis=1, keepdims=True)
+    limited: Floats = step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
+    return limited
+
+
+def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
+    """Finish a fit on what it leaves of the map, for atoms so close that products have lost their digits.
+
+    Every step subtracts all echoes from the map first, and correlates the rest.
+
+    Parameters
+    ----------
+    atom_map : AtomMap
+    fit : AtomFit
+        Near the optimum.
+    n_steps : int
+        Most steps; one that leaves more, by more than rounding, is taken back and is the last.
+
+    Returns
+    -------
+    AtomFit
+        With amplitudes from the last step, as places are.
+    """
+    rounding = ROUNDING * np.sqrt(atom_map.energy)
+    lines = atom_map.lines(fit.places)
+    rest = atom_map.without(lines, fit.amplitude)
+    for _ in range(n_steps):
+        amplitude_step, place_step = fit.steps(rest.correlate(lines))
+        moved = fit_atoms(atom_map, fit.places + place_step)
+        moved = replace(moved, amplitude=fit.amplitude + amplitude_step)
+        lines = atom_map.lines(moved.places)
+        left = atom_map.without(lines, moved.amplitude)
+        if np.sqrt(left.energy) > (1 + NOT_LESS) * np.sqrt(rest.energy) + rounding:
+            break
+        fit, rest = moved, left
+    return fit

@@ -1,0 +1,393 @@
+"""Echoes as atoms with four coordinates, and their products with a gated map and with each other.
+
+An atom is the echo of one scatterer, scaled to unit energy. Its place is given
+in Rayleigh cells along range, Doppler, u and w: bins, and 2/P and 2/Q of
+direction cosine. Along each coordinate it is a wave over an aperture, and all
+apertures are referred to their middle here. Then an atom is orthogonal to its
+own slopes, and all products between atoms and slopes are real, so that joint
+fits of many atoms cost a few real matrices of their number squared.
+
+Even the atoms are real: behind the transforms along range and Doppler they are
+real kernels, and steering vectors become real by a unitary transform that
+mixes each element with its mirror image. Where the directions are known to lie
+between limits, the few dimensions that such steering vectors span are all that
+is kept of the array.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.dsp.bursts import SymbolBursts
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.model.kernels import dirichlet_slopes
+from isacbench.model.numerology import System
+from isacbench.model.region import Interval
+
+__all__ = ["N_COORDINATES", "AtomMap", "Correlations", "Line", "LineProducts", "Lines", "product_matrix"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+N_COORDINATES = 4
+"""Range, Doppler, u and w, in this order everywhere."""
+
+MARGIN_CELLS = 1.0
+"""Rayleigh cells beyond the limits of u and w in which steering vectors are kept."""
+
+NEGLIGIBLE = 1e-3
+"""Singular value, relative to the largest, below which a dimension of the steering vectors is left out."""
+
+STEERING_SAMPLES = 8
+"""Steering vectors a Rayleigh cell from which their dimensions are found."""
+
+
+class Line(NamedTuple):
+    """Factors of n atoms along one coordinate and their derivatives by the place, each (n, size)."""
+
+    value: Floats
+    slope: Floats
+    curvature: Floats
+
+
+Lines = tuple[Line, Line, Line, Line]
+"""Factors of atoms along range, Doppler, u and w."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correlations:
+    """Products of n atoms and of their slopes with a map.
+
+    Attributes
+    ----------
+    value : ndarray of complex128, shape (n,)
+        Outputs of the matched filters.
+    slope : ndarray of complex128, shape (n, 4)
+        The same of the first derivatives along each coordinate, per Rayleigh
+        cell.
+    """
+
+    value: Complex
+    slope: Complex
+
+    def select(self, keep: NDArray[np.bool_]) -> Correlations:
+        """Copies of those of some atoms."""
+        return Correlations(self.value[keep], self.slope[keep])
+
+
+@dataclass(frozen=True, eq=False)
+class LineProducts:
+    """Real products of n atoms with m atoms along one coordinate, each of shape (n, m).
+
+    Attributes
+    ----------
+    value : ndarray of float64
+        Of the atoms.
+    slope : ndarray of float64
+        Of the first ones with the slopes of the second ones.
+    slopes : ndarray of float64
+        Of both slopes.
+    """
+
+    value: Floats
+    slope: Floats
+    slopes: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class AtomMap:
+    """A gated map in which all atoms are real.
+
+    Attributes
+    ----------
+    cells : ndarray of complex128, shape (n_range, n_doppler, n_u, n_w)
+        Apertures referred to their middle, the array in its bases; over
+        `bin_gain`, so that noise is white in what the atoms span.
+    range_bins, doppler_bins : ndarray of float64
+        Bins of the first two axes.
+    n_subcarriers : int
+        Length of the transform that the range bins come from.
+    bursts : SymbolBursts
+        What the Doppler bins come from.
+    bases : (ndarray of float64, ndarray of float64), shapes (P, n_u) and (Q, n_w)
+        Orthonormal, of the real steering vectors along u and w.
+    """
+
+    cells: Complex
+    range_bins: Floats
+    doppler_bins: Floats
+    n_subcarriers: int
+    bursts: SymbolBursts
+    bases: tuple[Floats, Floats]
+
+    @classmethod
+    def from_map(
+        cls, gated: GatedMap, system: System, cosine_limits: tuple[Interval, Interval] | None = None
+    ) -> AtomMap:
+        """Refer an untapered map to the middle of its apertures.
+
+        Parameters
+        ----------
+        gated : GatedMap
+        system : System
+        cosine_limits : (Interval, Interval), optional
+            Lowest and highest u, and w, between which echoes are of interest;
+            the rest of the array's dimensions is left out.
+
+        Returns
+        -------
+        AtomMap
+        """
+        n_c, n_s = system.n_subcarriers, system.n_symbols
+        rows, columns = gated.gate.range_bins, gated.gate.doppler_bins
+        along_range = np.exp(-1j * np.pi * (n_c - 1) / n_c * rows)
+        bursts = gated.doppler_kernel(n_s)
+        along_doppler = np.exp(1j * np.pi * (n_s - 1) / n_s * columns) / np.sqrt(bursts.redundancy)
+        n_p, n_q = gated.cells.shape[2:]
+        limits = (None, None) if cosine_limits is None else cosine_limits
+        bases = _steering_basis(n_p, limits[0]), _steering_basis(n_q, limits[1])
+        into_u, into_w = (basis.T @ _mirror_transform(len(basis)) for basis in bases)
+        cells = into_u @ (gated.cells @ into_w.T)
+        cells *= np.multiply.outer(along_range, along_doppler)[:, :, None, None]
+        return cls(cells, rows.astype(np.float64), columns.astype(np.float64), n_c, bursts, bases)
+
+    @property
+    def array_shape(self) -> tuple[int, int]:
+        """Virtual elements (P, Q)."""
+        return len(self.bases[0]), len(self.bases[1])
+
+    @property
+    def bin_gain(self) -> float:
+        """Amplitude of an atom's matched filter over what the cell holds that the atom peaks in.
+
+        1 of a whole frame. Where Doppler bins outnumber the symbols, an atom's
+        energy is spread over several of them.
+        """
+        return float(np.sqrt(self.bursts.redundancy))
+
+    @property
+    def cell_size(self) -> Floats:
+        """Rayleigh cell in range bins, Doppler bins, u and w, shape (4,)."""
+        n_p, n_q = self.array_shape
+        return np.array([1.0, 1.0, 2 / n_p, 2 / n_q])
+
+    @property
+    def periods(self) -> Floats:
+        """Rayleigh cells along each coordinate after which an atom is the same but for its sign, (4,)."""
+        return np.array([self.n_subcarriers, self.bursts.n_symbols, *self.array_shape], dtype=np.float64)
+
+    def line(self, places: Floats, axis: int) -> Line:
+        """Factors of atoms along one coordinate.
+
+        Parameters
+        ----------
+        places : ndarray of float64, shape (n,)
+            Along that coordinate, in Rayleigh cells.
+        axis : int
+            0 to 3 for range, Doppler, u and w.
+
+        Returns
+        -------
+        Line
+        """
+        if axis < 2:
+            bins = (self.range_bins, self.doppler_bins)[axis]
+            value, slope, curvature = self._slopes(bins - places[:, None], axis)
+            return Line(value, -slope, curvature)
+        basis = self.bases[axis - 2]
+        return Line(*(factor @ basis for factor in _real_steering(len(basis), places)))
+
+    def _slopes(self, distance: Floats, axis: int) -> tuple[Floats, Floats, Floats]:
+        """Kernel along range or Doppler, of unit energy over all bins, and its first two derivatives."""
+        if axis == 0:
+            return dirichlet_slopes(distance, self.n_subcarriers)
+        value, slope, curvature = self.bursts.slopes(distance)
+        scale = 1 / self.bin_gain
+        return scale * value, scale * slope, scale * curvature
+
+    def lines(self, places: Floats) -> Lines:
+        """Factors of atoms along range, Doppler, u and w.
+
+        Parameters
+        ----------
+        places : ndarray of float64, shape (n, 4)
+
+        Returns
+        -------
+        tuple of Line
+        """
+        along_range, along_doppler, along_u, along_w = (
+            self.line(places[:, axis], axis) for axis in range(N_COORDINATES)
+        )
+        return along_range, along_doppler, along_u, along_w
+
+    @property
+    def energy(self) -> float:
+        """Of all cells."""
+        return float(np.vdot(self._real_rows, self._real_rows))
+
+    def without(self, lines: Lines, amplitude: Complex) -> AtomMap:
+        """The map less the echoes of atoms.
+
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
+        amplitude : ndarray of complex128, shape (n,)
+            Of the unit-energy atoms.
+
+        Returns
+        -------
+        AtomMap
+        """
+        along_range, along_doppler, along_u, along_w = (line.value for line in lines)
+        echoes = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
+        surfaces = along_doppler[:, :, None, None] * echoes[:, None]
+        # All factors but the amplitudes are real: so is the product, of real and imaginary parts in turn.
+        rest = along_range.T @ surfaces.reshape(len(echoes), self.cells[0].size).view(np.float64)
+        np.subtract(self._real_rows, rest, out=rest)
+        return replace(self, cells=rest.view(np.complex128).reshape(self.cells.shape))
+
+    def correlate(self, lines: Lines) -> Correlations:
+        """Products of atoms, and of their slopes, with the map.
+
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
+
+        Returns
+        -------
+        Correlations
+        """
+        return Correlations(*self._contract(lines, 1))
+
+    def correlate_curvatures(self, lines: Lines) -> Complex:
+        """Products of the second derivatives of atoms along each coordinate with the map.
+
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
+
+        Returns
+        -------
+        ndarray of complex128, shape (n, 4)
+        """
+        return self._contract(lines, 2)[1]
+
+    def products(self, lines: Lines) -> tuple[LineProducts, ...]:
+        """Products of atoms with each other along the four coordinates.
+
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
+
+        Returns
+        -------
+        tuple of LineProducts
+            For range, Doppler, u and w, as the gate and the array see them.
+        """
+        return tuple(
+            LineProducts(value @ value.T, value @ slope.T, slope @ slope.T) for value, slope, _ in lines
+        )
+
+    def curvature_products(self, lines: Lines) -> tuple[tuple[Floats, Floats], ...]:
+        """Products of the second derivatives of atoms along each coordinate.
+
+        Parameters
+        ----------
+        lines : tuple of Line
+            From `lines`.
+
+        Returns
+        -------
+        tuple of (ndarray of float64, ndarray of float64)
+            For range, Doppler, u and w: products (n, n) with the atoms
+            themselves along that coordinate, and energies (n,).
+        """
+        return tuple((curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in lines)
+
+    def _contract(self, lines: Lines, order: int) -> tuple[Complex, Complex]:
+        """Products of atoms (n,) and of their derivatives of an order (n, 4) with the map."""
+        along_range, along_doppler, along_u, along_w = lines
+        n, n_doppler = along_doppler.value.shape
+        rows = np.concatenate([along_range.value, along_range[order]])
+        read = (rows @ self._real_rows).reshape(2, n, n_doppler, -1)
+        columns = np.stack([along_doppler.value, along_doppler[order]], axis=1)
+        seen = np.concatenate([columns @ read[0], columns[:, :1] @ read[1]], axis=1)
+        # Snapshots of the atom, of its derivative along Doppler, of that along range.
+        snapshots = seen.view(np.complex128).reshape(n, 3, *self.cells.shape[2:])
+        beams = np.einsum("nsuw,nw->nsu", snapshots, along_w.value)
+        output = np.einsum("nsu,nu->ns", beams, along_u.value)
+        turned_u = np.einsum("nu,nu->n", beams[:, 0], along_u[order])
+        turned_w = np.einsum("nuw,nu,nw->n", snapshots[:, 0], along_u.value, along_w[order])
+        return output[:, 0], np.stack([output[:, 2], output[:, 1], turned_u, turned_w], axis=1)
+
+    @cached_property
+    def _real_rows(self) -> Floats:
+        """The map as real rows, one a range bin: the kernels are real, and so is the product with them."""
+        rows = np.ascontiguousarray(self.cells).reshape(self.range_bins.size, -1)
+        real: Floats = rows.view(np.float64)
+        return real
+
+
+def _mirror_transform(n: int) -> Complex:
+    """Unitary transform (n, n) that turns exp(jx), odd in x over the elements, into cos x + sin x."""
+    identity = np.eye(n)
+    # A product that numpy's types take for real, though it is not.
+    transform: Complex = np.add((0.5 - 0.5j) * identity, (0.5 + 0.5j) * identity[::-1], dtype=np.complex128)
+    return transform
+
+
+def _real_steering(n: int, places: Floats) -> Line:
+    """Unit-energy steering vectors (k, n) behind `_mirror_transform`, and their derivatives per cell."""
+    rate = -2 * np.pi / n * (np.arange(n) - (n - 1) / 2)
+    phase = np.multiply.outer(places, rate)
+    cosine, sine = np.cos(phase) / np.sqrt(n), np.sin(phase) / np.sqrt(n)
+    return Line(cosine + sine, rate * (cosine - sine), -(rate**2) * (cosine + sine))
+
+
+def _steering_basis(n: int, limits: Interval | None) -> Floats:
+    """Orthonormal basis (n, m) of the real steering vectors between two cosines and a little beyond."""
+    if limits is None:
+        return np.eye(n)
+    lower, upper = (n / 2 * limits[0] - MARGIN_CELLS, n / 2 * limits[1] + MARGIN_CELLS)
+    places = np.linspace(lower, upper, int(np.ceil(STEERING_SAMPLES * (upper - lower))))
+    _, strength, directions = np.linalg.svd(_real_steering(n, places).value, full_matrices=False)
+    basis: Floats = directions[strength > NEGLIGIBLE * strength[0]].T
+    return basis
+
+
+def product_matrix(lines: tuple[LineProducts, ...], left: int | None, right: int | None) -> Floats:
+    """Products of n atoms, or of their slopes along one coordinate each.
+
+    Parameters
+    ----------
+    lines : tuple of LineProducts
+        From `AtomMap.products`.
+    left, right : int or None
+        Coordinate along which the left and the right factor are derived, None
+        for the atoms themselves.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, n)
+    """
+    matrix = np.ones_like(lines[0].value)
+    for axis, line in enumerate(lines):
+        if left == axis and right == axis:
+            matrix *= line.slopes
+        elif right == axis:
+            matrix *= line.slope
+        elif left == axis:
+            matrix *= line.slope.T
+        else:
+            matrix *= line.value
+    return matrix

@@ -1,0 +1,481 @@
+"""Moves of a matching pursuit in four dimensions: where the residual peaks, which atoms are two or none.
+
+The residual is watched through beams towards the directions that the region
+spans. Beams of the map are formed once; those of atoms are products of four
+kernels, so that a new residual never touches the array again.
+
+What strong echoes leave behind scales with them. A residual peak is an echo
+only if it stands above what the misfit of stronger atoms may have put there:
+the same fraction of each of them, spread like its sidelobes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from isacbench.dsp.bursts import SymbolBursts, whole_frame
+from isacbench.dsp.fitting.atom_fits import AtomFit
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
+from isacbench.dsp.stable_order import rounded
+from isacbench.model.gate import Gate
+from isacbench.model.region import Interval
+
+__all__ = [
+    "BeamSpace",
+    "Peaks4d",
+    "Splits",
+    "descending",
+    "noise_maximum",
+    "redundant",
+    "sidelobe_energy",
+    "sidelobe_envelope",
+    "split_gains",
+    "strongest_around",
+    "unwrapped",
+]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+BEAMS_A_CELL = 2
+"""Beams a Rayleigh cell: halfway between two of them an echo keeps 81 % of its power along each axis."""
+
+MARGIN_BINS = 2
+"""Range and Doppler bins beyond those of the region in which its echoes still show."""
+
+NEIGHBOURHOOD_BINS = 2.0 + 1e-9
+"""Range and Doppler bins in which weaker atoms are held against the strongest, whatever their direction. Not
+two, for at the borders of their boxes atoms are two bins apart but for rounding."""
+
+MOST_PAIRS = 1 << 20
+"""Pairs of a place and an atom that are looked at together: 32 MiB of distances."""
+
+SPLIT_OFFSETS_CELLS = (0.15, 0.5)
+"""Least and most distance of the two starts from the atom that is split."""
+
+SPLIT_STANDOUT = 25.0
+"""Gain of a split over the mean residual around it."""
+
+SPLIT_CALM = 1e-2
+"""Residual around an atom, relative to it, above which what it misses is a crowd and not a second echo."""
+
+LEAST_FREE = 1e-6
+"""Part of the energy of an atom's second derivative beside the atom itself, below which it is rounding."""
+
+FIXED_POINT_STEPS = 40
+"""Each halves the error of a level, or better."""
+
+TOLD_APART = 16.0
+"""Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
+
+TIE_DIGITS = 9
+"""Of energies: what differs beyond is rounding, and the first of equals comes first."""
+
+LEAST_VARIANCE = 2.0**-1000
+"""In place of none, where noise is that small: ratios to it are still numbers."""
+
+LOST = 0.5
+"""Standard deviation of a coordinate in Rayleigh cells from which an atom has no place."""
+
+
+UNGAPPED = whole_frame(1)
+"""Symbols of a frame that is sensed as a whole: the bound of its sidelobes holds for any number of them."""
+
+
+class Peaks4d(NamedTuple):
+    """Peaks of a residual: places (n, 4) in Rayleigh cells, and energies (n,)."""
+
+    places: Floats
+    energy: Floats
+
+
+class Splits(NamedTuple):
+    """Offsets (n, 4) at which two atoms may replace one, and the energies (n,) gained; 0 where none is."""
+
+    offsets: Floats
+    gain: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BeamSpace:
+    """Beams of a map towards the directions of a region, in the bins that it can reach.
+
+    Attributes
+    ----------
+    atom_map : AtomMap
+    reach : (slice, slice)
+        Where in the map's range and Doppler bins those of the beams lie.
+    u, w : ndarray of float64
+        Directions in Rayleigh cells, equidistant.
+    beams : ndarray of complex128, shape (n_range, n_doppler, n_u, n_w)
+        Outputs of unit-energy beams.
+    n_independent : float
+        Rayleigh cells of the region itself: independent noise samples.
+    """
+
+    atom_map: AtomMap
+    reach: tuple[slice, slice]
+    u: Floats
+    w: Floats
+    beams: Complex
+    n_independent: float
+
+    @classmethod
+    def from_map(cls, atom_map: AtomMap, gate: Gate, cosine_limits: tuple[Interval, Interval]) -> BeamSpace:
+        """Form the beams.
+
+        Parameters
+        ----------
+        atom_map : AtomMap
+        gate : Gate
+            Of the map.
+        cosine_limits : (Interval, Interval)
+            Lowest and highest u, and w.
+
+        Returns
+        -------
+        BeamSpace
+        """
+        u, w = (
+            np.arange(np.floor(lower / step), np.ceil(upper / step) + 1) / BEAMS_A_CELL
+            for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:] / BEAMS_A_CELL, strict=True)
+        )
+        towards_u, towards_w = atom_map.bin_gain * atom_map.line(u, 2).value, atom_map.line(w, 3).value
+        reach = _around(gate.reachable_range), _around(gate.reachable_doppler)
+        beams = towards_u @ (atom_map.cells[reach] @ towards_w.T)
+        n_independent = float(np.count_nonzero(gate.reachable))
+        for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:], strict=True):
+            n_independent *= max((upper - lower) / step, 1)
+        return cls(atom_map, reach, u, w, beams, n_independent)
+
+    @property
+    def axes(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Places of the beams along range, Doppler, u and w, in Rayleigh cells."""
+        in_range, in_doppler = self.reach
+        return self.atom_map.range_bins[in_range], self.atom_map.doppler_bins[in_doppler], self.u, self.w
+
+    def residual(self, fit: AtomFit | None) -> Complex:
+        """Beams without the atoms of a fit."""
+        if fit is None:
+            return self.beams
+        atom_map, n = self.atom_map, len(fit)
+        along_range, along_doppler, along_u, along_w = (line.value for line in atom_map.lines(fit.places))
+        towards_u = along_u @ (atom_map.bin_gain * atom_map.line(self.u, 2).value.T)
+        towards_w = along_w @ atom_map.line(self.w, 3).value.T
+        along_range, along_doppler = along_range[:, self.reach[0]].T, along_doppler[:, self.reach[1]]
+        directions = (towards_u[:, :, None] * towards_w[:, None, :]).reshape(n, 1, -1)
+        rest = (along_doppler[:, :, None] * directions).reshape(n, -1)
+        # All factors but the amplitudes are real.
+        echoes = (along_range * fit.amplitude.real) @ rest + 1j * ((along_range * fit.amplitude.imag) @ rest)
+        residual: Complex = self.beams - echoes.reshape(self.beams.shape)
+        return residual
+
+    def peaks(self, residual: Complex, least_energy: float) -> Peaks4d:
+        """Local maxima of a residual, sampled twice a Rayleigh cell along all coordinates.
+
+        Parameters
+        ----------
+        residual : ndarray of complex128
+            From `residual`.
+        least_energy : float
+
+        Returns
+        -------
+        Peaks4d
+        """
+        index, energy = _local_maxima(_halved(_halved(residual, 0), 1), least_energy)
+        along_range, along_doppler, along_u, along_w = self.axes
+        places = np.stack(
+            [
+                along_range[0] + index[0] / 2,
+                along_doppler[0] + index[1] / 2,
+                along_u[index[2]],
+                along_w[index[3]],
+            ],
+            axis=1,
+        )
+        return Peaks4d(places, energy)
+
+    def mean_around(self, residual: Complex, places: Floats) -> Floats:
+        """Mean energy (n,) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
+        energy = residual.real**2 + residual.imag**2
+        n_beams = 2 * BEAMS_A_CELL - 1
+        mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
+        index = []
+        for axis, coordinate in zip(self.axes, places.T, strict=True):
+            steps = (
+                (coordinate - axis[0]) / (axis[1] - axis[0]) if axis.size > 1 else np.zeros_like(coordinate)
+            )
+            index.append(np.clip(np.rint(steps).astype(np.int64), 0, axis.size - 1))
+        around: Floats = mean[tuple(index)]
+        return around
+
+
+def _around(reachable: slice) -> slice:
+    """Bins in which echoes from reachable ones show."""
+    return slice(max(reachable.start - MARGIN_BINS, 0), reachable.stop + MARGIN_BINS)
+
+
+def _halved(beams: Complex, axis: int) -> Complex:
+    """Beams with the outputs halfway between neighbouring bins put in: their sum is matched there."""
+    ahead = np.moveaxis(beams, axis, 0)
+    dense = np.empty((2 * len(ahead) - 1, *ahead.shape[1:]), dtype=np.complex128)
+    dense[::2] = ahead
+    dense[1::2] = np.sqrt(0.5) * (ahead[:-1] + ahead[1:])
+    return np.moveaxis(dense, 0, axis)
+
+
+def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np.int64], ...], Floats]:
+    """Indices and energies of the samples above a level that none of their 80 neighbours exceeds.
+
+    By more than rounding: of an echo halfway between two samples both are maxima.
+    """
+    framed = np.full([n + 2 for n in beams.shape], -np.inf)
+    energy = framed[1:-1, 1:-1, 1:-1, 1:-1]
+    energy[...] = beams.real**2
+    energy += beams.imag**2
+    flat, strides = framed.ravel(), np.array(framed.strides) // framed.itemsize
+    index = np.flatnonzero(flat > least_energy)
+    level = 1 + 10.0**-TIE_DIGITS
+    # Neighbours along one axis first: they leave few for the others.
+    for step in sorted(product((-1, 0, 1), repeat=N_COORDINATES), key=np.count_nonzero):
+        index = index[level * flat[index] >= flat[index + int(np.dot(strides, step))]]
+    return tuple(along - 1 for along in np.unravel_index(index, framed.shape)), flat[index]
+
+
+def descending(energy: Floats) -> NDArray[np.int64]:
+    """Indices (n,) that sort energies, the largest first; of those equal but for rounding, the first."""
+    order: NDArray[np.int64] = np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
+    return order
+
+
+def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
+    """Of all places where atoms are the same, those nearest to a reference.
+
+    Elements half a wavelength apart cannot tell u = 1 from u = -1, nor
+    sampled symbols one end of the Doppler bins from the other.
+
+    Parameters
+    ----------
+    places, reference : ndarray of float64, shapes (..., 4)
+        In Rayleigh cells.
+    periods : ndarray of float64, shape (4,)
+        `AtomMap.periods`.
+
+    Returns
+    -------
+    ndarray of float64, shape (..., 4)
+
+    Examples
+    --------
+    >>> periods = np.array([64.0, 32.0, 8.0, 8.0])
+    >>> unwrapped(np.array([3.0, 1.0, 3.5, 0.0]), np.array([3.0, 0.0, -4.0, 0.0]), periods)
+    array([ 3. ,  1. , -4.5,  0. ])
+    """
+    nearest: Floats = places - periods * np.rint((places - reference) / periods)
+    return nearest
+
+
+def noise_maximum(n_independent: float, chance: float) -> float:
+    """Level that the highest matched-filter output of noise, off any grid, exceeds with a small chance.
+
+    The output over all four coordinates is a smooth field. Along one, a
+    Rayleigh cell holds sqrt(πx/3) exp(-x) upcrossings of a level of x times
+    the mean, and to first order as many per coordinate multiply.
+
+    Parameters
+    ----------
+    n_independent : float
+        Rayleigh cells.
+    chance : float
+        Less than 1.
+
+    Returns
+    -------
+    float
+        Of the mean energy.
+
+    References
+    ----------
+    Rice, "Mathematical analysis of random noise", Bell System Tech. J. 24 (1945).
+    Adler and Taylor, "Random Fields and Geometry", Springer (2007), chapter 11.
+
+    Examples
+    --------
+    >>> round(noise_maximum(5000, 0.01), 2)
+    19.12
+    """
+    samples = np.log(n_independent / chance)
+    level = samples
+    # A contraction where the level is above 4; below that, noise is what it is.
+    for _ in range(FIXED_POINT_STEPS):
+        level = samples + N_COORDINATES / 2 * np.log(np.pi / 3 * max(level, N_COORDINATES))
+    return float(level)
+
+
+def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floats:
+    """Bound of an atom's amplitude response at distances (..., 4) in Rayleigh cells, shape (...)."""
+    envelope = np.ones(distance.shape[:-1])
+    for axis in range(N_COORDINATES):
+        along = distance[..., axis]
+        drop = bursts.sidelobe_drop(along) if axis == 1 else np.maximum(np.pi * np.abs(along), 1)
+        envelope /= drop
+    return envelope
+
+
+def sidelobe_energy(
+    places: Floats, others: Floats, energy: Floats, bursts: SymbolBursts = UNGAPPED
+) -> Floats:
+    """Most that echoes at other places show of their sidelobes, all in phase.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        In Rayleigh cells.
+    others : ndarray of float64, shape (m, 4)
+    energy : ndarray of float64, shape (m,)
+        Of the echoes at the other places.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+    """
+    amplitude = sidelobe_envelope(places[:, None, :] - others, bursts) @ np.sqrt(energy)
+    return amplitude**2
+
+
+def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPPED) -> Floats:
+    """Energy (n,) that the strongest atom can show at places (n, 4).
+
+    The larger of two: sidelobes of an atom anywhere, and all of the energy of
+    one within two bins in range and Doppler, whose misfit has every direction.
+    Atoms do not count at their own place.
+    """
+    if len(places) > (most := MOST_PAIRS // len(fit)):
+        parts = np.split(places, range(most, len(places), most))
+        return np.concatenate([strongest_around(part, fit, bursts) for part in parts])
+    distance = places[:, None, :] - fit.places
+    along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
+    near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
+    share = np.where(near, 1.0, sidelobe_envelope(distance, bursts) ** 2)
+    itself = near & (along_range == 0) & (along_doppler == 0)
+    itself[itself] = (distance[itself] == 0).all(axis=1)
+    share[itself] = 0
+    strongest: Floats = (share * fit.power).max(axis=1, initial=0)
+    return strongest
+
+
+def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_energy: float) -> Splits:
+    """Energy that two atoms for one would explain, from what the residual holds of its derivatives.
+
+    Two echoes less than a Rayleigh cell apart differ from one by its first
+    derivative in quadrature, and by its second: the one leads where their
+    phases differ, the other where they do not.
+
+    Parameters
+    ----------
+    atom_map : AtomMap
+    fit : AtomFit
+    residual_around : ndarray of float64, shape (n,)
+        Mean energy of the residual around each atom.
+    least_energy : float
+        Gain that noise does not reach.
+
+    Returns
+    -------
+    Splits
+        Along the coordinate that gains most.
+    """
+    n = len(fit)
+    lines = atom_map.lines(fit.places)
+    curvature_outputs = atom_map.correlate_curvatures(lines)
+    products = atom_map.products(lines)
+    curvatures = atom_map.curvature_products(lines)
+    others = np.stack(
+        [
+            np.prod([products[k].value for k in range(N_COORDINATES) if k != axis], axis=0)
+            for axis in range(N_COORDINATES)
+        ]
+    )
+    gain, separation = np.zeros((2, n, N_COORDINATES))
+    for axis, (curved, energy) in enumerate(curvatures):
+        slope = fit.correlations.slope[:, axis] - product_matrix(products, axis, None) @ fit.amplitude
+        curvature = curvature_outputs[:, axis] - (others[axis] * curved) @ fit.amplitude
+        # An atom's second derivative without the part that is the atom itself.
+        free = energy - curved.diagonal() ** 2
+        if np.any(free <= LEAST_FREE * energy):
+            # Two elements: whatever they see is one wave.
+            continue
+        gain[:, axis] = np.abs(slope) ** 2 / products[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
+        separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
+    axis, atom = gain.argmax(axis=1), np.arange(n)
+    best = gain[atom, axis]
+    stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_CALM * fit.power)
+    offsets = np.zeros((n, N_COORDINATES))
+    offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
+    return Splits(offsets, np.where(stands_out & (best > least_energy), best, 0))
+
+
+def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
+    """Atoms that noise or rounding leaves without a place of their own, by the joint Cramér-Rao bound.
+
+    Parameters
+    ----------
+    fit : AtomFit
+    noise : float
+        Noise power.
+
+    Returns
+    -------
+    drop : ndarray of bool, shape (n,)
+        The weaker half of the atoms without a place; where there are none, the
+        weaker one of each pair that is not told apart, be it by noise or by
+        rounding: without noise two atoms are one from 0.01 Rayleigh cells in
+        phase, from 0.001 in quadrature (`AtomFit.blurred`).
+    places : ndarray of float64, shape (n, 4)
+        Those of the atoms that stay, each moved to the mean of its pair.
+    """
+    n, power, places = len(fit), fit.power, fit.places.copy()
+    drop = np.zeros(n, dtype=np.bool_)
+    covariance = fit.covariance(noise)
+    variance = np.einsum("inin->ni", covariance)
+    lost = np.flatnonzero((variance > LOST**2).any(axis=1))
+    if lost.size:
+        drop[lost[descending(power[lost])[::-1]][: max(1, lost.size // 2)]] = True
+        return drop, places
+    first, second = np.nonzero(np.triu(_close(places, fit.periods), 1))
+    apart = unwrapped(places[first], places[second], fit.periods) - places[second]
+    joint = (
+        covariance[:, first, :, first]
+        + covariance[:, second, :, second]
+        - covariance[:, first, :, second]
+        - covariance[:, second, :, first]
+    )
+    length = np.sum(apart**2, axis=1)
+    along = np.einsum("pi,pij,pj->p", apart, joint, apart)
+    blurred = fit.blurred
+    # Variance of the distance along the line between the two.
+    told = (length**2 >= TOLD_APART * along) & ~(blurred[first] & blurred[second])
+    for k in descending(length**2 / np.maximum(along, LEAST_VARIANCE))[::-1]:
+        pair = np.array([first[k], second[k]])
+        if told[k] or drop[pair].any():
+            continue
+        stronger, weaker = pair[descending(power[pair])]
+        drop[weaker] = True
+        # The two ends of a coordinate meet at the stronger one's, not in the middle.
+        near = unwrapped(places[pair], places[stronger], fit.periods)
+        places[stronger] = np.average(near, axis=0, weights=power[pair])
+    return drop, places
+
+
+def _close(places: Floats, periods: Floats) -> NDArray[np.bool_]:
+    """Pairs (n, n) within a Rayleigh cell along every coordinate."""
+    apart = unwrapped(places[:, None], places, periods) - places
+    close: NDArray[np.bool_] = np.all(np.abs(apart) < 1, axis=2)
+    return close

@@ -1,0 +1,185 @@
+"""TOML files from users and from the package: found by name or path, validated, refused in one clear line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from isacbench.errors import InputError, did_you_mean, unknown_name
+from isacbench.files.checked_files import TOML_BYTES, read_text, require_file
+from isacbench.files.escaping import quoted
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+__all__ = ["builtin_names", "describe_mistake", "find_toml", "read_toml"]
+
+Table = TypeVar("Table", bound=BaseModel)
+Location = tuple[int | str, ...]
+PACKAGE = "isacbench_scenarios"
+
+MOST_PARTS = 100
+"""Of a dotted key: the parser keeps every beginning of it, which of twenty thousand parts takes gigabytes."""
+
+BETWEEN_KEYS = re.compile(r"[=,{}\[\]#]")
+DOT_IN_KEY = re.compile(r"[\w\"'-][ \t]*\.[ \t]*(?=[\w\"'-])")
+
+
+def builtin_names(folder: str = ".") -> list[str]:
+    """Names of the TOML files that ship in a folder of the scenario package, sorted."""
+    return sorted(path.stem for path in _builtin_folder(folder).glob("*.toml"))
+
+
+def find_toml(name_or_path: str | Path, what: str, folder: str = ".") -> Path:
+    """Find a TOML file by its built-in name, or by path if it has the suffix ``.toml``.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+    what : str
+        What is looked for, for messages: ``"scenario"`` or ``"suite"``.
+    folder : str
+        Folder of the scenario package that holds the built-in ones.
+
+    Raises
+    ------
+    InputError
+        If there is no such name or file.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml":
+        try:
+            require_file(path, missing="no such file")
+        except InputError as error:
+            raise InputError(f"{what} {error}") from error
+        return path
+    names = builtin_names(folder)
+    if str(name_or_path) in names:
+        return _builtin_folder(folder) / f"{name_or_path}.toml"
+    unknown = unknown_name(what, str(name_or_path), names)
+    raise InputError(f"{unknown}, or the path of a .toml file")
+
+
+def read_toml(path: Path, model: type[Table]) -> Table:
+    """Read and validate a TOML file.
+
+    Raises
+    ------
+    InputError
+        Naming the file, an offending key, its value and what is allowed; or
+        if it is larger than 1 MiB, or nested deeper than anything that is
+        meant.
+    """
+    text = read_text(path, TOML_BYTES, missing="cannot be read: No such file or directory")
+    try:
+        _require_short_keys(path, text)
+        return model.model_validate(tomllib.loads(text))
+    except ValidationError as error:
+        raise InputError(f"{path}: {describe_mistake(error, model)}") from error
+    except InputError:
+        raise
+    except ValueError as error:  # also an integer of more digits than Python converts
+        raise InputError(f"{path}: not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deeply; allowed are a few levels") from error
+
+
+def _require_short_keys(path: Path, text: str) -> None:
+    """Refuse dotted keys of more parts than the parser can bear."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") > MOST_PARTS and any(
+            len(DOT_IN_KEY.findall(part)) >= MOST_PARTS for part in BETWEEN_KEYS.split(line)
+        ):
+            raise InputError(
+                f"{path}: line {number}: a key of more than {MOST_PARTS} parts; allowed are a few"
+            )
+
+
+def describe_mistake(error: ValidationError, model: type[BaseModel]) -> str:
+    """Put a validation error in one line: key, value and what is allowed.
+
+    Of several mistakes an unknown key comes first: a key that seems to be
+    missing is often there, but misspelt.
+
+    Parameters
+    ----------
+    error : ValidationError
+    model : type of BaseModel
+        The model that refused.
+    """
+    mistake = min(error.errors(include_url=False), key=lambda mistake: mistake["type"] != "extra_forbidden")
+    kind, location = mistake["type"], mistake["loc"]
+    key = _dotted(location)
+    if kind == "extra_forbidden":
+        return f"unknown key {key}: {did_you_mean(str(location[-1]), _known_keys(model, location))}"
+    if kind == "missing":
+        return f"missing {'item' if isinstance(location[-1], int) else 'key'} {key}"
+    if kind == "union_tag_not_found":
+        return f"missing key {key}.{_tag_key(mistake)}"
+    if kind == "union_tag_invalid":
+        tag, allowed = mistake["ctx"]["tag"], _union_tags(model, location)
+        return f"{key}.{_tag_key(mistake)} = {quoted(tag)}: {did_you_mean(tag, allowed)}"
+    message = _message(mistake)
+    return f"{key} = {quoted(mistake['input'])}: {message[0].lower()}{message[1:]}"
+
+
+def _message(mistake: ErrorDetails) -> str:
+    """What is wrong in one value; lists in the words of TOML, which has no tuples."""
+    if mistake["type"] == "too_short":
+        return f"allowed is a list of {mistake['ctx']['min_length']} or more"
+    if mistake["type"] == "too_long":
+        return f"allowed is a list of {mistake['ctx']['max_length']} or fewer"
+    if mistake["type"] in ("tuple_type", "list_type"):
+        return "allowed is a list"
+    return mistake["msg"].removeprefix("Value error, ")
+
+
+def _builtin_folder(folder: str) -> Path:
+    return Path(str(resources.files(PACKAGE))) / folder
+
+
+def _dotted(location: Location) -> str:
+    """Write a location as TOML would: ``objects[2].size_m``; the tag of a union is not a key."""
+    text = ""
+    for index, part in enumerate(location):
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif not (0 < index < len(location) - 1 and isinstance(location[index - 1], int)):
+            text += f".{part}" if text else part
+    return text
+
+
+def _tag_key(mistake: ErrorDetails) -> str:
+    """Key that tells the members of a union apart."""
+    return str(mistake["ctx"]["discriminator"]).strip("'")
+
+
+def _union_tags(model: type[BaseModel], location: Location) -> list[str]:
+    """Values of the key that tells the members of a union apart."""
+    return list(_schema_at(model, location)["discriminator"]["mapping"])
+
+
+def _known_keys(model: type[BaseModel], location: Location) -> list[str]:
+    """Keys of the table that a location's last part was looked up in."""
+    return list(_schema_at(model, location[:-1])["properties"])
+
+
+def _schema_at(model: type[BaseModel], location: Location) -> dict[str, Any]:
+    """JSON schema of what is at a location."""
+    schema = model.model_json_schema()
+    definitions, table = schema.get("$defs", {}), schema
+    for part in location:
+        if isinstance(part, int):
+            table = table["items"]
+        elif "discriminator" in table:
+            table = {"$ref": table["discriminator"]["mapping"][part]}
+        else:
+            table = table["properties"][part]
+        if "$ref" in table:
+            table = definitions[table["$ref"].rsplit("/", 1)[-1]]
+    return table

@@ -1,0 +1,1 @@
+"""Instruments of an estimator: stages that are timed, and remarks on an image."""

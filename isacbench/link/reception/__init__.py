@@ -1,0 +1,1 @@
+"""Reception by a user: channels, their estimation, decisions and bit errors."""

@@ -1,0 +1,357 @@
+"""Channels from the base station to the user: paths of the waveform, and what they do to resource elements.
+
+Delays count from the first path to arrive: the user's clock is that path's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, get_args
+
+import numpy as np
+from scipy import constants
+
+from isacbench.errors import InputError, require, unknown_name
+from isacbench.link.reception.delay_profiles import ProfileName, delay_profile
+from isacbench.link.waveform.propagation import Paths
+from isacbench.model.number_limits import LARGEST_PLACE_M
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.model.numerology import System
+
+__all__ = [
+    "Awgn",
+    "Channel",
+    "TappedDelay",
+    "TwoRay",
+    "channel_response",
+    "reflection_coefficient",
+    "require_closed_form",
+]
+
+Polarization = Literal["vertical", "horizontal"]
+
+LARGEST_INTERFERENCE = 1e-4
+"""Power that Doppler may spread from each subcarrier over the others, relative to its own."""
+
+CANCELLED = 1e-24
+"""Power of two rays of power 1 that is nothing but rounding."""
+
+RAYS_A_TAP = 16
+"""Rays that a fading tap of a moving user consists of."""
+
+LINE_OF_SIGHT_DOPPLER = 0.7
+"""Doppler of the line of sight over the largest there is; 3GPP TR 38.901, 7.7.2."""
+
+
+class Channel(Protocol):
+    """What is between base station and user.
+
+    Attributes
+    ----------
+    name : str
+    """
+
+    name: ClassVar[str]
+
+    def paths(self, system: System, stream: np.random.Generator) -> Paths:
+        """Draw the paths of one frame to one antenna: gain (n_paths, 1), mean power 1 together.
+
+        Parameters
+        ----------
+        system : System
+        stream : Generator
+            Where chance comes from, if there is any.
+
+        Returns
+        -------
+        Paths
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Awgn:
+    """One path that changes nothing: the noise of the receiver is all there is."""
+
+    name: ClassVar[str] = "awgn"
+
+    def paths(self, system: System, stream: np.random.Generator) -> Paths:
+        """One path without delay."""
+        return _paths(np.ones(1), np.zeros(1), np.zeros(1))
+
+
+@dataclass(frozen=True)
+class TwoRay:
+    """A direct ray, and one reflected by a smooth ground: nothing about it is random.
+
+    The gain is such that the mean power over the subcarriers is 1: an SNR with
+    this channel is that of what arrives, interference of the rays included.
+    Antennas are isotropic; nobody moves.
+
+    Attributes
+    ----------
+    base_station_height_m, ue_height_m : float
+    distance_m : float
+        Along the ground.
+    permittivity : float
+        Of the ground, relative; the default is that of concrete.
+    conductivity_spm : float
+        Of the ground in S/m; the default is that of concrete at 70 GHz.
+    polarization : {"vertical", "horizontal"}
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
+
+    References
+    ----------
+    ITU-R P.2040, table 3 (concrete: 5.24, and 0.0462 f^0.7822 with f in GHz).
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> paths = TwoRay().paths(System(), np.random.default_rng(0))
+    >>> (1e9 * paths.delay_s).round(2).tolist()
+    [0.0, 1.96]
+    """
+
+    name: ClassVar[str] = "two_ray"
+
+    base_station_height_m: float = 10.0
+    ue_height_m: float = 1.5
+    distance_m: float = 50.0
+    permittivity: float = 5.24
+    conductivity_spm: float = 1.28
+    polarization: Polarization = "vertical"
+
+    def __post_init__(self) -> None:
+        for name in ("base_station_height_m", "ue_height_m", "distance_m"):
+            value = getattr(self, name)
+            allowed = 0 < value <= LARGEST_PLACE_M
+            require(allowed, name, value, f"a positive number of m, at most {LARGEST_PLACE_M:g}")
+        require(1 <= self.permittivity < np.inf, "permittivity", self.permittivity, "a number from 1")
+        allowed = 0 <= self.conductivity_spm < np.inf
+        require(allowed, "conductivity_spm", self.conductivity_spm, "a number of S/m from 0")
+        if self.polarization not in get_args(Polarization):
+            raise unknown_name("polarization", self.polarization, get_args(Polarization))
+
+    def paths(self, system: System, stream: np.random.Generator) -> Paths:
+        """Direct and reflected ray, in this order.
+
+        Raises
+        ------
+        InputError
+            If they cancel.
+        """
+        direct_m = np.hypot(self.distance_m, self.base_station_height_m - self.ue_height_m)
+        heights_m = self.base_station_height_m + self.ue_height_m
+        reflected_m = np.hypot(self.distance_m, heights_m)
+        # Not reflected_m - direct_m, whose digits cancel far away.
+        longer_m = 4 * self.base_station_height_m * self.ue_height_m / (direct_m + reflected_m)
+        coefficient = reflection_coefficient(
+            heights_m / reflected_m,
+            self.permittivity,
+            self.conductivity_spm,
+            system.carrier_hz,
+            self.polarization,
+        )
+        turns = longer_m / system.wavelength_m
+        reflected = coefficient * direct_m / reflected_m * np.exp(-2j * np.pi * turns)
+        delay_s = np.array([0.0, longer_m / SPEED_OF_LIGHT_MPS])
+        gain = np.array([1.0, reflected])
+        response = _along_delay(system, delay_s) @ gain
+        power = float(np.mean(np.abs(response) ** 2))
+        if power <= CANCELLED:
+            raise InputError(
+                f"two_ray: at heights of {self.base_station_height_m:g} m and {self.ue_height_m:g} m and a "
+                f"distance of {self.distance_m:g} m the rays cancel but for rounding; allowed are places "
+                "where something arrives"
+            )
+        gain /= np.sqrt(power)
+        return _paths(gain, delay_s, np.zeros(2))
+
+
+@dataclass(frozen=True)
+class TappedDelay:
+    """Taps that fade independently, as 3GPP has them; the mean power over all fades is 1.
+
+    The power of one frame is not 1: fades of the whole band belong to the
+    channel. A user at rest sees the same channel during the whole frame.
+
+    Attributes
+    ----------
+    profile : {"tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e"}
+    delay_spread_s : float
+        Root mean square. The default is the median of urban micro street
+        canyons without line of sight at 70 GHz; with line of sight it is
+        26 ns there.
+    speed_mps : float
+        Of the user. Every tap of a moving one is a sum of rays from
+        directions all around it.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
+
+    References
+    ----------
+    3GPP TR 38.901, 7.7.2; delay spreads from table 7.5-6.
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> paths = TappedDelay("tdl_b").paths(System(), np.random.default_rng(0))
+    >>> paths.gain.shape
+    (23, 1)
+    """
+
+    name: ClassVar[str] = "tapped_delay"
+
+    profile: ProfileName = "tdl_a"
+    delay_spread_s: float = 53e-9
+    speed_mps: float = 0.0
+
+    def __post_init__(self) -> None:
+        delay_profile(self.profile)
+        spread_s = self.delay_spread_s
+        require(0 <= spread_s < np.inf, "delay_spread_s", spread_s, "a number of s from 0")
+        allowed = 0 <= self.speed_mps < SPEED_OF_LIGHT_MPS
+        require(
+            allowed, "speed_mps", self.speed_mps, "a number of m/s from 0 to less than the speed of light"
+        )
+
+    def paths(self, system: System, stream: np.random.Generator) -> Paths:
+        """Draw one fade: a path a tap of a user at rest, `RAYS_A_TAP` a fading tap of a moving one."""
+        profile = delay_profile(self.profile)
+        n_fixed = int(profile.has_line_of_sight)
+        n_rays = RAYS_A_TAP if self.speed_mps else 1
+        power = np.repeat(profile.power[n_fixed:] / n_rays, n_rays)
+        delay = np.repeat(profile.delay[n_fixed:], n_rays)
+        parts = stream.standard_normal((power.size, 2)) @ np.array([1, 1j])
+        gain = np.sqrt(power / 2) * parts
+        largest_hz = self.speed_mps * system.carrier_hz / SPEED_OF_LIGHT_MPS
+        doppler_hz = largest_hz * np.cos(stream.uniform(0, 2 * np.pi, power.size))
+        if profile.has_line_of_sight:
+            turns = stream.uniform()
+            gain = np.append(np.sqrt(profile.power[0]) * np.exp(2j * np.pi * turns), gain)
+            delay = np.append(profile.delay[0], delay)
+            doppler_hz = np.append(LINE_OF_SIGHT_DOPPLER * largest_hz, doppler_hz)
+        return _paths(gain, self.delay_spread_s * delay, doppler_hz)
+
+
+def reflection_coefficient(
+    sine: float, permittivity: float, conductivity_spm: float, carrier_hz: float, polarization: Polarization
+) -> complex:
+    """Fresnel's reflection coefficient of a smooth ground.
+
+    Parameters
+    ----------
+    sine : float
+        Of the angle between ray and ground.
+    permittivity, conductivity_spm : float
+        Of the ground: relative, and in S/m.
+    carrier_hz : float
+    polarization : {"vertical", "horizontal"}
+        Electric field in the plane of incidence, or along the ground.
+
+    Returns
+    -------
+    complex
+
+    Examples
+    --------
+    >>> round(reflection_coefficient(1.0, 4.0, 0.0, 70e9, "vertical").real, 12)
+    0.333333333333
+    """
+    relative = permittivity - 1j * conductivity_spm / (2 * np.pi * carrier_hz * constants.epsilon_0)
+    refracted = np.sqrt(relative - (1 - sine**2))
+    incident = sine if polarization == "horizontal" else relative * sine
+    return complex((incident - refracted) / (incident + refracted))
+
+
+def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
+    """What each resource element is multiplied by on its way to the first antenna, in closed form.
+
+    Parameters
+    ----------
+    system : System
+    paths : Paths
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_subcarriers, n_symbols)
+        Read-only, the subcarriers of a symbol side by side. Without Doppler
+        all symbols share the memory of one.
+
+    Raises
+    ------
+    InputError
+        If a path is so late, or its Doppler so high, that resource elements
+        interfere with each other: no factor of single elements describes that.
+    """
+    require_closed_form(system, paths)
+    along_delay = _along_delay(system, paths.delay_s).T
+    gain = paths.gain[:, 0]
+    shape = (system.n_symbols, system.n_subcarriers)
+    if not paths.doppler_hz.any():
+        return np.broadcast_to(gain @ along_delay, shape).T
+    along_time = _along_time(system, paths.doppler_hz) * gain
+    by_symbol: NDArray[np.complex128] = along_time @ along_delay
+    by_symbol.setflags(write=False)
+    return by_symbol.T
+
+
+def require_closed_form(system: System, paths: Paths) -> None:
+    """Refuse paths that no factor of single resource elements describes.
+
+    Parameters
+    ----------
+    system : System
+    paths : Paths
+
+    Raises
+    ------
+    InputError
+        As `channel_response`.
+    """
+    latest_s, limit_s = float(paths.delay_s.max()), system.isi_free_delay_s
+    if latest_s > limit_s:
+        raise InputError(
+            f"path at {latest_s:g} s: the closed form allows {limit_s:g} s, the prefix without the suffix"
+        )
+    share = float(np.abs(paths.doppler_hz).max()) / system.subcarrier_spacing_hz
+    interference = (np.pi * share) ** 2 / 3
+    if interference > LARGEST_INTERFERENCE:
+        raise InputError(
+            f"Doppler of {share:.3g} subcarrier spacings: subcarriers interfere with {interference:.1e} of "
+            f"their power; the closed form allows {LARGEST_INTERFERENCE:g}"
+        )
+
+
+def _paths(
+    gain: NDArray[np.complex128 | np.float64], delay_s: NDArray[np.float64], doppler_hz: NDArray[np.float64]
+) -> Paths:
+    return Paths(gain.astype(np.complex128)[:, None], delay_s, doppler_hz)
+
+
+def _along_delay(system: System, delay_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Phases (n_subcarriers, n_paths) of delays."""
+    frequency_hz = system.subcarrier_spacing_hz * np.arange(system.n_subcarriers)
+    phases: NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(frequency_hz, delay_s))
+    return phases
+
+
+def _along_time(system: System, doppler_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Phases (n_symbols, n_paths) of Doppler, with what the FFT over a turning symbol loses."""
+    share = doppler_hz / system.subcarrier_spacing_hz
+    kept = np.sinc(share) / np.sinc(share / system.n_subcarriers)
+    time_s = system.symbol_time_s * np.arange(system.n_symbols)
+    phases = np.exp(2j * np.pi * np.outer(time_s, doppler_hz))
+    phases *= kept
+    return phases

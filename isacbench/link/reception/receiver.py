@@ -1,0 +1,290 @@
+"""The user's receiver: what arrives of a frame, equalised, decided, and counted against what was sent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from isacbench.errors import InputError, require, unknown_name
+from isacbench.link.reception.channel import channel_response
+from isacbench.link.reception.channel_estimation import prs_estimator
+from isacbench.link.reception.error_prediction import effective_snr_db, response_ber
+from isacbench.link.waveform.qam import decide_bits
+from isacbench.model.echo import random_stream, white_gaussian
+from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
+from isacbench.model.prs import prs_elements
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.link.reception.channel import Channel
+    from isacbench.link.waveform.qam import Modulation
+    from isacbench.link.waveform.resource_grid import ResourceGrid
+    from isacbench.model.numerology import System
+
+    Complex = NDArray[np.complex128]
+
+__all__ = ["Knowledge", "Reception", "drawn_response", "expected_ber", "receive"]
+
+Knowledge = Literal["prs", "perfect"]
+"""What the user knows of the channel: an estimate from the PRS, or all."""
+
+LOWEST_SNR_DB = -20 * float(np.log10(LARGEST_NOISE_AMPLITUDE))
+
+
+@dataclass(frozen=True)
+class Reception:
+    """What became of the data of one frame.
+
+    Attributes
+    ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+    channel : str
+        Name of the channel.
+    snr_db : float
+    knowledge : {"prs", "perfect"}
+    n_bits : int
+        Data bits of the frame.
+    n_bit_errors : int
+    evm : float
+        Error vector magnitude: root mean square of what equalised data symbols
+        are off, whose own is 1.
+    channel_power_db : float
+        Mean power of the channel over the frame: a fade takes it below 0.
+    channel_error_db : float
+        Mean square error of the channel estimate over the channel's power;
+        NaN where the channel is known.
+    """
+
+    modulation: Modulation
+    channel: str
+    snr_db: float
+    knowledge: Knowledge
+    n_bits: int
+    n_bit_errors: int
+    evm: float
+    channel_power_db: float
+    channel_error_db: float
+
+    @property
+    def ber(self) -> float:
+        """Bit error rate; NaN of a frame without data."""
+        return self.n_bit_errors / self.n_bits if self.n_bits else float("nan")
+
+    @property
+    def evm_db(self) -> float:
+        """Error vector magnitude in dB."""
+        return _db(self.evm**2)
+
+    @property
+    def evm_percent(self) -> float:
+        """Error vector magnitude in percent."""
+        return 100 * self.evm
+
+    @property
+    def equalised_snr_db(self) -> float:
+        """Power of data symbols over that of their errors, behind the equaliser."""
+        return -self.evm_db
+
+
+def receive(
+    grid: ResourceGrid,
+    system: System,
+    channel: Channel,
+    snr_db: float,
+    *,
+    knowledge: Knowledge = "prs",
+    time_order: int = 0,
+    trial: int = 0,
+    seed: int = 0,
+) -> Reception:
+    """Receive a frame with one antenna, without feedback or coding.
+
+    Every resource element is multiplied by the channel, which is what the
+    waveform yields as long as all paths arrive within the prefix, and gets
+    noise. It is divided by what the user knows of the channel (zero forcing;
+    an equaliser of least mean square error differs by a real factor alone, and
+    has none left when its bias is taken off), and decided for the nearest
+    symbol.
+
+    Parameters
+    ----------
+    grid : ResourceGrid
+        What is sent, for example of `isacbench.link.waveform.resource_grid.draw_grid`.
+    system : System
+    channel : Channel
+    snr_db : float
+        Mean received power per resource element over noise power, the mean
+        taken over all fades of a fading channel; infinity for no noise.
+    knowledge : {"prs", "perfect"}
+    time_order : int
+        Order of the polynomial that the estimated channel follows in time; 0
+        takes it as constant.
+    trial, seed : int
+        Which noise and which fade, not negative. They depend neither on the
+        SNR, which only scales the noise, nor on the modulation; the noise not
+        on the channel either.
+
+    Returns
+    -------
+    Reception
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed, the grid is not of the system, a path is
+        later than the prefix allows, or the frame has too little PRS to
+        estimate the channel from.
+
+    Examples
+    --------
+    >>> from isacbench.link.reception.channel import Awgn
+    >>> from isacbench.link.waveform.resource_grid import draw_grid
+    >>> from isacbench.model.numerology import System
+    >>> system = System(n_subcarriers=256)
+    >>> reception = receive(draw_grid(system, "16qam"), system, Awgn(), snr_db=30)
+    >>> reception.n_bit_errors
+    0
+    """
+    _require_allowed(grid, system, snr_db, knowledge)
+    response = drawn_response(system, channel, trial, seed)
+    received = _received(grid.symbols, response, snr_db, trial, seed)
+    power = _power(_different(response))
+    known, error_db = response, float("nan")
+    if knowledge == "prs":
+        known = prs_estimator(system, time_order).estimate(received, grid.symbols)
+        error_db = _db(_power(_different(known) - _different(response)) / power)
+    equalised = received
+    equalised *= _inverse(known)
+    is_data = ~grid.is_prs.T
+    data = equalised.T[is_data]
+    decided = decide_bits(data, grid.modulation)
+    data -= grid.symbols.T[is_data]
+    return Reception(
+        modulation=grid.modulation,
+        channel=channel.name,
+        snr_db=float(snr_db),
+        knowledge=knowledge,
+        n_bits=decided.size,
+        n_bit_errors=int(np.count_nonzero(decided != grid.bits)),
+        evm=float(np.sqrt(_power(data))),
+        channel_power_db=_db(power),
+        channel_error_db=error_db,
+    )
+
+
+def drawn_response(system: System, channel: Channel, trial: int = 0, seed: int = 0) -> Complex:
+    """Channel on every resource element as `receive` draws it.
+
+    Parameters
+    ----------
+    system : System
+    channel : Channel
+    trial, seed : int
+        Which fade, not negative.
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_subcarriers, n_symbols)
+        As `isacbench.link.reception.channel.channel_response` returns it.
+
+    Raises
+    ------
+    InputError
+        As `receive`, if the closed form does not hold.
+    """
+    paths = channel.paths(system, random_stream("channel", trial, seed, channel.name))
+    return channel_response(system, paths)
+
+
+def expected_ber(
+    modulation: Modulation,
+    system: System,
+    channel: Channel,
+    snr_db: float,
+    *,
+    knowledge: Knowledge = "prs",
+    time_order: int = 0,
+    trial: int = 0,
+    seed: int = 0,
+) -> float:
+    """Bit error rate that theory expects of `receive`, given the fade and not the noise.
+
+    Parameters
+    ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+    system, channel, snr_db, knowledge, time_order, trial, seed
+        As for `receive`.
+
+    Returns
+    -------
+    float
+        The mean over data elements of the closed form in white noise. An
+        estimate of the channel adds to the noise what it takes of it, which
+        holds where it follows the channel.
+
+    Raises
+    ------
+    InputError
+        As `receive`.
+    """
+    response = drawn_response(system, channel, trial, seed)
+    if knowledge == "prs":
+        snr_db = effective_snr_db(modulation, snr_db, prs_estimator(system, time_order).noise_gain)
+    different, is_data = _different(response), ~prs_elements(system)
+    n_symbols = is_data if different.shape == is_data.shape else is_data.sum(axis=1, keepdims=True)
+    return response_ber(modulation, different, snr_db, n_symbols)
+
+
+def _require_allowed(grid: ResourceGrid, system: System, snr_db: float, knowledge: Knowledge) -> None:
+    require(snr_db >= LOWEST_SNR_DB, "snr_db", snr_db, f"{LOWEST_SNR_DB:.0f} and more, infinity for no noise")
+    if knowledge not in get_args(Knowledge):
+        raise unknown_name("knowledge", knowledge, get_args(Knowledge))
+    shape = (system.n_subcarriers, system.n_symbols)
+    if grid.symbols.shape != shape:
+        raise InputError(f"grid of shape {grid.symbols.shape}: allowed is {shape}, that of the system")
+
+
+def _received(symbols: Complex, response: Complex, snr_db: float, trial: int, seed: int) -> Complex:
+    """Resource elements (n_subcarriers, n_symbols) as they arrive."""
+    received: Complex = symbols * response
+    amplitude = 10 ** (-float(snr_db) / 20)
+    if amplitude:
+        received += amplitude * _unit_noise(symbols.shape, trial, seed)
+    return received
+
+
+@lru_cache(maxsize=1)
+def _unit_noise(shape: tuple[int, int], trial: int, seed: int) -> Complex:
+    """Noise of the user's receiver; kept, because other SNRs, modulations and channels have the same."""
+    noise = white_gaussian(random_stream("user", trial, seed), shape[::-1]).T
+    noise.setflags(write=False)
+    return noise
+
+
+def _inverse(response: Complex) -> Complex:
+    """Reciprocal of a response; 0 where it is 0, because such an element tells nothing."""
+    different = _different(response)
+    inverse = np.zeros_like(different)
+    np.divide(1, different, out=inverse, where=different != 0)
+    return np.broadcast_to(inverse, response.shape)
+
+
+def _different(response: Complex) -> Complex:
+    """Symbols of a response that do not share the memory of one: (n_subcarriers, n_symbols or 1)."""
+    return response[:, :1] if response.strides[1] == 0 else response
+
+
+def _power(values: Complex) -> float:
+    """Mean power; NaN of nothing."""
+    if not values.size:
+        return float("nan")
+    flat = values.ravel(order="K")
+    return float(np.vdot(flat, flat).real / flat.size)
+
+
+def _db(power: float) -> float:
+    return 10 * float(np.log10(power)) if power else -float("inf")

@@ -1,0 +1,1 @@
+"""Sensing with the waveform: echoes of it, divided by what was sent, as observations."""

@@ -1,0 +1,220 @@
+"""Division by the transmitted symbols: what it leaves of echo and noise on every resource element.
+
+Of a resource element that receives Y = X S + N, division makes
+
+    Ŝ = a S + q N₀,
+
+where N₀ has the law of N: circular noise does not show by which phase it was
+divided. So only the moduli of the symbols matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, get_args
+
+import numpy as np
+
+from isacbench.errors import InputError, unknown_name
+from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.sent_signal import Division
+from isacbench.model.prs import resource_elements
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.link.waveform.sent_signal import Signal
+    from isacbench.model.numerology import System
+    from isacbench.model.prs import Sensing
+
+__all__ = ["Weights", "division_factors", "division_weights", "sensed_elements", "symbol_moduli"]
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Real weights of echo and noise on the resource grid.
+
+    Attributes
+    ----------
+    echo : ndarray of float64, shape (n_subcarriers, n_symbols)
+        a, of mean 1: an echo peaks as high as on the whole grid.
+    noise : ndarray of float64, same shape
+        q, amplitude of the noise over that of the receiver.
+    """
+
+    echo: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+    @property
+    def noise_factor(self) -> float:
+        """Noise power of a range-Doppler cell over that of the receiver; echoes peak as they do."""
+        return float(np.mean(self.noise**2))
+
+    @property
+    def pedestal(self) -> float:
+        """Mean power that an echo of power N_c N_sym in its cell leaves in the others of the map."""
+        return float(np.var(self.echo))
+
+
+def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0) -> NDArray[np.float64]:
+    """Moduli of the symbols that are sensed with, 0 on the other resource elements.
+
+    Parameters
+    ----------
+    system : System
+    signal : Signal
+    trial, seed : int
+        Which data.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_subcarriers, n_symbols)
+
+    Raises
+    ------
+    InputError
+        If no element of the grid is sensed with.
+    """
+    sensed = sensed_elements(system, signal.sensing)
+    if signal.has_unit_modulus:
+        return sensed.astype(np.float64)
+    # All elements carry symbols: sensing with the PRS alone has unit modulus.
+    grid = draw_grid(system, signal.modulation, trial=trial, seed=seed, n_id=signal.n_id)
+    return np.abs(grid.symbols)
+
+
+def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
+    """Resource elements that are sensed with, of which there must be some.
+
+    Parameters
+    ----------
+    system : System
+    sensing : {"all", "prs"}
+
+    Returns
+    -------
+    ndarray of bool, shape (n_subcarriers, n_symbols)
+
+    Raises
+    ------
+    InputError
+        If there is no such sensing, or no such element of the grid.
+    """
+    sensed = resource_elements(system, sensing)
+    if not sensed.any():
+        raise InputError(
+            f"sensing = {sensing!r}: a grid of {system.n_subcarriers} subcarriers and {system.n_symbols} "
+            "symbols has none of these resource elements; allowed are 3 symbols and more"
+        )
+    return sensed
+
+
+def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: float = np.inf) -> Weights:
+    """Weights of echo and noise behind a division.
+
+    Parameters
+    ----------
+    moduli : ndarray of float64, shape (n_subcarriers, n_symbols)
+        Of the symbols; 0 where an element is not sensed with.
+    division : {"reciprocal", "matched", "wiener"}
+        Y/X; Y X*; or Y X*/(|X|² + 1/SNR).
+    snr_db : float
+        SNR that Wiener division takes as known; infinity makes it reciprocal,
+        and very low ones matched.
+
+    Returns
+    -------
+    Weights
+
+    Raises
+    ------
+    InputError
+        If there is no such division.
+
+    Examples
+    --------
+    >>> weak_and_strong = np.array([[0.5, 1.5]])
+    >>> division_weights(weak_and_strong, "reciprocal").noise.round(3).tolist()
+    [[2.0, 0.667]]
+    >>> division_weights(weak_and_strong, "matched").echo.round(3).tolist()
+    [[0.2, 1.8]]
+    """
+    sensed = moduli > 0
+    divisor = np.where(sensed, moduli, 1.0)
+    # Echo weights over the moduli, from which both weights follow without a 0/0.
+    if division == "reciprocal":
+        filter_gain = sensed / divisor
+    elif division == "matched":
+        filter_gain = moduli
+    elif division == "wiener":
+        filter_gain = _wiener_gain(moduli, divisor, float(snr_db))
+    else:
+        raise unknown_name("division", division, get_args(Division))
+    scale = 1 / np.mean(filter_gain * moduli)
+    noise = scale * filter_gain
+    return Weights(noise * moduli, noise)
+
+
+def division_factors(
+    symbols: ArrayLike,
+    sensed: NDArray[np.bool_],
+    division: Division,
+    snr_db: float = np.inf,
+    unit: float | None = None,
+) -> NDArray[np.complex128]:
+    """What received resource elements are multiplied by to divide them by what was sent.
+
+    Parameters
+    ----------
+    symbols : array_like of complex, shape (n_subcarriers, n_symbols)
+        What was sent, in any unit; anything where an element is not sensed with,
+        and no 0 where it is.
+    sensed : ndarray of bool, same shape
+        Elements that are sensed with.
+    division : {"reciprocal", "matched", "wiener"}
+    snr_db : float
+        SNR of the echo per resource element, for Wiener division: of a symbol
+        whose amplitude is the unit.
+    unit : float, optional
+        Amplitude that counts as 1; the root mean square of the symbols sensed
+        with unless given.
+
+    Returns
+    -------
+    ndarray of complex128, same shape
+        0 where an element is not sensed with. The echo's weights have mean 1.
+
+    Raises
+    ------
+    InputError
+        If there is no such division.
+
+    Examples
+    --------
+    >>> division_factors([[2j, 2]], np.array([[True, False]]), "reciprocal").tolist()
+    [[-1j, 0j]]
+    """
+    sent = np.where(sensed, symbols, 1)
+    if division == "reciprocal":
+        factors: NDArray[np.complex128] = sensed / (sent * np.mean(sensed))
+        return factors
+    moduli = np.abs(sent)
+    amplitude = _root_mean_square(moduli[sensed]) if unit is None else unit
+    weights = division_weights(np.where(sensed, moduli, 0) / amplitude, division, snr_db)
+    factors = (weights.noise / amplitude * sent.conj() / moduli).astype(np.complex128, copy=False)
+    return factors
+
+
+def _root_mean_square(moduli: NDArray[np.float64]) -> float:
+    """Root mean square, in units of the largest, of which no square overflows."""
+    largest = float(np.max(moduli))
+    return largest * float(np.sqrt(np.mean((moduli / largest) ** 2)))
+
+
+def _wiener_gain(
+    moduli: NDArray[np.float64], divisor: NDArray[np.float64], snr_db: float
+) -> NDArray[np.float64]:
+    """|X|/(|X|² + 1/SNR) up to a constant, of which neither end of the SNR overflows."""
+    if snr_db > 0:
+        return moduli / (divisor**2 + 10 ** (-snr_db / 10))
+    return moduli / (1 + moduli**2 * 10 ** (snr_db / 10))

@@ -1,0 +1,308 @@
+"""The echo of a scene as a waveform: received at the array, with noise, and observed through the demodulator.
+
+Nothing here knows the closed form of the echo on a resource element. Scatterers
+are paths of the waveform, what arrives is demodulated and divided by what was
+sent, and the range-Doppler cells of the gate are summed symbol by symbol, so
+that neither the waveform of all elements nor their resource grid is ever held.
+"""
+
+from __future__ import annotations
+
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+
+from isacbench.cores import available_cores
+from isacbench.dsp.partial_dft import doppler_rows, range_method, range_rows
+from isacbench.errors import InputError, InputWarning
+from isacbench.link.sensing.division import division_factors, sensed_elements
+from isacbench.link.sensing.interference import echo_interference
+from isacbench.link.waveform.ofdm import layout
+from isacbench.link.waveform.propagation import Paths, propagate, received_symbols
+from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.sent_signal import Signal
+from isacbench.model.echo import (
+    Simulator,
+    echo_parameters,
+    element_responses,
+    is_dust,
+    random_stream,
+    white_gaussian,
+)
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.link.waveform.qam import Modulation
+    from isacbench.link.waveform.resource_grid import ResourceGrid
+    from isacbench.link.waveform.sent_signal import Division
+    from isacbench.model.gate import Gate
+    from isacbench.model.numerology import System
+    from isacbench.model.observation import Observation
+    from isacbench.model.prs import Sensing
+    from isacbench.model.scene import Scenario
+
+    Complex = NDArray[np.complex128]
+
+__all__ = ["echo_paths", "interference_to_echo_db", "observe_waveform", "received_waveform"]
+
+SYMBOLS_TOGETHER = 16
+"""Symbols whose range bins are collected before their Doppler transform."""
+
+
+def echo_paths(scenario: Scenario, elements: ArrayLike) -> Paths:
+    """Paths from the base station by way of every scatterer to elements of the virtual array.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    elements : array_like of int, shape (E, 2)
+        Places (p, q) in the virtual array.
+
+    Returns
+    -------
+    Paths
+        One a scatterer, of delay 2R/c and Doppler 2v f_c/c. Nothing folds: a
+        delay beyond a symbol is what it is.
+
+    Raises
+    ------
+    InputError
+        If an element is none of the array.
+    """
+    places = np.asarray(elements)
+    n_p, n_q = scenario.array.shape
+    is_place = places.ndim == 2 and places.shape[1] == 2 and places.dtype.kind in "iu"
+    if not (is_place and ((places >= 0) & (places < (n_p, n_q))).all()):
+        raise InputError(f"elements {elements!r}: allowed are pairs from (0, 0) to ({n_p - 1}, {n_q - 1})")
+    echo = echo_parameters(scenario)
+    return Paths(
+        gain=echo.gain[:, None] * element_responses(echo, places),
+        delay_s=2 * scenario.range_m / SPEED_OF_LIGHT_MPS,
+        doppler_hz=2 * scenario.scatterers.velocity * scenario.system.carrier_hz / SPEED_OF_LIGHT_MPS,
+    )
+
+
+def received_waveform(
+    scenario: Scenario,
+    grid: ResourceGrid,
+    elements: ArrayLike,
+    snr_db: float = np.inf,
+    trial: int = 0,
+    seed: int = 0,
+) -> Complex:
+    """Waveform that elements of the virtual array receive of a frame, echoes and noise.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    grid : ResourceGrid
+        The frame sent.
+    elements : array_like of int, shape (E, 2)
+        Places (p, q) in the virtual array.
+    snr_db : float
+        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element;
+        infinity for no noise. A sample has the noise power of a resource element.
+    trial, seed : int
+        Which noise. That of an element does not depend on which others are
+        asked for.
+
+    Returns
+    -------
+    ndarray of complex128, shape (n, E)
+        At the critical rate, from the instant at which the first prefix starts
+        to be sent to the last echo.
+
+    Raises
+    ------
+    InputError
+        If an element is none of the array, an echo takes longer than the frame,
+        or `propagate` refuses the system or `Simulator.noise_amplitude` the SNR.
+
+    Warns
+    -----
+    InputWarning
+        If echoes arrive when the cyclic prefix has passed.
+    """
+    amplitude = Simulator(scenario).noise_amplitude(snr_db)
+    paths = echo_paths(scenario, elements)
+    _warn_of_interference(scenario)
+    waveform = propagate(grid.symbols, scenario.system, paths)
+    if amplitude:
+        for samples, stream in zip(waveform.T, _noise_streams(scenario, elements, trial, seed), strict=True):
+            samples += amplitude * white_gaussian(stream, samples.shape)
+    return waveform
+
+
+def observe_waveform(
+    scenario: Scenario,
+    snr_db: float,
+    trial: int = 0,
+    seed: int = 0,
+    *,
+    modulation: Modulation = "qpsk",
+    sensing: Sensing = "all",
+    division: Division = "reciprocal",
+    n_id: int = 0,
+) -> Observation:
+    """Observe a scenario through its waveform: modulated, reflected, demodulated and divided.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    snr_db : float
+        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element;
+        infinity for no noise.
+    trial, seed : int
+        Which data and which noise. The noise is that of `received_waveform`,
+        not the draw of `isacbench.observe`.
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+        Of the data.
+    sensing : {"all", "prs"}
+        Resource elements that are sensed with.
+    division : {"reciprocal", "matched", "wiener"}
+        How what was received is divided by what was sent.
+    n_id : int
+        Identity of the PRS sequence.
+
+    Returns
+    -------
+    Observation
+        As of `isacbench.observe`, for any estimator.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed, or prefix or suffix are no whole samples.
+
+    Warns
+    -----
+    InputWarning
+        If echoes arrive when the cyclic prefix has passed.
+    """
+    simulator, system = Simulator(scenario), scenario.system
+    amplitude = simulator.noise_amplitude(snr_db)
+    signal = Signal(modulation, sensing, division, n_id)
+    grid = draw_grid(system, modulation, trial=trial, seed=seed, n_id=n_id)
+    # Of unit mean power are constellations, not the symbols of one frame.
+    sensed = sensed_elements(system, sensing)
+    factors = division_factors(grid.symbols, sensed, signal.division, snr_db, unit=1.0)
+    elements = scenario.array.positions
+    symbols = received_symbols(grid.symbols, system, echo_paths(scenario, elements))
+    _warn_of_interference(scenario)
+    if amplitude:
+        noise = _noise_symbols(system, _noise_streams(scenario, elements, trial, seed))
+        symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=True))
+    divided = (received * by[:, None] for received, by in zip(symbols, factors.T, strict=True))
+    cells = _gate_cells(divided, simulator.gate, system, len(elements))
+    if not amplitude and is_dust(cells, echo_parameters(scenario), np.sqrt(system.processing_gain)):
+        cells[:] = 0
+    observation = simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
+    return replace(observation, sensing=sensing)
+
+
+def interference_to_echo_db(scenario: Scenario) -> float:
+    """Interference of late echoes on a resource element, over the power of all echoes.
+
+    Late are echoes from beyond the undisturbed cyclic prefix. What they bring
+    includes what Doppler within a symbol does to them.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    float
+        In dB; -inf where no echo is late.
+    """
+    scatterers, is_late = scenario.scatterers, _is_late(scenario)
+    unit, power = scatterers.power_in_units
+    if power == 0 or not is_late.any():
+        return -np.inf
+    late = echo_interference(scenario.system, scenario.range_m[is_late], scatterers.velocity[is_late])
+    with np.errstate(divide="ignore"):
+        share_db = 10 * np.log10(np.sum((scatterers.amplitude[is_late] / unit) ** 2 * late.power) / power)
+    return float(share_db)
+
+
+def _is_late(scenario: Scenario) -> NDArray[np.bool_]:
+    is_late: NDArray[np.bool_] = scenario.range_m > scenario.system.isi_free_range_m
+    return is_late
+
+
+def _warn_of_interference(scenario: Scenario) -> None:
+    is_late = _is_late(scenario)
+    if is_late.any():
+        limit_m = scenario.system.isi_free_range_m
+        beyond_m = scenario.range_m.max() - limit_m
+        warnings.warn(
+            f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from "
+            f"up to {beyond_m:.1f} m beyond the {limit_m:.1f} m of the undisturbed cyclic prefix; "
+            f"their interference is at {interference_to_echo_db(scenario):.1f} dB of all echoes",
+            InputWarning,
+            stacklevel=3,
+        )
+
+
+def _noise_streams(
+    scenario: Scenario, elements: ArrayLike, trial: int, seed: int
+) -> list[np.random.Generator]:
+    """Random numbers of the noise of each element, in the order of its samples."""
+    return [
+        random_stream(scenario.name, trial, seed, "waveform", str(p), str(q))
+        for p, q in np.asarray(elements).tolist()
+    ]
+
+
+def _noise_symbols(system: System, streams: list[np.random.Generator]) -> Iterator[Complex]:
+    """Demodulate unit white noise (n_subcarriers, E) of one symbol after the other."""
+    parts = layout(system)
+
+    def useful(stream: np.random.Generator) -> Complex:
+        return white_gaussian(stream, (parts.n_symbol,))[parts.n_prefix :]
+
+    with ThreadPoolExecutor(available_cores()) as threads:
+        for _ in range(system.n_symbols):
+            samples = np.stack(list(threads.map(useful, streams)))
+            yield scipy.fft.fft(samples, axis=1, norm="ortho", overwrite_x=True, workers=available_cores()).T
+
+
+def _gate_cells(symbols: Iterable[Complex], gate: Gate, system: System, n_elements: int) -> Complex:
+    """Range-Doppler cells (n_range, n_doppler, E) of divided symbols (n_subcarriers, E)."""
+    along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
+    at_range = _RangeBins(gate, system)
+    n_range, n_doppler = gate.shape
+    cells = np.zeros((n_doppler, n_range * n_elements), dtype=np.complex128)
+    remaining = iter(symbols)
+    first = 0
+    while together := [at_range(symbol).ravel() for symbol in islice(remaining, SYMBOLS_TOGETHER)]:
+        last = first + len(together)
+        cells += along_doppler[:, first:last] @ np.stack(together)
+        first = last
+    return np.ascontiguousarray(cells.reshape(n_doppler, n_range, n_elements).swapaxes(0, 1))
+
+
+class _RangeBins:
+    """Range bins of a gate of single symbols, the faster of two ways."""
+
+    def __init__(self, gate: Gate, system: System) -> None:
+        self._bins = gate.range_bins % system.n_subcarriers
+        by_product = range_method(self._bins.size, system.n_subcarriers, "contiguous") == "partial"
+        self._rows = range_rows(self._bins, system.n_subcarriers) if by_product else None
+
+    def __call__(self, symbol: Complex) -> Complex:
+        """Bins (n_range, E) of a symbol (n_subcarriers, E)."""
+        if self._rows is not None:
+            product: Complex = self._rows @ symbol
+            return product
+        lines: Complex = scipy.fft.ifft(symbol, axis=0, norm="ortho", workers=available_cores())
+        return lines[self._bins]

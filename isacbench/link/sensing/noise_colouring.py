@@ -1,0 +1,215 @@
+"""Coloured noise in the gate: what unequal weights on the resource grid make of white noise.
+
+Noise of weights q[n, m] has, between cells Δr and Δd bins apart, the covariance
+
+    C(Δr, Δd) = 1/(N M) Σ q²[n, m] exp(j2π n Δr/N) exp(-j2π m Δd/M),
+
+the same wherever they lie and on every element. White noise of the gate is
+given that covariance, so that with q = 1 it stays what it is:
+
+- where cells of different range are uncorrelated, as with the PRS, by a root of
+  the covariance along Doppler;
+- by circulant embedding: on a torus that holds the gate, filled up with white
+  noise, the covariance is a product of the transform with eigenvalues. They
+  must not be negative, which decides how large a torus has to be. The whole
+  map is one on which they are q²;
+- where a few strong elements alone make eigenvalues of small tori negative, by
+  embedding what remains below a level; the rest of the strong elements' noise
+  is drawn on the resource grid and transformed.
+
+All three are exact.
+
+References
+----------
+Dietrich and Newsam, "Fast and exact simulation of stationary Gaussian processes
+through circulant embedding of the covariance matrix", SIAM J. Sci. Comput. 18
+(1997); Wood and Chan, "Simulation of stationary Gaussian processes in [0,1]^d",
+J. Comput. Graph. Stat. 3 (1994).
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+import scipy.linalg
+
+from isacbench.dsp.partial_dft import doppler_rows, range_rows
+from isacbench.model.echo import white_gaussian
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Complex = NDArray[np.complex128]
+
+__all__ = ["coloured_noise", "noise_covariance"]
+
+NEGLIGIBLE = 1e-12
+"""Share of the largest below which covariances and eigenvalues are rounding."""
+
+LEVELS = (0.99, 0.98, 0.95, 0.9, 0.8, 0.6, 0.0)
+"""Shares of the resource elements below a level, tried in turn; at the last one what remains is white."""
+
+MOST_NUMBERS = 2**22
+"""Complex numbers of an intermediate array that are held at a time: 64 MB."""
+
+
+def noise_covariance(weight: NDArray[np.float64]) -> Complex:
+    """Covariance of unit noise between range-Doppler cells.
+
+    Parameters
+    ----------
+    weight : ndarray of float64, shape (n_subcarriers, n_symbols)
+        Amplitude q of the noise on each resource element.
+
+    Returns
+    -------
+    ndarray of complex128, same shape
+        E[Z(r + Δr, d + Δd) Z*(r, d)] at [Δr, Δd]; negative lags count from the end.
+
+    Examples
+    --------
+    >>> noise_covariance(np.array([[1.0, 1.0], [2.0, 2.0]])).real.tolist()
+    [[2.5, 0.0], [-1.5, 0.0]]
+    """
+    covariance: Complex = scipy.fft.fft(scipy.fft.ifft(weight**2, axis=0), axis=1, norm="forward")
+    return covariance
+
+
+def coloured_noise(white: Complex, weight: NDArray[np.float64], stream: np.random.Generator) -> Complex:
+    """Give white noise of a gate the covariance that weights on the resource grid make.
+
+    Parameters
+    ----------
+    white : ndarray of complex128, shape (n_range, n_doppler, P, Q)
+        Circular noise of unit power.
+    weight : ndarray of float64, shape (n_subcarriers, n_symbols)
+        Amplitude q of the noise on each resource element, 0 or more.
+    stream : Generator
+        What more numbers are drawn from, where a torus is larger than the gate.
+
+    Returns
+    -------
+    ndarray of complex128, same shape as `white`
+        A linear function of `white` and of what was drawn; `white` itself where
+        all weights are 1.
+    """
+    shape, power = white.shape[:2], weight**2
+    covariance = noise_covariance(weight)
+    if _is_white_along_range(covariance, shape):
+        return _coloured_along_doppler(white, covariance)
+    spectrum = _small_spectrum(covariance, shape)
+    if spectrum is not None:
+        return _embedded(white, spectrum, stream)
+    if power.min() == 0 or not _small_tori(shape, weight.shape):
+        return _embedded(white, power, stream)
+    level, spectrum = _level(power, shape)
+    coloured = _embedded(white, spectrum, stream)
+    coloured += _drawn_on_grid(np.sqrt(np.maximum(power - level, 0)), white.shape, stream)
+    return coloured
+
+
+def _is_white_along_range(covariance: Complex, shape: tuple[int, ...]) -> bool:
+    """Whether cells of different range are uncorrelated in the gate."""
+    lags = _lags(shape[0], len(covariance))
+    largest = float(covariance[0, 0].real)
+    return bool(np.all(np.abs(covariance[lags[lags % len(covariance) != 0]]) <= NEGLIGIBLE * largest))
+
+
+def _lags(n: int, n_all: int) -> NDArray[np.int64]:
+    """Lags that occur between n consecutive bins; of all bins there are, each once."""
+    return np.arange(n_all) if 2 * n - 1 >= n_all else np.arange(1 - n, n)
+
+
+def _coloured_along_doppler(white: Complex, covariance: Complex) -> Complex:
+    """White noise times the Hermitian root of its covariance along Doppler."""
+    bins = np.arange(white.shape[1])
+    matrix = covariance[0, np.subtract.outer(bins, bins)]
+    power, modes = scipy.linalg.eigh(matrix)
+    root = (modes * np.sqrt(np.maximum(power, 0))) @ modes.conj().T
+    coloured: Complex = np.einsum("cd,rdpq->rcpq", root, white, optimize=True)
+    return coloured
+
+
+def _small_tori(shape: tuple[int, ...], whole: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Tori smaller than the whole map on which no lag of the gate meets another, the smallest first."""
+    lengths = [
+        sorted({min(scipy.fft.next_fast_len(2 * n - 1), n_all), n_all})
+        for n, n_all in zip(shape, whole, strict=True)
+    ]
+    tori = sorted(product(*lengths), key=lambda torus: torus[0] * torus[1])
+    return [torus for torus in tori if torus != whole]
+
+
+def _small_spectrum(covariance: Complex, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Eigenvalues on the smallest torus on which none is negative, None if that is the whole map."""
+    spectra = (_spectrum(covariance, shape, torus) for torus in _small_tori(shape, covariance.shape))
+    return next((spectrum for spectrum in spectra if spectrum is not None), None)
+
+
+def _level(power: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[float, NDArray[np.float64]]:
+    """Highest level for which noise up to it has no negative eigenvalues on a small torus, and these."""
+    for level in np.quantile(power, LEVELS, method="lower"):
+        spectrum = _small_spectrum(noise_covariance(np.sqrt(np.minimum(power, level))), shape)
+        if spectrum is not None:
+            break
+    # White at the lowest level, which every torus embeds.
+    assert spectrum is not None
+    return float(level), spectrum
+
+
+def _spectrum(
+    covariance: Complex, shape: tuple[int, ...], torus: tuple[int, ...]
+) -> NDArray[np.float64] | None:
+    """Eigenvalues of the covariance on a torus; None where some are negative."""
+    on_torus = np.zeros(torus, dtype=np.complex128)
+    lags = [
+        np.arange(n_all) if length == n_all else _lags(n, n_all)
+        for n, n_all, length in zip(shape, covariance.shape, torus, strict=True)
+    ]
+    on_torus[np.ix_(*lags)] = covariance[np.ix_(*lags)]
+    spectrum = scipy.fft.fft(scipy.fft.ifft(on_torus, axis=1, norm="forward"), axis=0).real
+    if spectrum.min() < -NEGLIGIBLE * spectrum.max():
+        return None
+    return np.maximum(spectrum, 0)
+
+
+def _embedded(white: Complex, spectrum: NDArray[np.float64], stream: np.random.Generator) -> Complex:
+    """White noise as part of a torus of it, coloured by the eigenvalues there."""
+    shape, n_elements = white.shape[:2], white.shape[2] * white.shape[3]
+    by_element = white.reshape(*shape, n_elements).transpose(2, 0, 1)
+    coloured = np.empty((n_elements, *shape), dtype=np.complex128)
+    amplitude = np.sqrt(spectrum)
+    n_together = max(MOST_NUMBERS // spectrum.size, 1)
+    for first in range(0, n_elements, n_together):
+        some = slice(first, min(first + n_together, n_elements))
+        field = white_gaussian(stream, (some.stop - some.start, *spectrum.shape))
+        field[:, : shape[0], : shape[1]] = by_element[some]
+        grid = scipy.fft.ifft(scipy.fft.fft(field, axis=1, overwrite_x=True), axis=2, overwrite_x=True)
+        grid *= amplitude
+        cells = scipy.fft.ifft(grid, axis=1, overwrite_x=True)[:, : shape[0]]
+        coloured[some] = scipy.fft.fft(cells, axis=2)[:, :, : shape[1]]
+    return np.ascontiguousarray(coloured.transpose(1, 2, 0)).reshape(white.shape)
+
+
+def _drawn_on_grid(
+    amplitude: NDArray[np.float64], shape: tuple[int, ...], stream: np.random.Generator
+) -> Complex:
+    """Noise (n_range, n_doppler, P, Q) of the resource elements of some amplitude, few of them."""
+    (n_range, n_doppler, n_p, n_q), (n_subcarriers, n_symbols) = shape, amplitude.shape
+    # Where in the map the gate lies does not matter to the law.
+    along_range = range_rows(np.arange(n_range), n_subcarriers)
+    along_doppler = doppler_rows(np.arange(n_doppler), n_symbols)
+    cells = np.zeros((n_range, n_doppler * n_p * n_q), dtype=np.complex128)
+    n_together = max(MOST_NUMBERS // cells.shape[1], 1)
+    for first in range(0, n_subcarriers, n_together):
+        some = amplitude[first : first + n_together]
+        lines = np.empty((len(some), n_doppler, n_p * n_q), dtype=np.complex128)
+        for line, amplitudes in zip(lines, some, strict=True):
+            symbols = np.flatnonzero(amplitudes)
+            noise = white_gaussian(stream, (symbols.size, n_p * n_q))
+            line[:] = (along_doppler[:, symbols] * amplitudes[symbols]) @ noise
+        cells += along_range[:, first : first + len(some)] @ lines.reshape(len(some), -1)
+    return cells.reshape(shape)

@@ -1,0 +1,72 @@
+"""One door to observations: the closed form where it holds, and the link where it does not."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from isacbench.model.echo import observe as observe_plainly
+
+if TYPE_CHECKING:
+    from isacbench.link.waveform.qam import Modulation
+    from isacbench.link.waveform.sent_signal import Division
+    from isacbench.model.observation import Observation
+    from isacbench.model.prs import Sensing
+    from isacbench.model.scene import Scenario
+
+__all__ = ["observe"]
+
+
+def observe(
+    scenario: Scenario,
+    snr_db: float,
+    trial: int = 0,
+    seed: int = 0,
+    *,
+    modulation: Modulation = "qpsk",
+    sensing: Sensing = "all",
+    division: Division = "reciprocal",
+) -> Observation:
+    """Observe a scenario once; what was computed of the last two scenarios and signals is kept.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    snr_db : float
+        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element,
+        whatever is sensed with; infinity for no noise.
+    trial, seed : int
+        Which noise, and which data.
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+        Of the data.
+    sensing : {"all", "prs"}
+        Resource elements that are sensed with: the whole grid, or the PRS alone.
+    division : {"reciprocal", "matched", "wiener"}
+        How what was received is divided by what was sent; of no account where
+        all symbols have the same power, as in QPSK and in the PRS.
+
+    Returns
+    -------
+    Observation
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed, or the SNR is no number, or so low that the
+        noise overflows.
+
+    Examples
+    --------
+    >>> from isacbench.model.scenes.scenario import load_scenario
+    >>> street = load_scenario("street")
+    >>> whole_grid = observe(street, snr_db=10)
+    >>> pilots_alone = observe(street, snr_db=10, sensing="prs")
+    >>> bool(abs(pilots_alone.cells).mean() > abs(whole_grid.cells).mean())
+    True
+    """
+    if (modulation, sensing, division) == ("qpsk", "all", "reciprocal"):
+        return observe_plainly(scenario, snr_db, trial, seed)
+    # Loaded where it is needed: the link brings in what most runs do without.
+    from isacbench.link.sensing.link_observation import kept_simulator
+    from isacbench.link.waveform.sent_signal import Signal
+
+    return kept_simulator(scenario, Signal(modulation, sensing, division)).observe(snr_db, trial, seed)

@@ -1,0 +1,121 @@
+"""The clean echo behind weights on the resource grid: range-Doppler cells of the gate, without the full cube.
+
+Echoes of one speed share a Doppler profile, and weights a[n, m] then act on
+every subcarrier by one number a Doppler bin and speed:
+
+    A_v[n, d] = Σ_m F[d, m] exp(j2π m T f_v) a[n, m].
+
+What remains is a sum over speeds and a transform over subcarriers. Directions
+of a region span few of the dimensions that an array has: sums are taken over
+these, and only the cells of the gate are spread over the elements.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isacbench.dsp.partial_dft import doppler_rows, range_bins_by_fft, range_method, range_rows
+from isacbench.model.echo import echo_parameters, element_responses, is_dust
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from isacbench.model.echo import EchoParameters
+    from isacbench.model.gate import Gate
+    from isacbench.model.scene import Scenario
+
+    Complex = NDArray[np.complex128]
+
+__all__ = ["weighted_echo"]
+
+MOST_NUMBERS = 2**23
+"""Complex numbers of an intermediate array that are held at a time: 128 MB."""
+
+ROUNDINGS = 32.0
+"""Roundings of the largest singular value below which a dimension of the directions is none."""
+
+
+def weighted_echo(scenario: Scenario, gate: Gate, weight: NDArray[np.float64]) -> Complex:
+    """Noise-free range-Doppler cells of the gate on every virtual element, of a weighted resource grid.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    gate : Gate
+    weight : ndarray of float64, shape (n_subcarriers, n_symbols)
+        Factor of the echo on each resource element, 0 or more.
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_range, n_doppler, P, Q)
+    """
+    echo, system = echo_parameters(scenario), scenario.system
+    coordinates, basis = _dimensions(element_responses(echo, scenario.array.positions))
+    at_dimensions = _cells(echo, gate, weight, coordinates)
+    # Explicit sizes, because -1 cannot be resolved where a scene is empty.
+    n_cells, (n_dimensions, n_elements) = gate.shape[0] * gate.shape[1], basis.shape
+    cells: Complex = at_dimensions.reshape(n_cells, n_dimensions) @ basis
+    cells = cells.reshape(*gate.shape, n_elements)
+    if is_dust(cells, echo, float(weight.sum()) / np.sqrt(system.processing_gain)):
+        cells[:] = 0
+    return cells.reshape(*gate.shape, *scenario.array.shape)
+
+
+def _dimensions(responses: Complex) -> tuple[Complex, Complex]:
+    """Coordinates (K, k) of responses (K, e) in an orthonormal basis (k, e) of what they span."""
+    left, singular, basis = np.linalg.svd(responses, full_matrices=False)
+    rank = int((singular > ROUNDINGS * np.finfo(np.float64).eps * singular.max(initial=0)).sum())
+    return left[:, :rank] * singular[:rank], basis[:rank]
+
+
+def _cells(echo: EchoParameters, gate: Gate, weight: NDArray[np.float64], coordinates: Complex) -> Complex:
+    """Cells (n_range, n_doppler, k) of echoes whose responses have k coordinates."""
+    n_range, n_doppler = gate.shape
+    n_subcarriers, n_dimensions = len(weight), coordinates.shape[1]
+    if range_method(n_range, n_subcarriers) == "partial":
+        rows = range_rows(gate.range_bins, n_subcarriers)
+        cells = np.zeros((n_range, n_doppler * n_dimensions), dtype=np.complex128)
+        for part, at_doppler in _doppler_lines(echo, gate, weight, coordinates):
+            cells += rows[:, part] @ at_doppler.reshape(len(at_doppler), -1)
+        return cells.reshape(n_range, n_doppler, n_dimensions)
+    # Whole lines of subcarriers are held here, of as many dimensions as memory allows.
+    cells = np.empty((n_range, n_doppler, n_dimensions), dtype=np.complex128)
+    n_together = max(MOST_NUMBERS // (n_subcarriers * n_doppler), 1)
+    for first in range(0, n_dimensions, n_together):
+        some = slice(first, first + n_together)
+        lines = np.empty((n_subcarriers, n_doppler, cells[:, :, some].shape[2]), dtype=np.complex128)
+        for part, at_doppler in _doppler_lines(echo, gate, weight, coordinates[:, some]):
+            lines[part] = at_doppler
+        cells[:, :, some] = range_bins_by_fft(lines, gate.range_bins)
+    return cells
+
+
+def _doppler_lines(
+    echo: EchoParameters, gate: Gate, weight: NDArray[np.float64], coordinates: Complex
+) -> Iterator[tuple[slice, Complex]]:
+    """Doppler bins (n, n_doppler, k) of consecutive subcarriers, few at a time."""
+    n_subcarriers, n_symbols = weight.shape
+    speeds, of_speed = np.unique(echo.doppler_bin, return_inverse=True)
+    symbols = np.arange(n_symbols)
+    profiles = np.exp(2j * np.pi * np.outer(speeds, symbols) / n_symbols)
+    rows = doppler_rows(gate.doppler_bins, n_symbols)
+    amplitudes = echo.gain[:, None] * coordinates
+    echoes_of = [np.flatnonzero(of_speed == k) for k in range(speeds.size)]
+    largest = max(speeds.size * max(coordinates.shape[1], len(rows)), len(echo.gain), 1)
+    n_together = max(MOST_NUMBERS // largest, 1)
+    for first in range(0, n_subcarriers, n_together):
+        part = slice(first, min(first + n_together, n_subcarriers))
+        subcarriers = np.arange(part.start, part.stop)
+        profile = np.empty((subcarriers.size, len(rows), speeds.size), dtype=np.complex128)
+        at_speed = np.empty((subcarriers.size, speeds.size, coordinates.shape[1]), dtype=np.complex128)
+        for k, echoes in enumerate(echoes_of):
+            # The weights are real: half the operations.
+            columns = (rows * profiles[k]).T.copy().view(np.float64)
+            profile[:, :, k] = (weight[part] @ columns).view(np.complex128)
+            delays = np.exp(-2j * np.pi / n_subcarriers * np.outer(subcarriers, echo.range_bin[echoes]))
+            at_speed[:, k] = delays @ amplitudes[echoes]
+        yield part, profile @ at_speed

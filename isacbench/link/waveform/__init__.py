@@ -1,0 +1,1 @@
+"""The transmitted waveform: resource grid, symbols, spectrum, rates, and copies of it that arrive."""

@@ -1,0 +1,302 @@
+"""CP-OFDM: the waveform of a resource grid, and the grid of a waveform."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+
+from isacbench.errors import InputError
+from isacbench.model.number_limits import require_count
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.model.numerology import System
+
+    Complex = NDArray[np.complex128]
+
+__all__ = ["Layout", "checked_grid", "demodulate", "layout", "modulate", "n_samples", "transmit_window"]
+
+WHOLE = 1e-9
+"""Largest distance of a prefix or suffix from whole samples, as a fraction of the useful part: rounding."""
+
+CACHED_SAMPLES = 2**16
+"""Samples transformed at a time: a mebibyte, which is copied to its place while it is in the cache."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Samples that the parts of an OFDM symbol have.
+
+    Attributes
+    ----------
+    n_useful : int
+        Useful part, 1/Δf.
+    n_prefix : int
+        Cyclic prefix before it.
+    n_suffix : int
+        Cyclic suffix behind it, which overlaps the next prefix; at most as long
+        as the prefix.
+    """
+
+    n_useful: int
+    n_prefix: int
+    n_suffix: int
+
+    @property
+    def n_symbol(self) -> int:
+        """Samples from the start of a symbol to that of the next."""
+        return self.n_prefix + self.n_useful
+
+
+def layout(system: System, oversampling: int = 1) -> Layout:
+    """Count the samples of an OFDM symbol.
+
+    Parameters
+    ----------
+    system : System
+    oversampling : int
+        Sampling rate over the critical one, N Δf.
+
+    Returns
+    -------
+    Layout
+
+    Raises
+    ------
+    InputError
+        If prefix or suffix are no whole number of samples, or the suffix is
+        longer than the prefix and would reach the next useful part.
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> layout(System())
+    Layout(n_useful=2048, n_prefix=512, n_suffix=64)
+    """
+    require_count("oversampling", oversampling)
+    n_useful = system.n_subcarriers * oversampling
+    n_prefix = _whole_samples("cyclic_prefix_ratio", system.cyclic_prefix_ratio, n_useful)
+    n_suffix = _whole_samples("cyclic_suffix_ratio", system.cyclic_suffix_ratio, n_useful)
+    if n_suffix > n_prefix:
+        raise InputError(
+            f"cyclic_suffix_ratio = {system.cyclic_suffix_ratio!r}: allowed is up to cyclic_prefix_ratio"
+            f" {system.cyclic_prefix_ratio!r}, because the suffix overlaps the next prefix"
+        )
+    return Layout(n_useful, n_prefix, n_suffix)
+
+
+def checked_grid(symbols: ArrayLike, system: System) -> Complex:
+    """Symbols as an array of the system's shape.
+
+    Parameters
+    ----------
+    symbols : array_like, shape (n_subcarriers, n_symbols)
+    system : System
+
+    Returns
+    -------
+    ndarray of complex128, same shape
+
+    Raises
+    ------
+    InputError
+        If the shape is another one.
+    """
+    grid = np.asarray(symbols, dtype=np.complex128)
+    shape = system.n_subcarriers, system.n_symbols
+    if grid.shape != shape:
+        raise InputError(f"symbols of shape {grid.shape}: allowed is {shape}, subcarriers by symbols")
+    return grid
+
+
+def n_samples(layout: Layout, n_symbols: int) -> int:
+    """Count the samples of a frame, with the suffix of its last symbol.
+
+    Parameters
+    ----------
+    layout : Layout
+    n_symbols : int
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> n_samples(Layout(2048, 512, 64), 224)
+    573504
+    """
+    return n_symbols * layout.n_symbol + layout.n_suffix
+
+
+def transmit_window(layout: Layout, position: ArrayLike) -> NDArray[np.float64]:
+    """Evaluate the window that a symbol is sent through.
+
+    It rises as a raised cosine at the start of the prefix, over the length of
+    the suffix, is 1 up to the end of the useful part, and falls over the
+    suffix. Windows of successive symbols sum to 1.
+
+    Parameters
+    ----------
+    layout : Layout
+    position : array_like, any shape
+        In samples from the start of the useful part, not necessarily whole.
+
+    Returns
+    -------
+    ndarray of float64, same shape
+        From 0 to 1. Without a suffix 1 from the start of the prefix to before
+        the end of the useful part.
+
+    Examples
+    --------
+    >>> transmit_window(Layout(8, 4, 2), [-4, -3, -2, 0, 8, 9, 10]).round(3).tolist()
+    [0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0]
+    """
+    position = np.asarray(position, dtype=np.float64)
+    since_start, since_end = position + layout.n_prefix, position - layout.n_useful
+    if layout.n_suffix == 0:
+        return ((since_start >= 0) & (since_end < 0)).astype(np.float64)
+    window: NDArray[np.float64] = _rise(since_start / layout.n_suffix) - _rise(since_end / layout.n_suffix)
+    return window
+
+
+def modulate(symbols: ArrayLike, system: System, oversampling: int = 1) -> Complex:
+    """Modulate a resource grid onto its waveform.
+
+    At the time t from the start of its useful part, symbol m is
+    N^(-1/2) Σ_n X[n, m] exp(j2π n Δf t), times the transmit window. A sample
+    has the mean power of a resource element, at any sampling rate.
+
+    Parameters
+    ----------
+    symbols : array_like, shape (n_subcarriers, n_symbols)
+        What every resource element carries. It is fastest where the
+        subcarriers of a symbol lie side by side in memory.
+    system : System
+    oversampling : int
+        Sampling rate over the critical one, N Δf.
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_samples,)
+        From the start of the first prefix to the end of the last suffix.
+
+    Raises
+    ------
+    InputError
+        If the grid does not have the shape of the system or is not finite, or
+        `layout` refuses the system.
+
+    References
+    ----------
+    3GPP TS 38.211, 5.3.1; the window is left to the transmitter there.
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> system = System(n_subcarriers=32, n_symbols=2)
+    >>> grid = np.ones((32, 2))
+    >>> np.allclose(demodulate(modulate(grid, system), system), grid)
+    True
+    """
+    parts = layout(system, oversampling)
+    by_symbol = checked_grid(symbols, system).T
+    waveform: Complex = np.empty(n_samples(parts, system.n_symbols), dtype=np.complex128)
+    frame, tail = _frame(waveform, parts, system.n_symbols), waveform[waveform.size - parts.n_suffix :]
+    n_together = max(CACHED_SAMPLES // parts.n_useful, 1)
+    for start in range(0, system.n_symbols, n_together):
+        some = slice(start, start + n_together)
+        _write_bodies(by_symbol[some], frame[some], parts, np.sqrt(oversampling))
+    _overlap(frame, tail, parts)
+    return waveform
+
+
+def demodulate(waveform: ArrayLike, system: System) -> Complex:
+    """Demodulate a waveform, sampled critically, to its resource grid.
+
+    Parameters
+    ----------
+    waveform : array_like, shape (n, *trailing)
+        From the start of the first prefix at least to the end of the last
+        useful part; what follows is not looked at. Trailing axes, such as of
+        array elements, are demodulated each.
+    system : System
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_subcarriers, n_symbols, *trailing)
+        The subcarriers of a symbol lie side by side in memory where there are
+        no trailing axes.
+
+    Raises
+    ------
+    InputError
+        If there are too few samples or some are not finite, or `layout`
+        refuses the system.
+    """
+    parts = layout(system)
+    received = np.asarray(waveform, dtype=np.complex128)
+    n_least = system.n_symbols * parts.n_symbol
+    if received.ndim == 0 or len(received) < n_least:
+        raise InputError(f"waveform of shape {received.shape}: allowed are {n_least} samples or more")
+    useful = _frame(received, parts, system.n_symbols)[:, parts.n_prefix :]
+    grid: Complex = scipy.fft.fft(useful, axis=1, norm="ortho").swapaxes(0, 1)
+    _require_finite("waveform holds", grid[0])
+    return grid
+
+
+def _whole_samples(name: str, ratio: float, n_useful: int) -> int:
+    """Samples of a prefix or suffix, a fraction of the useful part."""
+    n = round(ratio * n_useful)
+    if abs(ratio * n_useful - n) > WHOLE * n_useful:
+        raise InputError(
+            f"{name} = {ratio!r}: allowed is a whole number of samples over the {n_useful} of the useful part"
+        )
+    return n
+
+
+def _rise(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Raised cosine from 0 at place 0 to 1 at place 1, and on."""
+    rise: NDArray[np.float64] = (1 - np.cos(np.pi * np.clip(place, 0, 1))) / 2
+    return rise
+
+
+def _require_finite(what: str, one_of_each: Complex) -> None:
+    """Refuse what was not finite before its transform, told by one value of every symbol.
+
+    A value that is not finite spoils all that follow from it.
+    """
+    if not np.isfinite(one_of_each).all():
+        raise InputError(f"{what} values that are not finite: allowed are ordinary numbers")
+
+
+def _frame(waveform: Complex, parts: Layout, n_symbols: int) -> Complex:
+    """View a waveform as symbols (n_symbols, n_symbol, *trailing), without the last suffix."""
+    within = waveform[: n_symbols * parts.n_symbol]
+    return within.reshape(n_symbols, parts.n_symbol, *waveform.shape[1:])
+
+
+def _write_bodies(by_symbol: Complex, frame: Complex, parts: Layout, amplitude: float) -> None:
+    """Write prefix and useful part of symbols (m, n_subcarriers) to (m, n_symbol), without the window."""
+    useful = scipy.fft.ifft(by_symbol, parts.n_useful, axis=1, norm="ortho")
+    if amplitude != 1:
+        useful *= amplitude
+    _require_finite("symbols hold", useful[:, 0])
+    frame[:, parts.n_prefix :] = useful
+    frame[:, : parts.n_prefix] = useful[:, parts.n_useful - parts.n_prefix :]
+
+
+def _overlap(frame: Complex, tail: Complex, parts: Layout) -> None:
+    """Let prefixes rise while the suffixes of the symbols before them fall, the last into the tail."""
+    n = parts.n_suffix
+    rising = _rise(np.arange(n) / n) if n else np.empty(0)
+    falling = 1 - rising
+    suffixes = frame[:, parts.n_prefix : parts.n_prefix + n] * falling
+    frame[:, :n] *= rising
+    frame[1:, :n] += suffixes[:-1]
+    tail[:] = suffixes[-1]

@@ -1,0 +1,171 @@
+"""The resource grid of a frame: the positioning reference signal, and data everywhere else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isacbench.display import brief
+from isacbench.link.waveform.gold import gold_sequence
+from isacbench.link.waveform.qam import Modulation, bits_per_symbol, modulate_bits
+from isacbench.link.waveform.sent_signal import require_n_id
+from isacbench.model.echo import random_stream
+from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.model.numerology import System
+
+__all__ = ["ResourceGrid", "draw_grid", "prs_c_init", "prs_symbols"]
+
+
+@dataclass(frozen=True, eq=False)
+class ResourceGrid:
+    """Symbols of a frame.
+
+    Attributes
+    ----------
+    symbols : ndarray of complex128, shape (n_subcarriers, n_symbols)
+        What every resource element carries, unit mean power, read-only. The
+        subcarriers of a symbol lie side by side in memory.
+    is_prs : ndarray of bool, same shape
+        Which of them carry the PRS; all others carry data.
+    bits : ndarray of uint8, shape (n_bits,)
+        Data, in the order of the resource elements that carry it: symbol by
+        symbol, the lowest subcarrier first.
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+        Of the data.
+    """
+
+    symbols: NDArray[np.complex128]
+    is_prs: NDArray[np.bool_]
+    bits: NDArray[np.uint8]
+    modulation: Modulation
+
+    __repr__ = brief
+
+
+def draw_grid(
+    system: System, modulation: Modulation = "qpsk", *, trial: int = 0, seed: int = 0, n_id: int = 0
+) -> ResourceGrid:
+    """Draw the data of a frame and put the PRS between it.
+
+    Parameters
+    ----------
+    system : System
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+    trial, seed : int
+        Which data, not negative. Modulations have data of their own.
+    n_id : int
+        Identity of the PRS sequence, 0 to 4095.
+
+    Returns
+    -------
+    ResourceGrid
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
+
+    References
+    ----------
+    3GPP TS 38.211, 7.3.1.5 (order of mapping) and 7.4.1.7 (PRS).
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> grid = draw_grid(System(), "16qam")
+    >>> grid.bits.size == 4 * (2048 * 224 - 48 * 512)
+    True
+    """
+    n_bits = bits_per_symbol(modulation)
+    is_prs = prs_elements(system)
+    n_data = is_prs.size - int(is_prs.sum())
+    bits = _random_bits(n_data * n_bits, random_stream("data", trial, seed, modulation))
+    # Symbols by subcarriers, so that one mask writes them in the standard's order.
+    by_symbol = prs_symbols(system, n_id).T
+    by_symbol[~is_prs.T] = modulate_bits(bits, modulation)
+    for array in (by_symbol, is_prs, bits):
+        array.setflags(write=False)
+    return ResourceGrid(by_symbol.T, is_prs, bits, modulation)
+
+
+def _random_bits(n_bits: int, stream: np.random.Generator) -> NDArray[np.uint8]:
+    """Zeros and ones (n_bits,), eight of every random byte."""
+    packed = np.frombuffer(stream.bytes(-(-n_bits // 8)), dtype=np.uint8)
+    return np.unpackbits(packed, count=n_bits)
+
+
+def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
+    """Symbols of the positioning reference signal on the resource grid.
+
+    Parameters
+    ----------
+    system : System
+    n_id : int
+        Identity of the sequence, 0 to 4095.
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_subcarriers, n_symbols)
+        QPSK of unit power on the elements of `isacbench.model.prs.prs_elements`,
+        0 elsewhere.
+
+    Raises
+    ------
+    InputError
+        If the identity is not allowed.
+
+    References
+    ----------
+    3GPP TS 38.211, 7.4.1.7.2.
+    """
+    is_prs = prs_elements(system)
+    symbols = np.flatnonzero(is_prs.any(axis=0))
+    n_most = int(is_prs.sum(axis=0).max())
+    sequences = gold_sequence(prs_c_init(*np.divmod(symbols, SLOT_SYMBOLS), n_id), 2 * n_most)
+    qpsk = modulate_bits(sequences.ravel(), "qpsk").reshape(len(symbols), n_most)
+    by_symbol = np.zeros(is_prs.T.shape, dtype=np.complex128)
+    for symbol, values in zip(symbols, qpsk, strict=True):
+        places = np.flatnonzero(is_prs[:, symbol])
+        by_symbol[symbol, places] = values[: places.size]
+    return by_symbol.T
+
+
+def prs_c_init(slot: NDArray[np.int64], symbol: NDArray[np.int64], n_id: int) -> NDArray[np.int64]:
+    """Initial values of the Gold sequences of PRS symbols.
+
+    Parameters
+    ----------
+    slot : ndarray of int64, shape (n,)
+        Slot in the radio frame.
+    symbol : ndarray of int64, shape (n,)
+        Symbol in the slot.
+    n_id : int
+        Identity of the sequence, 0 to 4095.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+
+    Raises
+    ------
+    InputError
+        If the identity is not allowed.
+
+    References
+    ----------
+    3GPP TS 38.211, 7.4.1.7.2.
+
+    Examples
+    --------
+    >>> prs_c_init(np.array([0]), np.array([2]), n_id=0).tolist()
+    [3072]
+    """
+    require_n_id(n_id)
+    high, low = divmod(n_id, 1024)
+    return (2**22 * high + 2**10 * (SLOT_SYMBOLS * slot + symbol + 1) * (2 * low + 1) + low) % 2**31

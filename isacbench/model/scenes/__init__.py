@@ -1,0 +1,1 @@
+"""Scenario files and the objects that they name."""

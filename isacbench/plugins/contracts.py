@@ -1,0 +1,245 @@
+"""The small contracts between the harness and its plugins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
+
+from isacbench.display import Description, Displayed, brief, span
+from isacbench.errors import require
+from isacbench.files.escaping import counted
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.observation import Observation
+
+__all__ = [
+    "Detection",
+    "Detector",
+    "Diagnoser",
+    "Diagnosis",
+    "Estimator",
+    "Needs",
+    "Spectrum",
+    "TruthEstimator",
+    "needs_of",
+]
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What an estimator reads of an observation: nothing else is computed for it.
+
+    Attributes
+    ----------
+    elements : {"plane", "cross", "none"}
+        All P Q virtual elements (`Observation.cells`), the P + Q - 1 of one
+        column and one row (`Observation.cross`), or no echo at all.
+    integration : {"noncoherent", "element"} or None
+        Elements whose power its detection map averages: all that it reads, or
+        one. None where it detects on no map.
+    cells : {"gate", "detected", "none"}
+        Range-Doppler cells whose directions it looks into.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
+    """
+
+    elements: Literal["plane", "cross", "none"] = "plane"
+    integration: Literal["noncoherent", "element"] | None = "noncoherent"
+    cells: Literal["gate", "detected", "none"] = "gate"
+
+    def __post_init__(self) -> None:
+        for name, allowed in (
+            ("elements", ("plane", "cross", "none")),
+            ("integration", ("noncoherent", "element", None)),
+            ("cells", ("gate", "detected", "none")),
+        ):
+            value = getattr(self, name)
+            require(value in allowed, f"needs.{name}", value, f"one of {', '.join(map(str, allowed))}")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Detection(Displayed):
+    """What a detector says of a map; every array has the map's shape, or (n,) where n cells were listed.
+
+    Attributes
+    ----------
+    mask : ndarray of bool
+        Cells whose power exceeds their threshold.
+    threshold : ndarray of float64
+        Threshold of each cell, same unit as the power.
+    noise : ndarray of float64
+        Noise power that the detector estimates around each cell.
+    """
+
+    mask: NDArray[np.bool_]
+    threshold: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+    def _description(self) -> Description:
+        import numpy as np  # which commands that only look up plugins do without
+
+        mask = np.asarray(self.mask)
+        n_detected = np.count_nonzero(mask)
+        share = f" ({100 * n_detected / mask.size:.3g} %)" if mask.size else ""
+        return Description(
+            f"Detection: {n_detected} of {counted(mask.size, 'cell')} detected{share}",
+            {
+                "map": " x ".join(map(str, mask.shape)),
+                "threshold": span(self.threshold),
+                "noise": span(self.noise),
+            },
+        )
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """A CFAR detector: a frozen dataclass of its parameters.
+
+    `detect` may take a third argument, ``cells``: what to test instead of the
+    whole map, as `numpy.nonzero` gives it. Those that do are asked for no more
+    than is needed (`isacbench.dsp.cell_detection.detect_listed`).
+
+    Attributes
+    ----------
+    name : str
+        Class attribute, the name it is registered under.
+    pfa : float
+        Probability of false alarm per cell in homogeneous noise.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    def pfa(self) -> float:
+        """Probability of false alarm per cell."""
+
+    def detect(self, power: NDArray[np.floating], looks: int = 1) -> Detection:
+        """Test every cell of a power map that averages `looks` independent noise powers."""
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """An imaging algorithm: a frozen dataclass of its parameters.
+
+    It knows the observation and nothing else: no truth, no SNR, no noise
+    power. It must not write to the observation's arrays.
+
+    It may have an attribute or property ``needs``, a `Needs`; one without is
+    taken to read everything (`needs_of`).
+    """
+
+    name: ClassVar[str]
+
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation."""
+
+
+@runtime_checkable
+class TruthEstimator(Estimator, Protocol):
+    """An estimator that sees the truth: a bound, never a competitor.
+
+    Without the truth it raises `isacbench.errors.InputError`.
+    """
+
+    needs_truth: ClassVar[bool]
+
+    def estimate(self, observation: Observation, truth: PointCloud | None = None) -> PointCloud:
+        """Image one observation, knowing its truth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """An angular spectrum of one range-Doppler cell, along one direction cosine.
+
+    Attributes
+    ----------
+    cosine : ndarray of float64, shape (g,)
+        Direction cosines, ascending.
+    level_db : ndarray of float64, shape (g,)
+        Level of the spectrum in dB; the estimator chooses its zero.
+    threshold_db : float, ndarray of float64 of shape (g,), or None
+        What a peak has to exceed; None where the estimator has no threshold.
+    peaks : ndarray of float64, shape (k,)
+        Direction cosines that the estimator takes for echoes.
+    label : {"u", "w"}
+        The direction cosine that the spectrum runs along.
+    """
+
+    cosine: NDArray[np.float64]
+    level_db: NDArray[np.float64]
+    threshold_db: float | NDArray[np.float64] | None
+    peaks: NDArray[np.float64]
+    label: Literal["u", "w"]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What an estimator saw on its way to a cloud, enough to draw its range-Doppler map and its spectra.
+
+    Attributes
+    ----------
+    power : ndarray of float64, shape (n_range, n_doppler)
+        The map that the detector saw.
+    detection : Detection
+        What the detector said of it.
+    range_bins : ndarray of int64, shape (n_range,)
+        Range bins of the map.
+    doppler_bins : ndarray of int64, shape (n_doppler,)
+        Signed Doppler bins of the map.
+    spectra : tuple of Spectrum
+        Spectra of the strongest detected cell, empty where nothing was detected.
+    cell : (int, int) or None
+        Range and Doppler bin of that cell, None where nothing was detected.
+    separated : bool or None
+        Whether signal and noise subspaces of that cell are separated, so that
+        their directions are more than rounding; None where there are none.
+    """
+
+    power: NDArray[np.float64]
+    detection: Detection
+    range_bins: NDArray[np.int64]
+    doppler_bins: NDArray[np.int64]
+    spectra: tuple[Spectrum, ...]
+    cell: tuple[int, int] | None
+    separated: bool | None = None
+
+    __repr__ = brief
+
+
+@runtime_checkable
+class Diagnoser(Protocol):
+    """An estimator that shows its work. Optional: figures of maps and spectra are drawn of those that do."""
+
+    def diagnose(self, observation: Observation) -> Diagnosis:
+        """Look at one observation as `Estimator.estimate` does, and say what was seen."""
+
+
+def needs_of(estimator: Estimator) -> Needs:
+    """What an estimator declares to need; all of the gate on all elements where it declares nothing.
+
+    Parameters
+    ----------
+    estimator : Estimator
+
+    Returns
+    -------
+    Needs
+
+    Raises
+    ------
+    TypeError
+        If its ``needs`` is no `Needs`.
+    """
+    needs = getattr(estimator, "needs", Needs())
+    if not isinstance(needs, Needs):
+        raise TypeError(f"estimator {estimator.name}: its needs must be a Needs, not {type(needs).__name__}")
+    return needs

@@ -1,0 +1,210 @@
+"""What is registered under which name: entry points of packages, and plugin files of this process."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from isacbench.errors import InputError
+from isacbench.plugins.local_files import PluginFile, forget_module, import_plugins
+
+__all__ = [
+    "GROUPS",
+    "Entry",
+    "Kind",
+    "entries",
+    "entries_of",
+    "isolated_plugins",
+    "load_plugin_file",
+    "local_plugins",
+    "register_plugin",
+]
+
+Kind = Literal["estimator", "detector"]
+
+GROUPS: dict[Kind, str] = {"estimator": "isacbench.estimators", "detector": "isacbench.detectors"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A name, and the class that is registered under it.
+
+    Attributes
+    ----------
+    kind : {"estimator", "detector"}
+    name : str
+    target : str
+        Module, or file, and class.
+    package : str
+        Distribution, or file, that registers it.
+    version : str or None
+        Of the distribution.
+    load : callable
+        Imports the class, or whatever is registered in its stead.
+    """
+
+    kind: Kind
+    name: str
+    target: str
+    package: str
+    version: str | None
+    load: Callable[[], Any] = field(repr=False, compare=False)
+
+    @property
+    def origin(self) -> str:
+        """Package and version, such as ``isacbench 0.1.0``, or the file."""
+        return self.package if self.version is None else f"{self.package} {self.version}"
+
+    @property
+    def module(self) -> str:
+        """Module, or file, without the class."""
+        return self.target.partition(":")[0]
+
+
+_local: dict[PluginFile, tuple[Entry, ...]] = {}
+
+
+def entries(kind: Kind) -> dict[str, Entry]:
+    """Everything registered of a kind, by name.
+
+    Raises
+    ------
+    InputError
+        If two packages or files claim the same name, naming both.
+    """
+    installed = _installed(kind, _import_path())
+    local = [entry for registered in _local.values() for entry in registered if entry.kind == kind]
+    return _by_name([*installed, *local])
+
+
+def load_plugin_file(path: str | Path) -> list[str]:
+    """Register the estimators and detectors that a Python file defines.
+
+    Parameters
+    ----------
+    path : str or Path
+        A self-contained file: it may import what is installed, and nothing
+        that lies beside it, for other processes get its content alone.
+
+    Returns
+    -------
+    list of str
+        Names, in the order of definition.
+
+    Raises
+    ------
+    InputError
+        As `PluginFile.read` and `register_plugin` do.
+    """
+    return register_plugin(PluginFile.read(path))
+
+
+def register_plugin(file: PluginFile) -> list[str]:
+    """Register what a plugin file defines; a second time with equal content changes nothing.
+
+    Parameters
+    ----------
+    file : PluginFile
+
+    Returns
+    -------
+    list of str
+        Names, in the order of definition.
+
+    Raises
+    ------
+    InputError
+        If the file fails, defines no plugin, or one whose name is taken.
+    """
+    if not entries_of(file):
+        added = tuple(_local_entry(file, cast("Kind", kind), cls) for kind, cls in import_plugins(file))
+        try:
+            for kind in GROUPS:
+                _by_name([*entries(kind).values(), *(entry for entry in added if entry.kind == kind)])
+        except InputError:
+            forget_module(file)
+            raise
+        _local[file] = added
+    return list(dict.fromkeys(entry.name for entry in entries_of(file)))
+
+
+def entries_of(file: PluginFile) -> tuple[Entry, ...]:
+    """What a plugin file has registered, whatever it was called then; nothing if it is not registered."""
+    return next((found for other, found in _local.items() if other.digest == file.digest), ())
+
+
+def local_plugins() -> tuple[PluginFile, ...]:
+    """Plugin files of this process in order: what another one has to register for the same names."""
+    return tuple(_local)
+
+
+@contextmanager
+def isolated_plugins() -> Iterator[None]:
+    """Forget at the end which plugin files were registered within."""
+    before = dict(_local)
+    try:
+        yield
+    finally:
+        for file in set(_local) - set(before):
+            forget_module(file)
+        _local.clear()
+        _local.update(before)
+
+
+@lru_cache(maxsize=8)
+def _installed(kind: Kind, _path: tuple[object, ...]) -> tuple[Entry, ...]:
+    """Entries of the packages on the import path: to look for them takes a while, and a run asks often."""
+    return tuple(_installed_entry(kind, entry_point) for entry_point in entry_points(group=GROUPS[kind]))
+
+
+def _import_path() -> tuple[tuple[str, int], ...]:
+    """Folders that packages are found in, and when one was last installed in each, updated or removed."""
+    return tuple((folder, _changed_ns(Path(folder))) for folder in sys.path)
+
+
+def _changed_ns(folder: Path) -> int:
+    """When a folder was changed last, 0 where there is none."""
+    try:
+        return folder.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _installed_entry(kind: Kind, entry_point: EntryPoint) -> Entry:
+    distribution = entry_point.dist
+    return Entry(
+        kind,
+        entry_point.name,
+        entry_point.value,
+        distribution.name if distribution else entry_point.value,
+        distribution.version if distribution else None,
+        entry_point.load,
+    )
+
+
+def _local_entry(file: PluginFile, kind: Kind, plugin: type[Any]) -> Entry:
+    target = f"{file.code_name}:{plugin.__qualname__}"
+    return Entry(kind, plugin.name, target, file.filename, None, lambda: plugin)
+
+
+def _by_name(found: Iterable[Entry]) -> dict[str, Entry]:
+    """Entries by name, which must be unique."""
+    named: dict[str, Entry] = {}
+    for entry in found:
+        if entry.name in named:
+            raise InputError(
+                f"{entry.kind} {entry.name!r} is registered twice, by {_described(named[entry.name])} and by "
+                f"{_described(entry)}: names must be unique, uninstall or rename one"
+            )
+        named[entry.name] = entry
+    return named
+
+
+def _described(entry: Entry) -> str:
+    return f"{entry.origin} ({entry.target})"

@@ -1,0 +1,210 @@
+"""Import closure: a module and all that it imports, directly or not, as far as some packages reach.
+
+Rows follow from code. A change of code that a row does not follow from leaves
+the row as it is. Import statements tell the two apart, wherever they stand,
+and those for type checkers do not count. Nothing is imported to find out.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import re
+import sys
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ModuleSpec, PathFinder
+from pathlib import Path
+from typing import NamedTuple
+
+__all__ = ["digest_of", "import_closure", "is_importable", "source_imports"]
+
+CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
+
+STATEMENT = re.compile(r"(?:^|[:;])[ \t]*((?:from[ \t.]|import[ \t]).*)", re.MULTILINE)
+"""Lines that may be import statements; the text of a docstring may look like one, too."""
+
+FOR_TYPES = re.compile(r"^if (?:typing\.)?TYPE_CHECKING:\n(?:(?:[ \t]+.*)?\n)+", re.MULTILINE)
+
+BY_NAME = re.compile(rb"\b(?:import_module|__import__)\b")
+"""Imports that no statement shows."""
+
+
+class _Code(NamedTuple):
+    """Content of a module's file, and the names that it imports, some of which may be no modules."""
+
+    content: bytes
+    imports: tuple[str, ...]
+
+
+def import_closure(
+    modules: Iterable[str], packages: Collection[str], sources: Mapping[str, str] | None = None
+) -> dict[str, bytes]:
+    """Collect the code of modules and of all that they import.
+
+    Parameters
+    ----------
+    modules : iterable of str
+        Dotted names of modules.
+    packages : collection of str
+        Top-level packages and modules whose code counts.
+    sources : mapping of str to str, optional
+        Text of modules that have no file.
+
+    Returns
+    -------
+    dict of str to bytes
+        Code by dotted name, sorted. Where a module of a package imports by
+        name, that package is there as a whole, but for isacbench itself, whose
+        names are those of plugins.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If one of the modules cannot be found.
+
+    Examples
+    --------
+    >>> found = import_closure(["isacbench.dsp.stable_order"], ["isacbench"])
+    >>> list(found)
+    ['isacbench', 'isacbench.dsp', 'isacbench.dsp.stable_order']
+    """
+    sources = sources or {}
+    wanted = list(modules)
+    found: dict[str, _Code] = {
+        name: _Code(text.encode(), source_imports(text, name, False)) for name, text in sources.items()
+    }
+    for name in wanted:
+        if name not in sources and _code(name) is None:
+            raise ModuleNotFoundError(f"module {name}: there is no such file of code")
+    waiting = [*wanted, *(name for code in found.values() for name in code.imports)]
+    while waiting:
+        for name in _with_parents(waiting.pop(), packages):
+            code = None if name in found else _code(name)
+            if code is not None:
+                found[name] = code
+                waiting += code.imports
+    for package in packages:
+        own = [code for name, code in found.items() if name.partition(".")[0] == package]
+        if package != "isacbench" and any(BY_NAME.search(code.content) for code in own):
+            found |= {name: _Code(content, ()) for name, content in _whole(package)}
+    return {name: found[name].content for name in sorted(found)}
+
+
+def is_importable(module: str) -> bool:
+    """Tell whether another process with the same paths finds a module by its name."""
+    return module.partition(".")[0] != "__main__" and _spec(module) is not None
+
+
+def digest_of(code: Mapping[str, bytes]) -> str:
+    """SHA-256 of code by name, hexadecimal."""
+    total = hashlib.sha256()
+    for name, content in sorted(code.items()):
+        total.update(f"{name}\0{len(content)}\0".encode() + content)
+    return total.hexdigest()
+
+
+def source_imports(text: str, module: str, is_package: bool) -> tuple[str, ...]:
+    """List what import statements of a source name, sorted: modules, and what may be modules in them.
+
+    Parameters
+    ----------
+    text : str
+    module : str
+        Dotted name, which relative imports refer to.
+    is_package : bool
+        Whether it is the ``__init__`` of a package.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> source_imports("from .near import thing", "far.away", False)
+    ('far.near', 'far.near.thing')
+    """
+    package = module if is_package else module.rpartition(".")[0]
+    lines = FOR_TYPES.sub("", text)
+    names = {
+        name for found in STATEMENT.finditer(lines) for name in _named(_statement(lines, found), package)
+    }
+    return tuple(sorted(names))
+
+
+def _statement(text: str, found: re.Match[str]) -> str:
+    """Import statement that begins at a match: to the end of the line, or of its parentheses."""
+    line = found[1]
+    if "(" not in line.partition("#")[0]:
+        return line
+    lines = []
+    for part in text[found.start(1) :].splitlines():
+        lines.append(part.partition("#")[0])
+        if ")" in lines[-1]:
+            break
+    return "\n".join(lines)
+
+
+def _named(statement: str, package: str) -> Iterator[str]:
+    """Names that a statement imports; none where it is a piece of prose."""
+    try:
+        nodes = ast.parse(statement.strip().rstrip("\\")).body
+    except SyntaxError:
+        return
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:
+    """Packages above a module, which are run before it, and itself; nothing outside of some packages."""
+    parts = name.split(".")
+    if parts[0] in packages:
+        yield from (".".join(parts[: n + 1]) for n in range(len(parts)))
+        # A package may load a name on first use (PEP 562).
+        owner = sys.modules.get(".".join(parts[:-1]))
+        if owner is not None and "__getattr__" in vars(owner):
+            home = getattr(getattr(owner, parts[-1], None), "__module__", name)
+            if home != name:
+                yield from _with_parents(home, packages)
+
+
+@cache
+def _code(name: str) -> _Code | None:
+    """Code of a module; None where there is no such file."""
+    spec = _spec(name)
+    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
+        return None
+    content = Path(spec.origin).read_bytes()
+    if not spec.origin.endswith(tuple(SOURCE_SUFFIXES)):
+        return _Code(content, ())
+    is_package = spec.submodule_search_locations is not None
+    return _Code(content, source_imports(content.decode("utf-8", "replace"), name, is_package))
+
+
+@cache
+def _spec(name: str) -> ModuleSpec | None:
+    """Find a module without importing anything."""
+    parent, _, _ = name.rpartition(".")
+    if not parent:
+        # Not by sys.modules: what was made there, another process does not find.
+        found = (finder.find_spec(name, None) for finder in sys.meta_path)
+        return next((spec for spec in found if spec is not None), None)
+    above = _spec(parent)
+    if above is None or above.submodule_search_locations is None:
+        return None
+    return PathFinder.find_spec(name, above.submodule_search_locations)
+
+
+def _whole(package: str) -> Iterator[tuple[str, bytes]]:
+    """All files of code of a package, each with a name of its own."""
+    spec = _spec(package)
+    for folder in map(Path, (spec and spec.submodule_search_locations) or ()):
+        for path in sorted(folder.rglob("*")):
+            if path.name.endswith(CODE_SUFFIXES):
+                yield f"{package}/{path.relative_to(folder).as_posix()}", path.read_bytes()

@@ -1,0 +1,183 @@
+"""Estimators as objects instead of names: spelled for a suite, and sent to other processes.
+
+A class that another process can import travels by its name, as pickle has it.
+One of a script, of a notebook or of a test travels by its code.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import pickle
+import sys
+import uuid
+from collections import ChainMap
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, ClassVar
+from weakref import WeakValueDictionary
+
+import cloudpickle
+
+from isacbench.errors import InputError
+from isacbench.plugins.import_closure import is_importable
+from isacbench.plugins.plugin_versions import plugin_parts
+from isacbench.plugins.registry import canonical_params, is_frozen_dataclass
+from isacbench.plugins.specifications import spell_spec
+
+if TYPE_CHECKING:
+    from isacbench.plugins.contracts import Estimator
+
+__all__ = ["Instances", "spelled_estimators"]
+
+
+def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estimator | None]:
+    """Spell estimators, those that are objects by name and parameters.
+
+    Parameters
+    ----------
+    estimators : iterable of str or Estimator
+
+    Returns
+    -------
+    dict of str to Estimator or None
+        By specification, in order; None for what was a specification.
+
+    Raises
+    ------
+    InputError
+        If something is neither, or two objects have equal parameters.
+
+    Examples
+    --------
+    >>> from isacbench import get_estimator
+    >>> list(spelled_estimators(["fft4d", get_estimator("music2d", pfa=1e-4)]))
+    ['fft4d', 'music2d[pfa=0.0001]']
+    """
+    if isinstance(estimators, str):
+        raise InputError(f"estimators {estimators!r}: allowed is a list, such as [{estimators!r}]")
+    found: dict[str, Estimator | None] = {}
+    for one in estimators:
+        text = one if isinstance(one, str) else _spelled(one)
+        if text in found:
+            raise InputError(f"estimators: {text!r} is listed twice")
+        found[text] = None if isinstance(one, str) else one
+    return found
+
+
+def _spelled(estimator: object) -> str:
+    """Name of an object and its parameters, as a specification shows them."""
+    plugin = type(estimator)
+    if isinstance(estimator, type) or not is_frozen_dataclass(plugin):
+        shown = f"the class {estimator.__name__}" if isinstance(estimator, type) else repr(estimator)[:80]
+        raise InputError(
+            f"estimators: {shown}: allowed are specifications such as 'music2d[pfa=1e-4]' and instances of "
+            "frozen dataclasses with a name and a method estimate"
+        )
+    name = getattr(plugin, "name", None)
+    if not isinstance(name, str) or not callable(getattr(plugin, "estimate", None)):
+        raise InputError(
+            f"estimators: {plugin.__name__} must have a class attribute name, a text, and a method estimate"
+        )
+    try:
+        params = json.loads(canonical_params(estimator))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"estimator {name}: its parameters must be numbers, texts, tuples of such, or detectors: {error}"
+        ) from error
+    return spell_spec(name, _unlike_defaults(estimator, params))
+
+
+def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters in terms of JSON without those that are as by default, of nested plugins likewise."""
+    unlike: dict[str, Any] = {}
+    for field in dataclasses.fields(plugin):
+        value = getattr(plugin, field.name)
+        if field.name in params and value != _default(field):
+            own = params[field.name]
+            is_plugin = isinstance(own, dict)
+            unlike[field.name] = {"name": own["name"], **_unlike_defaults(value, own)} if is_plugin else own
+    return unlike
+
+
+def _default(field: dataclasses.Field[Any]) -> Any:
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+
+
+class Instances(Mapping[str, "Estimator"]):
+    """Estimators that are objects, by the texts that stand for them, on their way between processes.
+
+    In the process that they come from they stay the objects that they are.
+
+    Parameters
+    ----------
+    estimators : mapping of str to Estimator
+    """
+
+    def __init__(self, estimators: Mapping[str, Estimator] | None = None) -> None:
+        self._estimators: Mapping[str, Estimator] | None = estimators or {}
+        self._packed = b""
+        self._token = uuid.uuid4().hex
+        _here[self._token] = self
+
+    def __getitem__(self, text: str) -> Estimator:
+        return self._unpacked()[text]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._unpacked())
+
+    def __len__(self) -> int:
+        return len(self._unpacked())
+
+    def _unpacked(self) -> Mapping[str, Estimator]:
+        """Estimators; only where they are asked for, when files of plugins are registered."""
+        if self._estimators is None:
+            self._estimators = pickle.loads(self._packed)
+        return self._estimators
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (self._token, self._packed or _packed(self._unpacked()))
+
+
+_here: WeakValueDictionary[str, Instances] = WeakValueDictionary()
+"""Those of this process, by their tokens."""
+
+
+def _restored(token: str, packed: bytes) -> Instances:
+    if token in _here:
+        return _here[token]
+    instances = Instances()
+    instances._estimators, instances._packed = None, packed
+    return instances
+
+
+class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
+    """Pickler of classes by their code, for which a field of a dataclass that lacks a default still does."""
+
+    dispatch_table: ClassVar = ChainMap(
+        {type(dataclasses.MISSING): lambda _: "MISSING"}, cloudpickle.Pickler.dispatch_table
+    )
+
+
+def _packed(estimators: Mapping[str, Estimator]) -> bytes:
+    """Pickle estimators, those by their code whose modules no other process can import."""
+    packed = io.BytesIO()
+    with _by_value(estimators.values()):
+        _Pickler(packed).dump(dict(estimators))
+    return packed.getvalue()
+
+
+@contextmanager
+def _by_value(plugins: Iterable[object]) -> Iterator[None]:
+    """Let cloudpickle send classes of some modules by their code; those of ``__main__`` go so in any case."""
+    classes = {base for plugin in plugins for part in plugin_parts(plugin) for base in type(part).__mro__}
+    names = {base.__module__ for base in classes} - {"__main__", "builtins"}
+    modules = [sys.modules[name] for name in sorted(names) if not is_importable(name)]
+    try:
+        for module in modules:
+            cloudpickle.register_pickle_by_value(module)
+        yield
+    finally:
+        for module in modules:
+            cloudpickle.unregister_pickle_by_value(module)

@@ -1,0 +1,426 @@
+"""Names to estimators and detectors: found through entry points, parameters parsed, checked and filled in."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from isacbench.added_fields import identity_fields, values_before
+from isacbench.errors import InputError, nearest, unknown_name
+from isacbench.plugins.contracts import Detector, Estimator
+from isacbench.plugins.discovery import Entry, Kind, entries, load_plugin_file, local_plugins, register_plugin
+from isacbench.plugins.local_files import METHODS, PluginFile
+from isacbench.plugins.specifications import Spec, parse_spec, spec_variants
+
+__all__ = [
+    "Kind",
+    "PluginFile",
+    "Spec",
+    "build_estimator",
+    "build_estimators_of",
+    "canonical_params",
+    "check_parameter",
+    "construct",
+    "describe",
+    "detector_names",
+    "distribution",
+    "estimator_names",
+    "get_detector",
+    "get_estimator",
+    "is_frozen_dataclass",
+    "load_plugin_file",
+    "local_plugins",
+    "parameter_defaults",
+    "parameter_types",
+    "parse_spec",
+    "register_plugin",
+    "require_plugins",
+    "required_fields",
+    "sees_truth",
+    "spec_variants",
+]
+
+
+def estimator_names() -> list[str]:
+    """Names of the registered estimators, sorted."""
+    return sorted(entries("estimator"))
+
+
+def detector_names() -> list[str]:
+    """Names of the registered detectors, sorted."""
+    return sorted(entries("detector"))
+
+
+def get_estimator(name: str, **params: Any) -> Estimator:
+    """Build a registered estimator.
+
+    Parameters
+    ----------
+    name : str
+        A name that `estimator_names` lists.
+    **params
+        Fields of the estimator's dataclass. Where a field holds a detector,
+        the value is a `Detector`, its name, or a `Spec`.
+
+    Returns
+    -------
+    Estimator
+        ``oracle`` is a `isacbench.plugins.contracts.TruthEstimator`, and takes the truth as well.
+
+    Raises
+    ------
+    InputError
+        If the name or a parameter is unknown, or a value is not allowed.
+
+    Examples
+    --------
+    >>> get_estimator("music2d", integration="element").name
+    'music2d'
+    """
+    return cast("Estimator", _build("estimator", name, params))
+
+
+def get_detector(name: str, **params: Any) -> Detector:
+    """Build a registered detector.
+
+    Parameters
+    ----------
+    name : str
+        A name that `detector_names` lists.
+    **params
+        Fields of the detector's dataclass.
+
+    Returns
+    -------
+    Detector
+
+    Raises
+    ------
+    InputError
+        If the name or a parameter is unknown, or a value is not allowed.
+
+    Examples
+    --------
+    >>> get_detector("osca", pfa=1e-4).pfa
+    0.0001
+    """
+    return cast("Detector", _build("detector", name, params))
+
+
+def sees_truth(name: str) -> bool:
+    """Tell whether a registered estimator is shown the truth, so that it does not compete.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, or what it stands for breaks the contract.
+
+    Examples
+    --------
+    >>> sees_truth("oracle"), sees_truth("music2d")
+    (True, False)
+    """
+    registered = entries("estimator")
+    if name not in registered:
+        raise unknown_name("estimator", name, sorted(registered))
+    return bool(getattr(_load(registered[name]), "needs_truth", False))
+
+
+def require_plugins(kind: Kind, specs: Iterable[str]) -> None:
+    """Refuse specifications of estimators or detectors that do not exist, as quickly as can be told.
+
+    A class is imported only where parameters are given, which it has to know.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+    specs : iterable of str
+        Grids included, see `isacbench.plugins.specifications.spec_variants`.
+
+    Raises
+    ------
+    InputError
+        If a specification is broken, its name is unknown, or one of the
+        parameters that it gives is not allowed.
+
+    Examples
+    --------
+    >>> require_plugins("estimator", ["music2d", "music2d[pfa=[1e-3,1e-4]]"])
+    """
+    registered = entries(kind)
+    for text in specs:
+        for _, spec in spec_variants(text):
+            if spec.params:
+                _build(kind, spec.name, spec.params)
+            elif spec.name not in registered:
+                raise unknown_name(kind, spec.name, sorted(registered))
+
+
+def build_estimator(spec: str) -> Estimator:
+    """Build the one estimator that ``name[param=value,...]`` describes."""
+    name, params = parse_spec(spec)
+    return get_estimator(name, **params)
+
+
+def build_estimators_of(spec: str) -> list[tuple[str, Estimator]]:
+    """Build every estimator that a grid ``name[param=[value,...],...]`` stands for.
+
+    Parameters
+    ----------
+    spec : str
+        As `isacbench.plugins.specifications.spec_variants` takes it.
+
+    Returns
+    -------
+    list of (str, Estimator)
+        Each with the specification of it alone.
+
+    Raises
+    ------
+    InputError
+        If the grid is broken, or one of its variants cannot be built.
+
+    Examples
+    --------
+    >>> [text for text, _ in build_estimators_of("music2d[pfa=[1e-3,1e-4]]")]
+    ['music2d[pfa=1e-3]', 'music2d[pfa=1e-4]']
+    """
+    return [(text, get_estimator(spec.name, **spec.params)) for text, spec in spec_variants(spec)]
+
+
+def canonical_params(plugin: object) -> str:
+    """Every parameter of an estimator, a detector or the like, a dataclass, as canonical JSON.
+
+    Returns
+    -------
+    str
+        Sorted keys, no spaces, defaults included; a nested detector is an
+        object with its ``name`` beside its parameters. Equal parameters give
+        equal strings. A field that was added later
+        (`isacbench.added_fields.added_field`) is left out at the value that
+        stands for the behaviour before.
+    """
+    return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def parameter_defaults(kind: Kind, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Defaults of a registered plugin's parameters, in terms of JSON as `canonical_params` has them.
+
+    Returns
+    -------
+    defaults, before : dict of str to Any
+        Of the parameters that have one; and of those that were added later the
+        value that stands for the behaviour before, which canonical parameters
+        leave out.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, or what it stands for breaks the contract.
+
+    Examples
+    --------
+    >>> defaults, _ = parameter_defaults("estimator", "music2d")
+    >>> defaults["detector"]["name"], defaults["detector"]["order_axis"]
+    ('osca', 1)
+    """
+    registered = entries(kind)
+    if name not in registered:
+        raise unknown_name(kind, name, sorted(registered))
+    plugin = _load(registered[name])
+    defaults = {key: value for field in dataclasses.fields(plugin) for key, value in _default(field).items()}
+    return _as_json(defaults), _as_json(values_before(plugin))
+
+
+def _as_json(params: dict[str, Any]) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(json.dumps({name: _plain(value) for name, value in params.items()}))
+    return content
+
+
+def distribution(kind: Kind, name: str) -> str:
+    """Name and version of the package that registers a name, such as ``isacbench 0.1.0``."""
+    return entries(kind)[name].origin
+
+
+def describe(kind: Kind) -> list[dict[str, Any]]:
+    """Describe every registered estimator or detector.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``description`` (one line), ``parameters`` (name to ``type``
+        and, where there is one, ``default``) and ``package``.
+    """
+    described = []
+    for name, entry in sorted(entries(kind).items()):
+        plugin = _load(entry)
+        hints = parameter_types(kind, plugin)
+        described.append(
+            {
+                "name": name,
+                "description": (inspect.getdoc(plugin) or "").partition("\n")[0],
+                "parameters": {
+                    field.name: _describe_field(field, hints[field.name])
+                    for field in dataclasses.fields(plugin)
+                },
+                "package": entry.origin,
+            }
+        )
+    return described
+
+
+def _load(entry: Entry) -> type[Any]:
+    """Import a plugin's class and hold it to the contract."""
+    where = f"{entry.kind} {entry.name!r} ({entry.target} of {entry.origin})"
+    try:
+        plugin = entry.load()
+    except Exception as error:
+        raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
+    if not is_frozen_dataclass(plugin):
+        raise InputError(f"{where} must be a frozen dataclass")
+    if not callable(getattr(plugin, METHODS[entry.kind], None)):
+        raise InputError(f"{where} must have a method {METHODS[entry.kind]!r}")
+    name = getattr(plugin, "name", None)
+    if name != entry.name:
+        raise InputError(f"{where} must have the class attribute name = {entry.name!r}, not {name!r}")
+    return cast("type[Any]", plugin)
+
+
+def is_frozen_dataclass(plugin: object) -> bool:
+    """Whether something is a class, a dataclass and frozen."""
+    if not (inspect.isclass(plugin) and dataclasses.is_dataclass(plugin)):
+        return False
+    return bool(plugin.__dataclass_params__.frozen)  # type: ignore[attr-defined]
+
+
+def _build(kind: Kind, name: str, params: dict[str, Any]) -> Any:
+    """Instance of a registered class with checked parameters."""
+    registered = entries(kind)
+    if "[" in name:
+        raise InputError(f"{kind} {name!r}: allowed is a bare name, parameters are given beside it")
+    if name not in registered:
+        raise unknown_name(kind, name, sorted(registered))
+    return construct(kind, name, _load(registered[name]), params)
+
+
+def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]) -> Any:
+    """Instance of a dataclass with parameters that are checked against the types of its fields.
+
+    Parameters
+    ----------
+    kind, name : str
+        What it is, and what it is called, for messages.
+    plugin : type
+        A dataclass with a class attribute ``name``.
+    params : mapping of str to Any
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    InputError
+        If a parameter is unknown or missing, or a value is not allowed.
+    """
+    hints = parameter_types(kind, plugin)
+    for key in params:
+        if key not in hints:
+            raise unknown_name(f"parameter of {kind} {name}", key, hints)
+    checked = {
+        key: check_parameter(f"{kind} {name}", key, value, hints[key]) for key, value in params.items()
+    }
+    missing = [field.name for field in required_fields(plugin) if field.name not in checked]
+    if missing:
+        raise InputError(f"{kind} {name}: missing parameter {', '.join(missing)}")
+    try:
+        return plugin(**checked)
+    except ValueError as error:
+        raise InputError(f"{kind} {name}: {error}") from error
+    except Exception as error:
+        raise InputError(f"{kind} {name} cannot be built: {type(error).__name__}: {error}") from error
+
+
+def required_fields(plugin: type[Any]) -> list[dataclasses.Field[Any]]:
+    """Fields of a plugin's class that have no default."""
+    return [
+        field
+        for field in dataclasses.fields(plugin)
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    ]
+
+
+def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
+    """Types of a plugin's fields; `Detector` resolves even where it is imported for type checking only."""
+    try:
+        hints = get_type_hints(plugin, localns={"Detector": Detector}, include_extras=True)
+    except NameError as error:
+        raise InputError(
+            f"{kind} {plugin.name}: the type of a parameter cannot be resolved ({error}): "
+            "import it at run time, not under TYPE_CHECKING"
+        ) from error
+    return {field.name: hints[field.name] for field in dataclasses.fields(plugin)}
+
+
+def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
+    """Value of a parameter, a nested detector built, held to the type of its field."""
+    if Detector in (hint, *get_args(hint)):
+        if isinstance(value, str):
+            value = Spec(value, {})
+        if isinstance(value, Spec):
+            return get_detector(value.name, **value.params)
+    if value == "none" and type(None) in get_args(hint):
+        return None
+    config = ConfigDict(strict=True, arbitrary_types_allowed=True, allow_inf_nan=False)
+    try:
+        return TypeAdapter(hint, config=config).validate_python(value)
+    except ValidationError as error:
+        # A union reports what each of its members wants.
+        wanted = " or ".join(
+            dict.fromkeys(found["msg"].removeprefix("Input should be ") for found in error.errors())
+        )
+        shown = f"{value.name}[...]" if isinstance(value, Spec) else repr(value)
+        raise InputError(f"{where}: {key} = {shown}: should be {wanted}{_suggestion(value, hint)}") from error
+
+
+def _suggestion(value: Any, hint: Any) -> str:
+    """Nearest of the words that a field takes."""
+    members = (hint, *get_args(hint))
+    words = [word for member in members if get_origin(member) is Literal for word in get_args(member)]
+    close = (
+        nearest(value, [word for word in words if isinstance(word, str)]) if isinstance(value, str) else None
+    )
+    return "" if close is None else f"; did you mean {close!r}?"
+
+
+def _plain_params(plugin: Any) -> dict[str, Any]:
+    return {name: _plain(value) for name, value in identity_fields(plugin).items()}
+
+
+def _plain(value: Any) -> Any:
+    """Put a parameter's value in terms of JSON."""
+    if dataclasses.is_dataclass(value):
+        return {"name": getattr(value, "name", type(value).__name__), **_plain_params(value)}
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def _describe_field(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
+    """Type of a parameter in words, and its default where it has one."""
+    described: dict[str, Any] = {"type": inspect.formatannotation(hint, base_module=Detector.__module__)}
+    for value in _default(field).values():
+        described["default"] = _plain(value)
+    return described
+
+
+def _default(field: dataclasses.Field[Any]) -> dict[str, Any]:
+    """Default of a field by its name; empty where it has none."""
+    if field.default is not dataclasses.MISSING:
+        return {field.name: field.default}
+    if field.default_factory is not dataclasses.MISSING:
+        return {field.name: field.default_factory()}
+    return {}

@@ -1,0 +1,1 @@
+"""A comparison as tables, figure, Markdown and JUnit XML."""

@@ -1,0 +1,1 @@
+"""Drawing: style, panels, labels and perspective that figures share."""

@@ -1,0 +1,1 @@
+"""Figures of a run, of images and of waveforms."""

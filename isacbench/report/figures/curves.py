@@ -1,0 +1,246 @@
+"""Scores over SNR, one line an estimator."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from isacbench.metrics.score import METRICS
+from isacbench.report.drawing.panels import MAX_SNR_TICKS, panel_grid
+from isacbench.report.drawing.style import drawable
+from isacbench.report.tables.run_tables import mean_of_trials
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from isacbench.bench.plan.labels import Variant
+    from isacbench.report.drawing.style import Look
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["axis_name", "draw_deviations", "draw_scores"]
+
+TITLE_WIDTH = 40
+PRACTICALLY_ZERO = 1e-6
+"""Smaller means do not stretch a logarithmic axis: velocities are exact then for any purpose."""
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+LARGEST_BAND = 1.5
+"""How far above the largest mean a linear axis reaches for a band."""
+
+
+class _Panel(NamedTuple):
+    """One score: its column, what it is, the name of its axis with its unit, and how the axis is scaled."""
+
+    column: str
+    title: str
+    axis: str
+    logarithmic: bool = False
+
+
+class _Curve(NamedTuple):
+    """Means over SNR (n,) and the half widths of their bands, NaN where there is none."""
+
+    snr_db: Floats
+    mean: Floats
+    half: Floats
+
+
+def _described(column: str, axis: str, logarithmic: bool = False) -> _Panel:
+    """Panel of a score, titled as the metric describes it."""
+    description, _, _ = METRICS["paper"][column].description.partition(" [")
+    return _Panel(column, description[0].upper() + description[1:], axis, logarithmic)
+
+
+DEVIATION = _described("deviation", "imaging deviation")
+PANELS = (
+    DEVIATION,
+    _Panel("hausdorff_sum_m", "Sum of the three Hausdorff distances", "Hausdorff sum [m]"),
+    _described("density", "density error"),
+    _described("velocity_nmse", "velocity NMSE", logarithmic=True),
+    _described("hausdorff_xy_m", "Hausdorff distance xy [m]"),
+    _described("hausdorff_xz_m", "Hausdorff distance xz [m]"),
+    _described("hausdorff_yz_m", "Hausdorff distance yz [m]"),
+    _described("chamfer_m", "chamfer distance [m]"),
+    _Panel("gospa_m", "GOSPA distance: misplaced, missed and false points", "GOSPA distance [m]"),
+    _Panel("precision", "Share of estimated points within {radius_m:g} m of a true scatterer", "precision"),
+    _Panel("recall", "Share of true scatterers within {radius_m:g} m of an estimated point", "recall"),
+)
+SHARES = "precision", "recall"
+
+
+def axis_name(column: str) -> str:
+    """Name of the axis of a score with its unit, of any other column that of the column.
+
+    Examples
+    --------
+    >>> axis_name("gospa_m"), axis_name("time_estimate_s")
+    ('GOSPA distance [m]', 'time_estimate_s')
+    """
+    return next((panel.axis for panel in PANELS if panel.column == column), column)
+
+
+def draw_scores(
+    summary: pd.DataFrame,
+    scenario: str,
+    looks: Mapping[Variant, Look],
+    radius_m: float,
+) -> Figure:
+    """Draw the deviation of one scenario, all that it is made of, and the scores beside it.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `isacbench.report.tables.run_tables.summarise` returns it.
+    scenario : str
+        Its name.
+    looks : mapping of (str, str) to Look
+    radius_m : float
+        Radius of precision and recall in m.
+
+    Returns
+    -------
+    Figure
+    """
+    part = summary[summary["scenario"] == scenario]
+    rows = _by_variant(part)
+    title = f"{drawable(scenario)}: {_average(part)}"
+    figure, panels = panel_grid(len(PANELS), _legend(looks, rows), title)
+    for axes, panel in zip(panels, PANELS, strict=True):
+        _draw_panel(axes, panel, looks, rows)
+        axes.set_title(textwrap.fill(panel.title.format(radius_m=radius_m), TITLE_WIDTH))
+    return figure
+
+
+def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> Figure:
+    """Draw the deviation of every scenario, side by side on one scale.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `isacbench.report.tables.run_tables.summarise` returns it.
+    looks : mapping of (str, str) to Look
+
+    Returns
+    -------
+    Figure
+    """
+    scenarios = list(summary["scenario"].unique())
+    title = f"{DEVIATION.title}\n{_average(summary)}"
+    figure, panels = panel_grid(len(scenarios), _legend(looks, _by_variant(summary)), title)
+    for axes, scenario in zip(panels, scenarios, strict=True):
+        _draw_panel(axes, DEVIATION, looks, _by_variant(summary[summary["scenario"] == scenario]))
+        axes.set_title(drawable(scenario))
+    lower, upper = np.transpose([axes.get_ylim() for axes in panels])
+    for axes in panels:
+        axes.set_ylim(lower.min(), upper.max())
+    return figure
+
+
+def _average(summary: pd.DataFrame) -> str:
+    """Say what a point of a curve and its band are."""
+    return mean_of_trials(int(summary["n_cells"].max()))
+
+
+def _by_variant(summary: pd.DataFrame) -> dict[Variant, pd.DataFrame]:
+    """Rows of every estimator, in the order of their SNRs."""
+    groups = summary.sort_values("snr_db").groupby(["estimator", "params"], sort=False)
+    return {(str(name), str(params)): rows for (name, params), rows in groups}
+
+
+def _legend(looks: Mapping[Variant, Look], rows: Mapping[Variant, pd.DataFrame]) -> list[Line2D]:
+    """Legend entries of the estimators, which say what has no curve."""
+    entries = []
+    for variant, look in looks.items():
+        entry = Line2D([], [], color=look.colour, linestyle=look.line, marker=look.marker)
+        scored = np.isfinite(_curve(rows.get(variant), DEVIATION.column).mean).any()
+        entry.set_label(look.label if scored else f"{look.label}: no score")
+        entries.append(entry)
+    return entries
+
+
+def _draw_panel(
+    axes: Axes, panel: _Panel, looks: Mapping[Variant, Look], rows: Mapping[Variant, pd.DataFrame]
+) -> None:
+    """Draw one score of one scenario, every estimator that has it."""
+    curves = [(look, _curve(rows.get(variant), panel.column)) for variant, look in looks.items()]
+    axes.set_xlabel("SNR [dB]")
+    snrs_db = np.unique(np.concatenate([curve.snr_db for _, curve in curves]))
+    if snrs_db.size <= MAX_SNR_TICKS:
+        axes.set_xticks(snrs_db)
+    axes.set_ylabel(panel.axis)
+    axes.grid(True)
+    lowest = _scale(axes, panel, [curve for _, curve in curves])
+    # The bands of many estimators lie over each other.
+    alpha = min(0.22, 0.6 / len(curves))
+    for look, curve in curves:
+        mean, lower, upper = (
+            np.maximum(values, lowest)
+            for values in (curve.mean, curve.mean - curve.half, curve.mean + curve.half)
+        )
+        # A limit with a single SNR has no line to show.
+        marker = "_" if look.is_bound and curve.snr_db.size == 1 else look.marker
+        axes.plot(curve.snr_db, mean, color=look.colour, linestyle=look.line, marker=marker)
+        axes.fill_between(curve.snr_db, lower, upper, color=look.colour, alpha=alpha, linewidth=0.8)
+
+
+def _scale(axes: Axes, panel: _Panel, curves: Sequence[_Curve]) -> float:
+    """Scale the axis of a score; return the value at which smaller ones are drawn."""
+    if not panel.logarithmic:
+        top = 1.03 if panel.column in SHARES else _top(curves)
+        axes.set_ylim(-0.03 * top, top)
+        return -np.inf
+    lowest, highest = _decades(curves)
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_ylim(0.7 * lowest, 1.5 * highest)
+    if any((curve.mean < lowest).any() for curve in curves):
+        axes.set_ylabel(f"{panel.axis} (less: at the edge)")
+    return lowest
+
+
+def _power_of_ten(value: float, _: int | None = None) -> str:
+    """Write a power of ten in the font's own superscripts; mathematics takes a parser, and its time.
+
+    Examples
+    --------
+    >>> _power_of_ten(1e-5), _power_of_ten(1.0)
+    ('10⁻⁵', '10⁰')
+    """
+    return "10" + f"{round(np.log10(value))}".translate(SUPERSCRIPTS)
+
+
+def _curve(rows: pd.DataFrame | None, column: str) -> _Curve:
+    """Curve of one estimator on one scenario."""
+    if rows is None:  # an interrupted run has none of some
+        return _Curve(*np.empty((3, 0)))
+    names = "snr_db", f"{column}_mean", f"{column}_band"
+    return _Curve(*(rows[name].to_numpy(dtype=np.float64) for name in names))
+
+
+def _decades(curves: Iterable[_Curve]) -> tuple[float, float]:
+    """Find the ends of a logarithmic axis: whole decades around all means that are not practically zero."""
+    means = np.concatenate([curve.mean for curve in curves])
+    means = means[means > PRACTICALLY_ZERO]
+    if not means.size:
+        return PRACTICALLY_ZERO, 1.0
+    # Half the smallest mean, so that what is drawn at the lower end lies below it.
+    return float(10 ** np.floor(np.log10(means.min() / 2))), float(10 ** np.ceil(np.log10(means.max())))
+
+
+def _top(curves: Iterable[_Curve]) -> float:
+    """Upper end of a linear axis: all means, and the bands as long as they do not dwarf them."""
+    mean = max(float(np.nanmax(curve.mean, initial=0.0)) for curve in curves)
+    upper = max(float(np.nanmax(curve.mean + curve.half, initial=mean)) for curve in curves)
+    return 1.06 * min(upper, LARGEST_BAND * mean) or 1.0

@@ -1,0 +1,287 @@
+"""Figures of the study ``link``: bit errors beside imaging deviation, and the trade between the two."""
+
+from __future__ import annotations
+
+import dataclasses
+import textwrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from isacbench.bench.plan.labels import estimator_labels
+from isacbench.link.waveform.qam import awgn_ber
+from isacbench.report.drawing.label_layout import place_labels
+from isacbench.report.drawing.panels import draw_line, legend_lines, panel_grid
+from isacbench.report.drawing.style import BOUND_COLOUR, COLOURS, Look, drawable
+from isacbench.report.tables.link_tables import DIVISIONS, receiver_labels, signal_label, signals_of_part
+from isacbench.report.tables.run_tables import trials_and_band
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from isacbench.report.drawing.style import LineStyle
+    from isacbench.report.tables.link_tables import Signal
+
+__all__ = ["draw_link", "draw_trade"]
+
+MODULATION_COLOURS: dict[str, str] = dict(zip(("qpsk", "16qam", "64qam", "256qam"), COLOURS, strict=False))
+DIVISION_LINES: dict[str, LineStyle] = {"": "-", "reciprocal": "-", "matched": "--", "wiener": ":"}
+PRS_LOOK = Look(f"image, {signal_label(('prs', '', ''))}", BOUND_COLOUR, "D", "-.", is_bound=False)
+CLOSED_FORM = Look("closed form in white noise", "0.4", "", ":", is_bound=True)
+RECEIVER_LINES: tuple[LineStyle, ...] = ("-", "--", ":", "-.")
+
+LOWEST_BER = 1e-6
+"""A frame has a few million bits: fewer errors are not seen."""
+
+TRADE_SNRS_DB = 0.0, 10.0, 20.0, 30.0
+SNR_SIZE_PT, SNR_COLOUR = 6.0, "0.35"
+SNR_OFFSETS_PT = [(x, y) for x in (0.0, 10.0, -10.0) for y in (8.0, -8.0, 16.0, -16.0)]
+SNR_ENTRY = Line2D(
+    [],
+    [],
+    linestyle="",
+    marker="$20$",
+    markeredgewidth=0,
+    color=SNR_COLOUR,
+    label="SNR along solid lines [dB]",
+)
+PANEL_IN = 3.1, 2.5
+TITLE_WIDTH = 42
+
+
+def draw_link(summary: pd.DataFrame, template: str) -> Figure:
+    """Draw bit error rates over SNR, a panel a channel, above imaging deviations, a panel an estimator.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `isacbench.bench.studies.link_study.summarise` returns it.
+    template : str
+        Name of the scenario.
+
+    Returns
+    -------
+    Figure
+    """
+    received = summary[summary["channel"] != ""]
+    sensed = summary[summary["template"] == template]
+    channels, estimators = list(received["channel"].unique()), _variants(sensed)
+    n_columns = max(len(channels), len(estimators), 1)
+    title = (
+        f"{drawable(template)}: bit errors of the user above deviations of the image; "
+        f"{trials_and_band(int(summary['n_cells'].max()))}"
+    )
+    n_panels = n_columns + len(estimators) if channels else len(estimators)
+    figure, panels = panel_grid(
+        n_panels, _legend(received, sensed), title, max_columns=n_columns, panel_in=PANEL_IN
+    )
+    above, below = (panels[:n_columns], panels[n_columns:]) if channels else ([], panels)
+    for unused in above[len(channels) :]:
+        unused.set_visible(False)
+    for axes, channel in zip(above, channels, strict=False):
+        axes.set_title(_wrapped(f"User behind {drawable(channel)}"))
+        axes.set_ylabel("bit error rate")
+        _draw_errors(axes, received[received["channel"] == channel])
+    labels = estimator_labels(estimators)
+    for axes, variant in zip(below, estimators, strict=True):
+        axes.set_title(f"Image by {drawable(labels[variant])}")
+        axes.set_ylabel("imaging deviation")
+        _draw_deviations(axes, _of(sensed, variant))
+    lowest, highest = summary["snr_db"].min(), summary["snr_db"].max()
+    for axes in panels:
+        axes.grid(True)
+        axes.set_xlim(lowest - 1, highest + 1)
+        axes.set_xlabel("SNR of a resource element [dB]")
+    return figure
+
+
+def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
+    """Draw imaging deviation over the bit rate that the user gets at the same SNR, a panel an estimator.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `isacbench.bench.studies.link_study.summarise` returns it.
+    template : str
+        Name of the scenario.
+
+    Returns
+    -------
+    Figure or None
+        None where nothing was received, or nothing sensed with data.
+    """
+    received = summary[summary["channel"] != ""]
+    sensed = summary[summary["template"] == template]
+    if received.empty or sensed.empty:
+        return None
+    channel = received["channel"].iloc[0]
+    of_channel = received[received["channel"] == channel]
+    receiver = _variants(of_channel)[-1]
+    rates = _of(of_channel, receiver).set_index(["modulation", "snr_db"])["rate_bps"]
+    estimators = _variants(sensed)
+    labels, known = estimator_labels(estimators), receiver_labels(received)[receiver]
+    title = f"{drawable(template)}: image against bit rate behind {drawable(channel)}, {known}"
+    modulations = list(of_channel["modulation"].unique())
+    prs_look = dataclasses.replace(PRS_LOOK, colour="0.4")
+    legend = [*_modulation_lines(modulations), *_sensing_lines(sensed, prs_look), SNR_ENTRY]
+    figure, panels = panel_grid(len(estimators), legend, title, panel_in=PANEL_IN)
+    snrs_db = [snr for snr in TRADE_SNRS_DB if snr in set(sensed["snr_db"]) & set(received["snr_db"])]
+    for axes, variant in zip(panels, estimators, strict=True):
+        part, labelled = _of(sensed, variant), []
+        for signal in signals_of_part(part):
+            rows = _of_signal(part, signal).set_index("snr_db")["deviation_mean"]
+            for modulation in modulations if signal[0] == "prs" else [signal[1]]:
+                points = [
+                    (rates[modulation, snr] / 1e9, rows[snr], snr)
+                    for snr in snrs_db
+                    if (modulation, snr) in rates.index and snr in rows.index
+                ]
+                _draw_trade(axes, points, signal, modulation)
+                if signal[0] == "all" and signal[2] in ("", "reciprocal"):
+                    labelled += [(*point, MODULATION_COLOURS[modulation]) for point in points]
+        axes.set_title(f"Image by {drawable(labels[variant])}")
+        axes.set_xlabel("achievable bit rate [Gbit/s]")
+        axes.set_ylabel("imaging deviation")
+        # Deviations far above 0 leave the automatic margin too narrow for a marker.
+        axes.set_ylim(0, 1.06 * axes.get_ylim()[1])
+        axes.grid(True)
+        _write_snrs(axes, labelled)
+    return figure
+
+
+def _draw_trade(
+    axes: Axes, points: Sequence[tuple[float, float, float]], signal: Signal, modulation: str
+) -> None:
+    """Draw one signal's path through the plane."""
+    if not points:
+        return
+    rate, deviation, _ = np.transpose(points)
+    look, colour = _signal_look(signal), MODULATION_COLOURS[modulation]
+    axes.plot(rate, deviation, color=colour, linestyle=look.line, marker=look.marker)
+
+
+def _write_snrs(axes: Axes, points: Sequence[tuple[float, float, float, str]]) -> None:
+    """Write SNRs beside points in their colours, none over another; one that has no room is left out."""
+    points = [point for point in points if np.isfinite(point[:2]).all()]
+    if not points:
+        return
+    texts = [f"{snr_db:g}" for _, _, snr_db, _ in points]
+    place_pt = axes.transData.transform([point[:2] for point in points]) * 72 / axes.figure.dpi
+    sizes_pt = [(0.65 * SNR_SIZE_PT * len(text), 1.2 * SNR_SIZE_PT) for text in texts]
+    offsets = place_labels(place_pt, sizes_pt, [SNR_OFFSETS_PT] * len(points))
+    for (rate, deviation, _, colour), text, offset in zip(points, texts, offsets, strict=True):
+        if offset is None:
+            continue
+        axes.annotate(
+            text,
+            (rate, deviation),
+            textcoords="offset points",
+            xytext=(offset[0], offset[1]),
+            fontsize=SNR_SIZE_PT,
+            color=colour,
+            ha="center",
+            va="center",
+        )
+
+
+def _wrapped(title: str) -> str:
+    """Title of a panel, broken between words and parameters where it is wider than its panel."""
+    return textwrap.fill(title.replace(",", ", "), TITLE_WIDTH, break_on_hyphens=False)
+
+
+def _draw_errors(axes: Axes, part: pd.DataFrame) -> None:
+    """Draw bit error rates behind a channel, and the closed form of white noise beside them."""
+    snrs_db = np.linspace(part["snr_db"].min(), part["snr_db"].max(), 200)
+    for modulation in part["modulation"].unique():
+        colour = MODULATION_COLOURS[modulation]
+        axes.plot(snrs_db, awgn_ber(modulation, snrs_db), color=colour, linestyle=CLOSED_FORM.line)
+        for look, variant in zip(_receiver_looks(part, colour), _variants(part), strict=True):
+            rows = _of(part[part["modulation"] == modulation], variant).sort_values("snr_db")
+            seen = rows[rows["n_bit_errors"] > 0]
+            draw_line(axes, look, seen["snr_db"], seen["ber"], seen["ber_low"], seen["ber_high"])
+    axes.set_yscale("log")
+    axes.set_ylim(LOWEST_BER, 1)
+
+
+def _draw_deviations(axes: Axes, part: pd.DataFrame) -> None:
+    """Draw deviations of one estimator, every signal."""
+    for signal in signals_of_part(part):
+        rows = _of_signal(part, signal).sort_values("snr_db")
+        mean, half = rows["deviation_mean"], rows["deviation_band"]
+        low = (mean - half).clip(lower=mean / 10)
+        draw_line(axes, _signal_look(signal), rows["snr_db"], mean, low, mean + half, alpha=0.12)
+    _deviation_axis(axes, part)
+
+
+def _deviation_axis(axes: Axes, part: pd.DataFrame) -> None:
+    """Scale an axis for deviations, logarithmic with plain numbers, unless nothing was imaged."""
+    if not (part["deviation_mean"] > 0).any():
+        return
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _signal_look(signal: Signal) -> Look:
+    sensing, modulation, division = signal
+    if sensing == "prs":
+        return PRS_LOOK
+    return Look(
+        _division_label(division),
+        MODULATION_COLOURS[modulation],
+        "o",
+        DIVISION_LINES[division],
+        is_bound=False,
+    )
+
+
+def _division_label(division: str) -> str:
+    return f"image, {DIVISIONS.get(division, 'any')} division"
+
+
+def _receiver_looks(received: pd.DataFrame, colour: str = "0.4") -> list[Look]:
+    """Looks of receivers, a line each."""
+    return [
+        Look(f"bit errors, {name}", colour, "o", RECEIVER_LINES[index % len(RECEIVER_LINES)], is_bound=False)
+        for index, name in enumerate(receiver_labels(received).values())
+    ]
+
+
+def _legend(received: pd.DataFrame, sensed: pd.DataFrame) -> list[Line2D]:
+    """Colours of modulations, lines of receivers, divisions and the PRS."""
+    both = dict.fromkeys([*received["modulation"], *sensed["modulation"]])
+    of_user = [] if received.empty else [*_receiver_looks(received), CLOSED_FORM]
+    return [*_modulation_lines([one for one in both if one]), *legend_lines(of_user), *_sensing_lines(sensed)]
+
+
+def _modulation_lines(modulations: Sequence[str]) -> list[Line2D]:
+    return legend_lines(Look(one.upper(), MODULATION_COLOURS[one], "o", "-", False) for one in modulations)
+
+
+def _sensing_lines(sensed: pd.DataFrame, prs_look: Look = PRS_LOOK) -> list[Line2D]:
+    """Lines of what is sensed with."""
+    divisions = [one for one in dict.fromkeys(sensed["division"]) if one]
+    looks = [Look(_division_label(one), "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
+    return legend_lines([*looks, *([prs_look] if (sensed["sensing"] == "prs").any() else [])])
+
+
+def _variants(part: pd.DataFrame) -> list[tuple[str, str]]:
+    return list(dict.fromkeys(zip(part["estimator"], part["params"], strict=True)))
+
+
+def _of(part: pd.DataFrame, variant: tuple[str, str]) -> pd.DataFrame:
+    """Rows of one estimator or receiver."""
+    return part[(part["estimator"] == variant[0]) & (part["params"] == variant[1])]
+
+
+def _of_signal(part: pd.DataFrame, signal: Signal) -> pd.DataFrame:
+    """Rows of one signal."""
+    chosen = part["sensing"] == signal[0]
+    return part[chosen & (part["modulation"] == signal[1]) & (part["division"] == signal[2])]

@@ -1,0 +1,370 @@
+"""The figures of a run."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from isacbench.bench.cells.record import POINT_COLUMNS, Results
+from isacbench.bench.plan.labels import Variant, estimator_labels
+from isacbench.bench.store.run_store import read_results
+from isacbench.bench.studies import (
+    detection_study,
+    efficiency_study,
+    link_study,
+    resolution_study,
+)
+from isacbench.bench.studies.power_maps import MAPS
+from isacbench.errors import InputError, InputWarning
+from isacbench.files.checked_files import make_own_folder
+from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import Simulator
+from isacbench.plugins.contracts import Diagnoser
+from isacbench.plugins.registry import build_estimators_of, canonical_params
+from isacbench.report.drawing.style import (
+    assign_looks,
+    counted,
+    drawable,
+    file_stems,
+    older_objects_uncollected,
+    save,
+    styled,
+)
+from isacbench.report.figures.cloud_figures import Image, draw_clouds
+from isacbench.report.figures.curves import draw_deviations, draw_scores
+from isacbench.report.figures.link_figures import draw_link, draw_trade
+from isacbench.report.figures.map_figures import draw_map
+from isacbench.report.figures.pareto_figures import draw_pareto, draw_stages
+from isacbench.report.figures.spectrum_figures import draw_spectra
+from isacbench.report.figures.study_figures import (
+    draw_detection,
+    draw_efficiency,
+    draw_maps,
+    draw_resolution,
+    draw_roc,
+)
+from isacbench.report.tables.pareto import summarise_points, timed_rows
+from isacbench.report.tables.run_tables import HAUSDORFF_COLUMNS, batched, summarise
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping, Sequence
+    from pathlib import Path
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from isacbench.bench.suites.suite import Kind
+    from isacbench.model.scenes.scenario import Scenario
+    from isacbench.plugins.contracts import Estimator
+    from isacbench.report.drawing.style import Look
+
+__all__ = ["draw_diagnoses", "draw_run"]
+
+FOLDER = "figures"
+CLOUD_SNRS_DB = -20.0, -5.0, 10.0
+DIAGNOSIS_SNR_DB = 10.0
+CLOUDS_A_FIGURE = 4
+MOST_CLOUDS = 16
+"""Estimators of which clouds, maps and spectra are drawn: of more, those of least mean deviation, for nobody
+looks at all."""
+
+Named = tuple[str, "Figure"]
+
+
+def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
+    """Draw a stored run: of images scores over SNR, clouds, maps and spectra; of a study its own figures.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of a run; figures of the same names in its ``figures`` are replaced.
+    with_diagnoses : bool
+        Whether to draw what `draw_diagnoses` does as well.
+
+    Returns
+    -------
+    list of Path
+        What was written. Of images: ``deviation.png``; for each scenario
+        ``curves-*.png`` and ``clouds-*.png``, more than one of these where
+        the estimators are many, and of the 16 best alone where they are
+        more; where the time counts ``pareto-*.png`` and, where stages were
+        timed, ``stages-*.png``. Of a study, for each scenario that it has:
+        ``efficiency-*.png``; ``resolution-*.png``; ``maps.png`` and
+        ``roc.png``, and ``detection-*.png``; or ``link-*.png`` and
+        ``trade-*.png``. Nothing where the run holds no cells.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold a run.
+
+    Warns
+    -----
+    InputWarning
+        If an estimator of the run is not installed, or its diagnosis fails.
+    """
+    results = read_results(folder)
+    figures = FIGURES[results.suite.kind](results)
+    if with_diagnoses:
+        figures = chain(figures, _diagnoses(results))
+    return _drawn(folder, results, figures)
+
+
+def draw_diagnoses(folder: Path) -> list[Path]:
+    """Draw what the estimators of a stored run of images see on their way.
+
+    Parameters
+    ----------
+    folder : Path
+        As for `draw_run`.
+
+    Returns
+    -------
+    list of Path
+        Of the first scenario and trial, for each estimator that is a
+        `Diagnoser`, of the 16 best alone where they are more:
+        ``rdm-*.png`` and, where it detects anything, ``spectrum-*.png``.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold a run.
+
+    Warns
+    -----
+    InputWarning
+        If an estimator of the run is not installed, or its diagnosis fails.
+    """
+    results = read_results(folder)
+    return _drawn(folder, results, _diagnoses(results))
+
+
+def _drawn(folder: Path, results: Results, figures: Iterator[Named]) -> list[Path]:
+    if results.records.empty:
+        return []
+    target = folder / FOLDER
+    make_own_folder(target)
+    with styled(), older_objects_uncollected():
+        return [save(figure, target / f"{stem}.png") for stem, figure in figures]
+
+
+def _built(specs: Sequence[str]) -> Iterator[tuple[str, Estimator]]:
+    """Estimators of a suite as far as they are installed, by specification of each variant."""
+    for spec in specs:
+        try:
+            yield from build_estimators_of(spec)
+        except InputError as error:
+            warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=3)
+
+
+def _looks(results: Results) -> dict[Variant, Look]:
+    """Looks of the estimators of a run; one that is not installed is no limit to anybody's knowledge."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        estimators = dict(_built(results.suite.estimators))
+    bounds = {estimator.name for estimator in estimators.values() if getattr(estimator, "needs_truth", False)}
+    labels = estimator_labels(zip(results.records["estimator"], results.records["params"], strict=True))
+    return assign_looks(labels, bounds)
+
+
+def _imaging(results: Results) -> Iterator[Named]:
+    """Figures of images."""
+    looks = _looks(results)
+    return chain(_curves(results, looks), _tradeoffs(results, looks), _clouds(results, looks))
+
+
+def _tradeoffs(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+    """Run time against error of every scenario, where the time counts."""
+    rows = timed_rows(results.records)
+    if rows.empty:
+        return
+    points = summarise_points(rows, {name for (name, _), look in looks.items() if look.is_bound})
+    for scenario, stem in file_stems(points["scenario"].unique()).items():
+        yield f"pareto-{stem}", draw_pareto(points, scenario)
+        stages = draw_stages(rows, points, scenario)
+        if stages is not None:
+            yield f"stages-{stem}", stages
+
+
+def _efficiency(results: Results) -> Iterator[Named]:
+    """Errors and bounds of every scenario."""
+    looks = _looks(results)
+    summary = efficiency_study.summarise(results.records)
+    for scenario, stem in file_stems(summary["scenario"].unique()).items():
+        yield f"efficiency-{stem}", draw_efficiency(summary, scenario, looks)
+
+
+def _resolution(results: Results) -> Iterator[Named]:
+    """Probabilities of resolution of every template and SNR."""
+    looks = _looks(results)
+    summary = resolution_study.summarise(results.records)
+    several = summary["snr_gain_db"].nunique() > 1
+    for template, stem in file_stems(summary["template"].unique()).items():
+        part = summary[summary["template"] == template]
+        for snr_gain_db, at_snr in part.groupby("snr_gain_db"):
+            suffix = f"-{snr_gain_db:g}dB" if several else ""
+            yield f"resolution-{stem}{suffix}", draw_resolution(at_snr, looks)
+
+
+def _detection(results: Results) -> Iterator[Named]:
+    """Detectors on the maps, and behind estimators on every scenario."""
+    summary = detection_study.summarise(results.records)
+    on_maps = summary["scenario"].isin(list(MAPS))
+    if on_maps.any():
+        yield "maps", draw_maps(summary[on_maps])
+        yield "roc", draw_roc(summary[on_maps])
+    for scenario, stem in file_stems(summary.loc[~on_maps, "scenario"].unique()).items():
+        yield f"detection-{stem}", draw_detection(summary[summary["scenario"] == scenario])
+
+
+def _link(results: Results) -> Iterator[Named]:
+    """Bit errors beside deviations of every scenario, and the trade between the two."""
+    summary = link_study.summarise(results.records)
+    templates = [name for name in summary["template"].unique() if name]
+    for template, stem in file_stems(templates).items():
+        yield f"link-{stem}", draw_link(summary, template)
+        trade = draw_trade(summary, template)
+        if trade is not None:
+            yield f"trade-{stem}", trade
+
+
+FIGURES: dict[Kind, Callable[[Results], Iterator[Named]]] = {
+    "imaging": _imaging,
+    "efficiency": _efficiency,
+    "resolution": _resolution,
+    "detection": _detection,
+    "link": _link,
+}
+
+
+def _curves(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+    """Scores over SNR, all scenarios together and each on its own."""
+    summary = summarise(results.records)
+    yield "deviation", draw_deviations(summary, looks)
+    for scenario, stem in file_stems(summary["scenario"].unique()).items():
+        radius_m = results.scenarios[scenario].radius_m
+        yield f"curves-{stem}", draw_scores(summary, scenario, looks, radius_m)
+
+
+def _clouds(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+    """Clouds of every scenario's first trial, a few estimators a figure."""
+    # A run of limits alone still has clouds to show.
+    candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
+    for scenario, stem in file_stems(results.records["scenario"].unique()).items():
+        records = results.records[results.records["scenario"] == scenario]
+        shown = _best(records, candidates)
+        title = drawable(scenario)
+        if len(shown) < len(candidates):
+            title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
+        trial = int(records["trial"].min())
+        clouds, records = _clouds_of(results, scenario, trial), records[records["trial"] == trial]
+        pages = batched(shown, CLOUDS_A_FIGURE)
+        for number, page in enumerate(pages, start=1):
+            suffix = f"-{number}" if len(pages) > 1 else ""
+            page_looks = {variant: looks[variant] for variant in page}
+            yield (
+                f"clouds-{stem}{suffix}",
+                _cloud_figure(
+                    f"{title}, trial {trial}", results.scenarios[scenario], records, clouds, page_looks
+                ),
+            )
+
+
+def _best(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
+    """Estimators whose clouds are drawn, in the order given."""
+    if len(candidates) <= MOST_CLOUDS:
+        return list(candidates)
+    means = records.groupby(["estimator", "params"], sort=False)["deviation"].mean()
+    # What failed throughout has no mean, and comes last.
+    best = set(means.reindex(list(candidates)).sort_values(kind="stable").index[:MOST_CLOUDS])
+    return [variant for variant in candidates if variant in best]
+
+
+def _cloud_figure(
+    title: str,
+    scene: Scenario,
+    records: pd.DataFrame,
+    clouds: Mapping[Hashable, PointCloud],
+    looks: Mapping[Variant, Look],
+) -> Figure:
+    """Clouds of one trial of a scenario at a few SNRs."""
+    rows = {
+        snr_db: [_image(clouds, records, variant, snr_db) for variant in looks]
+        for snr_db in _nearest(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
+    }
+    labels = [look.label for look in looks.values()]
+    return draw_clouds(title, scene.truth, scene.region, labels, rows, scene.radius_m)
+
+
+def _clouds_of(results: Results, scenario: str, trial: int) -> dict[Hashable, PointCloud]:
+    """Clouds of a trial that have points, by name, parameters and SNR."""
+    points = results.clouds
+    # Numbers first: they are compared much faster than text, and leave little of it.
+    points = points[points["trial"] == trial]
+    points = points[points["scenario"] == scenario]
+    return {
+        key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
+        for key, part in points.groupby(["estimator", "params", "snr_db"], sort=False, observed=True)
+    }
+
+
+def _image(
+    clouds: Mapping[Hashable, PointCloud],
+    records: pd.DataFrame,
+    variant: Variant,
+    snr_db: float,
+) -> Image:
+    """Cloud of one cell, and what came of it; an interrupted run has no record of some."""
+    name, params = variant
+    chosen = (records["estimator"] == name) & (records["params"] == params) & (records["snr_db"] == snr_db)
+    if not chosen.any():
+        return Image(PointCloud.empty(), "not run")
+    record = records[chosen].iloc[0]
+    cloud = clouds.get((name, params, snr_db), PointCloud.empty())
+    if record["status"] == "ok":
+        hausdorff_m = record[HAUSDORFF_COLUMNS].sum()
+        return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
+    return Image(cloud, "nothing detected" if record["status"] == "no_detection" else str(record["status"]))
+
+
+def _nearest(available: Sequence[float], wanted: Sequence[float]) -> list[float]:
+    """Values nearest to the wanted ones, in order and none twice."""
+    return list(dict.fromkeys(min(available, key=lambda value: abs(value - target)) for target in wanted))
+
+
+def _diagnoses(results: Results) -> Iterator[Named]:
+    """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial."""
+    if results.suite.kind != "imaging" or results.records.empty:
+        return
+    scenario = results.scenarios[results.records["scenario"].iloc[0]]
+    diagnosers = _best_diagnosers(results, scenario.name)
+    if not diagnosers:
+        return
+    (snr_db,) = _nearest(sorted(results.records["snr_db"].unique()), [DIAGNOSIS_SNR_DB])
+    simulator = Simulator(scenario)
+    observation = simulator.observe(snr_db, int(results.records["trial"].min()), results.suite.seed)
+    for (spec, estimator), stem in zip(diagnosers.items(), file_stems(diagnosers).values(), strict=True):
+        try:
+            diagnosis = estimator.diagnose(observation)
+        except Exception as error:  # a plugin's fault must not cost the other figures
+            reason = f"{type(error).__name__}: {error}"
+            warnings.warn(f"no map and no spectra of {spec}: {reason}", InputWarning, stacklevel=3)
+            continue
+        title = drawable(f"{scenario.name}, {spec}, {snr_db:g} dB")
+        yield f"rdm-{stem}", draw_map(title, diagnosis, scenario.system, simulator.noise_power(snr_db))
+        if diagnosis.spectra:
+            yield f"spectrum-{stem}", draw_spectra(title, diagnosis, scenario)
+
+
+def _best_diagnosers(results: Results, scenario: str) -> dict[str, Diagnoser]:
+    """Estimators that show their work, by specification; of many those that image a scenario best."""
+    found = {
+        spec: (plugin, (plugin.name, canonical_params(plugin)))
+        for spec, plugin in _built(results.suite.estimators)
+        if isinstance(plugin, Diagnoser)
+    }
+    records = results.records[results.records["scenario"] == scenario]
+    best = set(_best(records, [variant for _, variant in found.values()]))
+    return {spec: plugin for spec, (plugin, variant) in found.items() if variant in best}

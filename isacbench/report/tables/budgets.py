@@ -1,0 +1,250 @@
+"""The best estimator for a time budget, and which others may be as good."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.compare.best_alternatives import best_p_values, smallest_p_value
+from isacbench.bench.compare.statistics import trials_needed
+from isacbench.errors import InputError
+from isacbench.report.tables.pareto import find_limits, paired_numbers, summarise_points, timed_rows
+from isacbench.report.tables.run_tables import Grid
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["ALPHA", "MARGIN", "best_within_budgets", "budget_grids", "budget_series", "summarise_budgets"]
+
+ALPHA = 0.05
+"""Probability that a table leaves out, in any of its rows, the estimator that is truly best."""
+
+MARGIN = 0.01
+"""Relative difference of mean deviations that nobody would choose by."""
+
+STEPS = (1.0, 2.0, 5.0)
+PANEL = ["scenario", "snr_db"]
+DEVIATIONS = ["deviation_mean", "deviation_low", "deviation_high"]
+TIMES = ["time_s", "time_low_s", "time_high_s"]
+SHOWN = ["estimator", "params", "label", "n_trials", "n_no_detection", *DEVIATIONS, *TIMES]
+
+
+def budget_series(shortest_s: float, longest_s: float) -> list[float]:
+    """Time budgets in steps of 1, 2, 5: from the first that the shortest time keeps to the longest time's.
+
+    Parameters
+    ----------
+    shortest_s, longest_s : float
+        Positive.
+
+    Returns
+    -------
+    list of float
+
+    Raises
+    ------
+    InputError
+        If a time is not a positive number, or they are in the wrong order.
+
+    Examples
+    --------
+    >>> budget_series(0.033, 0.4)
+    [0.05, 0.1, 0.2, 0.5]
+    """
+    if not 0 < shortest_s <= longest_s < math.inf:
+        raise InputError(
+            f"times from {shortest_s!r} to {longest_s!r}: allowed are positive numbers, the shorter one first"
+        )
+    decades = range(math.floor(math.log10(shortest_s)), math.ceil(math.log10(longest_s)) + 1)
+    # Powers of ten as text have: 5e-2 is 0.05 exactly where 5 * 10**-2 might not be.
+    series = [float(f"{step:g}e{decade}") for decade in decades for step in STEPS]
+    fitting = [budget_s for budget_s in series if budget_s >= shortest_s]
+    last = next(index for index, budget_s in enumerate(fitting) if budget_s >= longest_s)
+    return fitting[: last + 1]
+
+
+def best_within_budgets(time_s: ArrayLike, error: ArrayLike, budgets_s: ArrayLike) -> NDArray[np.int64]:
+    """Find, for each time budget, the alternative of least error among those that keep it.
+
+    Parameters
+    ----------
+    time_s, error : array_like, shape (n,)
+    budgets_s : array_like, shape (m,)
+
+    Returns
+    -------
+    ndarray of int64, shape (m,)
+        Indices of alternatives, of equal errors the one of shorter time; -1 where none keeps the budget.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, a time or an error is not finite, or a budget is NaN.
+
+    Examples
+    --------
+    >>> best_within_budgets([1.0, 2.0, 3.0], [7.0, 5.0, 6.0], [0.5, 1.0, 5.0]).tolist()
+    [-1, 0, 1]
+    """
+    times, errors = paired_numbers(time_s, error)
+    budgets = np.asarray(budgets_s, dtype=np.float64)
+    if np.isnan(budgets).any():
+        raise InputError("a budget of NaN: allowed are numbers")
+    order = np.lexsort([times, errors])
+    keeps = times[order] <= budgets[:, None]
+    if not order.size:
+        return np.full(budgets.shape, -1)
+    return np.where(keeps.any(axis=1), order[keeps.argmax(axis=1)], -1)
+
+
+def summarise_budgets(records: pd.DataFrame) -> pd.DataFrame:
+    """Find the best estimator of a timed run for each scenario, SNR and time budget.
+
+    An estimator keeps a budget if the upper limit of the 95 % interval of
+    its median time does; with fewer than six trials, which have no interval,
+    if the slowest of them does. Only estimators that scored every trial take
+    part, and none that sees the truth.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    DataFrame
+        One row for each scenario, SNR and ``budget_s``: ``estimator``,
+        ``params``, ``label``, ``n_trials``, ``n_no_detection``, deviation and
+        time with intervals as `summarise_points` has them; ``n_within``, how
+        many keep the budget; ``may_be_best``, the labels, as JSON and the
+        fastest first, of those of them that are not shown to be worse than
+        another one by more than 1 % of the least mean deviation; ``level``
+        of the test behind that, `isacbench.bench.compare.best_alternatives.best_p_values`;
+        ``trials_needed`` to show anything at that level. With 95 %
+        probability all rows of a scenario and SNR name the truly best
+        estimator. Empty where nothing was timed.
+    """
+    rows = timed_rows(records)
+    if rows.empty:
+        return pd.DataFrame()
+    points = summarise_points(records, find_limits(rows))
+    competitors = points[points["is_complete"] & ~points["is_limit"]]
+    parts = [part for _, part in competitors.groupby(PANEL, sort=False)]
+    return pd.DataFrame([row for part in parts for row in _rows(part, _deviations(rows, part))])
+
+
+def budget_grids(records: pd.DataFrame) -> list[Grid]:
+    """Lay out the best estimator for each time budget, a table for each scenario and SNR.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    list of Grid
+        None where nothing was timed.
+    """
+    summary = summarise_budgets(records)
+    if summary.empty:
+        return []
+    return [_grid(part) for _, part in summary.groupby(PANEL, sort=False)]
+
+
+class _Choice(NamedTuple):
+    """A budget, the best within it, and all that keep it; indices of points."""
+
+    budget_s: float
+    best: int
+    within: NDArray[np.int64]
+
+
+def _rows(points: pd.DataFrame, deviations: Floats) -> Iterator[dict[str, object]]:
+    """Rows of one scenario and SNR, from its competitors and their deviations (n_trials, n)."""
+    choices = _choices(points)
+    # A larger budget that lets nobody in asks nothing new.
+    n_questions = len({choice.within.tobytes() for choice in choices})
+    level = ALPHA / n_questions
+    for budget_s, best, within in choices:
+        chosen = points.iloc[best]
+        margin = MARGIN * abs(float(chosen["deviation_mean"]))
+        p_values = best_p_values(deviations[:, within], margin)
+        yield {
+            **{name: chosen[name] for name in PANEL},
+            "budget_s": budget_s,
+            **{name: chosen[name] for name in SHOWN},
+            "n_within": len(within),
+            "level": level,
+            "trials_needed": trials_needed(level),
+            "may_be_best": json.dumps(
+                points["label"].iloc[within[p_values > level]].tolist(), ensure_ascii=False
+            ),
+        }
+
+
+def _choices(points: pd.DataFrame) -> list[_Choice]:
+    """Best point of each budget; those within it by their time."""
+    limit_s = points["time_high_s"].fillna(points["time_slowest_s"]).to_numpy()
+    errors = points["deviation_mean"].to_numpy()
+    budgets_s = budget_series(float(limit_s.min()), float(limit_s.max()))
+    order = np.argsort(points["time_s"].to_numpy(), kind="stable")
+    return [
+        _Choice(budget_s, int(best), order[limit_s[order] <= budget_s])
+        for budget_s, best in zip(budgets_s, best_within_budgets(limit_s, errors, budgets_s), strict=True)
+    ]
+
+
+def _deviations(rows: pd.DataFrame, points: pd.DataFrame) -> Floats:
+    """Deviations (n_trials, n) of the points of one scenario and SNR."""
+    chosen = rows[(rows[PANEL] == points[PANEL].iloc[0]).all(axis=1)]
+    table = chosen.pivot_table(
+        index="trial", columns=["estimator", "params"], values="deviation", observed=True
+    )
+    variants = list(zip(points["estimator"], points["params"], strict=True))
+    return table[variants].to_numpy(dtype=np.float64)
+
+
+def _grid(part: pd.DataFrame) -> Grid:
+    """Grid of one scenario and SNR, a row a budget."""
+    first = part.iloc[0]
+    n_trials, needed = int(first["n_trials"]), int(first["trials_needed"])
+    trials = "one trial" if n_trials == 1 else f"{n_trials} trials"
+    title = f"{first['scenario']}, {first['snr_db']:g} dB: least mean deviation within a time, {trials}"
+    if smallest_p_value(n_trials) > first["level"]:
+        title += f", too few to tell any apart: {needed} are needed"
+    has_interval = part[["deviation_low", "time_low_s"]].notna().any()
+    numbers = [
+        f"{name} (95 %)" if shown else name
+        for name, shown in zip(("deviation", "time [ms]"), has_interval, strict=True)
+    ]
+    header = ["within [ms]", "best", *numbers, "may be best", "the fastest of them"]
+    return Grid(title, header, [_cells(entry) for _, entry in part.iterrows()])
+
+
+def _cells(entry: pd.Series[Any]) -> list[str]:
+    """Row of a budget: who is best and by how much, and who else may be."""
+    empty = f" ({entry['n_no_detection']} empty)" if entry["n_no_detection"] else ""
+    may_be_best = json.loads(entry["may_be_best"])
+    fastest = may_be_best[0]
+    return [
+        f"{1e3 * entry['budget_s']:g}",
+        f"{entry['label']}{empty}",
+        _with_interval("{:.2f}", *(entry[name] for name in DEVIATIONS)),
+        _with_interval("{:.3g}", *(1e3 * entry[name] for name in TIMES)),
+        f"{len(may_be_best)} of {entry['n_within']}",
+        "the best" if fastest == entry["label"] else fastest,
+    ]
+
+
+def _with_interval(form: str, value: float, low: float, high: float) -> str:
+    """Number with its interval, as far as it has one."""
+    return form.format(value) + ("" if math.isnan(low) else f" ({form.format(low)}-{form.format(high)})")

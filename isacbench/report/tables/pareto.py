@@ -1,0 +1,216 @@
+"""Run time against error: the points of a timed run, and which of them are worth their time.
+
+What a point is: one estimator with its parameters, on one scenario at one SNR.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.studies.intervals import median_interval
+from isacbench.errors import InputError
+from isacbench.plugins.registry import sees_truth
+from isacbench.report.tables import run_tables
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+
+__all__ = [
+    "POINT",
+    "find_limits",
+    "paired_numbers",
+    "pareto_frontier",
+    "summarise",
+    "summarise_points",
+    "timed_rows",
+]
+
+PANEL = ["scenario", "snr_db"]
+POINT = ["scenario", "estimator", "params", "snr_db"]
+"""Key of a point."""
+
+MEMORY = "peak_memory_mib"
+
+
+def pareto_frontier(time_s: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
+    """Tell which alternatives no other one beats in time and in error.
+
+    One beats another if it is worse in neither and better in one of them.
+    Alternatives that are equal in both do not beat each other.
+
+    Parameters
+    ----------
+    time_s, error : array_like, shape (n,)
+        Lower is better in both.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True on the frontier.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, or a value is not finite.
+
+    References
+    ----------
+    Kung, Luccio and Preparata, "On finding the maxima of a set of vectors", J. ACM 22 (1975).
+
+    Examples
+    --------
+    >>> pareto_frontier([1.0, 2.0, 3.0, 3.0], [5.0, 4.0, 4.5, 4.0]).tolist()
+    [True, True, False, False]
+    """
+    times, errors = paired_numbers(time_s, error)
+    distinct, of_time = np.unique(times, return_inverse=True)
+    least = np.full(distinct.size, np.inf)
+    np.minimum.at(least, of_time, errors)
+    least_before = np.concatenate([[np.inf], np.minimum.accumulate(least)[:-1]])
+    found: NDArray[np.bool_] = (errors == least[of_time]) & (errors < least_before[of_time])
+    return found
+
+
+def paired_numbers(time_s: ArrayLike, error: ArrayLike) -> tuple[Floats, Floats]:
+    """Times and errors of alternatives as arrays of one shape (n,).
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, or a value is not finite.
+    """
+    times, errors = np.asarray(time_s, dtype=np.float64), np.asarray(error, dtype=np.float64)
+    if times.ndim != 1 or times.shape != errors.shape:
+        raise InputError(
+            f"time_s of shape {times.shape} and error of shape {errors.shape}: allowed is one of each for "
+            "every alternative"
+        )
+    for name, values in (("time_s", times), ("error", errors)):
+        wrong = values[~np.isfinite(values)]
+        if wrong.size:
+            raise InputError(f"{name} with a value {wrong[0]}: allowed are finite numbers")
+    return times, errors
+
+
+def find_limits(records: pd.DataFrame) -> set[str]:
+    """Names of the estimators of a run that see the truth; one that is not installed counts as none."""
+    limits = set()
+    for name in records["estimator"].unique():
+        try:
+            if sees_truth(name):
+                limits.add(name)
+        except InputError:  # a table can be made without the plugins that its rows are of
+            continue
+    return limits
+
+
+def summarise(records: pd.DataFrame) -> pd.DataFrame:
+    """Points as `summarise_points` has them, limits found by name; empty where nothing was timed."""
+    rows = timed_rows(records)
+    return pd.DataFrame() if rows.empty else summarise_points(rows, find_limits(rows))
+
+
+def timed_rows(records: pd.DataFrame) -> pd.DataFrame:
+    """Rows whose time counts; of estimators that have such rows, those too that failed before one was there.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    DataFrame
+        None where nothing was timed.
+    """
+    is_timed = records["timing"].astype(bool)
+    return records[is_timed | (failed(records) & bool(is_timed.any()))]
+
+
+def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataFrame:
+    """Average deviation and time of every point of a timed run, with 95 % intervals, and find the frontiers.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run; only those that `timed_rows` picks are used.
+    limits : collection of str
+        Names of estimators that see the truth.
+
+    Returns
+    -------
+    DataFrame
+        One row for each scenario, SNR, estimator and params, SNRs ascending:
+
+        - ``number`` of the estimator with its params in figures, ``label``;
+          the counts ``n_trials``, ``n_failed``, ``n_no_detection``;
+        - ``deviation_mean``, ``deviation_low``, ``deviation_high``
+          (Student's t), over the trials that did not fail;
+        - ``time_s``, the median over the same
+          (`isacbench.bench.studies.medians.median_times`), ``time_low_s``,
+          ``time_high_s`` (order statistics), ``time_slowest_s``, and
+          ``peak_memory_mib``, the median, where the records have it;
+        - ``is_limit``; ``is_complete``, whether every trial of the scenario
+          and SNR has a score; ``is_on_frontier``, of mean deviation and
+          median time among those that are complete and no limit.
+
+        Limits of intervals are NaN where the trials are too few: five are
+        needed of deviations, six of times.
+    """
+    rows = timed_rows(records)
+    columns = ["estimator", "params"]
+    labels = estimator_labels(zip(*(records[name] for name in columns), strict=True))
+    points = run_tables.summarise(rows)
+    variants = list(zip(*(points[name] for name in columns), strict=True))
+    points["number"] = [1 + list(labels).index(variant) for variant in variants]
+    points["label"] = [labels[variant] for variant in variants]
+    points = points.rename(columns={"n_cells": "n_trials", "time_estimate_s_median": "time_s"})
+    for end, sign in (("low", -1), ("high", 1)):
+        points[f"deviation_{end}"] = points["deviation_mean"] + sign * points["deviation_band"]
+    points = points.merge(_times(rows[~failed(rows)]), on=POINT, how="left")
+    points["is_limit"] = points["estimator"].isin(list(limits))
+    all_trials = points.groupby(PANEL)["n_trials"].transform("max")
+    points["is_complete"] = (points["n_failed"] == 0) & (points["n_trials"] == all_trials)
+    points["is_on_frontier"] = _on_frontiers(points)
+    names = [
+        *(*POINT, "number", "label", "n_trials", "n_failed", "n_no_detection"),
+        *("deviation_mean", "deviation_low", "deviation_high"),
+        *("time_s", "time_low_s", "time_high_s", "time_slowest_s"),
+        *([MEMORY] if MEMORY in points else []),
+        *("is_limit", "is_complete", "is_on_frontier"),
+    ]
+    order = pd.factorize(points["scenario"])[0], points["snr_db"]
+    return points[names].iloc[np.lexsort(order[::-1])].reset_index(drop=True)
+
+
+def _times(scored: pd.DataFrame) -> pd.DataFrame:
+    """Interval of the median time of every point, its slowest trial, and its peak memory where measured."""
+    rows = []
+    for key, part in scored.groupby(POINT, sort=False):
+        times_s = part["time_estimate_s"].to_numpy(dtype=np.float64)
+        _, low, high = median_interval(times_s)
+        rows.append((*key, low, high, times_s.max()))
+    table = pd.DataFrame(rows, columns=[*POINT, "time_low_s", "time_high_s", "time_slowest_s"])
+    if MEMORY in scored:
+        table[MEMORY] = scored.groupby(POINT, sort=False)[MEMORY].median().to_numpy()
+    return table
+
+
+def _on_frontiers(points: pd.DataFrame) -> NDArray[np.bool_]:
+    """Which points are on the frontier of their scenario and SNR."""
+    found = np.zeros(len(points), dtype=np.bool_)
+    competes = points["is_complete"] & ~points["is_limit"]
+    for chosen in points[competes].groupby(PANEL, sort=False).indices.values():
+        rows = np.flatnonzero(competes)[chosen]
+        part = points.iloc[rows]
+        found[rows] = pareto_frontier(part["time_s"], part["deviation_mean"])
+    return found

@@ -1,0 +1,92 @@
+"""The plan of an image, for the terminal and as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from isacbench.report.tables.run_tables import Grid
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from isacbench.cubes.image_cost import ImagePlan, Step, Work
+    from isacbench.model.numerology import System
+
+__all__ = ["describe_plan", "plan_grids", "plan_lines"]
+
+ELEMENTS = {"plane": "the whole array", "cross": "one column and one row", "none": "none"}
+HEADER = ["step", "computed", "cells", "of full", "bytes", "of full", "operations", "of full"]
+TRANSFORMS = {"partial": "products with rows of the DFT matrix", "fft": "FFT"}
+
+
+def plan_lines(plan: ImagePlan, system: System) -> list[str]:
+    """Say which part of the frame and of the map an estimator needs, a line each."""
+    gate, needs = plan.gate, plan.needs
+    near, far = (int(bin_) for bin_ in gate.range_bins[[0, -1]])
+    slow, fast = (int(bin_) for bin_ in gate.doppler_bins[[0, -1]])
+    n_range, n_doppler = gate.shape
+    integration = {"noncoherent": "the power of all of them", "element": "one of them", None: "no power map"}
+    return [
+        f"  elements:      {plan.n_elements} of {plan.n_all_elements}, {ELEMENTS[needs.elements]}",
+        f"  range bins:    {n_range} of {system.n_subcarriers}, {near * system.range_bin_m:.1f} to "
+        f"{far * system.range_bin_m:.1f} m, by {TRANSFORMS[plan.range_method]}",
+        f"  Doppler bins:  {n_doppler} of {system.n_symbols}, {slow * system.velocity_bin_mps:.1f} to "
+        f"{fast * system.velocity_bin_mps:.1f} m/s, by {TRANSFORMS['partial']}",
+        f"  detection on:  {integration[needs.integration]}",
+        f"  precision:     sums over symbols in {plan.dtype}, over subcarriers in complex128",
+    ]
+
+
+def plan_grids(plan: ImagePlan) -> list[Grid]:
+    """Tabulate the steps of a recorded frame and of a simulated one: what is computed, and its share."""
+    recorded = [*_rows(plan.steps), ["total", "", *_amounts(*plan.total)]]
+    return [
+        Grid("of a recorded frame, beside the full 4-D chain", HEADER, recorded),
+        Grid("instead of reading and transforming, where it is simulated", HEADER, _rows(plan.simulation)),
+    ]
+
+
+def _rows(steps: Sequence[Step]) -> list[list[str]]:
+    return [[step.name, step.method, *_amounts(step.computed, step.full)] for step in steps]
+
+
+def describe_plan(plan: ImagePlan) -> dict[str, Any]:
+    """Put a plan in terms of JSON."""
+    computed, full = plan.total
+    return {
+        "elements": {"read": plan.n_elements, "all": plan.n_all_elements},
+        "needs": asdict(plan.needs),
+        "range_bins": [int(plan.gate.range_bins[0]), int(plan.gate.range_bins[-1])],
+        "doppler_bins": [int(plan.gate.doppler_bins[0]), int(plan.gate.doppler_bins[-1])],
+        "range_method": plan.range_method,
+        "dtype": str(plan.dtype),
+        "steps": [asdict(step) for step in plan.steps],
+        "simulation": [asdict(step) for step in plan.simulation],
+        "total": {"computed": asdict(computed), "full": asdict(full)},
+    }
+
+
+def _amounts(computed: Work, full: Work) -> list[str]:
+    """Cells, bytes and operations, each with its share."""
+    amounts = []
+    for name, unit in (("cells", ""), ("bytes", "B"), ("operations", "")):
+        part, whole = getattr(computed, name), getattr(full, name)
+        amounts += [_scaled(part, unit), _share(part, whole)]
+    return amounts
+
+
+def _share(part: int, whole: int) -> str:
+    """Part in percent of the whole, two digits below 10 %."""
+    if not whole:
+        return ""
+    percent = 100 * part / whole
+    return f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
+
+
+def _scaled(number: int, unit: str) -> str:
+    """Number with three digits and a prefix."""
+    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if number >= factor:
+            return f"{number / factor:.3g} {prefix}{unit}"
+    return f"{number} {unit}".rstrip()

@@ -1,0 +1,150 @@
+"""The accuracy that music2d and esprit2d have to reach on the street, over some trials at full size."""
+
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.oracle import Oracle
+from scipy.stats import ttest_rel
+
+from isacbench.metrics.cloud_scores import cloud_scores
+from isacbench.metrics.deviation import Deviation, paper_deviation
+from isacbench.model.echo import Simulator
+from isacbench.model.scenes.scenario import load_scenario
+
+pytestmark = pytest.mark.slow
+
+SCENARIOS = pytest.mark.parametrize("scenario", ["street", "street-paper"])
+SNRS_DB = list(range(-30, 21, 5))
+N_TRIALS = 10
+SIGNIFICANCE = 0.05
+
+_done: dict[tuple[str, str, int], list[Deviation]] = {}
+
+
+def deviations(scenario_name, estimator, snr_db):
+    """Deviation of every trial at one SNR; both estimators are run on each observation, once."""
+    if (scenario_name, estimator, snr_db) not in _done:
+        scenario = load_scenario(scenario_name)
+        simulator, system = Simulator(scenario), scenario.system
+        for other_snr_db in SNRS_DB:
+            for name in ("music2d", "fft4d"):
+                _done[scenario_name, name, other_snr_db] = []
+        for trial in range(N_TRIALS):
+            for other_snr_db in SNRS_DB:
+                observation = simulator.observe(other_snr_db, trial)
+                for one in (Music2d(), Fft4d()):
+                    cloud = one.estimate(observation)
+                    found = paper_deviation(scenario.truth, cloud, scenario.region, system.velocity_bin_mps)
+                    _done[scenario_name, one.name, other_snr_db].append(found)
+    return _done[scenario_name, estimator, snr_db]
+
+
+def sums(scenario, estimator, snr_db):
+    """Imaging deviation of every trial."""
+    return np.array([found.deviation for found in deviations(scenario, estimator, snr_db)])
+
+
+def chance_of_being_greater(some, others):
+    """P-value of the paired test that some are greater than others; 1 where all pairs are equal."""
+    return ttest_rel(some, others, alternative="greater").pvalue if np.ptp(some - others) else 1.0
+
+
+def smallest_by_holm(p_values):
+    """Smallest p-value after Holm's correction: below the significance, something is significant."""
+    return min(p_values) * len(p_values)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "snr_db", "limit_m"),
+    [("street", 10, 5.5), ("street-paper", 10, 8.0), ("street", -20, 7.5), ("street-paper", -20, 10.0)],
+)
+def test_the_hausdorff_sum_of_music2d_is_reached(scenario, snr_db, limit_m):
+    found = deviations(scenario, "music2d", snr_db)
+    assert np.mean([deviation.hausdorff_sum_m for deviation in found]) <= limit_m
+
+
+@pytest.mark.parametrize(("scenario", "limit"), [("street", 2e-3), ("street-paper", 1e-2)])
+def test_the_velocity_error_of_music2d_is_reached(scenario, limit):
+    found = deviations(scenario, "music2d", 10)
+    assert np.mean([deviation.velocity_nmse for deviation in found]) <= limit
+
+
+@SCENARIOS
+def test_the_deviation_of_music2d_does_not_rise_significantly_with_snr(scenario):
+    p_values = [
+        chance_of_being_greater(sums(scenario, "music2d", higher), sums(scenario, "music2d", lower))
+        for lower, higher in pairwise(SNRS_DB)
+    ]
+    assert smallest_by_holm(p_values) > SIGNIFICANCE
+
+
+@SCENARIOS
+@pytest.mark.parametrize("snr_db", [snr_db for snr_db in SNRS_DB if snr_db >= -10])
+def test_music2d_is_no_worse_than_fft4d_trial_by_trial(scenario, snr_db):
+    music, fft = (sums(scenario, name, snr_db) for name in ("music2d", "fft4d"))
+    assert chance_of_being_greater(music, fft) > SIGNIFICANCE
+    assert np.mean(music - fft) <= 0
+
+
+class Means(NamedTuple):
+    """Scores of an estimator, means over trials."""
+
+    hausdorff_sum_m: float
+    density: float
+    velocity_nmse: float
+    gospa_m: float
+    precision: float
+
+
+N_STREET_TRIALS = 5
+
+
+@cache
+def street_means(snr_db):
+    """Means of esprit2d and of the oracle on the same observations of the street."""
+    scenario = load_scenario("street")
+    simulator, truth, region = Simulator(scenario), scenario.truth, scenario.region
+    rows = {"esprit2d": [], "oracle": []}
+    for trial in range(N_STREET_TRIALS):
+        observation = simulator.observe(snr_db, trial)
+        clouds = {
+            "esprit2d": Esprit2d().estimate(observation),
+            "oracle": Oracle().estimate(observation, truth),
+        }
+        for name, cloud in clouds.items():
+            found = paper_deviation(truth, cloud, region, scenario.system.velocity_bin_mps)
+            others = cloud_scores(truth, cloud, region)
+            rows[name].append(
+                Means(
+                    found.hausdorff_sum_m,
+                    found.density,
+                    found.velocity_nmse,
+                    others.gospa_m,
+                    others.precision,
+                )
+            )
+    return {name: Means(*np.mean(scores, axis=0)) for name, scores in rows.items()}
+
+
+@pytest.mark.parametrize("score", ["hausdorff_sum_m", "gospa_m"])
+def test_esprit2d_images_the_street_no_worse_than_one_point_a_rayleigh_cell(score):
+    means = street_means(10.0)
+    assert getattr(means["esprit2d"], score) <= getattr(means["oracle"], score)
+
+
+def test_the_number_speeds_and_precision_of_esprit2d_are_reached():
+    means = street_means(10.0)["esprit2d"]
+    assert means.density <= 0.65
+    assert means.velocity_nmse <= 1e-3
+    assert means.precision >= 0.95
+
+
+def test_in_much_noise_esprit2d_stays_near_one_point_a_rayleigh_cell():
+    means = street_means(-20.0)
+    assert means["esprit2d"].hausdorff_sum_m <= 1.3 * means["oracle"].hausdorff_sum_m

@@ -1,0 +1,188 @@
+"""What code does to its process is undone; what it does to an array is seen."""
+
+import copy
+import os
+import random
+import signal
+import sys
+import threading
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isacbench.bench.cells.isolation import array_digest, process_state_kept, seed_global_generators
+from isacbench.bench.studies.study import ImageEncounter
+from isacbench.model.echo import observe
+from isacbench.model.frame import PaperFrame
+from isacbench.model.scenes.scenario import load_scenario
+
+global_random = np.random.random_sample
+
+
+def state():
+    """Whatever can be compared of a process."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return {
+        "folder": Path.cwd(),
+        "environment": dict(os.environ),
+        "errors": np.geterr(),
+        "print": np.get_printoptions()["precision"],
+        "filters": list(warnings.filters),
+        "import": list(sys.path),
+        "streams": (sys.stdin, sys.stdout, sys.stderr),
+        "files": [os.fstat(number)[:3] for number in range(3)],
+        "random": random.getstate(),
+        "recursion": sys.getrecursionlimit(),
+        "mask": mask,
+        "handlers": [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)],
+        "alarm": signal.getitimer(signal.ITIMER_REAL),
+    }
+
+
+def disturb():
+    os.chdir("/")
+    os.environ.clear()
+    os.environ["NEW"] = "1"
+    np.seterr(all="raise")
+    np.set_printoptions(precision=1)
+    warnings.simplefilter("ignore")
+    sys.path.insert(0, "elsewhere")
+    sys.stdout = sys.stderr = None
+    sys.stdin = open(os.devnull)  # noqa: PTH123, SIM115
+    os.closerange(0, 3)
+    random.seed(1)
+    sys.setrecursionlimit(3000)
+    os.umask(0o777)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+        signal.signal(number, signal.SIG_IGN)
+    signal.setitimer(signal.ITIMER_REAL, 3600)
+
+
+@pytest.mark.parametrize("end", [None, ValueError, KeyboardInterrupt])
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_every_change_of_the_process_is_undone_however_it_ends(end):
+    before = state()
+    try:
+        with process_state_kept():
+            disturb()
+            if end is not None:
+                raise end
+    except (ValueError, KeyboardInterrupt):
+        pass
+    after = state()
+    for name, value in before.items():
+        assert after[name] == value, name
+
+
+def test_the_numbers_of_numpy_s_global_generator_go_on_where_they_were():
+    seed_global_generators("any")
+    expected = [global_random(), global_random()]
+    seed_global_generators("any")
+    first = global_random()
+    with process_state_kept():
+        global_random(100)
+    assert [first, global_random()] == expected
+
+
+def test_a_thread_beside_the_main_one_is_served_without_its_signals():
+    before, after = state(), []
+
+    def work():
+        with process_state_kept():
+            os.chdir("/")
+        after.append(state())
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert after == [before]
+
+
+def test_an_alarm_that_was_set_before_goes_on():
+    signal.setitimer(signal.ITIMER_REAL, 3600)
+    try:
+        with process_state_kept():
+            pass
+        assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def test_equal_keys_seed_equal_numbers_and_others_other_ones():
+    def numbers(*key):
+        seed_global_generators(*key)
+        return random.random(), global_random()
+
+    with process_state_kept():
+        assert numbers("tiny", 1, 0.5) == numbers("tiny", 1, 0.5)
+        assert numbers("tiny", 1, 0.5) != numbers("tiny", 2, 0.5)
+
+
+shapes = st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4))
+
+
+def cells(shape):
+    return np.random.default_rng(7).standard_normal((*shape, 2)).view(np.complex128)[..., 0]
+
+
+@given(shapes, st.data())
+def test_a_single_bit_changes_the_digest(shape, data):
+    array = cells(shape)
+    before = array_digest(array)
+    raw = array.view(np.uint8).reshape(-1)
+    raw[data.draw(st.integers(0, raw.size - 1))] ^= np.uint8(1 << data.draw(st.integers(0, 7)))
+    assert array_digest(array) != before
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_another_order_changes_the_digest(axis):
+    array = cells((3, 4, 5))
+    assert array_digest(np.flip(array, axis)) != array_digest(array)
+
+
+@given(shapes)
+def test_the_digest_is_one_of_values_and_shape_alone(shape):
+    array = cells(shape)
+    assert array_digest(array.copy()) == array_digest(np.asfortranarray(array)) == array_digest(array)
+    assert array_digest(array.reshape(1, *shape)) != array_digest(array)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 40])
+def test_other_signs_change_the_digest(n):
+    array = cells((n, 8, 3))
+    assert len({array_digest(one) for one in (array, -array, array.conj(), -array.conj())}) == 4
+
+
+@pytest.mark.parametrize(
+    ("part", "change"),
+    [
+        ("system", {"carrier_hz": np.nextafter(70e9, 71e9)}),
+        ("system", {"coherent_phase": False}),
+        ("array", {"tx_spacing": 2}),
+        ("region", {"x_m": (0.0, np.nextafter(10.0, 11.0))}),
+        ("frame", {"tilt_deg": 1e-12}),
+    ],
+)
+def test_the_digest_of_an_observation_sees_the_last_digit_of_all_that_is_known(tiny, part, change):
+    scenario = load_scenario(tiny)
+    encounter = ImageEncounter(None, scenario, observe(scenario, 0), None, {})
+    before = encounter.digest()
+    assert encounter.digest() == before
+    changed = copy.copy(getattr(encounter.observation, part))
+    for name, value in change.items():
+        object.__setattr__(changed, name, value)
+    object.__setattr__(encounter.observation, part, changed)
+    assert encounter.digest() != before
+
+
+@pytest.mark.parametrize("other", [PaperFrame(), None])
+def test_the_digest_of_an_observation_sees_another_type(tiny, other):
+    encounter = ImageEncounter(None, None, observe(load_scenario(tiny), 0), None, {})
+    before = encounter.digest()
+    object.__setattr__(encounter.observation, "frame", other)
+    assert encounter.digest() != before

@@ -1,0 +1,621 @@
+import copy
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import binom, wilcoxon
+
+from isacbench import compare
+from isacbench.bench.compare.matching import NotComparableError, RunTable, read_run
+from isacbench.bench.compare.regressions import compare_tables, share_level
+from isacbench.bench.compare.tolerance import Tolerance, parse_tolerance
+from isacbench.errors import InputError
+from isacbench.report.comparisons.comparison_tables import comparison_summary
+
+KEYS = ["metric", "scenario", "estimator", "params"]
+
+
+@pytest.fixture
+def two_runs(made_run):
+    """Return a function that makes up a run and a second one, equal but for a change to its records."""
+
+    def make(change=lambda records: None, **options):
+        records, manifest = made_run(**options)
+        changed = records.copy()
+        change(changed)
+        return RunTable("base", records, manifest), RunTable("new", changed, copy.deepcopy(manifest))
+
+    return make
+
+
+def scaled(factor, estimator="music2d", snr_db=None, spread=0.0):
+    """Change of an estimator's deviation by a factor, the same or nearly so in every trial."""
+
+    def change(records):
+        chosen = records["estimator"] == estimator
+        if snr_db is not None:
+            chosen &= records["snr_db"] == snr_db
+        noise = np.random.default_rng(1).normal(0, spread, chosen.sum())
+        records.loc[chosen, "deviation"] *= factor + noise
+
+    return change
+
+
+def verdicts(table):
+    return table.groupby("estimator")["verdict"].agg(lambda values: "/".join(sorted(set(values)))).to_dict()
+
+
+def test_a_run_is_the_same_as_itself_in_every_point_whatever_the_number_of_trials(two_runs):
+    for trials in (1, 2, 10):
+        found = compare_tables(*two_runs(trials=trials))
+        assert set(found.curves["verdict"]) == set(found.points["verdict"]) == {"same"}
+        assert (found.curves["p_worse"] == 1).all()
+        assert not found.is_regression
+        assert not found.notes
+
+
+def test_rounding_of_another_library_is_no_change(two_runs):
+    found = compare_tables(*two_runs(scaled(1 + 1e-12), trials=2))
+    assert verdicts(found.points) == {"fft4d": "same", "music2d": "same"}
+    assert (found.points["change"] == 0).all()
+
+
+def test_a_curve_ten_per_cent_worse_is_found_with_twenty_trials(two_runs):
+    found = compare_tables(*two_runs(scaled(1.1, spread=0.05), trials=20))
+    assert verdicts(found.curves) == {"fft4d": "same", "music2d": "regression"}
+    assert found.is_regression
+    (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
+    assert row["relative_low"] < 0.1 < row["relative_high"]
+    assert row["n_pairs"] == 20
+
+
+def test_a_single_point_that_got_worse_is_found_among_curves_that_stay_within_the_tolerance(two_runs):
+    snr_db = [*range(-30, 25, 5)]
+    found = compare_tables(*two_runs(scaled(1.15, snr_db=10, spread=0.05), trials=20, snr_db=snr_db))
+    worse = found.points[found.points["verdict"] == "regression"]
+    assert worse[["estimator", "snr_db"]].to_numpy().tolist() == [["music2d", 10]]
+    assert "regression" not in set(found.curves["verdict"])
+    assert found.is_regression
+
+
+def test_an_improvement_is_reported_and_no_regression(two_runs):
+    found = compare_tables(*two_runs(scaled(0.8), trials=20))
+    assert verdicts(found.curves) == {"fft4d": "same", "music2d": "improvement"}
+    assert not found.is_regression
+
+
+def test_a_change_within_the_tolerance_is_the_same_however_significant(two_runs):
+    found = compare_tables(*two_runs(scaled(1.02), trials=20))
+    assert verdicts(found.curves)["music2d"] == "same"
+    assert found.curves["p_worse"].min() < 0.01
+
+
+def test_a_tolerance_is_relative_or_absolute_and_replaces_the_default(two_runs):
+    runs = two_runs(scaled(1.02), trials=20)
+    assert compare_tables(*runs, [parse_tolerance("deviation=1%")]).is_regression
+    assert compare_tables(*runs, [parse_tolerance("deviation=0.1")]).is_regression
+    absolute = compare_tables(*runs, [parse_tolerance("deviation=0.5")])
+    assert not absolute.is_regression
+    assert (absolute.curves["limit"] == 0.5).all()
+
+
+def test_two_trials_are_inconclusive_and_told_how_many_are_needed(two_runs):
+    found = compare_tables(*two_runs(scaled(1.5), trials=2))
+    (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
+    assert row["verdict"] == "inconclusive"
+    assert row["smallest_effect"] == math.inf
+    assert row["trials_needed"] == 8  # 2^-8 < 0.01 / 2 < 2^-7
+    assert math.isnan(row["relative_low"])
+    assert not found.is_regression
+    enough = compare_tables(*two_runs(scaled(1.5), trials=8))
+    assert verdicts(enough.curves)["music2d"] == "regression"
+
+
+def test_the_trials_needed_are_enough_for_points_too(two_runs):
+    few = compare_tables(*two_runs(scaled(1.5), trials=3)).points
+    needed = int(few["trials_needed"].max())
+    for trials, verdict in ((needed - 1, "inconclusive"), (needed, "regression")):
+        found = compare_tables(*two_runs(scaled(1.5), trials=trials))
+        assert verdicts(found.points)["music2d"] == verdict
+
+
+def test_noise_of_trials_that_hides_a_change_is_inconclusive_with_the_effect_it_would_show(two_runs):
+    found = compare_tables(*two_runs(scaled(1.0, spread=0.5), trials=12))
+    (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
+    assert row["verdict"] == "inconclusive"
+    assert row["limit"] < row["smallest_effect"] < np.inf
+
+
+def test_what_is_unchanged_costs_what_changed_no_level(two_runs):
+    alone = compare_tables(*two_runs(scaled(1.1, spread=0.02), estimators=("music2d",)))
+    names = ("music2d", *(f"e{n}" for n in range(20)))
+    among = compare_tables(*two_runs(scaled(1.1, spread=0.02), estimators=names))
+    assert among.curves["p_worse"].min() == alone.curves["p_worse"].min() == 2.0**-9
+
+
+def test_p_values_are_those_of_signed_ranks_corrected_by_hand(two_runs):
+    def change(records):
+        records["deviation"] += np.random.default_rng(2).normal(0.2, 0.3, len(records))
+
+    base, new = two_runs(change, trials=16)
+    found = compare_tables(base, new)
+    pivot = [
+        run.records.pivot_table(index="trial", columns=["estimator", "snr_db"], values="deviation")
+        for run in (base, new)
+    ]
+    differences = pivot[1] - pivot[0]
+    for table, columns in (
+        (found.points, differences),
+        (found.curves, differences.T.groupby(level=0).mean().T),
+    ):
+        raw = [wilcoxon(columns[key], alternative="greater", method="exact").pvalue for key in columns]
+        by_hand = np.array(raw)
+        order = np.argsort(by_hand)
+        by_hand[order] = np.maximum.accumulate(by_hand[order] * np.arange(len(raw), 0, -1)) * 2
+        np.testing.assert_allclose(
+            table.sort_values(["estimator", *(["snr_db"] if "snr_db" in table else [])])["p_worse"],
+            np.minimum(by_hand, 1),
+        )
+
+
+@pytest.mark.parametrize(
+    ("curves", "points", "shares"),
+    [
+        ([2.0**-10] * 4, [2.0**-10] * 44, (1, 0)),
+        ([2.0**-20] * 4, [2.0**-20] * 44, (0.5, 0.5)),
+        ([2.0**-2] * 4, [2.0**-2] * 44, (1, 0)),
+        ([], [], (1, 0)),
+        ([2.0**-5], [2.0**-9], (0, 1)),
+    ],
+)
+def test_a_family_that_can_show_nothing_leaves_its_half_of_the_level(curves, points, shares):
+    assert share_level(np.array(curves), np.array(points), 0.01) == shares
+
+
+def test_the_mean_of_a_trial_takes_its_paired_snrs_alone(two_runs):
+    def change(records):
+        records.loc[(records["trial"] == 3) & (records["snr_db"] == -5), "status"] = "error"
+        records.loc[records["estimator"] == "music2d", "deviation"] += 1.0
+
+    found = compare_tables(*two_runs(change))
+    (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
+    assert row["change"] == pytest.approx(1.0)
+    counts = found.points.set_index(["estimator", "snr_db"])["n_pairs"]
+    assert counts["music2d", -5] == 9
+    assert counts["music2d", 10] == 10
+
+
+def test_changes_that_cancel_over_the_snrs_leave_the_curve_as_it_was(two_runs):
+    def change(records):
+        records.loc[records["snr_db"] == -20, "deviation"] += 0.1
+        records.loc[records["snr_db"] == 10, "deviation"] -= 0.1
+
+    found = compare_tables(*two_runs(change))
+    assert (found.curves["change"] == 0).all()
+    assert (found.curves["p_worse"] == 1).all()
+    assert found.points["change"].abs().max() == pytest.approx(0.1)
+
+
+def test_a_curve_of_one_snr_is_tested_once(two_runs):
+    found = compare_tables(*two_runs(scaled(1.2), snr_db=[0], trials=7))
+    assert verdicts(found.curves)["music2d"] == verdicts(found.points)["music2d"] == "regression"
+    assert found.curves["p_worse"].min() == found.points["p_worse"].min() == 2.0**-7
+
+
+@pytest.mark.parametrize("status", ["error", "timeout", "killed", "skipped"])
+def test_a_new_failure_is_a_regression_a_repaired_one_is_told(two_runs, status):
+    def change(records):
+        records.loc[5, ["status", "reason"]] = [status, "ValueError: no"]
+        records.loc[5, "deviation"] = np.nan
+
+    base, new = two_runs(change)
+    found = compare_tables(base, new)
+    assert found.is_regression
+    assert found.cells.new_failures[["status", "reason"]].to_numpy().tolist() == [[status, "ValueError: no"]]
+    assert found.cells.n_paired == len(base.records) - 1
+    back = compare_tables(new, base)
+    assert not back.is_regression
+    assert back.cells.repaired["status"].tolist() == [status]
+
+
+def test_nothing_detected_is_delivered_and_what_failed_in_both_is_left_out(two_runs):
+    def change(records):
+        records.loc[0, "status"] = "no_detection"
+        records.loc[1, "status"] = "error"
+
+    base, new = two_runs(change)
+    base.records.loc[1, "status"] = "timeout"
+    found = compare_tables(base, new)
+    assert not found.is_regression
+    assert (found.cells.n_failed_both, found.cells.n_paired) == (1, len(base.records) - 1)
+
+
+def test_a_missing_cell_is_a_regression_an_added_one_is_told(two_runs):
+    base, new = two_runs()
+    shorter = RunTable("new", new.records.iloc[:-2], new.manifest)
+    found = compare_tables(base, shorter)
+    assert found.is_regression
+    assert len(found.cells.missing) == 2
+    back = compare_tables(shorter, base)
+    assert not back.is_regression
+    assert len(back.cells.added) == 2
+
+
+def test_other_parameters_of_an_estimator_are_named_as_the_reason_why_cells_are_missing(two_runs):
+    def change(records):
+        records.loc[records["estimator"] == "music2d", "params"] = '{"max_order":5}'
+
+    found = compare_tables(*two_runs(change))
+    assert found.is_regression
+    (note,) = found.notes
+    assert note.startswith("music2d ran with other parameters")
+
+
+def test_rows_in_another_order_or_as_categories_are_paired_alike(two_runs):
+    base, new = two_runs(scaled(1.1, spread=0.05))
+    shuffled = new.records.sample(frac=1, random_state=0)
+    texts = ["scenario", "estimator", "params", "status", "reason", "environment", "scenario_content"]
+    categories = shuffled.astype(dict.fromkeys(texts, "category"))
+    found, expected = (
+        compare_tables(base, RunTable("new", categories, new.manifest)),
+        compare_tables(base, new),
+    )
+    pd.testing.assert_frame_equal(
+        found.points.sort_values([*KEYS, "snr_db"], ignore_index=True).astype({"params": object}),
+        expected.points.sort_values([*KEYS, "snr_db"], ignore_index=True).astype({"params": object}),
+        check_dtype=False,
+    )
+
+
+def test_points_without_scores_by_design_are_left_out(two_runs):
+    def change(records):
+        records.loc[records["estimator"] == "fft4d", "deviation"] = np.nan
+
+    base, new = two_runs(change)
+    change(base.records)
+    found = compare_tables(base, new)
+    assert set(found.curves["estimator"]) == {"music2d"}
+    assert not found.notes
+    for run in (base, new):
+        run.records["deviation"] = np.nan
+    empty = compare_tables(base, new)
+    assert len(empty.curves) == len(empty.points) == 0
+    assert empty.notes == ("deviation: no cell of both sides has one, nothing compared",)
+
+
+def test_a_score_that_only_one_run_has_is_told(two_runs):
+    def change(records):
+        records.loc[records["estimator"] == "fft4d", "deviation"] = np.nan
+
+    found = compare_tables(*two_runs(change))
+    assert verdicts(found.points)["fft4d"] == "inconclusive"
+    assert found.notes[0].startswith("deviation: 30 cells that have one in the base alone, and 0")
+
+
+def test_higher_is_better_where_the_metric_says_so(two_runs):
+    def change(records):
+        records["recall"] -= 0.1
+
+    found = compare_tables(*two_runs(change, trials=20), [parse_tolerance("recall=5%")])
+    assert set(found.curves.loc[found.curves["metric"] == "recall", "verdict"]) == {"regression"}
+    assert set(found.curves.loc[found.curves["metric"] == "deviation", "verdict"]) == {"same"}
+    turned = two_runs(change, trials=20)[::-1]
+    assert not compare_tables(*turned, [parse_tolerance("recall=5%")]).is_regression
+
+
+def test_a_share_of_yes_and_no_is_compared(two_runs):
+    base, new = two_runs(trials=20)
+    base.records["resolved"] = True
+    new.records["resolved"] = new.records["estimator"] == "fft4d"
+    found = compare_tables(base, new, [Tolerance("resolved", 0.1, is_relative=False)])
+    chosen = found.curves[found.curves["metric"] == "resolved"]
+    assert verdicts(chosen) == {"fft4d": "same", "music2d": "regression"}
+
+
+def test_a_score_that_was_zero_may_not_grow_by_any_per_cent(two_runs):
+    base, new = two_runs(trials=20)
+    base.records["velocity_nmse"] = 0.0
+    new.records["velocity_nmse"] = np.where(new.records["estimator"] == "fft4d", 0.0, 1e-3)
+    found = compare_tables(base, new, [parse_tolerance("velocity_nmse=50%")])
+    chosen = found.curves[found.curves["metric"] == "velocity_nmse"]
+    assert verdicts(chosen) == {"fft4d": "same", "music2d": "regression"}
+
+
+def slower(records):
+    records["time_estimate_s"] *= 1.5
+
+
+TIME = [parse_tolerance("time_estimate_s=10%")]
+
+
+def test_run_time_is_compared_between_timed_rows_of_equal_machines(two_runs):
+    base, new = two_runs(slower, trials=20)
+    for run in (base, new):
+        run.records["timing"] = True
+    new.manifest["environments"] = {"e2": new.manifest["environments"]["e1"]}
+    new.records["environment"] = pd.Categorical(["e2"] * len(new.records))
+    assert not compare_tables(base, new).is_regression
+    found = compare_tables(base, new, TIME)
+    assert found.is_regression
+    assert not found.notes
+
+
+def test_run_time_of_rows_that_were_not_timed_is_not_compared_and_said_so(two_runs):
+    base, new = two_runs(slower, trials=20)
+    new.records["timing"] = True
+    found = compare_tables(base, new, TIME)
+    assert not found.is_regression
+    assert found.notes[0] == (
+        "time_estimate_s: 0 of 120 paired cells compared; 120 were not timed "
+        "(alone, serially, one BLAS thread) on both sides"
+    )
+
+
+@pytest.mark.parametrize(("key", "value"), [("processor", "Q"), ("cores", 4)])
+def test_run_time_of_other_machines_is_not_compared_and_said_so(two_runs, key, value):
+    base, new = two_runs(slower, trials=20)
+    for run in (base, new):
+        run.records["timing"] = True
+    new.manifest["environments"]["e1"]["machine"][key] = value
+    found = compare_tables(base, new, TIME)
+    assert not found.is_regression
+    assert "120 ran on other machines (P, 2 cores, and" in found.notes[0]
+
+
+def test_differing_code_is_what_comparing_is_for(two_runs):
+    base, new = two_runs()
+    new.manifest["git"] = {"commit": "fedcba9876543210", "dirty": True}
+    found = compare_tables(base, new)
+    assert found.base_version == "0.1.0 (0123456789)"
+    assert found.new_version == "0.1.0 (fedcba9876, changed)"
+    new.manifest["git"] = None
+    assert compare_tables(base, new).new_version == "0.1.0"
+
+
+def test_everything_that_forbids_a_comparison_is_told_at_once(two_runs):
+    base, new = two_runs()
+    new.manifest.update(
+        {
+            "suite": {"name": "town", "kind": "detection"},
+            "seed": 1,
+            "metric": {"name": "repository", "version": 2},
+            "scenarios": {"street": {"content": "other"}, "yard": {"content": "y"}},
+        }
+    )
+    with pytest.raises(NotComparableError) as caught:
+        compare_tables(base, new)
+    assert caught.value.reasons == (
+        "the suite differs: street in base, town in new",
+        "the kind of suite differs: imaging in base, detection in new",
+        "the seed differs: 0 in base, 1 in new",
+        "the metric differs: paper in base, repository in new",
+        "the version of the metric differs: 1 in base, 2 in new",
+        "scenario street has another content",
+    )
+
+
+def test_a_scene_whose_rows_have_another_content_forbids_a_comparison(two_runs):
+    base, new = two_runs()
+    new.records.loc[3, "scenario_content"] = "edited"
+    with pytest.raises(NotComparableError, match="scenario street has another content"):
+        compare_tables(base, new)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"alpha": 0}, "alpha = 0: allowed is"),
+        ({"alpha": 0.5}, "allowed is a number above 0 and below 0.5"),
+        ({"tolerances": [Tolerance("deviatoin", 0.1, True)]}, "did you mean 'deviation'"),
+        ({"tolerances": [Tolerance("n_estimated", 0.1, True)]}, "neither more nor less of it is better"),
+        ({"tolerances": [Tolerance("trial", 0.1, True)]}, "unknown score 'trial'"),
+        ({"tolerances": [Tolerance("timing", 0.1, True)]}, "allowed are deviation, recall, time_estimate_s"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(two_runs, options, message):
+    with pytest.raises(InputError, match=message):
+        compare_tables(*two_runs(), **options)
+
+
+def variant(records, name, params, **change):
+    """Records in which an estimator has parameters, and perhaps another name."""
+    chosen = records["estimator"] == name
+    records = records.copy()
+    for column, value in {"params": params, **change}.items():
+        records.loc[chosen, column] = value
+    return records
+
+
+OLD, NEW = '{"n":1,"pfa":0.001}', '{"m":2,"n":1,"pfa":0.0001}'
+NUMBERS = ["base_mean", "new_mean", "relative_low", "p_worse", "smallest_effect", "verdict"]
+
+
+@pytest.fixture
+def retuned(made_run, written_run):
+    """Write a run, and one in which music2d has other parameters and is worse."""
+    records, manifest = made_run(trials=12)
+    worse = records["deviation"].where(records["estimator"] != "music2d", records["deviation"] * 1.2)
+    base = written_run("base", variant(records, "music2d", OLD), manifest)
+    return base, written_run("new", variant(records.assign(deviation=worse), "music2d", NEW), manifest)
+
+
+@pytest.mark.parametrize("asked", [{"map": "music2d[pfa=1e-3]=music2d"}, {"match": "music2d"}])
+def test_estimators_that_are_paired_by_a_map_or_a_name_are_compared_as_if_nothing_else_had_changed(
+    retuned, two_runs, asked
+):
+    found = compare(*retuned, **asked)
+    expected = compare_tables(*two_runs(scaled(1.2), trials=12))
+    pd.testing.assert_frame_equal(found.curves[NUMBERS], expected.curves[NUMBERS])
+    pd.testing.assert_frame_equal(found.points[NUMBERS], expected.points[NUMBERS])
+    (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
+    assert (row["params"], row["new_estimator"], row["new_params"]) == (OLD, "music2d", NEW)
+    assert len(found.cells.missing) == len(found.cells.added) == 0
+    assert not found.notes
+
+
+def test_without_a_map_cells_under_other_parameters_are_missing_and_the_options_that_pair_them_named(retuned):
+    found = compare(*retuned)
+    assert len(found.cells.missing) == len(found.cells.added) == 36
+    assert found.notes[0].endswith("; --match or --map pairs them")
+
+
+def test_a_variant_whose_equal_is_paired_with_another_is_neither_missing_nor_added_but_told(
+    made_run, written_run
+):
+    runs = [written_run(name, *made_run()) for name in ("base", "new")]
+    found = compare(*runs, map="music2d=fft4d")
+    assert found.curves[["estimator", "new_estimator"]].to_numpy().tolist() == [["music2d", "fft4d"]]
+    assert len(found.cells.missing) == len(found.cells.added) == 0
+    assert [note.partition(" is left out")[0] for note in found.notes] == [
+        f"fft4d of {runs[0]}",
+        f"music2d of {runs[1]}",
+    ]
+
+
+def test_cells_of_a_pair_that_one_side_lacks_are_told_under_both_names(two_runs):
+    base, new = two_runs()
+    first = new.records.index[new.records["estimator"] == "music2d"][0]
+    shorter = RunTable("new", new.records.drop(index=first), new.manifest)
+    partners = {("fft4d", "{}"): ("music2d", "{}")}
+    (cell,) = compare_tables(base, shorter, partners=partners).cells.missing.to_dict("records")
+    assert (cell["estimator"], cell["new_estimator"]) == ("fft4d", "music2d")
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"map": ["music2d=fft4d", "music2d=music2d"]}, "base: 'music2d' is paired twice"),
+        ({"map": ["fft4d=fft4d"], "match": "fft4d"}, "base: 'fft4d' is paired twice"),
+        ({"map": ["fft4d=music2d", "music2d=music2d"]}, "new: 'music2d' is paired twice"),
+        ({"match": "music2d[pfa=1e-3]"}, r"match 'music2d\[pfa=1e-3\]': allowed is the bare name"),
+        ({"match": "sbl4d"}, "base: no estimator fits 'sbl4d'"),
+        ({"between": ("music2d", "fft4d")}, "between A and B: allowed with one run"),
+    ],
+)
+def test_pairs_that_cannot_be_are_refused(retuned, asked, message):
+    with pytest.raises(InputError, match=message):
+        compare(*retuned, **asked)
+
+
+def test_a_name_that_stands_for_several_variants_of_a_run_asks_for_a_map(made_run, written_run):
+    records, manifest = made_run()
+    base = written_run("base", variant(records, "fft4d", OLD, estimator="music2d"), manifest)
+    with pytest.raises(InputError, match=r"'music2d' fits 2 variants, .*allowed is --map OLD"):
+        compare(base, written_run("new", records, manifest), match="music2d")
+
+
+def test_two_estimators_of_a_run_are_compared_as_two_runs_are(retuned, two_runs):
+    found = compare(retuned[1], between=("fft4d", "music2d[m=2]"))
+    base, new = two_runs(scaled(1.2), trials=12)
+    of_one = RunTable("a", base.records[base.records["estimator"] == "fft4d"], base.manifest)
+    other = new.records[new.records["estimator"] == "music2d"].assign(estimator="fft4d")
+    expected = compare_tables(of_one, RunTable("b", other, new.manifest))
+    pd.testing.assert_frame_equal(found.curves[NUMBERS], expected.curves[NUMBERS])
+    pd.testing.assert_frame_equal(found.points[NUMBERS], expected.points[NUMBERS])
+    assert found.is_regression
+    assert found.between == (("fft4d", "{}"), ("music2d", NEW))
+    assert not compare(retuned[1], between=("music2d", "fft4d")).is_regression
+
+
+def test_between_two_estimators_a_cell_that_the_second_alone_fails_is_a_new_failure(made_run, written_run):
+    records, manifest = made_run()
+    first = records.index[records["estimator"] == "fft4d"][0]
+    records.loc[first, ["status", "reason"]] = ["timeout", "9 s"]
+    run = written_run("run", records, manifest)
+    found = compare(run, between=("music2d", "fft4d"), tolerances="deviation=1000%")
+    assert found.cells.new_failures[["status", "reason"]].to_numpy().tolist() == [["timeout", "9 s"]]
+    assert found.is_regression
+    assert len(compare(run, between=("fft4d", "music2d")).cells.repaired) == 1
+
+
+def test_one_run_is_compared_between_two_estimators_of_it(retuned):
+    with pytest.raises(InputError, match="one run alone: allowed are two runs"):
+        compare(retuned[0])
+    with pytest.raises(InputError, match=r"'music2d' and 'music2d\[n=1\]' are one estimator"):
+        compare(retuned[0], between=("music2d", "music2d[n=1]"))
+
+
+def test_plugins_of_estimators_with_different_names_are_no_other_versions(made_run):
+    records, manifest = made_run()
+    records.loc[records["estimator"] == "music2d", "environment"] = "e2"
+    machine = manifest["environments"]["e1"]["machine"]
+    for name, versions in (
+        ("e1", {"numpy": "2.0", "plugins": {"a": {"version": "1"}}}),
+        ("e2", {"numpy": "2.1", "plugins": {"b": {"version": "2"}}}),
+    ):
+        manifest["environments"][name] = {"machine": machine, "versions": versions}
+    run = RunTable("run", records, manifest)
+    found = compare_tables(run, run, partners={("fft4d", "{}"): ("music2d", "{}")}, is_between=True)
+    assert found.notes == ("made by other versions: numpy 2.1 instead of 2.0",)
+
+
+def test_a_comparison_shows_itself_in_three_lines_and_changes_nothing_on_disk(retuned):
+    before = [(path, path.stat().st_mtime_ns) for folder in retuned for path in sorted(folder.iterdir())]
+    shown = repr(compare(*map(str, retuned), match="music2d")).split("\n")
+    assert shown[0].endswith("/new': regression")
+    assert shown[1:] == [
+        " curves: 1 regression, 1 same; points: 3 regression, 3 same",
+        " cells: 72 paired, 0 failed anew, 0 missing>",
+    ]
+    after = [(path, path.stat().st_mtime_ns) for folder in retuned for path in sorted(folder.iterdir())]
+    assert after == before
+
+
+def false_regressions(made_run, n_runs, trials, alpha, tolerance):
+    """Number of pairs of runs with exchangeable noise between which a regression is reported."""
+    records, manifest = made_run(trials=trials, snr_db=[-20, -10, 0, 10], estimators=("fft4d", "music2d"))
+    rng = np.random.default_rng(0)
+    n_false = 0
+    for _ in range(n_runs):
+        trial_noise = rng.standard_t(3, (2, trials))[:, records["trial"]]
+        noise = trial_noise + 0.5 * rng.standard_t(3, (2, len(records)))
+        base, new = (RunTable("run", records.assign(deviation=20 + part), manifest) for part in noise)
+        n_false += compare_tables(base, new, [Tolerance("deviation", tolerance, False)], alpha).is_regression
+    return n_false
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trials", [6, 12])
+def test_of_unchanged_code_no_more_regressions_are_reported_than_alpha_says(made_run, trials):
+    # Without a tolerance, heavy tails, trials that share noise over SNRs.
+    n_false = false_regressions(made_run, 400, trials, alpha=0.1, tolerance=0.0)
+    assert n_false <= binom.ppf(0.999, 400, 0.1)
+    assert n_false >= 4  # a test that never rejects would prove nothing
+
+
+def test_scores_that_disappear_are_a_regression(two_runs):
+    def lose(records):
+        records.loc[records["snr_db"] == 10, "deviation"] = np.nan
+
+    comparison = compare_tables(*two_runs(lose))
+    assert comparison.n_lost_scores == 20
+    assert comparison.is_regression
+    assert "20 scores lost" in comparison_summary(comparison)
+
+
+def test_a_run_that_has_not_come_to_its_end_is_refused(made_run, written_run):
+    folder = written_run("run", *made_run())
+    (folder / "journal.jsonl").write_text("")
+    with pytest.raises(InputError, match="the run has not come to its end; allowed is one that has"):
+        read_run(folder)
+
+
+@pytest.mark.parametrize("column", ["error_u", "bound_u", "pfa"])
+def test_a_column_without_a_better_side_is_refused(two_runs, column):
+    def add(records):
+        records[column] = 0.0
+
+    base, new = two_runs()
+    add(base.records)
+    add(new.records)
+    with pytest.raises(InputError, match=column):
+        compare_tables(base, new, [parse_tolerance(f"{column}=5%")])
+
+
+def test_versions_that_differ_are_told(two_runs):
+    base, new = two_runs()
+    assert not compare_tables(base, new).notes
+    for run, version in ((base, "1.0"), (new, "2.0")):
+        run.manifest["environments"]["e1"]["versions"] = {"numpy": version, "python": "3.11"}
+    assert compare_tables(base, new).notes == ("made by other versions: numpy 2.0 instead of 1.0",)

@@ -1,0 +1,60 @@
+"""Labels of estimators: what a reader takes for the default is the default."""
+
+import pytest
+
+from isacbench.bench.plan.labels import estimator_labels
+from isacbench.plugins.registry import build_estimator, canonical_params
+
+
+def labels(*specs):
+    variants = [("music2d", canonical_params(build_estimator(spec))) for spec in specs]
+    return list(estimator_labels(variants).values())
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "music2d",
+        "music2d[pfa=0.0001]",
+        "music2d[integration=element,detector=ca]",
+        "music2d[detector=osca]",
+        "music2d[detector=osca[pfa=0.01,order_axis=1]]",
+        "music2d[spectrum_detector=ca[pfa=0.3]]",
+    ],
+)
+def test_a_label_is_a_specification_that_means_the_same(spec):
+    (label,) = labels(spec)
+    assert canonical_params(build_estimator(label)) == canonical_params(build_estimator(spec))
+    assert (label == "music2d") == (spec == "music2d")
+
+
+def test_a_default_detector_is_told_where_another_has_its_name():
+    assert labels("music2d", "music2d[detector=osca]") == [
+        "music2d[detector=osca[order_axis=1]]",
+        "music2d[detector=osca]",
+    ]
+    assert labels("music2d", "music2d[detector=osca]", "music2d[pfa=0.01]") == [
+        "music2d[detector=osca[order_axis=1]]",
+        "music2d[detector=osca]",
+        "music2d[detector=osca[order_axis=1],pfa=0.01]",
+    ]
+
+
+def test_of_a_grid_every_value_is_told_and_what_most_have_by_default_is_not():
+    assert labels("music2d", "music2d[grid_points=101]") == [
+        "music2d[grid_points=201]",
+        "music2d[grid_points=101]",
+    ]
+    assert labels("music2d", "music2d[pfa=0.01]", "music2d[grid_points=101]") == [
+        "music2d",
+        "music2d[pfa=0.01]",
+        "music2d[grid_points=101]",
+    ]
+
+
+def test_what_is_not_registered_is_told_apart_from_its_namesakes():
+    variants = [
+        ("nowhere", f'{{"d":{{"n":{n},"name":"inner"}},"k":{k}}}') for n, k in ((1, 1), (1, 2), (2, 1))
+    ]
+    assert list(estimator_labels(variants).values()) == ["nowhere", "nowhere[k=2]", "nowhere[d=inner[n=2]]"]
+    assert estimator_labels(variants[:1]) == {variants[0]: "nowhere"}

@@ -1,0 +1,180 @@
+"""The plan: every cell has one place, belongs to one part, and is handed out once."""
+
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.bench.plan.run_plan import BlockQueue, Plan, Shard
+from isacbench.bench.studies.study import Contestant
+from isacbench.errors import InputError
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a plan wants to know of a scene."""
+
+    name: str
+    snr_db: list[float]
+    contestants: list[Contestant]
+
+
+@st.composite
+def plans(draw):
+    names = draw(st.lists(st.text(min_size=1), min_size=1, max_size=3, unique=True))
+    finite = st.floats(allow_nan=False, allow_infinity=False)
+    scenes = []
+    for name in names:
+        snr_db = draw(st.lists(finite, min_size=1, max_size=4, unique=True))
+        keys = draw(
+            st.lists(
+                st.tuples(st.sampled_from("ab"), st.text(max_size=2)), min_size=1, max_size=4, unique=True
+            )
+        )
+        scenes.append(Scene(name, snr_db, [Contestant(*key, plugin=None) for key in keys]))
+    return Plan(scenes, draw(st.integers(1, 4)))
+
+
+def every_cell(plan):
+    """Keys of all cells, by loops."""
+    return pd.DataFrame(
+        [
+            (scene.name, one.name, one.params, snr_db, trial)
+            for scene in plan.scenes
+            for trial in range(plan.n_trials)
+            for snr_db in scene.snr_db
+            for one in scene.contestants
+        ],
+        columns=["scenario", "estimator", "params", "snr_db", "trial"],
+    )
+
+
+def cells_of(plan, blocks):
+    """Keys of the cells of blocks."""
+    return [
+        (block.scene, block.trial, block.snr_db, contestant)
+        for block in blocks
+        for contestant in block.contestants
+    ]
+
+
+def marks(plan, data):
+    drawn = data.draw(st.lists(st.booleans(), min_size=plan.n_cells, max_size=plan.n_cells))
+    return np.array(drawn, dtype=np.bool_)
+
+
+@settings(max_examples=30)
+@given(plans())
+def test_the_position_of_a_cell_is_its_place_in_the_order_of_the_table(plan):
+    cells = every_cell(plan)
+    assert plan.n_cells == len(cells)
+    np.testing.assert_array_equal(plan.positions(cells), np.arange(len(cells)))
+
+
+@settings(max_examples=30)
+@given(plans(), st.randoms(use_true_random=False))
+def test_positions_follow_their_keys_through_every_order(plan, shuffler):
+    order = list(range(plan.n_cells))
+    shuffler.shuffle(order)
+    np.testing.assert_array_equal(plan.positions(every_cell(plan).iloc[order]), order)
+
+
+@settings(max_examples=30)
+@given(plans(), st.data())
+def test_a_cell_that_the_plan_does_not_have_has_no_position(plan, data):
+    cells = every_cell(plan)
+    column, stranger = data.draw(
+        st.sampled_from(
+            [
+                ("scenario", "\0none"),
+                ("estimator", "c"),
+                ("params", "none"),
+                ("trial", plan.n_trials),
+                ("trial", -1),
+            ]
+        )
+    )
+    cells[column] = stranger
+    assert (plan.positions(cells) == -1).all()
+
+
+@settings(max_examples=30)
+@given(plans(), st.data())
+def test_blocks_hold_the_marked_cells_each_once_and_in_order(plan, data):
+    todo = marks(plan, data)
+    blocks = plan.blocks(todo)
+    everything = cells_of(plan, plan.blocks(np.ones(plan.n_cells, dtype=np.bool_)))
+    assert cells_of(plan, blocks) == [cell for cell, marked in zip(everything, todo, strict=True) if marked]
+    assert all(block.contestants for block in blocks)
+    assert len({block[:3] for block in blocks}) == len(blocks)
+
+
+@settings(max_examples=30)
+@given(plans(), st.integers(1, 12))
+def test_the_parts_of_a_run_share_its_cells(plan, n):
+    parts = np.array([plan.shard(Shard(k, n)) for k in range(1, n + 1)])
+    np.testing.assert_array_equal(parts.sum(axis=0), 1)
+
+
+@settings(max_examples=30)
+@given(plans(), st.integers(1, 12))
+def test_no_part_is_empty_while_another_one_has_two_observations(plan, n):
+    sizes = [len(plan.blocks(plan.shard(Shard(k, n)))) for k in range(1, n + 1)]
+    n_trials = sum(1 for _ in groupby(plan.blocks(np.ones(plan.n_cells, dtype=np.bool_)), lambda b: b[:2]))
+    if n_trials >= n:
+        assert min(sizes) > 0
+    else:
+        assert max(sizes) - min(sizes) <= 1
+
+
+@settings(max_examples=30)
+@given(plans(), st.integers(1, 5), st.data())
+def test_every_block_is_handed_out_once_whoever_asks_when(plan, n_workers, data):
+    blocks = plan.blocks(marks(plan, data))
+    queue = BlockQueue(blocks)
+    working = [queue.blocks() for _ in range(n_workers)]
+    got = []
+    while working:
+        worker = data.draw(st.sampled_from(working))
+        block = next(worker, None)
+        if block is None:
+            working.remove(worker)
+        else:
+            got.append(block)
+    assert len(got) == len(blocks)
+    assert set(got) == set(blocks)
+
+
+@settings(max_examples=30)
+@given(plans())
+def test_a_single_worker_gets_the_blocks_in_order(plan):
+    blocks = plan.blocks(np.ones(plan.n_cells, dtype=np.bool_))
+    assert list(BlockQueue(blocks).blocks()) == blocks
+
+
+@settings(max_examples=30)
+@given(plans())
+def test_two_workers_do_not_share_an_echo_while_there_are_others(plan):
+    blocks = plan.blocks(np.ones(plan.n_cells, dtype=np.bool_))
+    queue = BlockQueue(blocks)
+    first, second = next(queue.blocks()), next(queue.blocks(), None)
+    if len({block[:2] for block in blocks}) > 1:
+        assert second[:2] != first[:2]
+
+
+@given(st.integers(1, 99), st.integers(1, 99))
+def test_a_shard_is_read_as_it_is_written(k, n):
+    k, n = sorted((k, n))
+    assert Shard.parse(f"{k}/{n}") == Shard(k, n)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1", "/", "0/3", "4/3", "1/0", "-1/3", "1/3/5", "a/b", "1.0/2", " 1/2", "1/²"]
+)
+def test_a_shard_that_is_none_is_refused(text):
+    with pytest.raises(InputError, match="allowed is k/n with 1 <= k <= n"):
+        Shard.parse(text)

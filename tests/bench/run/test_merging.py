@@ -1,0 +1,309 @@
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.cells.record import TIMES
+from isacbench.bench.plan.job import load_job
+from isacbench.bench.plan.manifest_plan import outline, restore_plan
+from isacbench.bench.run.merging import merge
+from isacbench.bench.run.runner import run
+from isacbench.bench.store.run_store import read_manifest, read_results
+from isacbench.bench.suites.scenario_digest import digest
+from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.errors import InputError
+from isacbench.plugins.discovery import entries
+from tests.conftest import ROOM, TINY, TINY_POINTS
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    """Return a folder of scenarios, which nobody changes, and of runs, to be copied."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, text in (("tiny.toml", TINY), ("tiny.csv", TINY_POINTS), ("room.toml", ROOM)):
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.fixture
+def tiny(shelf):
+    return shelf / "tiny.toml"
+
+
+@pytest.fixture
+def room_file(shelf):
+    return shelf / "room.toml"
+
+
+@pytest.fixture
+def put_run(shelf):
+    """Return a function that puts a run, or a part of it, into a folder."""
+
+    def put(suite, folder, shard=None):
+        made = shelf / digest([suite.model_dump(mode="json"), shard])
+        if not made.exists():
+            run(suite, out=made, shard=shard)
+        shutil.copytree(made, folder)
+
+    return put
+
+
+@pytest.fixture
+def suite(plugins, tiny):
+    return Suite(
+        name="test", scenarios=[str(tiny)], estimators=["blob", "seer"], snr_db=[-10, 0], trials=3, seed=1
+    )
+
+
+def suites(tiny, room_file):
+    """Suites of all kinds."""
+    common = {"name": "test", "estimators": ["seer", "blob"], "trials": 3}
+    rooms = {**common, "scenarios": [str(room_file)], "snr_gain_db": [20, 40]}
+    return [
+        Suite(**common, scenarios=[str(tiny)], snr_db=[0, -10]),
+        Suite(kind="efficiency", **rooms),
+        ResolutionSuite(
+            **{**rooms, "trials": 2, "snr_gain_db": [20]},
+            dimensions=["u", "range"],
+            separations_cells=[1, 0.5],
+            phases_deg=[0, 90],
+        ),
+        DetectionSuite(
+            name="test",
+            trials=2,
+            scenarios=[str(tiny)],
+            estimators=["blob"],
+            detectors=["level", "ca"],
+            maps=["homogeneous", "interferers"],
+            pfa=[1e-2, 1e-3],
+            snr_db=[-10],
+        ),
+    ]
+
+
+@pytest.fixture(params=range(4), ids=["imaging", "efficiency", "resolution", "detection"])
+def any_suite(request, plugins, tiny, room_file):
+    return suites(tiny, room_file)[request.param]
+
+
+def files(folder):
+    """Tables of a run as they are on disk, times left out."""
+    records = pd.read_parquet(folder / "results.parquet").drop(columns=TIMES)
+    others = ("clouds.parquet", "truth.parquet", "draws.parquet")
+    return records.to_csv(), {
+        name: (folder / name).read_bytes() for name in others if (folder / name).exists()
+    }
+
+
+def forget_plugins(monkeypatch):
+    """Leave no plugin to whoever asks for one."""
+    monkeypatch.setattr("isacbench.plugins.discovery._installed", lambda *_: ())
+    assert not entries("estimator")
+
+
+def test_all_shards_together_are_the_undisturbed_run_and_need_no_plugin(
+    any_suite, put_run, tmp_path, monkeypatch
+):
+    put_run(any_suite, tmp_path / "whole")
+    shards = [tmp_path / f"shard{k}" for k in (2, 1)]
+    for folder in shards:
+        run(any_suite, out=folder, shard=f"{folder.name[-1]}/2")
+    forget_plugins(monkeypatch)
+    merged = merge(shards, tmp_path / "merged")
+    assert files(tmp_path / "merged") == files(tmp_path / "whole")
+    assert (len(merged.records), merged.gaps) == (merged.n_cells, [])
+    columns = pd.read_csv(tmp_path / "merged" / "results.csv").columns
+    assert columns.equals(pd.read_csv(tmp_path / "whole" / "results.csv").columns)
+
+
+def test_the_outline_of_a_plan_places_rows_as_the_plan_does(any_suite, put_run, tmp_path):
+    put_run(any_suite, tmp_path / "run")
+    records = read_results(tmp_path / "run").records
+    manifest = read_manifest(tmp_path / "run")
+    again = restore_plan(manifest)
+    assert manifest["scenes"] == outline(load_job(any_suite).plan)
+    np.testing.assert_array_equal(again.positions(records), np.arange(again.n_cells))
+    np.testing.assert_array_equal(load_job(any_suite).plan.positions(records), np.arange(again.n_cells))
+
+
+def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, put_run, tmp_path):
+    for k in (1, 3):
+        run(suite, out=tmp_path / str(k), shard=f"{k}/3")
+    merged = merge([tmp_path / "1", tmp_path / "3"], tmp_path / "merged")
+    assert (len(merged.records), merged.n_cells) == (8, 12)
+    assert [(gap.scenario, gap.estimator, gap.n_cells, gap.trials) for gap in merged.gaps] == [
+        ("tiny", "blob", 2, (1,)),
+        ("tiny", "seer", 2, (1,)),
+    ]
+    done = run(suite, out=tmp_path / "merged")
+    put_run(suite, tmp_path / "whole")
+    assert len(done) == 12
+    assert files(tmp_path / "merged") == files(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [{"trials": 2}, {"trials": 3}],
+        [{"estimators": ["blob"]}, {"estimators": ["seer"]}],
+        [{"estimators": ["blob[n=[4,5]]"]}, {"estimators": ["blob[n=[5,6]]", "seer"]}],
+        [{"snr_db": [5, 10]}, {"snr_db": [-10, 5]}],
+        [{"estimators": ["blob"], "snr_db": [0]}, {"estimators": ["seer"], "snr_db": [0, 5], "trials": 1}],
+    ],
+)
+def test_runs_of_one_suite_are_united_and_the_whole_suite_completes_them(suite, put_run, tmp_path, changes):
+    folders = [tmp_path / str(index) for index in range(len(changes))]
+    for folder, change in zip(folders, changes, strict=True):
+        put_run(suite.replace(**change), folder)
+    merged = merge(folders, tmp_path / "merged")
+    whole = read_results(tmp_path / "merged").suite
+    assert merged.n_cells - len(merged.records) == sum(gap.n_cells for gap in merged.gaps)
+    assert whole.trials == max(change.get("trials", 3) for change in changes)
+    put_run(whole, tmp_path / "whole")
+    run(whole, out=tmp_path / "merged")
+    assert files(tmp_path / "merged") == files(tmp_path / "whole")
+
+
+def test_snrs_that_rise_in_each_part_rise_together(suite, put_run, tmp_path):
+    put_run(suite.replace(snr_db=[5, 10]), tmp_path / "one")
+    put_run(suite.replace(snr_db=[-10, 5]), tmp_path / "two")
+    merge([tmp_path / "one", tmp_path / "two"], tmp_path / "merged")
+    assert read_results(tmp_path / "merged").suite.snr_db == (-10, 5, 10)
+
+
+def test_a_scenario_may_have_another_path_in_each_part(suite, tiny, put_run, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    for path in (tiny, tiny.with_name("tiny.csv")):
+        shutil.copy(path, elsewhere)
+    put_run(suite, tmp_path / "1", "1/2")
+    run(suite, scenarios=[elsewhere / "tiny.toml"], out=tmp_path / "2", shard="2/2")
+    merged = merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    assert merged.gaps == []
+    assert read_results(tmp_path / "merged").suite == suite
+
+
+def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(suite, put_run, tmp_path):
+    for k in (1, 2):
+        put_run(suite, tmp_path / str(k), f"{k}/2")
+    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    manifest = read_manifest(tmp_path / "merged")
+    assert [session.get("shard") for session in manifest["sessions"]] == ["1/2", "2/2", None]
+    assert manifest["sessions"][-1]["merged"] == [str(tmp_path / "1"), str(tmp_path / "2")]
+    assert set(manifest["environments"]) == set(
+        pd.read_parquet(tmp_path / "1" / "results.parquet").environment
+    )
+    assert not manifest["interrupted"]
+    assert manifest["seed"] == 1
+
+
+def test_equal_rows_of_a_cell_count_once(suite, put_run, tmp_path):
+    put_run(suite, tmp_path / "1")
+    run(suite, trials=2, out=tmp_path / "2")
+    merged = merge([tmp_path / "2", tmp_path / "1"], tmp_path / "merged")
+    assert len(merged.records) == merged.n_cells == 12
+
+
+def rewrite(folder, change):
+    """Change the rows of a run, in a file that is as whole as one can be."""
+    table = pd.read_parquet(folder / "results.parquet")
+    table.attrs = {}
+    change(table)
+    table.to_parquet(folder / "results.parquet", index=False)
+
+
+def test_rows_that_disagree_about_a_cell_are_refused_with_its_name(suite, put_run, tmp_path):
+    for name in ("1", "2"):
+        put_run(suite, tmp_path / name)
+    rewrite(
+        tmp_path / "2", lambda table: table.__setitem__("deviation", table["deviation"] + (table.index == 3))
+    )
+    with pytest.raises(InputError, match=r"two parts disagree about seer on tiny at 0 dB, trial 0"):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
+
+
+def test_clouds_that_disagree_are_refused_too(suite, put_run, tmp_path):
+    for name in ("1", "2"):
+        put_run(suite, tmp_path / name)
+    clouds = pd.read_parquet(tmp_path / "2" / "clouds.parquet")
+    clouds.attrs = {}
+    clouds.loc[0, "x"] += 1
+    clouds.to_parquet(tmp_path / "2" / "clouds.parquet", index=False)
+    with pytest.raises(InputError, match=r"two parts disagree about blob on tiny at -10 dB, trial 0"):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed": 2}, r"1 and \S+2: seed 1 and 2"),
+        ({"name": "other"}, "suite test and other"),
+        ({"kind": "efficiency", "scenarios": ["single"]}, "kind imaging and efficiency"),
+        ({"snr_db": None, "snr_gain_db": [3.0]}, "cannot be united: only some have snr"),
+    ],
+)
+def test_runs_that_do_not_belong_together_are_refused_with_what_differs(
+    suite, put_run, tmp_path, changes, message
+):
+    put_run(suite.replace(trials=1), tmp_path / "1")
+    other = Suite.model_validate({**suite.model_dump(), "trials": 1, **changes})
+    run(other, out=tmp_path / "2")
+    with pytest.raises(InputError, match=message):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
+
+
+def test_another_content_of_a_scenario_is_refused(suite, tiny, put_run, tmp_path):
+    put_run(suite, tmp_path / "1", "1/2")
+    other = shutil.copy(tiny, tmp_path)
+    (tmp_path / "tiny.csv").write_text("x,y,z,v,amplitude\n1,2,3,0,2\n")
+    run(suite, scenarios=[other], out=tmp_path / "2", shard="2/2")
+    with pytest.raises(InputError, match="the scenario 'tiny' has another content"):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+
+
+def test_another_metric_is_refused(suite, put_run, tmp_path, monkeypatch):
+    put_run(suite, tmp_path / "1", "1/2")
+    monkeypatch.setattr("isacbench.bench.store.run_store.METRIC_VERSION", 0)
+    run(suite, out=tmp_path / "2", shard="2/2")
+    with pytest.raises(InputError, match=r"metric \{'name': 'paper', 'version': 1\} and"):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+
+
+def test_other_versions_are_refused_unless_they_may_be_mixed(suite, put_run, tmp_path, monkeypatch):
+    put_run(suite, tmp_path / "1", "1/2")
+    monkeypatch.setattr("isacbench.bench.store.provenance.package_version", lambda package: "0.0")
+    run(suite, out=tmp_path / "2", shard="2/2")
+    folders = [tmp_path / "1", tmp_path / "2"]
+    with pytest.raises(
+        InputError, match=rf"blob: .* by numpy {np.__version__} instead of 0\.0.*--mix-versions"
+    ):
+        merge(folders, tmp_path / "merged")
+    merged = merge(folders, tmp_path / "merged", mix_versions=True)
+    assert merged.records["environment"].nunique() == 2
+    assert merged.gaps == []
+
+
+def test_a_part_without_its_clouds_is_refused(suite, put_run, tmp_path):
+    put_run(suite, tmp_path / "1")
+    (tmp_path / "1" / "clouds.parquet").unlink()
+    with pytest.raises(InputError, match=r"damaged run: some clouds are missing"):
+        merge([tmp_path / "1"], tmp_path / "merged")
+
+
+def test_a_manifest_without_an_outline_is_refused(suite, put_run, tmp_path):
+    put_run(suite, tmp_path / "1")
+    manifest = read_manifest(tmp_path / "1")
+    del manifest["scenes"]
+    (tmp_path / "1" / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match="its manifest has no scenes, as an older isacbench left it"):
+        merge([tmp_path / "1"], tmp_path / "merged")
+
+
+def test_a_folder_with_a_run_is_not_merged_into(suite, put_run, tmp_path):
+    put_run(suite, tmp_path / "1")
+    with pytest.raises(InputError, match="holds a run; allowed is a new folder"):
+        merge([tmp_path / "1"], tmp_path / "1")

@@ -1,0 +1,208 @@
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.run.rescoring import rescore
+from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.store.run_folder import open_folder
+from isacbench.bench.store.run_store import read_manifest
+from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.errors import InputError
+from isacbench.metrics.score import METRIC_VERSION, METRICS
+from isacbench.plugins.discovery import entries
+
+SCORES = [name for name in METRICS["paper"] if name != "n_estimated"]
+MEASURED = {
+    "imaging": [],
+    "efficiency": ["hit", "n_false", "error_u", "bound_range_m"],
+    "resolution": ["resolved", "n_false"],
+    "detection": [],
+}
+
+
+@pytest.fixture(params=list(MEASURED))
+def suite(request, plugins, tiny, room_file):
+    """Suite of each kind, with a failing estimator and one that detects nothing."""
+    common = {"name": "test", "trials": 2, "estimators": ["seer", "blob", "trouble", "trouble[kind=empty]"]}
+    rooms = {**common, "scenarios": [str(room_file)], "snr_gain_db": [20, 40]}
+    scenes = {**common, "scenarios": [str(tiny)], "snr_db": [-10, 0]}
+    return {
+        "imaging": lambda: Suite(**scenes),
+        "efficiency": lambda: Suite(kind="efficiency", **rooms),
+        "resolution": lambda: ResolutionSuite(**rooms, separations_cells=[1], phases_deg=[0, 90]),
+        "detection": lambda: DetectionSuite(
+            **{**scenes, "estimators": ["blob", "music2d"]}, detectors=["ca"], maps=["homogeneous"]
+        ),
+    }[request.param]()
+
+
+def corrupt(folder, columns):
+    """Spoil columns of a run, in a file that is as whole as one can be."""
+    records = pd.read_parquet(folder / "results.parquet")
+    records.attrs = {}
+    for name in columns:
+        records[name] = ~records[name] if records[name].dtype == bool else records[name] + 1
+    records.loc[records["status"].isin(["ok"]), "deviation"] = np.nan
+    records.to_parquet(folder / "results.parquet", index=False)
+
+
+def tables(folder):
+    return {path.name: path.read_bytes() for path in folder.glob("*.parquet")} | {
+        "csv": (folder / "results.csv").read_bytes()
+    }
+
+
+def test_scores_come_back_bit_for_bit_without_any_plugin(suite, tmp_path, monkeypatch):
+    run(suite, out=tmp_path / "run")
+    before = tables(tmp_path / "run")
+    columns = [*SCORES, *MEASURED[suite.kind]]
+    failed_rows = run_suite(suite, tmp_path / "run").records["status"] == "error"
+    corrupt(tmp_path / "run", [name for name in columns if name != "n_true"])
+    spoilt = pd.read_parquet(tmp_path / "run" / "results.parquet")
+    monkeypatch.setattr("isacbench.plugins.discovery._installed", lambda *_: ())
+    assert not entries("estimator")
+    rescored = rescore(tmp_path / "run")
+    after = tables(tmp_path / "run")
+    records = pd.read_parquet(tmp_path / "run" / "results.parquet")
+    imaged = records["deviation"].notna() & ~failed_rows
+    assert rescored.n_scored == rescored.n_changed == imaged.sum() > 0
+    if suite.kind in ("imaging", "detection"):
+        assert after == before
+    else:  # what failed was spoilt as well, and nobody can score it
+        pd.testing.assert_frame_equal(records[~imaged], spoilt[~imaged])
+        del after["results.parquet"], after["csv"], before["results.parquet"], before["csv"]
+        assert after == before
+
+
+def test_nothing_differs_where_nothing_has_changed(suite, tmp_path):
+    run(suite, out=tmp_path / "run")
+    before = tables(tmp_path / "run")
+    rescored = rescore(tmp_path / "run")
+    assert rescored.n_scored > 0
+    assert (rescored.n_changed, rescored.changes) == (0, [])
+    assert tables(tmp_path / "run") == before
+
+
+@pytest.fixture
+def street(plugins, tiny):
+    """Suite that images one small scene."""
+    estimators = ["seer", "blob", "trouble"]
+    return Suite(name="test", scenarios=[str(tiny)], estimators=estimators, snr_db=[0], trials=2)
+
+
+def test_changes_are_counted_by_column_with_the_largest(street, tmp_path):
+    run(street, out=tmp_path / "run")
+    records = pd.read_parquet(tmp_path / "run" / "results.parquet")
+    records.attrs = {}
+    records.loc[[0, 1], "gospa_m"] += [0.25, -0.5]
+    records.loc[3, "recall"] = np.nan
+    records.to_parquet(tmp_path / "run" / "results.parquet", index=False)
+    rescored = rescore(tmp_path / "run")
+    assert (rescored.n_scored, rescored.n_changed) == (4, 3)
+    assert [(change.column, change.n_rows) for change in rescored.changes] == [("gospa_m", 2), ("recall", 1)]
+    assert rescored.changes[0].largest == pytest.approx(0.5)
+    assert rescored.changes[1].largest == np.inf
+
+
+def test_the_manifest_has_the_metric_and_the_call_and_a_run_goes_on(street, tmp_path, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr("isacbench.bench.store.run_store.METRIC_VERSION", 0)
+        run(street, out=tmp_path / "run")
+    before = read_manifest(tmp_path / "run")
+    rescore(tmp_path / "run")
+    after = read_manifest(tmp_path / "run")
+    assert (before["metric"]["version"], after["metric"]["version"]) == (0, METRIC_VERSION)
+    assert [session.get("rescored") for session in after["sessions"]] == [None, 4]
+    changed = {key for key in after if after[key] != before[key]}
+    assert changed == {"metric", "sessions"}
+    assert len(run(street, trials=3, out=tmp_path / "run")) == 9
+
+
+def test_a_killed_run_is_scored_with_the_rows_of_its_journal(street, tmp_path, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr("isacbench.bench.run.runner._finish", lambda *_: None)
+        run(street, out=tmp_path / "run")
+    assert not (tmp_path / "run" / "results.parquet").exists()
+    assert rescore(tmp_path / "run").n_scored == 4
+    assert not (tmp_path / "run" / "journal.jsonl").exists()
+    run(street, out=tmp_path / "other")
+    times = ["time_estimate_s", "time_score_s"]
+    found = [
+        pd.read_parquet(tmp_path / name / "results.parquet").drop(columns=times) for name in ("run", "other")
+    ]
+    pd.testing.assert_frame_equal(*found)
+
+
+@pytest.fixture
+def drawn(plugins, room_file, tmp_path):
+    """Folder of a run that drew its scatterers."""
+    rooms = {"scenarios": [str(room_file)], "snr_gain_db": [40], "trials": 3}
+    suite = Suite(kind="efficiency", name="test", estimators=["seer", "blob"], **rooms)
+    run(suite, out=tmp_path / "run")
+    return tmp_path / "run"
+
+
+def test_draws_that_are_not_kept_are_drawn_again(drawn):
+    before = tables(drawn)
+    (drawn / "draws.parquet").unlink()
+    assert rescore(drawn).n_changed == 0
+    assert {**before, **tables(drawn)} == before
+
+
+def test_draws_that_would_be_others_are_refused(drawn, monkeypatch):
+    (drawn / "draws.parquet").unlink()
+    monkeypatch.setattr("isacbench.bench.studies.efficiency_study.MARGIN_CELLS", 0.75)
+    with pytest.raises(InputError, match="room, trial 0 is not kept, and would be drawn otherwise"):
+        rescore(drawn)
+
+
+def test_kept_draws_count_even_if_they_would_be_drawn_otherwise_now(drawn, monkeypatch):
+    monkeypatch.setattr("isacbench.bench.studies.efficiency_study.MARGIN_CELLS", 0.75)
+    assert rescore(drawn).n_changed == 0
+
+
+def lose_all(folder):
+    (folder / "clouds.parquet").unlink()
+
+
+def lose_one(folder):
+    clouds = pd.read_parquet(folder / "clouds.parquet")
+    clouds.attrs = {}
+    clouds.iloc[1:].to_parquet(folder / "clouds.parquet", index=False)
+
+
+def tear(folder):
+    content = (folder / "clouds.parquet").read_bytes()
+    (folder / "clouds.parquet").write_bytes(content[: len(content) // 2])
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lose_all, "4 of 4 clouds are missing or damaged"),
+        (lose_one, "1 of 4 clouds are missing or damaged"),
+        (tear, r"damaged run: ValueError: clouds\.parquet"),
+    ],
+)
+def test_missing_and_damaged_clouds_are_refused_and_nothing_changes(street, tmp_path, damage, message):
+    run(street, out=tmp_path / "run")
+    damage(tmp_path / "run")
+    shutil.copytree(tmp_path / "run", tmp_path / "copy")
+    with pytest.raises(InputError, match=message):
+        rescore(tmp_path / "run")
+    names = [path.name for path in (tmp_path / "copy").iterdir() if path.name != ".lock"]
+    assert all((tmp_path / "copy" / x).read_bytes() == (tmp_path / "run" / x).read_bytes() for x in names)
+
+
+def test_a_run_that_is_written_into_is_refused(street, tmp_path):
+    run(street, out=tmp_path / "run")
+    with open_folder(tmp_path / "run"), pytest.raises(InputError, match="another run writes into it"):
+        rescore(tmp_path / "run")
+
+
+def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path):
+    with pytest.raises(InputError, match=r"not the folder of a run, manifest\.json missing"):
+        rescore(tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,185 @@
+"""The journal: what is written comes back bit for bit, what is damaged is noticed."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.bench.cells.record import COLUMNS, Outcome, Record
+from isacbench.bench.store.journal import Journal, read_journal
+from isacbench.bench.workers.workbench import Made
+from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
+
+COLUMNS_OF_STUDY = {"hits": 0, "rate": math.nan, "resolved": False, "label": ""}
+
+# Half characters are made visible before they become part of a row: no table would take them.
+texts = st.text(st.characters(codec="utf-8"), max_size=20)
+any_float = st.floats(allow_nan=True, allow_infinity=True, allow_subnormal=True)
+finite = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=True)
+points = st.lists(st.tuples(finite, finite, finite, finite, finite), max_size=4)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("journals")
+
+
+def record(**changes):
+    values = {
+        "suite": "suite",
+        "scenario": "tiny",
+        "estimator": "good",
+        "params": "{}",
+        "snr_db": 0.0,
+        "trial": 0,
+        "seed": 0,
+        "scenario_content": "content",
+        "status": "ok",
+        "reason": "",
+        "n_true": 3,
+        "n_estimated": 0,
+        "environment": "here",
+    }
+    return Record(**{**values, **changes})
+
+
+def made(cloud=(), extras=None, environment=None, **changes):
+    cloud = PointCloud.from_array(np.reshape(np.array(cloud, dtype=np.float64), (-1, 5)))
+    return Made(Outcome(record(**changes), cloud, extras or {}), environment or {"versions": {}})
+
+
+def written(path, *rows, columns=COLUMNS_OF_STUDY):
+    path.unlink(missing_ok=True)
+    with Journal(path, columns) as journal:
+        for row in rows:
+            journal.append(row)
+    return path
+
+
+def bits(value):
+    """What tells -0 from 0 and one NaN as another."""
+    return "NaN" if math.isnan(value) else struct.pack("<d", value)
+
+
+@given(snr_db=any_float, deviation=any_float, rate=any_float, cloud=points)
+def test_numbers_come_back_bit_for_bit(folder, snr_db, deviation, rate, cloud):
+    path = written(folder / "numbers", made(cloud, {"rate": rate}, snr_db=snr_db, deviation=deviation))
+    rows, n_torn = read_journal(path)
+    row = rows.records.iloc[0]
+    assert n_torn == 0
+    assert bits(row["snr_db"]) == bits(snr_db)
+    assert bits(row["deviation"]) == bits(deviation)
+    assert bits(row["rate"]) == bits(rate)
+    assert rows.points.tobytes() == np.array(cloud, dtype="<f8").tobytes()
+    assert rows.n_points.tolist() == [len(cloud)]
+
+
+@given(reason=texts, scenario=texts, label=texts)
+def test_texts_come_back_as_they_were(folder, reason, scenario, label):
+    path = written(folder / "texts", made((), {"label": label}, reason=reason, scenario=scenario))
+    rows, n_torn = read_journal(path)
+    assert n_torn == 0
+    assert rows.records.loc[0, ["reason", "scenario", "label"]].tolist() == [reason, scenario, label]
+
+
+@given(trial=st.integers(0, 2**62), hits=st.integers(-(2**62), 2**62), resolved=st.booleans())
+def test_integers_and_truth_values_come_back_also_from_numpy(folder, trial, hits, resolved):
+    extras = {"hits": np.int64(hits), "resolved": np.bool_(resolved)}
+    rows, _ = read_journal(written(folder / "integers", made((), extras, trial=trial)))
+    assert rows.records.loc[0, ["trial", "hits", "resolved"]].tolist() == [trial, hits, resolved]
+
+
+def test_a_row_without_values_of_the_study_gets_its_own(folder):
+    rows, _ = read_journal(written(folder / "defaults", made()))
+    assert sorted(rows.records.columns) == sorted([*COLUMNS, *COLUMNS_OF_STUDY])
+    assert rows.records.loc[0, ["hits", "resolved", "label"]].tolist() == [0, False, ""]
+
+
+def test_environments_are_kept_once_by_name(folder):
+    here, there = {"versions": {"numpy": "1"}}, {"versions": {"numpy": "2"}}
+    path = written(
+        folder / "environments",
+        *(made(environment=here, trial=n) for n in range(3)),
+        made(environment=there, trial=3).__class__(made(trial=3).outcome.made_by("there"), there),
+    )
+    assert path.read_bytes().count(b'"environment":"here","is"') == 1
+    assert read_journal(path)[0].environments == {"here": here, "there": there}
+
+
+def test_a_journal_that_is_gone_on_with_may_have_other_columns(folder):
+    path = written(folder / "on", made(trial=0), columns={"hits": 1})
+    with Journal(path, {"rate": 0.5}) as journal:
+        journal.append(made(trial=1))
+    rows, n_torn = read_journal(path)
+    assert n_torn == 0
+    assert rows.records["trial"].tolist() == [0, 1]
+    assert rows.records["hits"].tolist()[0] == 1
+    assert rows.records["rate"].tolist()[1] == 0.5
+
+
+def test_an_empty_journal_has_no_rows(folder):
+    rows, n_torn = read_journal(written(folder / "empty"))
+    assert len(rows) == n_torn == 0
+
+
+TRIALS = 3
+
+
+@pytest.fixture(scope="module")
+def content(folder):
+    rows = [made([[n, 0, 0, 0, 1]] * n, trial=n, reason=f"reason {n}") for n in range(TRIALS)]
+    return written(folder / "content", *rows).read_bytes()
+
+
+def read_bytes(folder, content):
+    path = folder / "changed"
+    path.write_bytes(content)
+    return read_journal(path)
+
+
+@settings(max_examples=150)
+@given(data=st.data())
+def test_a_cut_keeps_every_row_before_it(folder, content, data):
+    place = data.draw(st.integers(0, len(content)))
+    rows, n_torn = read_bytes(folder, content[:place])
+    ends = [n for n, byte in enumerate(content) if byte == 10]  # without its newline, a line is whole
+    n_rows = sum(end <= place for end in ends[3:])  # behind columns, environment, and what rows share
+    assert rows.records.get("trial", np.empty(0)).tolist() == list(range(n_rows))
+    assert n_torn == (place > 0 and content[place - 1] != 10 and place not in ends)
+    assert rows.n_points.tolist() == list(range(n_rows))
+
+
+@settings(max_examples=150)
+@given(data=st.data())
+def test_a_bit_that_flips_never_yields_a_row_that_was_not_written(folder, content, data):
+    place, bit = data.draw(st.integers(0, len(content) - 1)), data.draw(st.integers(0, 7))
+    flipped = bytearray(content)
+    flipped[place] ^= 1 << bit
+    whole, _ = read_bytes(folder, content)
+    rows, n_torn = read_bytes(folder, bytes(flipped))
+    kept = rows.records.get("trial", np.empty(0)).tolist()
+    assert set(kept) <= set(range(TRIALS))
+    assert len(kept) == len(set(kept))
+    if kept:
+        expected = whole.take(np.array(kept, dtype=np.int64))
+        assert rows.records.to_csv() == expected.records.to_csv()
+        assert rows.points.tobytes() == expected.points.tobytes()
+    assert n_torn or kept == list(range(TRIALS))
+
+
+@given(data=st.data())
+def test_a_torn_end_does_not_tear_what_is_written_behind_it(folder, content, data):
+    path = folder / "behind"
+    path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    with Journal(path, COLUMNS_OF_STUDY) as journal:
+        journal.append(made(trial=99))
+    assert read_journal(path)[0].records["trial"].tolist()[-1] == 99
+
+
+def test_a_folder_that_cannot_be_written_into_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"journal\.jsonl: cannot be written: "):
+        Journal(tmp_path / "missing" / "journal.jsonl", {})

@@ -1,0 +1,512 @@
+"""Going on with a run: nothing twice, nothing lost, nothing mixed, whatever has happened to the folder."""
+
+import json
+import random
+import shutil
+import warnings
+from functools import cache
+
+import pandas as pd
+import pytest
+
+from isacbench.bench.cells.record import TIMES
+from isacbench.bench.plan.run_plan import Shard
+from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.store.journal import Journal
+from isacbench.bench.store.run_store import read_results
+from isacbench.bench.suites.suite import Suite
+from isacbench.errors import InputError, InputWarning
+from isacbench.plugins import discovery
+from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
+
+SLOW = pytest.mark.slow
+
+FAILING = "wreck[kind=raise_]"
+
+
+@pytest.fixture
+def suite(wreck, tiny):
+    return Suite(
+        name="test",
+        scenarios=[str(tiny)],
+        estimators=["good[n=2]", FAILING, "dice"],
+        snr_db=[0, 10],
+        trials=3,
+    )
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "run"
+
+
+class KilledError(Exception):
+    """What ends a run without a chance to write its tables."""
+
+
+def go(suite, folder, *rerun, **options):
+    """Run and return the table and the number of cells that were made."""
+    calls = []
+    results = run_suite(
+        suite,
+        folder,
+        progress=lambda *done: calls.append(done),
+        execution=Execution(rerun=rerun, **options),
+    )
+    return results, len(calls)
+
+
+def kill_after(suite, folder, n_cells, *rerun):
+    """Run up to a cell, whose row is the last one in the journal."""
+
+    def progress(done, total):
+        nonlocal n_cells
+        n_cells -= 1
+        if n_cells == 0:
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        run_suite(suite, folder, progress, Execution(rerun=rerun))
+
+
+def table(folder):
+    """Everything of a folder's tables that a second run must reproduce."""
+    records = pd.read_csv(folder / "results.csv", dtype=str).drop(columns=TIMES)
+    return records.to_csv(), read_results(folder).clouds.to_csv()
+
+
+remembered_table = cache(table)
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    """Return a folder for runs that several tests go on with."""
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture
+def complete(suite, shelf):
+    """Return the folder of a complete run, to be copied."""
+    path = shelf / "complete"
+    if not path.exists():
+        go(suite, path)
+    return path
+
+
+@pytest.fixture
+def finished(complete, folder):
+    """Return a folder with a complete run."""
+    return shutil.copytree(complete, folder)
+
+
+@pytest.fixture
+def undisturbed(complete):
+    return remembered_table(complete)
+
+
+@pytest.mark.parametrize("n_cells", [1, pytest.param(7, marks=SLOW), 18])
+def test_a_killed_run_goes_on_where_it_was_and_ends_in_the_same_table(suite, folder, undisturbed, n_cells):
+    kill_after(suite, folder, n_cells)
+    assert len(read_results(folder).records) == n_cells
+    _, n_made = go(suite, folder)
+    assert n_made == 18 - n_cells
+    assert table(folder) == undisturbed
+    assert not (folder / "journal.jsonl").exists()
+
+
+def test_a_run_that_is_killed_again_and_again_ends_in_the_same_table(suite, folder, undisturbed):
+    for _ in range(3):
+        kill_after(suite, folder, 5)
+    _, n_made = go(suite, folder)
+    assert n_made == 3
+    assert table(folder) == undisturbed
+
+
+# After one step is before the next, but for what the step itself has left to be tidied up.
+@pytest.mark.parametrize(
+    ("step", "before"),
+    [
+        pytest.param(step, before, marks=() if (step, before) in ((1, True), (4, False)) else SLOW)
+        for step in range(8)
+        for before in (True, False)
+    ],
+)
+def test_a_run_that_is_killed_while_it_writes_its_tables_loses_no_row(
+    suite, folder, undisturbed, monkeypatch, step, before
+):
+    kill_after(suite, folder, 5)
+    replace, n_calls = type(folder).replace, 0
+
+    def replace_or_die(path, target):
+        nonlocal n_calls
+        n_calls += 1
+        if before and n_calls > step:
+            raise KilledError
+        replace(path, target)
+        if n_calls > step:
+            raise KilledError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(folder), "replace", replace_or_die)
+        with pytest.raises(KilledError):
+            go(suite, folder)
+    _, n_made = go(suite, folder)
+    # The first steps are those before the first cell: writing down what the last run left.
+    assert n_made == (13 if n_calls <= 4 else 0)
+    assert table(folder) == undisturbed
+
+
+def test_a_complete_run_makes_nothing_again(suite, folder, finished):
+    before = table(folder)
+    _, n_made = go(suite, folder)
+    assert n_made == 0
+    assert table(folder) == before
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"trials": 4, "snr_db": [-5, 0, 5, 10]},
+        {"estimators": ["dice", "good[n=1]", "good[n=2]", FAILING], "snr_db": [10, 0]},
+    ],
+)
+def test_a_run_may_grow_and_be_put_into_another_order(suite, folder, tmp_path, more, finished):
+    wider = suite.replace(**more)
+    results, n_made = go(wider, folder)
+    assert n_made == len(results.records) - 18
+    go(wider, tmp_path / "at once")
+    assert table(folder) == table(tmp_path / "at once")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"trials": 2}, r"holds 6 cells that this run does not have, .*trial 2"),
+        ({"snr_db": [0]}, r"holds 9 cells that this run does not have, .*at 10 dB"),
+        (
+            {"estimators": ["good[n=2]", "dice"]},
+            "holds 6 cells that this run does not have.* wreck",
+        ),
+        ({"estimators": ["good[n=3]", FAILING, "dice"]}, "holds 6 cells that this run does not have.*good"),
+        ({"seed": 7}, "it holds cells of seed 0, not 7"),
+        ({"name": "other"}, "it holds cells of suite test, not other"),
+    ],
+)
+@pytest.mark.parametrize(
+    "rerun", [(), pytest.param(("stale",), marks=SLOW), pytest.param(("all",), marks=SLOW)]
+)
+def test_rows_that_would_be_lost_are_refused_and_left_alone(suite, folder, change, message, rerun, finished):
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"}
+    with pytest.raises(InputError, match=message):
+        go(suite.model_copy(update=change), folder, *rerun)
+    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"} == before
+
+
+def test_failures_are_kept_unless_they_are_asked_for(suite, folder, wreck, finished):
+    assert go(suite, folder)[1] == 0
+    results, n_made = go(suite, folder, "failed")
+    assert n_made == 6
+    assert len(results.records) == 18
+
+
+def test_everything_is_made_again_if_asked_for(suite, folder, undisturbed, finished):
+    assert go(suite, folder, "all")[1] == 18
+    assert table(folder) == undisturbed
+
+
+def test_a_rerun_that_is_interrupted_has_dropped_its_rows_and_goes_on(suite, folder, undisturbed, finished):
+    kill_after(suite, folder, 2, "failed")
+    assert len(read_results(folder).records) == 18 - 6 + 2
+    assert go(suite, folder)[1] == 4
+    assert table(folder) == undisturbed
+
+
+@pytest.fixture
+def moved(suite, tiny):
+    """Move a scatterer of the scenario, once the run is there."""
+
+    def move():
+        points = tiny.with_name("tiny.csv")
+        points.write_text(points.read_text().replace("5,6,1,10,2", "5,6,1,10,3"))
+
+    return move
+
+
+def test_rows_of_another_content_of_the_scenario_are_refused(suite, folder, moved, finished):
+    moved()
+    with pytest.raises(InputError, match="18 of its 18 cells are of another content of the scenario 'tiny'"):
+        go(suite, folder)
+    with pytest.raises(InputError, match="another content"):
+        go(suite, folder, mix_versions=True)
+
+
+def test_rows_of_another_content_are_made_again_if_asked_for(suite, folder, tmp_path, moved, finished):
+    moved()
+    assert go(suite, folder, "stale")[1] == 18
+    go(suite, tmp_path / "new")
+    assert table(folder) == table(tmp_path / "new")
+
+
+def test_how_a_scenario_is_written_is_not_its_content(suite, folder, tiny, finished):
+    tiny.write_text("# A comment.\n" + tiny.read_text().replace("[5.0, 40.0, 10.0]", "[5, 4e1, 10]"))
+    assert go(suite, folder)[1] == 0
+
+
+@pytest.fixture
+def updated(wreck):
+    """Run with another version of the plugin file."""
+
+    old = wreck.read_text()
+
+    def update(action):
+        wreck.write_text(old + "\n# Another version.\n")
+        with isolated_plugins():
+            discovery._local.clear()
+            load_plugin_file(wreck)
+            return action()
+
+    return update
+
+
+def test_rows_of_other_versions_are_refused_with_what_differs(suite, folder, updated, finished):
+    with pytest.raises(InputError, match=r"18 of its 18 cells were made by other versions.*wreck\.py digest"):
+        updated(lambda: go(suite, folder))
+
+
+def test_rows_of_other_versions_are_made_again_if_asked_for(suite, folder, updated, finished):
+    assert updated(lambda: go(suite, folder, "stale")[1]) == 18
+
+
+def test_rows_of_other_versions_may_stay_beside_new_ones(suite, folder, updated, finished):
+    results, n_made = updated(lambda: go(suite.replace(trials=4), folder, mix_versions=True))
+    assert n_made == 6
+    assert len(set(results.records["environment"])) == 2
+    assert set(results.records["environment"]) == set(results.environments)
+    # Now both are there, and each run must say again that it may be so.
+    with pytest.raises(InputError, match="18 of its 24 cells were made by other versions"):
+        updated(lambda: go(suite.replace(trials=4), folder))
+
+
+def test_the_failures_among_rows_of_other_versions_can_be_made_again_alone(suite, folder, updated, finished):
+    with pytest.raises(InputError, match="12 of its 18 cells were made by other versions"):
+        updated(lambda: go(suite, folder, "failed"))
+    assert updated(lambda: go(suite, folder, "failed", mix_versions=True)[1]) == 6
+
+
+def some(places, n, seed):
+    """Some of many places."""
+    return random.Random(seed).sample(list(places), min(n, len(places)))
+
+
+FEW_OR_MANY = pytest.mark.parametrize("n_places", [1, pytest.param(40, marks=SLOW)])
+
+
+def damage(path, how, place):
+    content = bytearray(path.read_bytes())
+    if how == "cut":
+        del content[place:]
+    else:
+        content[place] ^= 1 << place % 8
+    path.write_bytes(content)
+
+
+def go_despite_damage(suite, folder):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        _, n_made = go(suite, folder)
+    assert all(issubclass(warning.category, InputWarning) for warning in caught)
+    return n_made, [str(warning.message) for warning in caught]
+
+
+@FEW_OR_MANY
+@pytest.mark.parametrize("how", ["cut", "flip"])
+@pytest.mark.parametrize("name", ["results.parquet", "clouds.parquet"])
+def test_a_damaged_table_is_told_and_what_it_held_made_again(
+    suite, tmp_path, complete, undisturbed, name, how, n_places
+):
+    for place in some(range((complete / name).stat().st_size), n_places, name + how):
+        folder = shutil.copytree(complete, tmp_path / f"{place}")
+        damage(folder / name, how, place)
+        n_made, told = go_despite_damage(suite, folder)
+        assert table(folder) == undisturbed
+        # A flip where nothing is read, such as in statistics, does no harm.
+        assert told or (how == "flip" and n_made == 0)
+        assert all(str(folder / name) in message for message in told)
+        # Failures have no cloud to lose.
+        assert n_made == (0 if not told else 18 if name == "results.parquet" else 12)
+
+
+@FEW_OR_MANY
+@pytest.mark.parametrize("how", ["cut", "flip"])
+def test_a_damaged_journal_loses_the_damaged_lines_alone(suite, tmp_path, undisturbed, how, n_places):
+    whole = tmp_path / "whole"
+    kill_after(suite, whole, 10)
+    journal = (whole / "journal.jsonl").read_bytes()
+    starts = [n + 1 for n, byte in enumerate(journal) if byte == 10]
+    heading = starts[0]
+    edges = [*starts[:-1], *(start - 1 for start in starts)]
+    for place in some(edges, n_places, how) + some(range(len(journal)), n_places, how):
+        folder = shutil.copytree(whole, tmp_path / f"{place}", dirs_exist_ok=True)
+        damage(folder / "journal.jsonl", how, place)
+        n_made, told = go_despite_damage(suite, folder)
+        assert table(folder) == undisturbed
+        if how == "cut":  # between lines it cannot be seen
+            assert bool(told) == (place > 0 and not {place, place + 1} & set(starts))
+        elif place >= heading:
+            # Two lines, where the end of the first one is hit; many rows need what they share.
+            lines = journal[journal.rfind(b"\n", 0, place) + 1 :].split(b"\n")[:2]
+            assert 8 <= n_made <= (18 if any(b'"shared"' in line for line in lines) else 10)
+            assert told or n_made == 8
+        else:
+            assert told
+        shutil.rmtree(folder)
+
+
+@FEW_OR_MANY
+@pytest.mark.parametrize("how", ["cut", "flip"])
+@pytest.mark.parametrize("name", ["truth.parquet", "manifest.json", "results.csv"])
+def test_damage_to_what_can_be_written_anew_costs_no_cell(
+    suite, tmp_path, complete, undisturbed, name, how, n_places
+):
+    for place in some(range((complete / name).stat().st_size), n_places, name + how):
+        folder = shutil.copytree(complete, tmp_path / f"{place}")
+        damage(folder / name, how, place)
+        assert go_despite_damage(suite, folder)[0] == 0
+        assert table(folder) == undisturbed
+
+
+@pytest.mark.parametrize(
+    "name", ["results.parquet", "clouds.parquet", "truth.parquet", "manifest.json", "results.csv"]
+)
+def test_a_missing_file_is_made_anew(suite, folder, undisturbed, name, finished):
+    (folder / name).unlink()
+    go(suite, folder)
+    assert table(folder) == undisturbed
+
+
+@pytest.mark.parametrize("name", ["results.parquet", "clouds.parquet", "truth.parquet", "manifest.json"])
+def test_a_damaged_run_is_reported_in_one_message(suite, folder, name, finished):
+    size = (folder / name).stat().st_size
+    damage(folder / name, "cut", size // 2)
+    with pytest.raises(InputError, match=f"{folder}: damaged run: .*{name}") as caught:
+        read_results(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_report_on_a_torn_journal_says_what_it_leaves_out(suite, folder):
+    kill_after(suite, folder, 5)
+    journal = folder / "journal.jsonl"
+    damage(journal, "cut", journal.stat().st_size - 20)
+    with pytest.warns(
+        InputWarning, match=r"journal\.jsonl: damaged, its cells are left out and run again \(1 li"
+    ):
+        results = read_results(folder)
+    assert len(results.records) == 4
+    assert set(results.records["environment"]) == set(results.environments)
+
+
+def test_rows_that_came_twice_are_damage(suite, folder, finished, undisturbed):
+    records = pd.read_parquet(folder / "results.parquet")
+    records.attrs = {}
+    pd.concat([records, records]).to_parquet(folder / "results.parquet")
+    with pytest.raises(InputError, match="damaged run"):
+        read_results(folder)
+    n_made, told = go_despite_damage(suite, folder)
+    assert n_made == 18
+    assert len(told) == 1
+    assert table(folder) == undisturbed
+
+
+def test_a_folder_that_cannot_be_locked_is_told(suite, folder):
+    (folder / ".lock").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"run: cannot be locked: Is a directory; allowed is a folder"):
+        go(suite, folder)
+
+
+@pytest.mark.parametrize("n_jobs", [pytest.param(1, marks=SLOW), 2])
+def test_guarded_processes_give_the_table_of_this_process(suite, folder, undisturbed, n_jobs):
+    go(suite, folder, n_jobs=n_jobs)
+    assert table(folder) == undisturbed
+
+
+def test_a_process_goes_on_with_what_this_process_began(suite, folder, undisturbed):
+    kill_after(suite, folder, 7)
+    assert go(suite, folder, n_jobs=1)[1] == 11
+    assert table(folder) == undisturbed
+
+
+def test_parts_of_a_run_make_its_cells_once(suite, folder, undisturbed):
+    made = [go(suite, folder, shard=Shard(k, 3))[1] for k in (1, 2, 3, 3)]
+    assert made == [6, 6, 6, 0]
+    assert table(folder) == undisturbed
+
+
+@pytest.mark.parametrize(("rerun", "n_expected"), [("failed", 2), ("all", 6)])
+def test_a_part_of_a_run_drops_no_rows_of_the_others(suite, folder, finished, undisturbed, rerun, n_expected):
+    assert go(suite, folder, rerun, shard=Shard(2, 3))[1] == n_expected
+    assert table(folder) == undisturbed
+
+
+def test_a_full_disk_ends_the_run_with_one_message_and_keeps_the_rows(
+    suite, folder, undisturbed, monkeypatch
+):
+    class FullFile:
+        """Takes so many bytes, of the last line a part, and then none."""
+
+        def __init__(self, file, room):
+            self.file, self.room = file, room
+
+        def write(self, content):
+            if not self.room:
+                raise OSError(28, "No space left on device")
+            part = bytes(content)[: self.room]
+            self.room -= len(part)
+            return self.file.write(part)
+
+        def close(self):
+            self.file.close()
+
+    make = Journal.__init__
+
+    def make_full(journal, path, columns):
+        make(journal, path, columns)
+        journal._file = FullFile(journal._file, 4000)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, "__init__", make_full)
+        with pytest.raises(InputError, match=r"journal\.jsonl: cannot be written: No space left"):
+            go(suite, folder)
+    n_made, told = go_despite_damage(suite, folder)
+    assert 0 < n_made < 18
+    assert len(told) == 1
+    assert table(folder) == undisturbed
+
+
+def test_a_table_that_cannot_be_written_leaves_the_journal(suite, folder, undisturbed, monkeypatch):
+    def refuse(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("isacbench.bench.store.run_store.write_csv_table", refuse)
+        with pytest.raises(InputError, match=r"results\.csv: cannot be written: No space left on device"):
+            go(suite, folder)
+    assert go(suite, folder)[1] == 0
+    assert table(folder) == undisturbed
+
+
+def test_rows_to_be_made_again_stay_until_there_is_somebody_to_make_them(
+    suite, folder, finished, undisturbed, monkeypatch
+):
+    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.2)
+    nowhere = Execution(dask="tcp://127.0.0.1:1", rerun=("all",))
+    with pytest.raises(InputError, match="dask"):
+        run_suite(suite, folder, execution=nowhere)
+    assert table(folder) == undisturbed
+
+
+def test_a_run_that_another_version_of_the_metric_scored_is_not_gone_on_with(suite, folder, finished):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["metric"]["version"] = 0
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match="version 0 of the metric, not 1; allowed is to rescore it"):
+        run_suite(suite, folder, execution=Execution(mix_versions=True))

@@ -1,0 +1,200 @@
+import json
+import os
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.run_folder import default_folder, open_folder, replacing
+from isacbench.bench.store.run_store import read_results
+from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.errors import InputError
+from isacbench.metrics.score import score
+from isacbench.model.echo import observe
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Return a list for the run that all tests read, of a copy."""
+    return []
+
+
+@pytest.fixture
+def written(made, plugins, tiny, tmp_path, tmp_path_factory):
+    """Return the results of a run, and a folder that holds it."""
+    suite = Suite(
+        name="test",
+        scenarios=[str(tiny), "street"],
+        estimators=["blob[n=5]", "seer", "trouble", "trouble[kind=empty]"],
+        snr_db=[0, 10],
+        trials=2,
+    )
+    if not made:
+        folder = tmp_path_factory.mktemp("made") / "run"
+        made.append((run_suite(suite, out=folder), folder))
+    results, folder = made[0]
+    return results, shutil.copytree(folder, tmp_path / "results" / "mine")
+
+
+def test_a_run_is_read_back_as_it_was_written(written):
+    results, folder = written
+    again = read_results(folder)
+    pd.testing.assert_frame_equal(again.records, results.records)
+    pd.testing.assert_frame_equal(again.clouds, results.clouds)
+    assert again.suite == results.suite
+    assert not again.interrupted
+
+
+def test_a_study_is_read_back_with_its_suite_its_columns_and_what_it_drew(plugins, room_file, tmp_path):
+    suite = ResolutionSuite(
+        name="test",
+        scenarios=[str(room_file)],
+        estimators=["seer"],
+        dimensions=["u"],
+        separations_cells=[0.5],
+        phases_deg=[90],
+        snr_gain_db=[60],
+        trials=2,
+    )
+    results = run_suite(suite, out=tmp_path / "run")
+    again = read_results(tmp_path / "run")
+    assert again.suite == suite
+    pd.testing.assert_frame_equal(again.records, results.records)
+    pd.testing.assert_frame_equal(again.draws, results.draws)
+    assert len(again.draws) == 2 * 2
+    assert again.records["resolved"].dtype == bool
+    assert list(again.scenarios) == ["room"]
+
+
+def test_the_package_of_a_detector_that_ran_alone_is_in_the_manifest(plugins, tiny, tmp_path):
+    suite = DetectionSuite(
+        name="test",
+        scenarios=[str(tiny)],
+        estimators=["blob"],
+        detectors=["level"],
+        maps=["homogeneous"],
+        snr_gain_db=[20],
+        trials=1,
+    )
+    run_suite(suite, out=tmp_path / "run")
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
+    assert [entry["name"] for entry in manifest["estimators"]] == ["level", "blob"]
+    assert all("test-plugins" in entry["packages"] for entry in manifest["estimators"])
+    assert not (tmp_path / "run" / "draws.parquet").exists()
+
+
+def test_scores_follow_again_from_the_stored_clouds(written):
+    again = read_results(written[1])
+    for row in again.records[again.records["status"] != "error"].itertuples():
+        scenario = again.scenarios[row.scenario]
+        cloud = again.cloud(row.scenario, row.estimator, row.params, row.snr_db, row.trial)
+        scores = score(
+            scenario.truth,
+            cloud,
+            region=scenario.region,
+            velocity_bin_mps=scenario.system.velocity_bin_mps,
+        )
+        assert len(cloud) == row.n_estimated
+        assert scores["deviation"] == row.deviation
+
+
+def test_stored_scenarios_are_observed_exactly_as_the_first_time(written):
+    results, folder = written
+    again = read_results(folder)
+    for name, scenario in results.scenarios.items():
+        np.testing.assert_array_equal(observe(again.scenarios[name], 0).cells, observe(scenario, 0).cells)
+
+
+def test_the_csv_holds_the_same_rows(written):
+    results, folder = written
+    table = pd.read_csv(folder / "results.csv", keep_default_na=False, na_values={"deviation": [""]})
+    assert table.columns.tolist() == results.records.columns.tolist()
+    assert table["estimator"].tolist() == results.records["estimator"].tolist()
+    np.testing.assert_allclose(table["deviation"], results.records["deviation"], rtol=1e-12)
+
+
+def test_the_manifest_says_what_ran_on_what(written):
+    manifest = json.loads((written[1] / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["suite"]["estimators"][0] == "blob[n=5]"
+    assert manifest["seed"] == 0
+    assert manifest["estimators"][0]["params"]["n"] == 5
+    assert manifest["estimators"][0]["packages"]["test-plugins"]["version"] == "1.0"
+    assert manifest["packages"]["numpy"] == np.__version__
+    assert manifest["blas_threads"] == 1
+    assert manifest["wall_time_s"] > 0
+    assert manifest["processor"]
+    assert {"isacbench", "git", "argv", "started", "python", "platform", "cores", "blas"} <= set(manifest)
+
+
+def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("precious")
+    with pytest.raises(InputError, match="is not the folder of a run"), open_folder(tmp_path):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_an_empty_existing_folder_is_taken(tmp_path):
+    with open_folder(tmp_path) as folder:
+        assert folder == tmp_path
+    assert tmp_path.is_dir()
+
+
+def test_a_folder_below_a_file_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be created"), open_folder(tmp_path / "file" / "run"):
+        pass
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="is not the folder of a run"), open_folder(tmp_path / "file"):
+        pass
+
+
+def test_a_new_folder_that_stays_empty_goes_away(tmp_path):
+    with pytest.raises(RuntimeError), open_folder(tmp_path / "run"):
+        raise RuntimeError
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_that_is_written_into_is_refused_with_who_does(tmp_path):
+    with (
+        open_folder(tmp_path / "run"),
+        pytest.raises(InputError, match=rf"another run writes into it \(process {os.getpid()} on "),
+        open_folder(tmp_path / "run"),
+    ):
+        pass
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("old")
+    with pytest.raises(UnicodeEncodeError), replacing(path) as temporary:
+        temporary.write_text("half \ud800", encoding="utf-8")
+    assert path.read_text() == "old"
+    assert [file.name for file in tmp_path.iterdir()] == ["table.csv"]
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+    assert path.read_text() == "new"
+
+
+def test_a_folder_without_a_run_is_refused_with_what_is_missing(tmp_path):
+    with pytest.raises(InputError, match=r"not the folder of a run, manifest\.json missing"):
+        read_results(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("manifest.json", "{"), ("manifest.json", "{}"), ("results.parquet", "x"), ("truth.parquet", "")],
+)
+def test_a_damaged_run_is_refused(written, name, content):
+    folder = written[1]
+    (folder / name).write_text(content)
+    with pytest.raises(InputError, match="damaged run"):
+        read_results(folder)
+
+
+def test_the_default_folder_is_named_after_suite_and_time():
+    assert default_folder("quick").match("results/quick-20??????-??????")

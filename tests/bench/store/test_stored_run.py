@@ -1,0 +1,221 @@
+"""A run read back: rows as a table, clouds and truths by row or by key."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench import load_run
+from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.stored_run import CellKey
+from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.errors import InputError
+from isacbench.metrics.score import score
+from isacbench.plugins.discovery import isolated_plugins, register_plugin
+from isacbench.plugins.local_files import PluginFile
+from tests.conftest import TINY
+
+PLUGINS = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Seer:
+    name: ClassVar[str] = "seer"
+    needs_truth: ClassVar[bool] = True
+    n: int = 3
+
+    def estimate(self, observation, truth):
+        return truth.select([*range(self.n)])
+
+
+@dataclass(frozen=True)
+class Trouble:
+    name: ClassVar[str] = "trouble"
+
+    def estimate(self, observation):
+        raise ZeroDivisionError("no luck")
+"""
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A run with images, images of nothing, and failures; and its folder, which is not to be written to."""
+    folder = tmp_path_factory.mktemp("stored")
+    (folder / "tiny.csv").write_text("x,y,z,v\n1,2,3,0\n5,6,1,10\n9,9,2,-10\n")
+    (folder / "tiny.toml").write_text(TINY)
+    suite = Suite(
+        name="test",
+        scenarios=[str(folder / "tiny.toml")],
+        estimators=["seer[n=[1,3,0]]", "trouble"],
+        snr_db=[0, 10],
+        trials=2,
+    )
+    with isolated_plugins():
+        register_plugin(PluginFile("plugins.py", PLUGINS))
+        return run_suite(suite, out=folder / "mine"), folder / "mine"
+
+
+@pytest.fixture
+def copied(written, tmp_path):
+    """Folder of a run that may be written to."""
+    return shutil.copytree(written[1], tmp_path / "mine")
+
+
+def test_rows_and_manifest_are_those_of_the_run(written):
+    results, folder = written
+    stored = load_run(str(folder))
+    pd.testing.assert_frame_equal(stored.rows, results.records)
+    assert stored.manifest["suite"]["name"] == "test"
+
+
+def test_a_run_is_told_by_what_became_of_its_cells(copied, monkeypatch):
+    monkeypatch.chdir(copied.parent)
+    title, facts = repr(load_run("mine")).split("\n", maxsplit=1)
+    assert title == "StoredRun of 'test': 16 rows in 'mine'"
+    assert facts.startswith("  status 8 ok, 4 no_detection, 4 error; scenarios tiny; ")
+    assert "estimators seer, trouble in 4 variants;\n  SNR 0 to 10 dB; trials 2; started " in facts
+
+
+def test_every_form_of_a_row_gives_its_cloud(written):
+    stored = load_run(written[1])
+    for position, row in enumerate(stored.rows.itertuples()):
+        if row.status not in SCORED:
+            continue
+        cloud = stored.cloud(row)
+        assert len(cloud) == row.n_estimated
+        key = CellKey(row.scenario, row.estimator, row.params, row.snr_db, row.trial)
+        series = stored.rows.iloc[position]
+        for form in (series, series.to_dict(), stored.rows.iloc[[position]], key, tuple(key)):
+            np.testing.assert_array_equal(stored.cloud(form).to_array(), cloud.to_array())
+        np.testing.assert_array_equal(stored.clouds[tuple(key)].to_array(), cloud.to_array())
+
+
+def test_a_part_of_the_key_is_enough_where_one_row_has_it(written):
+    stored = load_run(written[1])
+    cloud = stored.cloud(params='{"n":3}', snr_db=10, trial=1)
+    np.testing.assert_array_equal(cloud.to_array(), stored.truth("tiny").to_array())
+
+
+def test_clouds_are_those_of_the_cells_that_were_imaged_in_the_order_of_the_rows(written):
+    stored = load_run(written[1])
+    imaged = stored.rows[stored.rows["status"].isin(SCORED)]
+    assert [key.estimator for key in stored.clouds] == imaged["estimator"].tolist()
+    assert len(stored.clouds) == 12
+    assert repr(stored.clouds).startswith("Clouds of 12 cells")
+
+
+def test_clouds_are_read_when_they_are_asked_for(copied):
+    stored = load_run(copied)
+    (copied / "clouds.parquet").write_text("damaged")
+    assert len(stored.rows) == 16
+    with pytest.raises(InputError, match=r"damaged run: ValueError: clouds\.parquet"):
+        stored.cloud(stored.rows.iloc[0])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"estimator": "sear"}, r"no row has estimator = 'sear'; allowed are seer, trouble"),
+        ({"snr_db": 5}, r"no row has snr_db = 5; allowed are 0, 10"),
+        (
+            {"estimator": "seer", "params": "{}"},
+            r"no row has estimator = 'seer' and params = '{}', all at once",
+        ),
+        ({"params": '{"n":1}', "snr_db": 0}, r"2 rows have .* they differ in trial: 0, 1$"),
+        ({}, r"16 rows have any key; allowed is a row"),
+        ({"estimator": "trouble", "snr_db": 0, "trial": 0}, "no luck; allowed are ok and no_detection"),
+    ],
+)
+def test_a_key_of_no_cloud_is_refused_with_what_there_is(written, given, message):
+    with pytest.raises(InputError, match=f"^{written[1]}: .*{message}"):
+        load_run(written[1]).cloud(**given)
+
+
+@pytest.mark.parametrize("row", ["tiny", (1, 2), {"scenario": "tiny"}, pd.DataFrame()])
+def test_what_is_no_row_is_refused(written, row):
+    with pytest.raises(InputError, match=r"allowed (is one row|are a row of the run's table)"):
+        load_run(written[1]).cloud(row)
+
+
+def test_a_cloud_that_was_not_kept_is_told(copied):
+    (copied / "clouds.parquet").unlink()
+    stored = load_run(copied)
+    with pytest.raises(InputError, match=r"seer on tiny at 0 dB, trial 0 has no cloud: it is missing"):
+        stored.cloud(stored.rows.iloc[0])
+
+
+def test_scores_follow_from_the_scenario_and_the_cloud_of_a_row(written):
+    stored = load_run(written[1])
+    for row in stored.rows[stored.rows["status"].isin(SCORED)].itertuples():
+        scenario = stored.scenario(row)
+        velocity_bin_mps = scenario.system.velocity_bin_mps
+        scores = score(
+            stored.truth(row), stored.cloud(row), region=scenario.region, velocity_bin_mps=velocity_bin_mps
+        )
+        assert scores["deviation"] == row.deviation
+
+
+def test_a_scenario_is_found_by_its_name_as_well(written):
+    stored = load_run(written[1])
+    assert len(stored.truth("tiny")) == 3
+    with pytest.raises(InputError, match=r"unknown scenario 'tony': did you mean 'tiny'\?"):
+        stored.scenario("tony")
+
+
+def test_of_a_study_each_trial_has_the_truth_that_it_drew(plugins, room_file, tmp_path):
+    suite = ResolutionSuite(
+        name="test",
+        scenarios=[str(room_file)],
+        estimators=["seer"],
+        dimensions=["u"],
+        separations_cells=[0.5],
+        snr_gain_db=[60],
+        trials=2,
+    )
+    run_suite(suite, out=tmp_path / "run")
+    stored = load_run(tmp_path / "run")
+    truths = [stored.truth(row) for row in stored.rows.itertuples()]
+    assert [len(truth) for truth in truths] == [2, 2]
+    assert not np.allclose(truths[0].xyz, truths[1].xyz)
+    for row, truth in zip(stored.rows.itertuples(), truths, strict=True):
+        np.testing.assert_array_equal(stored.cloud(row).xyz, truth.xyz)
+
+
+def test_the_test_of_a_detector_on_a_map_has_neither_cloud_nor_scenario(plugins, tiny, tmp_path):
+    suite = DetectionSuite(
+        name="test",
+        scenarios=[str(tiny)],
+        estimators=["blob"],
+        detectors=["level"],
+        maps=["homogeneous"],
+        snr_gain_db=[20],
+        trials=1,
+    )
+    run_suite(suite, out=tmp_path / "run")
+    stored = load_run(tmp_path / "run")
+    row = stored.rows.set_index("scenario").loc["homogeneous"].to_dict() | {"scenario": "homogeneous"}
+    for ask in (stored.cloud, stored.scenario):
+        with pytest.raises(InputError, match=r"level on homogeneous .* it is the test of a detector"):
+            ask(row)
+    assert [key.scenario for key in stored.clouds] == ["tiny"]
+
+
+def test_a_run_that_was_ended_early_is_read_from_its_journal(plugins, tiny, tmp_path, monkeypatch):
+    suite = Suite(name="test", scenarios=[str(tiny)], estimators=["seer"], snr_db=[0], trials=2)
+    monkeypatch.setattr("isacbench.bench.run.runner._finish", lambda *_: None)
+    run_suite(suite, out=tmp_path / "killed")
+    stored = load_run(tmp_path / "killed")
+    assert not (stored.folder / "results.parquet").exists()
+    assert len(stored.rows) == 2
+    assert len(stored.cloud(trial=1)) == 3
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"not the folder of a run, manifest\.json missing"):
+        load_run(tmp_path)

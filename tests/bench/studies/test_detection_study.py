@@ -1,0 +1,214 @@
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.cells.cell import Shot
+from isacbench.bench.run.runner import run
+from isacbench.bench.studies.detection_study import MAP_GAIN_DB, count_cells, summarise
+from isacbench.bench.studies.power_maps import draw_map
+from isacbench.bench.suites.suite import DetectionSuite
+from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import observe
+from isacbench.plugins.contracts import Detection, Diagnosis
+from isacbench.plugins.registry import get_detector
+
+BAD = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from isacbench.plugins.contracts import Detection
+
+
+@dataclass(frozen=True)
+class Bad:
+    """Goes wrong in a chosen way."""
+
+    name: ClassVar[str] = "bad"
+    pfa: float = 1e-3
+    kind: str = "raise"
+
+    def detect(self, power, looks=1):
+        if self.kind == "raise":
+            raise ZeroDivisionError("no luck")
+        if self.kind == "write":
+            power[0] = 0
+        if self.kind == "list":
+            return [1, 2]
+        shape = (3, 3) if self.kind == "shape" else power.shape
+        return Detection(np.zeros(shape, dtype=bool), power, power)
+'''
+
+
+@pytest.fixture
+def suite(plugins, tiny):
+    return DetectionSuite(
+        name="test",
+        scenarios=[str(tiny)],
+        estimators=["blob"],
+        detectors=["level", "ca[training=2]"],
+        maps=["homogeneous"],
+        pfa=[1e-2, 1e-3],
+        snr_gain_db=[10, 20],
+        trials=1,
+    )
+
+
+def test_maps_meet_every_detector_at_every_rate_and_scenarios_the_estimators_behind_them(suite):
+    records = run(suite)
+    on_map, imaged = (records[records["scenario"] == name] for name in ("homogeneous", "tiny"))
+    assert len(on_map) == 2 * 2 * 2
+    assert set(on_map["estimator"]) == {"level", "ca"}
+    assert set(on_map["detector"]) == {"level", "ca[training=2]"}
+    assert set(on_map["pfa"]) == {1e-2, 1e-3}
+    assert on_map["deviation"].isna().all()
+    assert (on_map["time_estimate_s"] > 0).all()
+    assert set(on_map["n_true"]) == {128}
+    assert len(imaged) == 2 * 2
+    assert set(imaged["estimator"]) == {"blob"}
+    assert set(imaged["detector"]) == {"level", "ca[training=2]"}
+    assert {json.loads(params)["detector"]["name"] for params in imaged["params"]} == {"level", "ca"}
+    assert np.isfinite(imaged["deviation"]).all()
+
+
+def test_a_row_of_a_map_counts_what_the_detector_marks(suite):
+    row = run(suite, snr_db=[20 - MAP_GAIN_DB]).query("estimator == 'ca' and pfa == 0.01").iloc[0]
+    drawn = draw_map("homogeneous", 0, 0)
+    mask = get_detector("ca", training=2, pfa=0.01).detect(drawn.power(20.0)).mask
+    assert row["snr_gain_db"] == pytest.approx(20)
+    assert row["n_estimated"] == mask.sum()
+    assert (row["n_targets"], row["n_hits"]) == (drawn.targets.sum(), (mask & drawn.targets).sum())
+    assert (row["n_clear"], row["n_false"]) == (drawn.clear.sum(), (mask & drawn.clear).sum())
+
+
+def test_without_rates_each_detector_keeps_its_own(suite):
+    records = run(suite.replace(detectors=["ca[pfa=1e-4]", "level"], pfa=[]))
+    assert records.groupby("detector")["pfa"].unique().map(list).to_dict() == {
+        "ca[pfa=1e-4]": [1e-4],
+        "level": [1e-3],
+    }
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("raise", "ZeroDivisionError: no luck"),
+        ("write", "ValueError: assignment destination is read-only"),
+        ("list", "TypeError: detect() must return a Detection, not list"),
+        ("shape", "ValueError: detect() must mark cells of a map of shape (128, 1024), not bool (3, 3)"),
+    ],
+)
+def test_a_detector_that_fails_is_a_row_with_its_reason(suite, plugins, kind, reason):
+    plugins.install("bad-plugins", BAD, detectors={"bad": "Bad"})
+    records = run(suite.replace(detectors=[f"bad[kind={kind}]", "level"], pfa=[1e-3]), snr_db=[0])
+    on_map = records[records["scenario"] == "homogeneous"].set_index("estimator")
+    assert on_map.loc["bad", "status"] == "error"
+    assert on_map.loc["bad", "reason"] == reason
+    assert on_map.loc["bad", "n_targets"] == 0
+    assert on_map.loc["level", "status"] == "ok"
+    summary = summarise(records).set_index(["scenario", "detector"])
+    assert summary.loc[("homogeneous", f"bad[kind={kind}]"), "n_failed"] == 1
+
+
+def test_a_detector_that_sees_nothing_is_no_detection(suite, plugins):
+    plugins.install("bad-plugins", BAD, detectors={"bad": "Bad"})
+    records = run(suite.replace(detectors=["bad[kind=none]"], pfa=[1e-3]), snr_db=[0])
+    assert records.loc[records["estimator"] == "bad", "status"].tolist() == ["no_detection"]
+
+
+class Shower:
+    """Has looked at a map in which three cells exceed the threshold."""
+
+    def __init__(self, cells):
+        self.cells = cells
+
+    def estimate(self, observation):
+        return PointCloud.empty()
+
+    def diagnose(self, observation):
+        gate = observation.gate
+        power = np.ones(gate.shape)
+        mask = np.zeros(gate.shape, dtype=bool)
+        for row, column in self.cells:
+            mask[row - gate.range_bins[0], column - gate.doppler_bins[0]] = True
+        detection = Detection(mask, power, power)
+        return Diagnosis(power, detection, gate.range_bins, gate.doppler_bins, (), None)
+
+
+def test_cells_of_an_image_are_counted_nearest_to_scatterers_and_far_from_all_of_them(room, put):
+    system = room.system
+    bins = np.array([[25.2, 1.3], [28.4, -2.4]])
+    places = [[r * system.range_bin_m, v * system.velocity_bin_mps, 0.0, 0.0] for r, v in bins]
+    scenario = put(room, places)
+    observation = observe(scenario, 0.0)
+    # Nearest to the first, beside the second, far from both, and just not far.
+    shower = Shower([(25, 1), (28, -3), (25, 9), (25, 4)])
+    counts = count_cells(Shot(scenario, observation, shower, 0.0, PointCloud.empty()))
+    rows, columns = observation.gate.shape
+    far = sum(
+        all(max(abs(row - r), abs(column - v)) > 3 for r, v in ((25, 1), (28, -2)))
+        for row in observation.gate.range_bins
+        for column in observation.gate.doppler_bins
+    )
+    assert counts == {"n_targets": 2, "n_hits": 1, "n_clear": far, "n_false": 1}
+    assert far < rows * columns
+
+
+def test_an_estimator_that_does_not_show_its_map_has_nothing_counted(suite):
+    summary = summarise(run(suite))
+    imaged = summary[summary["scenario"] == "tiny"]
+    assert (imaged["n_targets"] == 0).all()
+    assert imaged["pd"].isna().all()
+    assert imaged["deviation_mean"].notna().all()
+
+
+def test_the_summary_pools_the_counts_of_trials(suite):
+    records = run(suite.replace(trials=2))
+    summary = summarise(records)
+    row = summary[(summary["estimator"] == "ca") & (summary["pfa"] == 1e-2)].iloc[0]
+    part = records[(records["params"] == row["params"]) & (records["snr_db"] == row["snr_db"])]
+    assert row["n_cells"] == len(part) == 2
+    assert row["pd"] == part["n_hits"].sum() / part["n_targets"].sum()
+    assert math.isnan(row["pd_low"])
+    often = summarise(pd.concat([records] * 3, ignore_index=True)).loc[row.name]
+    assert often["pd_low"] < row["pd"] == often["pd"] < often["pd_high"]
+    assert row["pfa_measured"] == part["n_false"].sum() / part["n_clear"].sum()
+    assert math.isnan(row["deviation_mean"])
+
+
+@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
+def test_the_summary_counts_failures_of_every_kind(suite, failure):
+    records = run(suite.replace(trials=2))
+    assert not summarise(records)["n_failed"].any()
+    struck = records["detector"] == "ca"
+    records.loc[struck & (records["trial"] == 1), "status"] = failure
+    summary = summarise(records)
+    assert (summary["n_failed"] == summary["detector"].eq("ca")).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"detectors": ["cs"]}, "unknown detector 'cs'"),
+        ({"detectors": ["ca", "ca[training=3]"]}, r"detectors: 'ca\[training=3\]' repeats a detector"),
+        ({"estimators": ["seer"]}, "unknown parameter of estimator seer 'detector'"),
+        ({"estimators": ["blob[detector=ca]"]}, "has a detector; its place is in detectors"),
+        ({"maps": ["flat"]}, r"maps\[0\] = 'flat': input should be 'homogeneous'"),
+        ({"pfa": [0.0]}, r"pfa\[0\] = 0.0: input should be greater than 0"),
+    ],
+)
+def test_a_mistake_is_found_before_anything_runs(suite, tmp_path, change, message):
+    with pytest.raises(InputError, match=message):
+        run(suite.replace(**change), out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_scenario_must_not_have_the_name_of_a_map(suite, tiny):
+    tiny.write_text(tiny.read_text().replace('"tiny"', '"homogeneous"'))
+    with pytest.raises(InputError, match="'homogeneous' is the name of a map as well"):
+        run(suite)

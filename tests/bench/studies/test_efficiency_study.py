@@ -1,0 +1,140 @@
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.cells.radio_coordinates import draw_place, radio_places, rayleigh_cells
+from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.studies.efficiency_study import measure, summarise
+from isacbench.bench.suites.suite import Suite
+from isacbench.model.cloud import PointCloud
+
+PLACE = np.array([70.0, 3.0, 0.1, -0.05])
+ERRORS = ["error_range_m", "error_velocity_mps", "error_u", "error_w"]
+BOUNDS = ["bound_range_m", "bound_velocity_mps", "bound_u", "bound_w"]
+
+
+@pytest.fixture
+def suite(plugins, room_file):
+    return Suite(
+        kind="efficiency",
+        name="test",
+        scenarios=[str(room_file)],
+        estimators=["seer", "blob"],
+        snr_gain_db=[20, 30],
+        trials=3,
+    )
+
+
+def test_the_error_is_that_of_the_nearest_point_and_the_others_are_false(room, put, shoot):
+    cells = rayleigh_cells(room)
+    shifts = np.array([[0.3, -0.2, 0.1, 0.4], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 1.5, 0.0]])
+    measured = measure(shoot(put(room, PLACE), PLACE + shifts * cells))
+    assert measured["hit"]
+    assert measured["n_false"] == 2
+    np.testing.assert_allclose([measured[name] for name in ERRORS], shifts[0] * cells, atol=1e-9)
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_a_point_beyond_one_rayleigh_cell_in_any_dimension_is_a_miss_and_false(room, put, shoot, index):
+    for cells, hit in ((0.98, True), (1.02, False)):
+        place = PLACE.copy()
+        place[index] += cells * rayleigh_cells(room)[index]
+        measured = measure(shoot(put(room, PLACE), place))
+        assert measured["hit"] == hit
+        assert measured["n_false"] == (not hit)
+        assert ("error_u" in measured) == hit
+
+
+def test_an_empty_image_is_a_miss_without_false_points(room, put, shoot):
+    measured = measure(shoot(put(room, PLACE), np.empty((0, 4))))
+    assert (measured["hit"], measured["n_false"]) == (False, 0)
+
+
+def test_bounds_are_those_of_single_tones_in_rayleigh_cells(room, put, shoot):
+    snr_db = -20.0
+    measured = measure(shoot(put(room, PLACE), PLACE, snr_db))
+    gained = 10 ** (snr_db / 10) * 255 * 127 * 81
+    for name, n, cell in zip(BOUNDS, (255, 127, 9, 9), rayleigh_cells(room), strict=True):
+        expected = cell * math.sqrt(3 / (2 * math.pi**2 * gained * (1 - 1 / n**2)))
+        assert measured[name] == pytest.approx(expected)
+
+
+def test_one_place_a_trial_for_every_snr_and_estimator_and_it_is_stored(suite, room):
+    results = run_suite(suite)
+    places = [draw_place(room, trial, 0, 0.5) for trial in range(3)]
+    assert results.draws["trial"].tolist() == [0, 1, 2]
+    seer = results.clouds[results.clouds["estimator"] == "seer"]
+    assert len(seer) == 3 * 2
+    for row in seer.itertuples():
+        drawn = results.draws.iloc[row.trial]
+        assert (row.x, row.y, row.z, row.v) == (drawn.x, drawn.y, drawn.z, drawn.v)
+    again = run_suite(suite.replace(estimators=["blob"], snr_db=[0.0], trials=2))
+    pd.testing.assert_frame_equal(again.draws, results.draws.iloc[:2])
+    stored = PointCloud.from_array(results.draws.loc[[0], ["x", "y", "z", "v"]])
+    np.testing.assert_allclose(radio_places(room, stored)[0], places[0])
+
+
+def test_rows_have_the_snr_per_element_and_after_gain(suite):
+    records = run(suite)
+    gain = 10 * math.log10(255 * 127 * 81)
+    assert sorted(records["snr_gain_db"].unique()) == [20, 30]
+    np.testing.assert_allclose(records["snr_gain_db"] - records["snr_db"], gain, atol=1e-5)
+    by_element = run(suite, snr_db=[20 - gain], trials=1, estimators=["blob"])
+    same = records[
+        (records["trial"] == 0) & (records["snr_gain_db"] == 20) & (records["estimator"] == "blob")
+    ]
+    assert by_element["deviation"].iloc[0] == pytest.approx(same["deviation"].iloc[0], rel=1e-4)
+
+
+def test_who_sees_the_truth_hits_without_error(suite):
+    records = run(suite, estimators=["seer"])
+    assert records["hit"].all()
+    assert (records[ERRORS].abs() < 1e-9).all(axis=None)
+    assert (records["n_false"] == 0).all()
+
+
+def test_a_failure_is_neither_a_hit_nor_a_miss(suite):
+    records = run(suite, estimators=["trouble", "trouble[kind=empty]"])
+    summary = summarise(records).set_index(["params", "snr_gain_db"])
+    assert summary["n_trials"].tolist() == [3] * 4
+    assert summary.xs('{"kind":"raise"}')["n_failed"].tolist() == [3, 3]
+    assert summary.xs('{"kind":"raise"}')["n_misses"].tolist() == [0, 0]
+    assert summary.xs('{"kind":"empty"}')["n_misses"].tolist() == [3, 3]
+    assert summary["ratio_u"].isna().all()
+
+
+@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
+def test_the_summary_takes_errors_of_hits_alone(failure):
+    rows = {
+        "scenario": "s",
+        "estimator": "e",
+        "params": "{}",
+        "snr_db": -60.0,
+        "snr_gain_db": 20.0,
+        "status": ["ok", "ok", "no_detection", failure],
+        "hit": [True, True, False, False],
+        "n_false": [0, 2, 0, 0],
+        "timing": False,
+        "time_estimate_s": [0.1, 0.2, 0.3, 0.4],
+        **{name: [3.0, -4.0, math.nan, math.nan] for name in ERRORS},
+        **{name: [2.0, 2.0, 2.0, math.nan] for name in BOUNDS},
+    }
+    (row,) = summarise(pd.DataFrame(rows)).to_dict("records")
+    assert row["ratio_u"] == pytest.approx(math.sqrt(12.5) / 2)
+    assert row["rmse_range_m"] == pytest.approx(math.sqrt(12.5))
+    assert row["bound_w"] == 2.0
+    counts = {name: row[name] for name in ("n_trials", "n_failed", "n_misses", "n_false")}
+    assert counts == {"n_trials": 4, "n_failed": 1, "n_misses": 1, "n_false": 2}
+    assert row["time_estimate_s_median"] == 0.2
+
+
+@pytest.mark.slow
+def test_an_efficient_estimate_of_range_meets_the_bound_on_the_built_in_scenario():
+    records = run("efficiency", estimators=["fft4d"], snr_db=[-45.7], trials=100)
+    (row,) = summarise(records).to_dict("records")
+    assert row["n_misses"] == 0
+    assert row["ratio_range_low"] < 1.05
+    assert row["ratio_range_high"] > 0.95
+    assert all(row[f"ratio_{name}_high"] > 0.95 for name in ("velocity", "u", "w"))

@@ -1,0 +1,99 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+from isacbench.bench.studies.intervals import (
+    mean_band,
+    median_interval,
+    rms_interval,
+    share_band,
+    student_band,
+    wilson_interval,
+)
+
+
+def test_the_interval_of_normal_errors_is_that_of_chi_square_where_squares_spread_as_theirs():
+    values = np.tile([0.2, 1.0, 2.0], 20)
+    squares = values**2
+    freedom = min(60, 2 * 60 * squares.mean() ** 2 / squares.var(ddof=1))
+    rms, low, high = rms_interval(values)
+    assert rms == pytest.approx(math.sqrt(squares.mean()))
+    assert low == pytest.approx(rms * math.sqrt(freedom / chi2.ppf(0.975, freedom)))
+    assert high == pytest.approx(rms * math.sqrt(freedom / chi2.ppf(0.025, freedom)))
+
+
+def test_outliers_widen_the_interval():
+    calm, wild = np.ones(100), np.ones(100)
+    wild[0] = 30.0
+    width = [high / low for _, low, high in (rms_interval(calm), rms_interval(wild))]
+    assert width[1] > 2 * width[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("draw", ["normal", "laplace"])
+def test_the_interval_covers_the_truth_as_often_as_it_promises(draw):
+    rng = np.random.default_rng(0)
+    true = 1.0 if draw == "normal" else math.sqrt(2)
+    covered = 0
+    for values in getattr(rng, draw)(size=(2000, 100)):
+        _, low, high = rms_interval(values)
+        covered += low < true < high
+    assert 0.91 < covered / 2000 < 0.975
+
+
+@pytest.mark.parametrize(("n", "has_band"), [(2, False), (4, False), (5, True), (12, True)])
+def test_five_trials_are_needed_for_any_band(n, has_band):
+    values = np.arange(1.0, n + 1)
+    halves = [mean_band(values)[1], float(student_band(1.0, n))]
+    limits = [*rms_interval(values)[1:], *share_band(1, 1000 * n, n_trials=n)]
+    assert [math.isfinite(number) for number in halves + limits] == [has_band] * 6
+    assert mean_band(values)[0] == (n + 1) / 2
+    assert rms_interval(values)[0] > 0
+
+
+def test_without_values_there_is_nothing_and_of_one_no_interval():
+    assert all(math.isnan(number) for number in rms_interval(np.array([])))
+    rms, low, high = rms_interval(np.array([-3.0]))
+    assert rms == 3
+    assert math.isnan(low)
+    assert math.isnan(high)
+    assert rms_interval(np.zeros(5))[0] == 0
+
+
+@pytest.mark.parametrize("n", [1, 10, 200])
+def test_wilsons_interval_contains_its_share_and_covers_as_it_promises(n):
+    intervals = [wilson_interval(k, n) for k in range(n + 1)]
+    for k, (low, high) in enumerate(intervals):
+        assert 0 <= low <= k / n <= high <= 1
+    if n < 10:
+        return
+    coverage = [
+        sum(binom.pmf(k, n, p) for k, (low, high) in enumerate(intervals) if low <= p <= high)
+        for p in np.linspace(0.02, 0.98, 97)
+    ]
+    assert np.mean(coverage) == pytest.approx(0.95, abs=0.012)
+
+
+def test_no_trials_have_no_interval():
+    assert all(math.isnan(limit) for limit in wilson_interval(0, 0))
+
+
+@pytest.mark.parametrize("n", [6, 7, 8, 12, 25, 100, 1001])
+def test_the_interval_of_the_median_is_the_tightest_of_order_statistics_that_keeps_its_promise(n):
+    ranks = np.arange(1.0, n + 1)
+    middle, low, high = median_interval(np.random.default_rng(0).permutation(ranks))
+    assert middle == (n + 1) / 2
+    assert low + high == n + 1
+    # Of values drawn from any continuous distribution, those below its median are a fair coin's heads.
+    coverage, tighter = (binom.cdf(high - 1 - k, n, 0.5) - binom.cdf(low - 1 + k, n, 0.5) for k in (0, 1))
+    assert tighter < 0.95 <= coverage
+
+
+@pytest.mark.parametrize("n", range(6))
+def test_few_values_have_a_median_and_no_interval(n):
+    middle, low, high = median_interval(np.arange(float(n)))
+    assert math.isnan(low)
+    assert math.isnan(high)
+    assert math.isnan(middle) if n == 0 else middle == (n - 1) / 2

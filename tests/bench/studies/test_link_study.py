@@ -1,0 +1,158 @@
+"""The study of the link: rows of what is sensed and of what is received, and what they hang on."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.cells.record import COLUMNS
+from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.run.runner import run
+from isacbench.bench.studies.link_study import Link, outside_interval, signals_of, summarise
+from isacbench.bench.suites.suite import LinkSuite, Suite
+from isacbench.errors import InputError
+from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol
+from isacbench.model.prs import prs_elements
+from isacbench.model.scenes.scenario import load_scenario
+
+SHARED = {"name": "test", "estimators": ["blob"], "snr_db": [0, 60], "trials": 2}
+
+
+@pytest.fixture
+def suite(plugins, tiny):
+    return LinkSuite(
+        **SHARED,
+        scenarios=[str(tiny)],
+        modulations=["qpsk", "64qam"],
+        divisions=["reciprocal", "matched"],
+        channels=["awgn", "tapped_delay[profile=tdl_d,delay_spread_s=1e-8]"],
+    )
+
+
+def test_signals_that_yield_the_same_are_sensed_with_once(suite):
+    names = ["all-qpsk", "all-64qam-reciprocal", "all-64qam-matched", "prs"]
+    assert list(signals_of(suite)) == names
+
+
+def test_rows_are_those_of_every_signal_and_of_every_channel_modulation_and_receiver(suite):
+    records = run(suite)
+    sensed, received = records[records["channel"] == ""], records[records["channel"] != ""]
+    assert set(sensed["scenario"]) == {f"tiny-{name}" for name in signals_of(suite)}
+    assert len(sensed) == 4 * 2 * 2
+    assert set(sensed["template"]) == {"tiny"}
+    assert np.isfinite(sensed["deviation"]).all()
+    assert len(received) == 2 * 2 * 2 * 2 * 2
+    assert set(received["estimator"]) == {"one_tap"}
+    assert set(received["modulation"]) == {"qpsk", "64qam"}
+    assert received["deviation"].isna().all()
+    assert (received["status"] == "ok").all()
+
+
+def test_the_whole_grid_of_qpsk_is_what_an_ordinary_run_images(suite, tiny):
+    linked = run(suite)
+    plain = run(Suite(**SHARED, scenarios=[str(tiny)]))
+    linked = linked[linked["scenario"] == "tiny-all-qpsk"]
+    assert linked["deviation"].tolist() == plain["deviation"].tolist()
+
+
+def test_what_is_sensed_with_changes_the_image_and_the_draw_of_the_noise_does_not(suite):
+    sensed = run(suite).query("channel == '' and snr_db == 0 and trial == 0").set_index("scenario")
+    deviations = sensed["deviation"]
+    assert deviations.nunique() == 4
+
+
+def test_a_user_gets_all_bits_but_those_of_the_prs_and_errors_as_theory_has_them(suite, tiny):
+    received = run(suite).query("channel == 'awgn' and params.str.contains('perfect')")
+    system = load_scenario(tiny).system
+    n_data = system.n_subcarriers * system.n_symbols - int(prs_elements(system).sum())
+    for modulation, part in received.groupby("modulation"):
+        n_bits = n_data * bits_per_symbol(modulation)
+        assert set(part["n_bits"]) == set(part["n_true"]) == {n_bits}
+        at_0_db = part[part["snr_db"] == 0]
+        rate = float(awgn_ber(modulation, 0.0))
+        np.testing.assert_allclose(at_0_db["ber_expected"], rate, rtol=1e-12)
+        errors = at_0_db["n_bit_errors"].sum()
+        # Bits of one symbol hang together: twice the binomial spread is ample at five of them.
+        assert abs(errors - 2 * n_bits * rate) < 10 * math.sqrt(2 * n_bits * rate)
+        assert part.loc[part["snr_db"] == 60, "n_bit_errors"].sum() == 0
+        np.testing.assert_allclose(at_0_db["evm_db"], 0, atol=0.2)
+
+
+def test_rates_fall_with_errors_from_what_the_prs_leaves(suite):
+    received = run(suite).query("channel == 'awgn'")
+    best = received[received["snr_db"] == 60].groupby("modulation")["rate_bps"].max()
+    assert best["64qam"] == pytest.approx(3 * best["qpsk"])
+    worse = received[received["snr_db"] == 0]
+    assert (worse["rate_bps"] < worse["modulation"].map(best)).all()
+
+
+def test_the_summary_pools_bits_and_averages_deviations(suite):
+    records = run(suite)
+    summary = summarise(records)
+    received = summary.query("channel == 'awgn' and modulation == 'qpsk' and snr_db == 0")
+    rows = records.query("channel == 'awgn' and modulation == 'qpsk' and snr_db == 0")
+    assert received["n_bits"].sum() == rows["n_bits"].sum()
+    assert received[["ber_low", "ber_high"]].isna().all(axis=None)
+    often = summarise(pd.concat([records] * 3, ignore_index=True)).loc[received.index]
+    assert ((often["ber_low"] < received["ber"]) & (received["ber"] < often["ber_high"])).all()
+    assert (received["ber"] == received["n_bit_errors"] / received["n_bits"]).all()
+    one = summary.query("scenario == 'tiny-prs' and snr_db == 60")
+    expected = records.query("scenario == 'tiny-prs' and snr_db == 60")["deviation"].mean()
+    assert one["deviation_mean"].item() == pytest.approx(expected)
+    assert one["ber"].isna().all()
+
+
+def test_counts_of_errors_lie_within_the_family_wise_interval_and_others_are_told(suite):
+    summary = summarise(run(suite))
+    outside = outside_interval(summary)
+    assert len(outside) == 2 * 2 * 2
+    assert not outside.any()
+    wrong = summary.copy()
+    row = outside.index[0]
+    wrong.loc[row, "n_bit_errors"] = int(1.1 * wrong.loc[row, "n_bit_errors"])
+    assert outside_interval(wrong).sum() == 1
+    never = summary["ber_expected"] == 0
+    wrong.loc[never, "n_bit_errors"] = 1
+    assert outside_interval(wrong).sum() == 1 + (never & wrong.index.isin(outside.index)).sum()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"channels": ["two_rays"]}, "unknown channel 'two_rays': did you mean 'two_ray'"),
+        ({"channels": ["tapped_delay[profile=tdl_z]"]}, "channel tapped_delay: profile = 'tdl_z'"),
+        ({"channels": ["awgn", "awgn"]}, "'awgn' is listed twice"),
+        ({"receivers": ["two_tap"]}, "unknown receiver 'two_tap': did you mean 'one_tap'"),
+        ({"receivers": ["one_tap[knowledge=some]"]}, "receiver one_tap: knowledge = 'some'"),
+        ({"modulations": ["8psk"]}, "modulations"),
+        ({"channels": ["tapped_delay[delay_spread_s=1e-3]"]}, r"channels: 'tapped_delay\[.*: path at"),
+        ({"channels": ["tapped_delay[delay_spread_s=1e-8,speed_mps=1e3]"]}, "channels: .*: Doppler of"),
+        ({"receivers": ["one_tap[time_order=9]"]}, r"receivers: 'one_tap\[.*: time_order = 9: allowed is"),
+        ({"snr_gain_db": [0.0]}, "takes snr_db"),
+    ],
+)
+def test_a_mistake_is_named(suite, changes, message):
+    with pytest.raises(InputError, match=message):
+        run(suite.replace(**changes))
+
+
+def test_scenarios_of_different_systems_are_refused(suite, tiny):
+    other = tiny.with_name("other.toml")
+    text = (
+        tiny.read_text()
+        .replace('name = "tiny"', 'name = "other"')
+        .replace("n_symbols = 32", "n_symbols = 64")
+    )
+    other.write_text(text)
+    with pytest.raises(InputError, match="'tiny' and 'other' have different systems"):
+        run(suite.replace(scenarios=[str(tiny), str(other)]))
+
+
+def test_columns_of_the_link_have_the_direction_that_is_better():
+    columns = [*COLUMNS, *Link.columns]
+    assert direction("rate_bps", "paper", columns) == "higher"
+    assert {direction(name, "paper", columns) for name in ("n_bit_errors", "evm_db")} == {"lower"}
+    for name in ("n_bits", "ber_expected"):
+        with pytest.raises(InputError, match=name):
+            direction(name, "paper", columns)

@@ -1,0 +1,158 @@
+import dataclasses
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isacbench.bench.cells.radio_coordinates import DIMENSIONS, draw_place, radio_places, rayleigh_cells
+from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.studies.resolution_study import Resolution, measure, pair, summarise
+from isacbench.bench.suites.suite import ResolutionSuite
+from isacbench.errors import InputError, InputWarning
+from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import resource_grid
+from isacbench.model.scene import Scatterers
+
+CENTRE = np.array([70.0, 3.0, 0.1, -0.05])
+
+
+@pytest.fixture
+def suite(plugins, room_file):
+    return ResolutionSuite(
+        name="test",
+        scenarios=[str(room_file)],
+        estimators=["seer", "blob"],
+        dimensions=["range", "u"],
+        separations_cells=[0.5, 1],
+        phases_deg=[0, 180],
+        snr_gain_db=[60],
+        trials=2,
+    )
+
+
+@given(
+    dimension=st.sampled_from(DIMENSIONS),
+    separation=st.floats(0.05, 2),
+    phase_deg=st.floats(-180, 180),
+)
+def test_the_two_echoes_have_the_wanted_phase_between_them_at_the_centre_of_the_aperture(
+    room, dimension, separation, phase_deg
+):
+    scenario = pair(room, "pair", CENTRE, dimension, separation, phase_deg)
+    both = scenario.scatterers
+    centre = []
+    for index in ([0], [1]):
+        one = Scatterers(both.xyz[index], both.velocity[index], both.amplitude[index], both.phase_rad[index])
+        centre.append(resource_grid(dataclasses.replace(scenario, scatterers=one), [(4, 4)])[127, 63, 0])
+    np.testing.assert_allclose(centre[1] / centre[0], np.exp(1j * math.radians(phase_deg)), atol=1e-7)
+
+
+def test_scenes_of_a_template_do_not_repeat_its_warnings(suite, room):
+    stray = Scatterers(np.array([[-1.0, 0.0, 0.0]]), np.zeros(1), np.ones(1))
+    with pytest.warns(InputWarning, match="outside the region"):
+        template = dataclasses.replace(room, scatterers=stray)
+    assert len(Resolution().scenes(suite, {"room": template})) == 8
+
+
+@pytest.mark.parametrize("dimension", DIMENSIONS)
+def test_a_pair_differs_in_one_dimension_alone_around_its_centre(room, dimension):
+    places = radio_places(room, pair(room, "pair", CENTRE, dimension, 0.7, 90.0).scatterers)
+    difference = np.zeros(4)
+    difference[DIMENSIONS.index(dimension)] = 0.7
+    np.testing.assert_allclose((places[1] - places[0]) / rayleigh_cells(room), difference, atol=1e-9)
+    np.testing.assert_allclose(places.mean(axis=0), CENTRE, atol=1e-9)
+
+
+def image(room, shoot, shifts, dimension="u", separation=0.5):
+    """Measure an image whose points lie at shifts, in cells, from the centre of a pair."""
+    scenario = pair(room, "pair", CENTRE, dimension, separation, 0.0)
+    return measure(dimension, shoot(scenario, CENTRE + np.array(shifts) * rayleigh_cells(room)))
+
+
+def test_a_pair_is_found_where_each_has_a_point_within_half_their_distance(room, shoot):
+    assert image(room, shoot, [[0, 0, -0.45, 0], [0, 0, 0.05, 0]]) == {"resolved": True, "n_false": 0}
+    assert image(room, shoot, [[0.9, -0.9, -0.25, 0.9], [-0.9, 0.9, 0.25, 0]])["resolved"]
+
+
+@pytest.mark.parametrize(
+    ("shifts", "n_false"),
+    [
+        ([[0, 0, -0.25, 0]], 0),  # one of them
+        ([[0, 0, -0.3, 0], [0, 0, -0.2, 0]], 1),  # both on one side
+        ([[0, 0, -0.25, 0], [0, 0, 0.52, 0]], 1),  # too far out
+        ([[0, 0, -0.25, 0], [0, 0, 0.25, 1.1]], 1),  # too far off in another dimension
+        (np.empty((0, 4)), 0),
+    ],
+)
+def test_a_pair_is_not_found(room, shoot, shifts, n_false):
+    assert image(room, shoot, shifts) == {"resolved": False, "n_false": n_false}
+
+
+def test_there_is_a_scene_for_every_dimension_distance_and_phase_with_a_name_of_its_own(suite):
+    records = run(suite)
+    assert len(records) == 2 * 2 * 2 * 2 * 2
+    assert records["scenario"].nunique() == 8
+    assert "room-u-0.5-180deg" in set(records["scenario"])
+    keys = ["template", "dimension", "separation_cells", "phase_deg"]
+    assert len(records[["scenario", *keys]].drop_duplicates()) == 8
+    assert set(records["snr_gain_db"]) == {60}
+
+
+def test_all_scenes_of_a_trial_have_one_centre(suite, room):
+    draws = run_suite(suite.replace(estimators=["blob"])).draws
+    assert draws["phase_rad"].abs().max() > 0
+    centres = []
+    for _, part in draws.groupby(["scenario", "trial"]):
+        points = PointCloud.from_array(part[["x", "y", "z", "v"]])
+        centres.append([part["trial"].iloc[0], *radio_places(room, points).mean(axis=0)])
+    centres = np.array(centres)
+    for trial in (0, 1):
+        here = centres[centres[:, 0] == trial, 1:]
+        np.testing.assert_allclose(here, np.broadcast_to(here[0], here.shape), atol=1e-9)
+        np.testing.assert_allclose(here[0], draw_place(room, trial, 0, 1.0), atol=1e-9)
+
+
+def test_who_sees_the_truth_finds_every_pair(suite):
+    records = run(suite)
+    assert records.groupby("estimator")["resolved"].mean().to_dict() == {"seer": 1.0, "blob": 0.0}
+
+
+@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
+def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase(failure):
+    rows = [
+        {
+            "template": "t",
+            "estimator": "e",
+            "params": "{}",
+            "snr_gain_db": 60.0,
+            "dimension": "u",
+            "separation_cells": 0.25,
+            "phase_deg": phase_deg,
+            "resolved": resolved,
+            "n_false": 1,
+            "status": failure if phase_deg == 90 and not resolved else "ok",
+            "trial": trial,
+            "timing": False,
+            "time_estimate_s": 0.1,
+        }
+        for phase_deg, found in ((0.0, [1, 0]), (90.0, [0, 0]), (180.0, [1, 1]))
+        for trial, resolved in enumerate(map(bool, found))
+    ]
+    (row,) = summarise(pd.DataFrame(rows)).to_dict("records")
+    assert row["resolved"] == 0.5
+    assert (row["resolved_worst"], row["worst_phase_deg"]) == (0.0, 90.0)
+    assert row["resolved_in_phase"] == 0.5
+    assert (row["n_cells"], row["n_failed"], row["n_false"]) == (6, 2, 6)
+    assert row["n_trials"] == 2
+    assert math.isnan(row["resolved_low"])
+    often = pd.concat([pd.DataFrame(rows).assign(trial=trial) for trial in range(5)])
+    assert summarise(often)["resolved_low"].item() < 0.5 < summarise(often)["resolved_high"].item()
+
+
+def test_a_region_too_small_for_the_farthest_pair_is_refused_before_anything_runs(suite, tmp_path):
+    with pytest.raises(InputError, match="no room for a scatterer with 5 Rayleigh cells"):
+        run(suite.replace(separations_cells=[0.1, 9]), out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,479 @@
+"""A real scheduler and real workers, in processes of their own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+
+import pandas as pd
+import psutil
+import pytest
+from distributed import Client, LocalCluster
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from isacbench.bench.cells.record import TIMES
+from isacbench.bench.plan.job import load_job
+from isacbench.bench.plan.run_plan import Block
+from isacbench.bench.run.runner import Execution, run, run_suite
+from isacbench.bench.store.resume import versions_now
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.workers.cluster import Backlog
+from isacbench.bench.workers.cluster_worker import Lanes, Order
+from isacbench.bench.workers.guarded_cells import Guard
+from isacbench.cli import app
+from isacbench.errors import InputError
+from isacbench.plugins.discovery import load_plugin_file
+from tests.conftest import PLUGINS, PluginFolder
+
+SLOW = """
+import os
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Slow:
+    name: ClassVar[str] = "slow"
+    time_s: float = 0.1
+
+    def estimate(self, observation):
+        time.sleep(self.time_s)
+        return PointCloud.empty()
+
+
+@dataclass(frozen=True)
+class Crash:
+    name: ClassVar[str] = "crash"
+
+    def estimate(self, observation):
+        os._exit(7)
+"""
+
+DEADLY = '''
+import os
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Deadly:
+    """Kills the Dask worker, two generations above."""
+
+    name: ClassVar[str] = "deadly"
+
+    def estimate(self, observation):
+        server = Path(f"/proc/{os.getppid()}/stat").read_text()
+        os.kill(int(server.rpartition(")")[2].split()[1]), signal.SIGKILL)
+        time.sleep(60)
+        return PointCloud.empty()
+'''
+
+
+class Cluster:
+    """Processes of a scheduler and its workers."""
+
+    def __init__(self, folder, environment):
+        self.folder, self.environment = folder, environment
+        self.processes = []
+        self.scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0")
+        while (address := self.read_address()) is None:
+            time.sleep(0.05)
+        self.address = address
+
+    def read_address(self):
+        """Address of the scheduler, once it has written it."""
+        try:
+            return json.loads((self.folder / "scheduler.json").read_text())["address"]
+        except (FileNotFoundError, json.JSONDecodeError):
+            return None
+
+    def start(self, role, *args):
+        command = [sys.executable, "-m", "dask", role, "--scheduler-file", "scheduler.json", "--no-dashboard"]
+        with (self.folder / f"{role}-{len(self.processes)}.log").open("wb") as log:
+            process = subprocess.Popen(
+                [*command, *args], cwd=self.folder, env={**os.environ, **self.environment}, stderr=log
+            )
+        self.processes.append(process)
+        return process
+
+    def start_workers(self, n, *args):
+        with Client(self.address, set_as_default=False) as client:
+            n_before = len(client.nthreads())
+            started = [self.start("worker", *(args or ("--nthreads", "1"))) for _ in range(n)]
+            client.wait_for_workers(n_before + n, timeout=60)
+        return started
+
+    def stop(self):
+        # The scheduler last: workers look for one that is gone.
+        for processes in (self.processes[1:], self.processes[:1]):
+            for process in processes:
+                process.terminate()
+            for process in processes:
+                process.wait(60)
+
+
+@contextmanager
+def running_cluster(folder, **environment):
+    cluster = Cluster(folder, environment)
+    try:
+        yield cluster
+    finally:
+        cluster.stop()
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Folder with the plugins of the fixture `plugins`, for the workers."""
+    folder = PluginFolder(tmp_path_factory.mktemp("workers"))
+    names = {"blob": "Blob", "seer": "Seer", "trouble": "Trouble"}
+    folder.install("test-plugins", PLUGINS, estimators=names, detectors={"level": "Level"})
+    return folder.path
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory, installed):
+    with running_cluster(tmp_path_factory.mktemp("cluster"), PYTHONPATH=str(installed)) as found:
+        found.start_workers(1, "--nthreads", "2")
+        yield found
+
+
+@pytest.fixture
+def suite(plugins, tiny):
+    return Suite(
+        name="test", scenarios=[str(tiny)], estimators=["blob", "seer"], snr_db=[-10, 0], trials=3, seed=1
+    )
+
+
+@pytest.fixture
+def slow(suite, write_plugin):
+    load_plugin_file(write_plugin("slow.py", SLOW))
+    return suite.replace(estimators=["slow", "blob"], trials=10)
+
+
+@pytest.fixture(autouse=True)
+def quick_despair(monkeypatch):
+    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 5.0)
+
+
+def apart_from_times(records):
+    return records.drop(columns=TIMES)
+
+
+def lanes_of(cluster):
+    """Processes that cells run in: below a worker's server of processes."""
+    alive = [process for process in cluster.processes if process.poll() is None]
+    below = [child for process in alive for child in psutil.Process(process.pid).children(recursive=True)]
+    servers = [process for process in below if "forkserver" in " ".join(process.cmdline())]
+    return [child for server in servers for child in server.children()]
+
+
+def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
+    cluster, suite, write_plugin, tiny, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "isacbench.report.figures.run_figures", FakeFigures)
+    plugin = write_plugin("slow.py", SLOW)
+    estimators = [word for name in ("blob", "crash", "seer") for word in ("-e", name)]
+    command = ["run", "quick", "-s", tiny, *estimators, "--snr", "-5,5", "-n", 1, "--plugin", plugin]
+    outputs = []
+    for options in (["--dask", cluster.address, "-o", tmp_path / "far"], ["-j", 1, "-o", tmp_path / "near"]):
+        result = CliRunner().invoke(app, [str(word) for word in [*command, *options]])
+        assert result.exit_code == 3, result.output
+        outputs.append(result.stderr)
+    assert outputs[0] == outputs[1]
+    assert outputs[0].startswith("isacbench: 2 of 6 cells failed, the first one crash on tiny")
+    far, near = (pd.read_parquet(tmp_path / name / "results.parquet") for name in ("far", "near"))
+    pd.testing.assert_frame_equal(apart_from_times(far), apart_from_times(near))
+    clouds = [(tmp_path / name / "clouds.parquet").read_bytes() for name in ("far", "near")]
+    assert clouds[0] == clouds[1]
+    assert set(far.loc[far["estimator"] == "crash", "reason"]) == {"the process exited with code 7"}
+    assert not lanes_of(cluster)
+
+
+class FakeFigures:
+    draw_run = staticmethod(lambda folder, **_: [])
+
+
+def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cluster, slow):
+    (victim,) = cluster.start_workers(1, "--no-nanny", "--nthreads", "1", "--name", "victim")
+    busy = []
+
+    def kill(n_done, _):
+        if not busy and n_done >= 4:
+            with Client(cluster.address, set_as_default=False) as client:
+                workers = client.scheduler_info(n_workers=-1)["workers"]
+                address = next(key for key, value in workers.items() if value["name"] == "victim")
+                busy.extend(client.processing()[address])
+            victim.kill()
+
+    records = run_suite(slow, progress=kill, execution=Execution(dask=cluster.address)).records
+    assert busy
+    assert victim.wait() == -signal.SIGKILL
+    pd.testing.assert_frame_equal(apart_from_times(records), apart_from_times(run(slow, jobs=2)))
+
+
+ENVIRONMENT = """
+import os
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Environment:
+    name: ClassVar[str] = "environment"
+
+    def estimate(self, observation):
+        raise RuntimeError(os.environ.get("MALLOC_TRIM_THRESHOLD_", "nothing"))
+"""
+
+
+def test_cells_do_not_get_the_allocator_that_nannies_give_to_workers(cluster, suite, write_plugin):
+    load_plugin_file(write_plugin("environment.py", ENVIRONMENT))
+    records = run(suite, estimators=["environment"], dask=cluster.address)
+    assert set(records["reason"]) == {"RuntimeError: nothing"}
+
+
+def test_a_plugin_that_workers_lack_is_told_before_anything_is_made(cluster, suite, plugin_folder, tmp_path):
+    source = PLUGINS.replace('"seer"', '"ghost"')
+    plugin_folder.install("test-ghosts", source, estimators={"ghost": "Seer"})
+    with pytest.raises(InputError, match=r"worker tcp://\S+: unknown estimator 'ghost'.*installed before"):
+        run(suite, estimators=["ghost"], dask=cluster.address, out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    assert not lanes_of(cluster)
+
+
+@pytest.fixture
+def changed_plugins(plugin_folder, tiny, monkeypatch, unknown_code):
+    """Install the plugins with another code than workers have."""
+    monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
+    source = PLUGINS.replace("np.zeros(self.n)", "np.full(self.n, 1.0)")
+    names = {"blob": "Blob", "seer": "Seer"}
+    plugin_folder.install("test-plugins", source, estimators=names, detectors={"level": "Level"})
+    return Suite(name="test", scenarios=[str(tiny)], estimators=["blob"], snr_db=[0], trials=1)
+
+
+def test_another_code_of_a_plugin_is_told_with_what_is_there_and_what_is_wanted(cluster, changed_plugins):
+    told = r"worker tcp://\S+: blob: plugins test-plugins digest [0-9a-f]{12} instead of [0-9a-f]{12}"
+    with pytest.raises(InputError, match=told):
+        run(changed_plugins, dask=cluster.address)
+
+
+def test_another_code_may_do_where_versions_may_be_mixed(cluster, changed_plugins):
+    records = run(changed_plugins, dask=cluster.address, mix_versions=True)
+    assert set(records["status"]) == {"ok"}
+
+
+def test_an_interrupt_keeps_the_rows_so_far_and_leaves_no_process_behind(cluster, slow, tmp_path):
+    def interrupt(n_done, _):
+        if n_done == 5:
+            raise KeyboardInterrupt
+
+    out, execution = tmp_path / "run", Execution(dask=cluster.address)
+    results = run_suite(slow, out, interrupt, execution)
+    assert results.interrupted
+    assert len(results.records) == 5
+    assert not lanes_of(cluster)
+    again = run_suite(slow.replace(trials=4), tmp_path / "other", execution=execution)
+    assert not again.interrupted
+
+
+@pytest.mark.slow
+def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, installed, capfd):
+    slow = slow.replace(trials=8)
+    with running_cluster(tmp_path, PYTHONPATH=str(installed)) as lost:
+        (orphan,) = lost.start_workers(1, "--no-nanny", "--nthreads", "1")
+
+        def kill(n_done, _):
+            if n_done == 4:
+                lost.scheduler.kill()
+
+        with pytest.raises(InputError, match=r"scheduler is gone; the rows so far are kept"):
+            run_suite(slow, tmp_path / "run", kill, Execution(dask=lost.address))
+        orphan.kill()  # it would look for its scheduler for a while
+    assert capfd.readouterr().err == ""
+    done = []
+    rest = run_suite(slow, tmp_path / "run", lambda *counts: done.append(counts))
+    assert 4 <= 32 - len(done) < 32
+    pd.testing.assert_frame_equal(apart_from_times(rest.records), apart_from_times(run(slow)))
+
+
+def test_a_scheduler_without_workers_is_told(suite, monkeypatch):
+    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.3)
+    alone = LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=":0")
+    with alone as empty, pytest.raises(InputError, match=r"no worker for 0\.3 s; start some"):
+        run(suite, dask=empty.scheduler_address)
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("tcp://127.0.0.1:1", "no scheduler answered within 0.5 s; allowed is the address"),
+        ("nonsense", "'nonsense': no address"),
+    ],
+)
+def test_an_address_without_a_scheduler_is_told(suite, tmp_path, monkeypatch, address, message):
+    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.5)
+    with pytest.raises(InputError, match=message):
+        run(suite, dask=address, out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_missing_package_is_told_with_the_extra_that_brings_it(suite, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'isacbench\[distributed\]'"):
+        run(suite, dask="tcp://127.0.0.1:1")
+
+
+def test_nothing_left_to_do_asks_for_no_cluster(suite, tmp_path):
+    first = run(suite, out=tmp_path / "run")
+    again = run(suite, out=tmp_path / "run", dask="nowhere")
+    pd.testing.assert_frame_equal(again, first)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options", [("--nthreads", "1"), ("--no-nanny", "--nthreads", "1"), ("--no-nanny", "--nthreads", "3")]
+)
+def test_every_sort_of_worker_works(suite, tmp_path, installed, options):
+    with running_cluster(tmp_path, PYTHONPATH=str(installed)) as found:
+        found.start_workers(1, *options)
+        records = run(suite, trials=8, dask=found.address)
+        assert not lanes_of(found)
+    pd.testing.assert_frame_equal(apart_from_times(records), apart_from_times(run(suite, trials=8)))
+
+
+@pytest.mark.slow
+def test_a_cell_that_kills_its_dask_worker_again_and_again_is_killed_and_no_other(
+    suite, write_plugin, tmp_path, installed
+):
+    load_plugin_file(write_plugin("deadly.py", DEADLY))
+    patience = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1", "PYTHONPATH": str(installed)}
+    with running_cluster(tmp_path, **patience) as found:
+        found.start_workers(2)
+        records = run(suite, estimators=["blob", "deadly", "seer"], trials=2, snr_db=0, dask=found.address)
+    statuses = records.groupby("estimator")["status"].unique().map(list).to_dict()
+    assert statuses == {"blob": ["ok"], "deadly": ["killed"], "seer": ["ok"]}
+    dead = records[records["estimator"] == "deadly"]
+    assert set(dead["reason"]) == {"one Dask worker after the other died with it"}
+    assert set(dead["n_true"]) == {3}
+
+
+@pytest.mark.slow
+def test_a_later_worker_with_another_plugin_is_told(slow, plugin_folder, tmp_path, installed):
+    late = PluginFolder(tmp_path / "late")
+    late.path.mkdir()
+    late.install("test-plugins", PLUGINS + "\n# changed", estimators={"blob": "Blob"})
+    with running_cluster(tmp_path, PYTHONPATH=str(installed)) as found:
+        found.start_workers(1)
+        started = []
+
+        def start(*_):
+            if not started:
+                found.environment = {"PYTHONPATH": str(late.path)}
+                started.append(found.start("worker", "--nthreads", "4"))
+
+        with pytest.raises(InputError, match=r"a later worker.*test-plugins digest"):
+            run_suite(slow.replace(trials=200), progress=start, execution=Execution(dask=found.address))
+
+
+def blocks_of(n_blocks_a_trial):
+    return [
+        Block(0, trial, float(snr), (0, 1)) for trial, n in enumerate(n_blocks_a_trial) for snr in range(n)
+    ]
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=6), st.lists(st.integers(1, 12), min_size=1))
+def test_a_backlog_hands_out_every_block_once_in_pieces_of_one_trial(n_blocks_a_trial, hands):
+    backlog, blocks = Backlog(blocks_of(n_blocks_a_trial)), blocks_of(n_blocks_a_trial)
+    taken = []
+    while backlog:
+        piece = backlog.take(hands[len(taken) % len(hands)])
+        assert len({block.trial for block in piece}) == 1
+        if len(piece) > 1 and len(taken) % 3 == 0:
+            piece, rest = piece[:1], piece[1:]
+            backlog.put_back(rest)
+        taken.extend(piece)
+    assert taken == blocks
+
+
+@given(st.integers(1, 20), st.integers(1, 30))
+def test_a_backlog_gives_every_hand_a_piece_as_long_as_there_are_blocks(n_blocks, n_hands):
+    backlog = Backlog(blocks_of([n_blocks]))
+    pieces = [backlog.take(n_hands)]
+    pieces += [backlog.take(1) for _ in range(len(backlog))]
+    assert len(pieces) == min(n_blocks, n_hands)
+    assert max(map(len, pieces)) <= 2 * min(map(len, pieces)) + 1
+
+
+@pytest.fixture
+def order(suite):
+    job = load_job(suite)
+    return Order(job, Guard(), versions_now(job.plan))
+
+
+def test_an_order_survives_its_journey(order):
+    packed = order.pack()
+    again = packed.unpack()
+    assert again.versions == order.versions
+    assert again.job.suite == order.job.suite
+    assert packed.token != order.pack().token
+
+
+def wait_for_end(process_id):
+    """Wait for the end of a process, which nobody here is the parent of."""
+    deadline = time.monotonic() + 30
+    while psutil.pid_exists(process_id):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_process_is_lent_again_and_ends_when_nobody_asks_for_it(order):
+    lanes, packed = Lanes(idle_s=0.2), order.pack()
+    with lanes.lane(packed) as first:
+        assert len(list(first.work([Block(0, 0, 0.0, (0, 1))]))) == 2
+        process_id = first.process_id
+    with lanes.lane(packed) as again:
+        assert again is first
+    wait_for_end(process_id)
+
+
+def test_a_process_with_a_problem_is_not_lent_again(order):
+    lanes, packed = Lanes(), order.pack()
+
+    def fail():
+        with lanes.lane(packed) as lane:
+            failed.append(lane)
+            raise ZeroDivisionError
+
+    failed = []
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    with lanes.lane(packed) as another:
+        assert another is not failed[0]
+    lanes.stop(packed.token)
+
+
+def test_a_process_that_works_ends_when_its_run_does(order):
+    lanes, packed = Lanes(), order.pack()
+    with lanes.lane(packed) as lane:
+        list(lane.work([Block(0, 0, 0.0, (0,))]))
+        process_id = lane.process_id
+        lanes.stop(packed.token)
+        wait_for_end(process_id)
+        with pytest.raises(CancelledError):
+            list(lane.work([Block(0, 0, 0.0, (0,))]))

@@ -1,0 +1,366 @@
+"""Whatever a plugin does costs its own cells a row, and nobody else anything."""
+
+import os
+import time
+import warnings
+from concurrent.futures import CancelledError
+from multiprocessing import active_children
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.cells.record import TIMES
+from isacbench.bench.plan.job import load_job
+from isacbench.bench.plan.run_plan import Block
+from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.workers import guarded_cells
+from isacbench.bench.workers.guarded_cells import Guard, Lane
+from isacbench.bench.workers.local_workers import work_guarded
+from isacbench.errors import InputError, InputWarning
+from isacbench.plugins.discovery import load_plugin_file
+
+SLOW = pytest.mark.slow
+
+MEMORY_MIB = 256
+
+FAILURES = {
+    "raise_": ("error", "ZeroDivisionError: no luck"),
+    "own": ("error", "OwnError: own"),
+    "mute": ("error", "MuteError: its message raised ValueError"),
+    "base": ("error", "Base: no Exception"),
+    "surrogate": ("error", r"OSError: caf\udce9 two lines"),
+    "long": ("error", f"ValueError: {'x' * 1000}..."),
+    "recursion": ("error", "RecursionError: maximum recursion depth exceeded"),
+    "interrupt": ("error", "KeyboardInterrupt"),
+    "interrupt_and_change": ("error", "KeyboardInterrupt"),
+    "leave": ("error", "SystemExit: 7"),
+    "exit0": ("killed", "the process exited with code 0"),
+    "exit7": ("killed", "the process exited with code 7"),
+    "kill": ("killed", "the process died by SIGKILL"),
+    "segfault": ("killed", "the process died by SIGSEGV"),
+    "not_finite": ("error", "ValueError: a point cloud takes finite values; xyz has NaN or infinity"),
+    "smuggle_nan": ("error", "ValueError: a point cloud takes finite values; xyz has NaN or infinity"),
+    "smuggle_shape": ("error", "ValueError: a point cloud takes xyz (n, 3)"),
+    "replace_nan": ("error", "ValueError: a point cloud takes finite values; power has NaN or infinity"),
+    "number": ("error", "TypeError: estimate() must return a PointCloud, not int"),
+    "nothing": ("error", "TypeError: estimate() must return a PointCloud, not NoneType"),
+    "hog_small": ("killed", f"more than {MEMORY_MIB} MiB: "),
+    "hog_large": ("killed", f"more than {MEMORY_MIB} MiB: "),
+    "close_all": ("killed", "the process exited with code "),
+    "half": ("killed", "the process exited with code 5"),
+    "unlock": ("error", "ValueError: it changed the observation"),
+    "by_address": ("error", "ValueError: it changed the observation"),
+    "move_station": ("error", "ValueError: it changed the observation"),
+    "swap_cells": ("error", "ValueError: it changed the observation"),
+    "mirror": ("error", "ValueError: it changed the observation"),
+    "ask": ("error", "EOFError: EOF when reading a line"),
+}
+"""What goes wrong, and the row that it becomes."""
+
+STRANGE = ["close_some", "child", "twins", "disturb", "thread", "flood"]
+"""What no one should do, but that delivers an image."""
+
+MORE_OF_THE_SAME = {
+    "exit0",
+    "exit7",
+    "segfault",
+    "hog_large",
+    "smuggle_shape",
+    "by_address",
+    "swap_cells",
+    "move_station",
+}
+"""Left to the slow tests, for each costs a fresh process or a fresh observation."""
+
+DEADLY = {name for name, (status, _) in FAILURES.items() if status == "killed"}
+HARMLESS_UNGUARDED = [*(set(FAILURES) - DEADLY - {"interrupt", "interrupt_and_change", "ask"}), "disturb"]
+
+UNHURT = ["good", "dice"]
+
+
+@pytest.fixture
+def suite(wreck, tiny):
+    """Return a function that makes a suite in which others meet the observation after every wreck."""
+
+    def make(kinds, **changes):
+        estimators = ["good[n=1]", "dice[n=1]"]
+        for n, kind in enumerate(kinds, start=2):
+            estimators += [f"wreck[kind={kind}]", f"good[n={n}]", f"dice[n={n}]"]
+        settings = {"name": "test", "scenarios": [str(tiny)], "snr_db": [0], "trials": 1, **changes}
+        return Suite(estimators=estimators, **settings)
+
+    return make
+
+
+def guarded(suite, n_jobs=1, **limits):
+    limits = {"timeout_s": 60, "memory_mib": MEMORY_MIB, **limits}
+    return run_suite(suite, execution=Execution(n_jobs=n_jobs, guard=Guard(**limits)))
+
+
+def others(records):
+    """Rows of those that do no wrong, without times."""
+    chosen = records[records["estimator"].isin(UNHURT)]
+    return chosen.drop(columns=TIMES).reset_index(drop=True)
+
+
+def of_kind(records, kind):
+    return records[records["params"].str.contains(f'"kind":"{kind}"', regex=False)]
+
+
+def assert_others_are_those_of_a_run_without(suite, records):
+    alone = suite.replace(estimators=[text for text in suite.estimators if "wreck" not in text])
+    pd.testing.assert_frame_equal(others(records), others(run_suite(alone).records))
+
+
+def assert_failures(records, kinds):
+    for kind in kinds:
+        (status, reason), rows = FAILURES[kind], of_kind(records, kind)
+        assert set(rows["status"]) == {status}, (kind, rows["reason"].tolist())
+        assert rows["reason"].str.startswith(reason).all(), (kind, rows["reason"].tolist())
+        assert rows["deviation"].isna().all()
+        assert (rows["time_estimate_s"] >= 0).all()
+
+
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        [kind for kind in FAILURES if kind not in MORE_OF_THE_SAME],
+        pytest.param(sorted(MORE_OF_THE_SAME), marks=SLOW),
+    ],
+    ids=["most", "rest"],
+)
+def test_every_way_to_fail_costs_one_row_and_leaves_the_others_as_they_were(suite, kinds, monkeypatch):
+    monkeypatch.setattr(
+        "isacbench.bench.workers.guarded_process.END_S", 1.0
+    )  # twice, where half an answer came
+    wrecked = suite(kinds)
+    records = guarded(wrecked).records
+    assert len(records) == len(wrecked.estimators)
+    assert_failures(records, kinds)
+    assert_others_are_those_of_a_run_without(wrecked, records)
+
+
+def test_what_is_strange_but_no_failure_leaves_the_others_as_they_were(suite, capfd):
+    wrecked = suite(STRANGE)
+    records = guarded(wrecked).records
+    assert set(records["status"]) == {"ok"}
+    assert_others_are_those_of_a_run_without(wrecked, records)
+
+
+def test_without_a_guard_what_can_be_caught_leaves_the_others_as_they_were(suite):
+    wrecked = suite(HARMLESS_UNGUARDED)
+    before = Path.cwd(), dict(os.environ)
+    records = run_suite(wrecked).records
+    assert_failures(records, set(HARMLESS_UNGUARDED) & set(FAILURES))
+    assert_others_are_those_of_a_run_without(wrecked, records)
+    assert (Path.cwd(), dict(os.environ)) == before
+
+
+def test_a_cell_that_never_ends_is_stopped_and_the_rest_goes_on(suite):
+    wrecked = suite(["loop"])
+    records = guarded(wrecked, timeout_s=2).records
+    assert of_kind(records, "loop")[["status", "reason"]].values.tolist() == [["timeout", "more than 2 s"]]
+    assert (of_kind(records, "loop")["time_estimate_s"] >= 2).all()
+    assert_others_are_those_of_a_run_without(wrecked, records)
+
+
+@SLOW
+@pytest.mark.parametrize("kind", ["loop_in_c", "freeze"])
+def test_neither_ignored_signals_nor_a_halt_keep_a_cell_alive(suite, kind):
+    wrecked = suite([kind])
+    records = guarded(wrecked, timeout_s=3).records
+    assert set(of_kind(records, kind)["status"]) == {"timeout"}
+    assert_others_are_those_of_a_run_without(wrecked, records)
+
+
+def is_running(process_id):
+    try:
+        state = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state not in "ZX"
+
+
+@pytest.mark.parametrize("kind", ["child", "child_and_die"])
+def test_children_of_a_plugin_end_with_the_run(suite, tmp_path, kind):
+    path = tmp_path / "children"
+    wrecked = suite([]).replace(estimators=[f"wreck[kind={kind},path={path}]"])
+    guarded(wrecked)
+    (child,) = map(int, path.read_text().split())
+    deadline = time.monotonic() + 30
+    while is_running(child) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not is_running(child)
+
+
+def test_a_row_says_the_same_environment_wherever_it_was_made(suite):
+    here, there = run_suite(suite([])), guarded(suite([]))
+    assert set(here.records["environment"]) == set(there.records["environment"])
+    assert here.environments == there.environments
+
+
+@SLOW
+def test_the_number_of_processes_changes_nothing(suite):
+    wrecked = suite(["raise_", "exit7", "unlock", "disturb"], trials=3, snr_db=[-10, 0, 10])
+    one, two, many = (guarded(wrecked, n_jobs=n) for n in (1, 2, 5))
+    for other in (two, many):
+        pd.testing.assert_frame_equal(one.records.drop(columns=TIMES), other.records.drop(columns=TIMES))
+        pd.testing.assert_frame_equal(one.clouds, other.clouds)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"timeout_s": 0}, "timeout 0 s"),
+        ({"timeout_s": float("nan")}, "timeout nan s"),
+        ({"memory_mib": -1}, "memory -1 MiB"),
+    ],
+)
+def test_a_limit_that_is_none_is_refused(limits, message):
+    with pytest.raises(InputError, match=f"{message}: allowed is more than 0"):
+        Guard(**limits)
+
+
+BROKEN_IN_WORKERS = """
+import multiprocessing, os
+from dataclasses import dataclass
+
+from isacbench.model.cloud import PointCloud
+
+if multiprocessing.parent_process() is not None:
+    {what}
+
+
+@dataclass(frozen=True)
+class Homebody:
+    name = "homebody"
+
+    def estimate(self, observation):
+        return PointCloud.empty()
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("raise OSError('not here')", r"plugin homebody\.py: cannot be imported: line 8: OSError: not here"),
+        (
+            "os._exit(3)",
+            r"scenario tiny, trial \d, 0 dB: 3 worker processes in a row did not live to observe it, "
+            "the last: the process exited with code 3",
+        ),
+        pytest.param("os._exit(0)", "did not live to observe it", marks=SLOW),
+    ],
+)
+def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
+    write_plugin, tiny, tmp_path, what, message
+):
+    load_plugin_file(write_plugin("homebody.py", BROKEN_IN_WORKERS.format(what=what)))
+    suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=3)
+    with pytest.raises(InputError, match=message):
+        run_suite(suite, tmp_path / "run", execution=Execution(n_jobs=2))
+
+
+@SLOW
+def test_versions_of_a_process_that_leaves_while_it_loads_plugins_are_not_waited_for(write_plugin, tiny):
+    load_plugin_file(write_plugin("homebody.py", BROKEN_IN_WORKERS.format(what="os._exit(0)")))
+    suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=1)
+    with (
+        Lane(load_job(suite), Guard(timeout_s=None)) as lane,
+        pytest.raises(InputError, match="loading the plugins: the process exited with code 0"),
+    ):
+        lane.versions()
+
+
+@pytest.fixture
+def lane(suite):
+    """Return a lane whose first cell never ends."""
+    job = load_job(suite([]).replace(estimators=["wreck[kind=loop]", "good"]))
+    with Lane(job, Guard()) as lane:
+        yield lane
+
+
+BLOCK = Block(0, 0, 0.0, (0, 1))
+
+
+def work_in_thread(lane):
+    """Work in a thread; what ended it comes back from the queue."""
+    ended = SimpleQueue()
+
+    def work():
+        try:
+            ended.put(list(lane.work([BLOCK])))
+        except BaseException as error:
+            ended.put(error)
+
+    Thread(target=work, daemon=True).start()
+    return ended
+
+
+@pytest.mark.parametrize("delay_s", [0, 0.2, *(pytest.param(t, marks=SLOW) for t in (0.05, 0.1, 1))])
+@pytest.mark.parametrize("how", ["cancel", "stop"])
+def test_a_busy_lane_can_be_stopped_from_another_thread_at_any_moment(lane, how, delay_s):
+    ended = work_in_thread(lane)
+    time.sleep(delay_s)
+    getattr(lane, how)()
+    assert isinstance(ended.get(timeout=60), CancelledError)
+
+
+def test_a_lane_that_was_stopped_does_not_work_again(lane):
+    lane.stop()
+    lane.stop()
+    with pytest.raises(CancelledError):
+        next(lane.work([BLOCK]))
+
+
+def test_a_run_that_is_left_early_ends_its_processes(suite):
+    job = load_job(suite([]).replace(trials=3))
+    blocks = job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_))
+    outcomes = work_guarded(job, blocks, Guard(), 2)
+    next(outcomes)
+    before = {child.pid for child in active_children()}
+    assert before
+    outcomes.close()
+    assert not {child.pid for child in active_children()} & before
+
+
+def test_a_run_without_a_cell_left_starts_nothing(suite):
+    assert list(work_guarded(load_job(suite([])), [], Guard(), 2)) == []
+
+
+def test_a_process_that_dies_of_an_earlier_cell_costs_the_present_one_nothing(suite):
+    records = guarded(suite(["later", "nap"])).records
+    assert set(records["status"]) == {"ok"}
+    assert len(records) == 8
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"timeout_s": 0}, "timeout 0 s: allowed is more than 0, and finite"),
+        ({"timeout_s": -1.0}, "timeout -1 s"),
+        ({"timeout_s": float("nan")}, "timeout nan s"),
+        ({"memory_mib": float("inf")}, "memory inf MiB: allowed is more than 0, and finite"),
+    ],
+)
+def test_limits_that_are_none_are_refused(limits, message):
+    with pytest.raises(InputError, match=message):
+        Guard(**limits)
+
+
+def test_limits_without_a_worker_to_hold_them_are_refused():
+    with pytest.raises(InputError, match="timeout_s and memory_mib: allowed are they with jobs or dask"):
+        Execution(guard=Guard(timeout_s=1))
+
+
+def test_a_worker_does_not_repeat_what_the_process_that_plans_has_warned_of(monkeypatch):
+    for name in ("_job", "_repeats", "_workbench", "_process_id"):
+        monkeypatch.setattr(guarded_cells, name, None)
+    with warnings.catch_warnings():
+        guarded_cells._start_worker(None, None)
+        warnings.warn("a scatterer is far away", InputWarning, stacklevel=1)

@@ -1,0 +1,48 @@
+import pytest
+
+from isacbench.checking.contract import check_names, check_plugin
+from isacbench.checking.contract.guarded_checks import check_guarded
+from isacbench.plugins.discovery import isolated_plugins, register_plugin
+from isacbench.plugins.local_files import PluginFile
+
+DEADLY = """
+import os
+import signal
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Deadly:
+    name: ClassVar[str] = "deadly"
+
+    def estimate(self, observation):
+        {deed}
+"""
+
+
+def test_findings_are_those_of_this_process():
+    guarded, here = check_guarded("detector", "goca"), check_plugin("detector", "goca")
+    assert [(one.check, one.status) for one in guarded] == [(one.check, one.status) for one in here]
+
+
+@pytest.mark.parametrize(
+    ("deed", "message"),
+    [
+        ("os._exit(5)", "does not live through it: the process exited with code 5"),
+        ("os._exit(0)", "does not live through it: the process exited with code 0"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "does not live through it: the process died by SIGKILL"),
+        ("[None for _ in iter(int, 1)]", "takes more than 2 s: does it hang?"),
+    ],
+)
+def test_a_deadly_plugin_fails_the_check_that_it_dies_in_and_skips_the_rest(deed, message):
+    with isolated_plugins():
+        register_plugin(PluginFile("deadly.py", DEADLY.format(deed=deed)))
+        findings = check_guarded("estimator", "deadly", timeout_s=2)
+    assert [finding.check for finding in findings] == check_names("estimator")
+    (failed,) = (finding for finding in findings if finding.status == "failed")
+    assert (failed.check, failed.message) == ("image", message)
+    after = findings[findings.index(failed) + 1 :]
+    assert {finding.status for finding in after} == {"skipped"}

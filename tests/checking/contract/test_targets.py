@@ -1,0 +1,118 @@
+"""What `isacbench check` finds and how it answers; the built-in plugins pass it."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from isacbench.checking.contract import check_plugin, find_plugins
+from isacbench.cli import app
+from isacbench.errors import InputError
+from isacbench.plugins.registry import detector_names, estimator_names
+
+LOCAL = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """Sees nothing."""
+
+    name: ClassVar[str] = "nothing"
+
+    def estimate(self, observation):
+        return PointCloud.empty()
+
+
+@dataclass(frozen=True)
+class Loud:
+    """Prints."""
+
+    name: ClassVar[str] = "loud"
+
+    def estimate(self, observation):
+        print("loud")
+        return PointCloud.empty()
+
+
+print("imported")
+'''
+
+
+@pytest.fixture
+def cli(write_plugin, tmp_path, monkeypatch):
+    """Run the command line in a folder that holds a plugin file."""
+    monkeypatch.chdir(tmp_path)
+    write_plugin("local.py", LOCAL)
+    write_plugin("quiet.py", LOCAL.partition("@dataclass(frozen=True)\nclass Loud")[0])
+    return lambda *args: CliRunner().invoke(app, ["check", *args])
+
+
+@pytest.mark.parametrize(("kind", "name"), find_plugins("isacbench"))
+def test_the_built_in_plugins_keep_the_contract(kind, name):
+    assert {finding.status for finding in check_plugin(kind, name)} == {"ok"}
+
+
+def test_a_distribution_and_its_package_name_everything_they_register():
+    expected = {("estimator", name) for name in estimator_names()} | {
+        ("detector", n) for n in detector_names()
+    }
+    assert set(find_plugins("isacbench")) == set(find_plugins("isacbench_algorithms")) == expected
+
+
+@pytest.mark.parametrize("name", ["test-plugins", "test_plugins"])
+def test_packages_are_found_in_both_spellings(plugins, name):
+    assert find_plugins(name) == [
+        ("estimator", "blob"),
+        ("estimator", "seer"),
+        ("estimator", "trouble"),
+        ("detector", "level"),
+    ]
+
+
+def test_a_registered_name_is_itself_and_a_file_all_that_it_defines(plugins, write_plugin):
+    assert find_plugins("level") == [("detector", "level")]
+    path = str(write_plugin("local.py", LOCAL))
+    assert find_plugins(path) == find_plugins(path) == [("estimator", "nothing"), ("estimator", "loud")]
+    assert find_plugins("loud") == [("estimator", "loud")]
+
+
+def test_what_is_neither_is_answered_with_what_is_near():
+    with pytest.raises(InputError, match=r"'music2' is no registered name, .*did you mean 'music2d'"):
+        find_plugins("music2")
+    with pytest.raises(InputError, match="unknown detector 'cs'"):
+        check_plugin("detector", "cs")
+
+
+def test_check_prints_a_line_a_check_and_exits_with_3_where_one_failed(cli):
+    result = cli("local.py")
+    assert result.exit_code == 3
+    lines = result.stdout.splitlines()
+    assert lines[0] == "estimator nothing (local.py)"
+    assert any(line.split()[:2] == ["FAILED", "stdout"] for line in lines)
+    assert any(line.split()[:3] == ["warning", "lone", "scatterer"] for line in lines)
+    assert lines[-1].startswith("2 plugins: ")
+    assert lines[-1].endswith("2 warning, 1 FAILED")
+
+
+def test_check_exits_with_0_where_all_pass_and_2_where_nothing_is_found(cli):
+    assert cli("quiet.py").exit_code == 0
+    assert cli("nothing", "--plugin", "quiet.py").exit_code == 0
+    result = cli("no_such")
+    assert result.exit_code == 2
+    assert "no registered name" in result.stderr
+    assert cli("gone.py").exit_code == 2
+
+
+def test_check_prints_json_and_nothing_else_though_a_plugin_prints(cli):
+    result = cli("local.py", "--json")
+    assert result.exit_code == 3
+    content = json.loads(result.stdout)
+    nothing, loud = content["plugins"]
+    assert (nothing["kind"], nothing["name"], nothing["package"]) == ("estimator", "nothing", "local.py")
+    assert [f["check"] for f in loud["findings"] if f["status"] == "failed"] == ["stdout"]
+    assert content["counts"]["failed"] == 1
+    assert sum(content["counts"].values()) == len(nothing["findings"]) + len(loud["findings"])

@@ -1,0 +1,13 @@
+"""Fixtures of the tests of promises."""
+
+import pytest
+
+from isacbench.checking.stress.promises import blas_kernels
+
+
+@pytest.fixture(autouse=True)
+def kernels(monkeypatch):
+    """Let no process start under another BLAS kernel; a test may put kernels in."""
+    others = {}
+    monkeypatch.setattr(blas_kernels, "_known", others)
+    return others

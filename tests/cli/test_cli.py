@@ -1,0 +1,579 @@
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from itertools import islice
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+from typer.testing import CliRunner
+
+import isacbench
+from isacbench.bench.workers.local_workers import work_guarded, work_here
+from isacbench.cli import app
+from isacbench.cli.termination import Termination
+from isacbench.model.cloud_files.formats import read_cloud
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.report.figures.background_drawing import Aside
+
+HEAVY = {"matplotlib", "numpy", "pandas", "pyarrow", "pydantic", "scipy", "skimage"}
+CLOUD = "x,y,z,v,power\n1,2,3,0,1\n5,6,1,10,4\n"
+
+
+@pytest.fixture(autouse=True)
+def drawn(monkeypatch):
+    """Record what is drawn instead of drawing it."""
+    calls = []
+    plotting = ModuleType("isacbench.report.figures.plotting")
+    plotting.plot_clouds = lambda truth, estimate, *, out, **_: calls.append(out)
+    monkeypatch.setitem(sys.modules, plotting.__name__, plotting)
+    monkeypatch.setattr(Aside, "get_ready", lambda self: None)
+    monkeypatch.setattr(
+        Aside, "draw_run", lambda self, folder: calls.append(folder) or [folder / "deviation.png"]
+    )
+    return calls
+
+
+@pytest.fixture
+def cli(plugins, tiny, tmp_path, monkeypatch):
+    """Run the command line in a folder that holds a small scenario."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*args):
+        return CliRunner().invoke(app, [str(arg) for arg in args])
+
+    return call
+
+
+def module(*args, **options):
+    """Run ``python -m isacbench`` as a process of its own."""
+    return subprocess.run(
+        [sys.executable, *options.pop("flags", []), "-m", "isacbench", *args],
+        capture_output=True,
+        text=True,
+        check=False,
+        **options,
+    )
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "blob[n=5]", "-e", "seer")
+
+
+def test_run_writes_rows_manifest_and_tables_draws_and_prints_a_summary(cli, tmp_path, drawn):
+    result = cli(*RUN, "--snr", "-5:5:5", "-n", 2, "--seed", 3, "-o", "out")
+    assert result.exit_code == 0, result.output
+    records = pd.read_parquet(tmp_path / "out" / "results.parquet")
+    assert len(records) == 3 * 3 * 2
+    assert sorted(records["snr_db"].unique()) == [-5, 0, 5]
+    assert set(records["seed"]) == {3}
+    assert set(records["scenario"]) == {"tiny"}
+    assert {"manifest.json", "results.csv", "clouds.parquet", "truth.parquet", "summary.csv"} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
+    assert "blob[n=5]" in result.stdout
+    assert "deviation.png" in result.stdout
+    assert len(drawn) == 1
+
+
+def test_run_without_a_folder_makes_a_fresh_one_under_results(cli, tmp_path):
+    result = cli(*RUN, "-n", 1)
+    assert result.exit_code == 0, result.output
+    (folder,) = (tmp_path / "results").iterdir()
+    assert folder.name.startswith("quick-")
+
+
+def test_run_takes_a_suite_by_path_with_scenarios_beside_it(cli, tmp_path):
+    (tmp_path / "suites").mkdir()
+    (tmp_path / "suites" / "mine.toml").write_text(
+        'name = "mine"\nscenarios = ["../tiny.toml"]\nestimators = ["seer"]\nsnr_db = [0]\ntrials = 1\n'
+    )
+    result = cli("run", "suites/mine.toml", "-o", "out")
+    assert result.exit_code == 0, result.output
+    assert set(pd.read_parquet("out/results.parquet")["suite"]) == {"mine"}
+
+
+STUDY = (
+    'name = "s"\nscenarios = ["room.toml"]\nestimators = ["seer", "blob"]\nsnr_gain_db = [20]\ntrials = 2\n'
+)
+RESOLUTION = f'kind = "resolution"\nseparations_cells = [0.5]\n{STUDY}'
+DETECTION = (
+    'kind = "detection"\nname = "s"\nscenarios = ["tiny.toml"]\nestimators = ["blob"]\n'
+    'detectors = ["ca"]\nmaps = ["homogeneous"]\nsnr_db = [-36]\ntrials = 1\n'
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "printed"),
+    [
+        (f'kind = "efficiency"\n{STUDY}', "bound_u", "room, seer: error over Cramér-Rao bound"),
+        (RESOLUTION, "resolved", "share of pairs found"),
+        (DETECTION, "n_hits", "homogeneous: P_d and P_fa"),
+    ],
+)
+def test_a_study_is_run_tabulated_drawn_and_reported_again(
+    cli, room_file, tmp_path, drawn, text, column, printed
+):
+    (tmp_path / "s.toml").write_text(text)
+    result = cli("run", "s.toml", "-n", 1, "--seed", 3, "-o", "out")
+    assert result.exit_code == 0, result.output
+    records = pd.read_parquet("out/results.parquet")
+    assert column in records
+    assert set(records["seed"]) == {3}
+    assert printed in result.stdout
+    first = contents(tmp_path / "out")
+    again = cli("report", "out")
+    assert again.exit_code == 0, again.output
+    assert again.stdout == result.stdout
+    assert contents(tmp_path / "out") == first
+    assert len(drawn) == 2
+
+
+def test_options_replace_what_a_study_says(cli, room_file, tmp_path):
+    (tmp_path / "s.toml").write_text(f'kind = "efficiency"\n{STUDY}'.replace("room.toml", "gone.toml"))
+    result = cli("run", "s.toml", "-s", "room.toml", "-e", "seer", "--snr", "-40,-30", "-n", 3, "-o", "out")
+    assert result.exit_code == 0, result.output
+    records = pd.read_parquet("out/results.parquet")
+    assert sorted(records["snr_db"].unique()) == [-40, -30]
+    assert (set(records["estimator"]), records["trial"].max()) == ({"seer"}, 2)
+
+
+def test_run_with_failed_cells_keeps_all_rows_names_the_first_and_exits_3(cli):
+    result = cli(*RUN, "-e", "trouble", "-n", 1, "--snr", "0", "-o", "out")
+    assert result.exit_code == 3
+    assert result.stderr == (
+        "isacbench: 1 of 4 cells failed, the first one trouble on tiny at 0 dB, trial 0: "
+        "error, ZeroDivisionError: no luck\n"
+    )
+    assert len(pd.read_parquet("out/results.parquet")) == 4
+
+
+def test_an_interrupted_run_says_where_its_rows_are(cli, monkeypatch):
+    def interrupted(*args):
+        yield from islice(work_guarded(*args), 3)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("isacbench.bench.run.runner.work_guarded", interrupted)
+    result = cli(*RUN, "-o", "out")
+    assert result.exit_code == 130
+    assert "interrupted: the 3 cells so far are in out" in result.stderr
+    assert len(pd.read_parquet("out/results.parquet")) == 3
+
+
+def terminated():
+    """Receive the signal, unless that would end the tests."""
+    assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    ("options", "working"),
+    [
+        ((), "isacbench.bench.run.runner.work_guarded"),
+        (("--timing",), "isacbench.bench.run.runner.work_alone"),
+        (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.workers.cluster.work_on_cluster"),
+    ],
+)
+def test_a_terminated_run_tabulates_its_rows_and_exits_143(cli, monkeypatch, tmp_path, options, working):
+    def work(job, blocks, *_):
+        yield from islice(work_here(job, blocks), 3)
+        terminated()
+
+    monkeypatch.setattr(working, work)
+    result = cli(*RUN, "-o", "out", *options)
+    assert result.exit_code == 143
+    assert "deviation" in result.stdout
+    assert result.stderr == "isacbench: terminated: the 3 cells so far are in out\n"
+    assert len(pd.read_parquet("out/results.parquet")) == 3
+    assert (tmp_path / "out" / "summary.csv").exists()
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_run_that_is_terminated_while_it_draws_exits_143_and_says_where_its_rows_are(cli, monkeypatch):
+    monkeypatch.setattr(Aside, "draw_run", lambda self, folder: terminated())
+    result = cli(*RUN, "-n", 1, "-o", "out")
+    assert result.exit_code == 143
+    assert result.stderr == (
+        "isacbench: terminated: what is done so far is in out; isacbench report out tabulates it\n"
+    )
+    assert len(pd.read_parquet("out/results.parquet")) == 9
+
+
+def test_a_run_that_is_terminated_before_its_first_cell_leaves_nothing(cli, monkeypatch, tmp_path):
+    monkeypatch.setattr("isacbench.bench.run.runner.load_job", lambda suite: terminated())
+    result = cli(*RUN, "-o", "out")
+    assert (result.exit_code, result.stderr) == (143, "isacbench: terminated: nothing is done yet\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_second_termination_ends_at_once_and_an_echo_of_the_first_does_not(monkeypatch):
+    codes = []
+    monkeypatch.setattr(os, "_exit", codes.append)
+    with Termination() as termination:
+        with pytest.raises(KeyboardInterrupt):
+            terminated()
+        terminated()
+        assert codes == []
+        termination._first_s -= 2
+        terminated()
+        assert codes == [143]
+
+
+def test_a_termination_leaves_the_handlers_of_others_alone(monkeypatch):
+    def theirs(*_):
+        """Handle it as a plugin's library may."""
+
+    before = signal.signal(signal.SIGTERM, theirs)
+    try:
+        with Termination():
+            assert signal.getsignal(signal.SIGTERM) is theirs
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with Termination():
+            signal.signal(signal.SIGTERM, theirs)
+        assert signal.getsignal(signal.SIGTERM) is theirs
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_a_run_from_python_installs_no_handler(plugins, tiny, monkeypatch):
+    handlers = []
+
+    def work(*args):
+        handlers.append(signal.getsignal(signal.SIGTERM))
+        yield from work_here(*args)
+
+    monkeypatch.setattr("isacbench.bench.run.runner.work_here", work)
+    isacbench.run("quick", scenarios=[tiny], estimators=["blob"], snr_db=[0], trials=1)
+    assert handlers == [signal.SIG_DFL]
+
+
+def test_run_shows_no_progress_bar_where_there_is_no_terminal(cli):
+    assert cli(*RUN, "-n", 1, "-o", "out").stderr == ""
+
+
+def test_report_redraws_tables_and_figures_from_the_folder_alone(cli, tmp_path, tiny, drawn):
+    assert cli(*RUN, "-n", 1, "-o", "out").exit_code == 0
+    first = (tmp_path / "out" / "summary.csv").read_bytes()
+    (tmp_path / "out" / "summary.csv").unlink()
+    tiny.unlink()
+    result = cli("report", "out")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "out" / "summary.csv").read_bytes() == first
+    assert len(drawn) == 2
+
+
+def test_list_names_everything_with_parameters_and_defaults(cli):
+    text = cli("list").stdout
+    assert "blob" in text
+    assert "n: int = 4" in text
+    content = json.loads(cli("list", "--json").stdout)
+    assert set(content) == {"estimators", "detectors", "scenarios", "suites"}
+    blob = next(entry for entry in content["estimators"] if entry["name"] == "blob")
+    assert blob["parameters"]["mode"]["default"] == "near"
+    assert {"street", "street-paper"} <= {entry["name"] for entry in content["scenarios"]}
+    assert {"detectors", "efficiency", "paper", "quick", "resolution"} <= {
+        entry["name"] for entry in content["suites"]
+    }
+    assert all(entry["description"] for entries in content.values() for entry in entries)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npy", "mat", "ply"])
+def test_image_writes_the_cloud_that_score_reads(cli, tmp_path, suffix):
+    out = f"cloud.{suffix}"
+    result = cli("image", "-s", "tiny.toml", "-e", "blob[n=5]", "--snr", "-5", "--trial", 2, "-o", out)
+    assert result.exit_code == 0, result.output
+    assert "5 points" in result.stdout
+    scores = json.loads(cli("score", "tiny.toml", out, "--json").stdout)
+    assert scores["n_estimated"] == len(read_cloud(tmp_path / out)) == 5
+    assert f"deviation        {scores['deviation']:.6g}" in result.stdout
+
+
+def test_image_draws_where_asked(cli, drawn):
+    assert cli("image", "-s", "tiny.toml", "-e", "seer", "--plot", "picture.png").exit_code == 0
+    assert [str(path) for path in drawn] == ["picture.png"]
+
+
+def test_image_of_a_scenario_without_objects_draws_the_cloud_alone_and_prints_no_score(
+    cli, tiny, tmp_path, drawn
+):
+    text = tiny.read_text()
+    (tmp_path / "bare.toml").write_text(text[: text.index("[[objects]]")])
+    result = cli("image", "-s", "bare.toml", "-e", "blob", "--plot", "picture.png")
+    assert result.exit_code == 0, result.output
+    assert re.fullmatch(r"tiny, blob, 10 dB: 4 points in [^\n]+\n", result.output)
+    assert [str(path) for path in drawn] == ["picture.png"]
+
+
+@pytest.mark.parametrize(
+    ("limit_s", "told"),
+    [
+        (1e9, r"ms \(the first call, with imports and tables: [0-9.]+ ms\)\n"),
+        (0, "ms, imports and tables included\n"),
+    ],
+)
+def test_the_time_of_an_image_is_that_of_a_second_call_unless_that_takes_long(
+    cli, monkeypatch, limit_s, told
+):
+    monkeypatch.setattr("isacbench.cli.image_commands.REPEATED_S", limit_s)
+    result = cli("image", "-s", "tiny.toml", "-e", "blob")
+    assert re.search(rf"4 points in [0-9.]+ {told}", result.stdout)
+
+
+def test_a_failing_estimator_shows_its_author_where_and_exits_3(cli):
+    result = cli("image", "-s", "tiny.toml", "-e", "trouble")
+    assert result.exit_code == 3
+    assert "ZeroDivisionError: no luck" in result.stderr
+    assert "in estimate" in result.stderr
+
+
+def test_score_of_a_truth_against_itself_is_zero_in_the_pinned_columns(cli, tmp_path):
+    (tmp_path / "cloud.csv").write_text(CLOUD)
+    scores = json.loads(cli("score", "cloud.csv", "cloud.csv", "--json").stdout)
+    assert scores["deviation"] == 0
+    assert {"hausdorff_xy_m", "velocity_nmse", "chamfer_m", "gospa_m", "n_true"} <= set(scores)
+    repository = json.loads(cli("score", "cloud.csv", "cloud.csv", "--json", "--metric", "repository").stdout)
+    assert {"position", "velocity", "density", "deviation"} <= set(repository)
+
+
+def test_score_reads_a_matlab_array_of_any_name(cli, tmp_path):
+    (tmp_path / "cloud.csv").write_text(CLOUD)
+    savemat(tmp_path / "theirs.mat", {"whatever": np.array([[1.0, 2, 3, 0], [5, 6, 1, 10]])})
+    assert "deviation        0\n" in cli("score", "cloud.csv", "theirs.mat").stdout
+
+
+def test_a_scenario_as_truth_brings_its_region(cli, tmp_path, tiny):
+    (tmp_path / "empty.csv").write_text("x,y,z,v,power\n")
+    scenario = load_scenario(tiny)
+    expected = isacbench.score(scenario.truth, np.empty((0, 4)), region=scenario.region)["deviation"]
+    assert json.loads(cli("score", "tiny.toml", "empty.csv", "--json").stdout)["deviation"] == expected
+
+
+def test_version_is_printed(cli):
+    assert cli("--version").stdout == f"isacbench {isacbench.__version__}\n"
+
+
+def scenario_mistake(old, new):
+    def write(folder):
+        path = folder / "bad.toml"
+        path.write_text((folder / "tiny.toml").read_text().replace(old, new))
+
+    return write
+
+
+def points_mistake(text):
+    def write(folder):
+        (folder / "tiny.csv").write_text(text)
+
+    return write
+
+
+def file_mistake(name, text):
+    def write(folder):
+        (folder / name).write_text(text)
+
+    return write
+
+
+def no_mistake(folder):
+    pass
+
+
+IMAGE = ("image", "-s", "bad.toml", "-e", "blob", "-o", "cloud.csv")
+TINY_IMAGE = ("image", "-s", "tiny.toml", "-e", "blob", "-o", "cloud.csv")
+TINY_RUN = ("run", "quick", "-s", "tiny.toml", "-o", "out")
+
+
+@pytest.mark.parametrize(
+    ("mistake", "args", "fragments"),
+    [
+        (
+            scenario_mistake("[array]", "[array]\nframme = 1"),
+            IMAGE,
+            ["bad.toml", "unknown key array.framme", "tx_shape"],
+        ),
+        (scenario_mistake("n_symbols", "n_symbolz"), IMAGE, ["bad.toml", "n_symbolz", "n_symbols"]),
+        (
+            scenario_mistake("[system]", "[system]\nsubcarrier_spacing_hz = -1.0"),
+            IMAGE,
+            ["bad.toml", "system.subcarrier_spacing_hz", "-1.0", "greater than 0"],
+        ),
+        (
+            scenario_mistake("y_m = [0.0, 10.0]", "y_m = [-9000.0, 10.0]"),
+            IMAGE,
+            ["bad.toml", "region", "unambiguous", "624.6 m"],
+        ),
+        (points_mistake("x,y,z,v\n1,2,3,4\n1,nan,3,4\n"), TINY_IMAGE, ["tiny.csv", "row 3", "y is NaN"]),
+        (points_mistake("x,y,z\n1,2,3\n"), TINY_IMAGE, ["tiny.csv", "column v is missing", "x, y, z, v"]),
+        (no_mistake, ("image", "-s", "streat"), ["unknown scenario 'streat'", "did you mean 'street'"]),
+        (no_mistake, (*TINY_RUN, "-e", "blop"), ["unknown estimator 'blop'", "did you mean 'blob'", "seer"]),
+        (
+            no_mistake,
+            (*TINY_RUN, "-e", "blob[m=1]"),
+            ["unknown parameter of estimator blob 'm'", "n, pfa, mode"],
+        ),
+        (no_mistake, (*TINY_RUN, "-e", "blob[mode=x]"), ["mode = 'x'", "'near' or 'far'"]),
+        (no_mistake, (*TINY_RUN, "-e", "blob[n=1"), ["'blob[n=1'", "']'"]),
+        (no_mistake, (*TINY_RUN, "-e", "seer", "--snr", "5:0:1"), ["'5:0:1'", "stop 0", "start 5"]),
+        (no_mistake, (*TINY_RUN, "-e", "seer", "--snr", "warm"), ["'warm'", "start:stop:step"]),
+        (no_mistake, (*TINY_IMAGE, "--snr", "0:5:5"), ["'0:5:5'", "one number"]),
+        (no_mistake, ("run", "quik"), ["unknown suite 'quik'", "did you mean 'quick'", "paper"]),
+        (no_mistake, ("run", "gone.toml"), ["gone.toml", "no such file"]),
+        (
+            file_mistake("s.toml", 'kind = "image"\nname = "s"\n'),
+            ("run", "s.toml"),
+            ["s.toml", "kind = 'image'", "'imaging'", "'resolution'"],
+        ),
+        (
+            file_mistake("s.toml", RESOLUTION.replace("separations_cells", "phases")),
+            ("run", "s.toml"),
+            ["s.toml", "unknown key phases", "phases_deg", "separations_cells"],
+        ),
+        (
+            no_mistake,
+            ("run", "efficiency", "-s", "tiny.toml", "-e", "seer"),
+            ["scenario tiny", "no room", "0.5 in u"],
+        ),
+        (file_mistake("s.toml", "name = 1"), ("run", "s.toml"), ["s.toml", "name = 1"]),
+        (
+            no_mistake,
+            ("run", "quick", "-s", "tiny.toml", "-e", "seer", "-o", "."),
+            [".: exists", "new folder"],
+        ),
+        (file_mistake("e.csv", "x,y,z,v\n"), ("score", "e.csv", "e.csv"), ["e.csv", "at least one"]),
+        (file_mistake("t.csv", CLOUD), ("score", "t.csv", "gone.csv"), ["gone.csv", "does not exist"]),
+        (file_mistake("t.csv", CLOUD), ("score", "t.csv", "t.txt"), ["t.txt", ".csv", ".mat"]),
+        (
+            file_mistake("t.csv", CLOUD),
+            ("score", "t.csv", "t.csv", "--metric", "papers"),
+            ["'papers'", "allowed are paper, repository"],
+        ),
+        (no_mistake, ("image", "-s", "tiny.toml", "-e", "blob", "-o", "cloud.doc"), ["cloud.doc", ".csv"]),
+        (no_mistake, (*TINY_IMAGE, "--plot", "picture.doc"), ["picture.doc", ".png, .pdf or .svg"]),
+        (no_mistake, ("report", "."), ["not the folder of a run", "manifest.json"]),
+    ],
+)
+def test_a_mistake_ends_in_one_message_exit_code_2_and_nothing_written(
+    cli, tmp_path, mistake, args, fragments
+):
+    mistake(tmp_path)
+    before = contents(tmp_path)
+    result = cli(*args)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith("isacbench: ")
+    assert result.stderr.count("\n") == 1
+    assert not [fragment for fragment in fragments if fragment not in result.stderr], result.stderr
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "args", [(), ("run", "-n", "0"), ("run", "--bogus"), ("score", "one.csv"), ("nothing",)]
+)
+def test_wrong_usage_exits_2(cli, args):
+    assert cli(*args).exit_code == 2
+
+
+UNKNOWN_NAMES = [
+    ["run", "quik"],
+    ["run", "-e", "musicd"],
+    ["run", "-e", "music2d", "-s", "streat"],
+    ["image", "-e", "musicd"],
+    ["image", "-s", "streat"],
+    ["plan", "-e", "musicd"],
+    ["simulate", "-s", "streat", "-o", "frame.npy"],
+    ["waveform", "-s", "streat"],
+    ["stress", "-e", "musicd"],
+    ["stress", "-d", "osc"],
+    ["check", "musicd"],
+]
+
+
+def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp_path):
+    code = (
+        "import json, sys\n"
+        "from typer.testing import CliRunner\n"
+        "from isacbench.cli import app\n"
+        "told = [CliRunner().invoke(app, words).stderr for words in json.loads(sys.argv[1])]\n"
+        "print(json.dumps([told, list(sys.modules)]))"
+    )
+    finished = subprocess.run(
+        [sys.executable, "-c", code, json.dumps(UNKNOWN_NAMES)],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    told, modules = json.loads(finished.stdout)
+    assert [text.count("\n") for text in told] == [1] * len(told)
+    assert all("did you mean" in text for text in told)
+    assert not {*modules} & (HEAVY - {"pydantic"} | {"multiprocessing.forkserver"})
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ("run", "-e", "music2d[pfaa=1]"),
+        ("run", "-e", "music2d[detector=osc]"),
+        ("run", "s.toml"),
+        ("stress", "-e", "music2d[pfa=2]"),
+    ],
+)
+def test_a_mistaken_parameter_is_told_before_any_process_is_started(cli, tmp_path, monkeypatch, args):
+    monkeypatch.setattr(
+        "isacbench.bench.workers.process_server.start_process_server", lambda: pytest.fail("started")
+    )
+    (tmp_path / "s.toml").write_text(DETECTION.replace('["ca"]', '["ca[pfaa=1]"]'))
+    result = cli(*args)
+    assert result.exit_code == 2, result.output
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_process_exits_2_with_the_message_alone_and_no_traceback(tmp_path):
+    finished = module("run", "quik", cwd=tmp_path)
+    assert finished.returncode == 2
+    assert finished.stdout == ""
+    assert finished.stderr.startswith("isacbench: unknown suite 'quik'")
+    assert finished.stderr.count("\n") == 1
+
+
+def test_a_process_runs_a_suite_with_a_plugin_found_on_its_path(plugins, tiny, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(plugins.path), *sys.path])}
+    finished = module(
+        "image", "-s", "tiny.toml", "-e", "blob", "-o", "cloud.csv", cwd=tmp_path, env=environment
+    )
+    assert finished.returncode == 0, finished.stderr
+    assert len(read_cloud(tmp_path / "cloud.csv")) == 4
+
+
+def test_help_imports_nothing_heavy(tmp_path):
+    finished = module("--help", flags=["-X", "importtime"], cwd=tmp_path)
+    imported = {line.rpartition("|")[2].strip().partition(".")[0] for line in finished.stderr.splitlines()}
+    assert finished.returncode == 0
+    assert "run" in finished.stdout
+    assert not imported & HEAVY
+
+
+def test_help_takes_less_than_half_a_second(tmp_path):
+    def elapsed():
+        start = time.perf_counter()
+        module("--help", cwd=tmp_path)
+        return time.perf_counter() - start
+
+    # One of three: the machine may be busy with something else.
+    assert any(elapsed() < 0.5 for _ in range(3))
+
+
+def test_the_public_names_are_all_there_and_load_on_first_use():
+    assert all(hasattr(isacbench, name) for name in isacbench.__all__)
+    assert set(isacbench.__all__) <= set(dir(isacbench))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = isacbench.nothing

@@ -1,0 +1,226 @@
+import errno
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from typer.testing import CliRunner
+
+from isacbench.bench.store.run_folder import open_folder
+from isacbench.cli import app
+
+
+@pytest.fixture
+def cli(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *args: CliRunner().invoke(app, ["compare", *map(str, args)])
+
+
+@pytest.fixture
+def folders(made_run, written_run):
+    """Write a run, the same once more, one that is worse, and one of another seed."""
+    records, manifest = made_run(trials=12)
+    written_run("base", records, manifest)
+    written_run("same", records, manifest)
+    written_run("other", records, {**manifest, "seed": 7})
+    worse = records.copy()
+    worse.loc[worse["estimator"] == "music2d", "deviation"] *= 1.2
+    written_run("worse", worse, manifest)
+
+
+def test_without_a_regression_the_exit_code_is_0_and_a_figure_is_drawn(cli, folders, tmp_path):
+    result = cli("base", "same")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines()[-1] == "no regression: of 2 curves 2 same; of 6 points 6 same"
+    assert (tmp_path / "same" / "figures" / "compare-deviation.png").is_file()
+    assert result.stderr == ""
+
+
+def test_a_regression_ends_in_exit_code_4_and_is_tabulated(cli, folders):
+    result = cli("base", "worse")
+    assert result.exit_code == 4
+    assert "street, music2d" in result.stdout
+    assert result.stdout.splitlines()[-1].startswith("regression: of 2 curves 1 regression, 1 same")
+    assert cli("base", "worse", "--tolerance", "deviation=30%").exit_code == 0
+    assert cli("worse", "base").exit_code == 0
+
+
+def test_what_cannot_be_compared_ends_in_exit_code_5_with_the_reason(cli, folders, tmp_path):
+    result = cli("base", "other")
+    assert result.exit_code == 5
+    assert result.stdout == ""
+    assert result.stderr == "isacbench: not comparable: the seed differs: 0 in base, 7 in other\n"
+    assert not (tmp_path / "other" / "figures").exists()
+
+
+def test_json_is_all_that_is_printed_and_draws_only_where_asked(cli, folders, tmp_path):
+    result = cli("base", "worse", "--json")
+    assert result.exit_code == 4
+    content = json.loads(result.stdout)
+    assert content["regression"]
+    assert {row["verdict"] for row in content["curves"]} == {"same", "regression"}
+    assert not (tmp_path / "worse" / "figures").exists()
+    cli("base", "worse", "--json", "--plot", "my.png")
+    assert (tmp_path / "my.png").is_file()
+    refused = cli("base", "other", "--json")
+    assert refused.exit_code == 5
+    assert json.loads(refused.stdout) == {
+        "comparable": False,
+        "reasons": ["the seed differs: 0 in base, 7 in other"],
+    }
+
+
+@pytest.mark.parametrize(
+    ("args", "fragment"),
+    [
+        (("base", "nowhere"), "nowhere: not the folder of a run"),
+        (("base", "same", "--tolerance", "deviation"), "tolerance 'deviation': allowed is"),
+        (("base", "same", "--tolerance", "deviatoin=5%"), "did you mean 'deviation'"),
+        (("base", "same", "--tolerance", "n_estimated=5%"), "neither more nor less"),
+        (("base", "same", "--alpha", "2"), "alpha = 2.0: allowed is"),
+        (("base", "same", "--plot", "my.doc"), "my.doc: a picture takes the extension"),
+    ],
+)
+def test_a_mistake_ends_in_one_line_and_exit_code_2(cli, folders, tmp_path, args, fragment):
+    result = cli(*args)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert fragment in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not list(tmp_path.rglob("*.png"))
+
+
+@pytest.fixture
+def retuned(made_run, written_run):
+    """Write two runs whose music2d has other parameters, and is worse in the second one."""
+    records, manifest = made_run(trials=12)
+    chosen = records["estimator"] == "music2d"
+    for name, pfa, factor in (("old", 0.001, 1.0), ("new", 0.0001, 1.2)):
+        params = records["params"].where(~chosen, f'{{"pfa":{pfa}}}')
+        deviation = records["deviation"].where(~chosen, factor * records["deviation"])
+        written_run(name, records.assign(params=params, deviation=deviation), manifest)
+
+
+def test_a_pair_that_is_mapped_is_shown_under_both_names(cli, retuned, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    result = cli("old", "new", "--map", "music2d[pfa=1e-3]=music2d[pfa=1e-4]")
+    assert result.exit_code == 4, result.output
+    lines = result.stdout.splitlines()
+    place = next(
+        number for number, line in enumerate(lines) if line.startswith(" street, music2d[pfa=0.001]")
+    )
+    assert lines[place].endswith("regression ")
+    assert lines[place + 1].startswith("   → music2d[pfa=0.0001] ")
+    assert max(len(line) for line in lines[: place + 2]) <= 100
+    assert "missing" not in result.stdout
+    content = json.loads(cli("old", "new", "--match", "music2d", "--json").stdout)
+    (row,) = [row for row in content["curves"] if row["estimator"] == "music2d"]
+    assert (row["params"], row["new_params"]) == ('{"pfa":0.001}', '{"pfa":0.0001}')
+
+
+def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, retuned, tmp_path):
+    result = cli("old", "--between", "fft4d", "--and", "music2d[pfa=1e-3]")
+    assert result.exit_code == 4
+    lines = result.stdout.splitlines()
+    assert lines[:3] == ["A fft4d", "B music2d[pfa=0.001]", "in old: isacbench 0.1.0 (0123456789)"]
+    assert lines[-1] == "music2d[pfa=0.001] is worse than fft4d: of 1 curve 1 worse; of 3 points 3 worse"
+    assert (tmp_path / "old" / "figures" / "between-deviation.png").is_file()
+    back = cli("old", "--between", "music2d", "--and", "fft4d", "--json")
+    assert back.exit_code == 0
+    assert json.loads(back.stdout)["between"] == ["music2d[pfa=0.001]", "fft4d"]
+
+
+@pytest.mark.parametrize(
+    ("args", "fragment"),
+    [
+        (("old",), "one run alone: allowed are two runs"),
+        (("old", "--between", "fft4d"), "--between A and --and B: allowed are both or neither"),
+        (("old", "new", "--between", "fft4d", "--and", "music2d"), "between A and B: allowed with one run"),
+        (("old", "new", "--map", "music2d"), "map 'music2d': allowed is OLD[param=value,...]=NEW"),
+        (("old", "new", "--map", "music2d=musik2d"), "new: no estimator fits 'musik2d': did you mean"),
+        (("old", "new", "--markdown", "nowhere/x.md"), "x.md: cannot be written: there is no folder nowhere"),
+        (("old", "new", "--junit", "old"), "old: cannot be written: is a folder, not a file"),
+        (("old", "new", "--junit", "link"), "link: is a symbolic link"),
+        (("old", "new", "--plot", "plain/x.png"), "plain/x.png: cannot be written"),
+    ],
+)
+def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned, tmp_path, args, fragment):
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "plain").touch()
+    result = cli(*args)
+    assert result.exit_code == 2
+    assert fragment in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "elsewhere").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "verdict"),
+    [
+        (("base", "same"), 0, "no regression"),
+        (("base", "worse", "--json"), 4, "regression"),
+        (("base", "other"), 5, "not comparable"),
+    ],
+)
+def test_files_for_continuous_integration_are_written_whatever_the_exit_code(
+    cli, folders, tmp_path, args, code, verdict
+):
+    (tmp_path / "ci.md").write_text("of an earlier run")
+    result = cli(*args, "--markdown", "ci.md", "--junit", "ci.xml")
+    assert result.exit_code == code
+    assert (tmp_path / "ci.md").read_text().startswith(f"### isacbench compare: {verdict}\n")
+    suites = ElementTree.parse(tmp_path / "ci.xml").getroot()
+    assert (suites.attrib["failures"] > "0", suites.attrib["errors"] > "0") == (code == 4, code == 5)
+    assert {path.name for path in tmp_path.iterdir()} == {"base", "same", "worse", "other", "ci.md", "ci.xml"}
+
+
+def everything(folder):
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+
+def test_a_run_that_is_being_written_is_compared_and_not_drawn_into(cli, folders, tmp_path):
+    (tmp_path / "same" / ".lock").touch()
+    before = everything(tmp_path)
+    with open_folder(tmp_path / "same"):
+        result = cli("base", "same")
+    assert result.exit_code == 0, result.output
+    assert "no figures: same: a run writes into it" in result.stdout.splitlines()
+    assert everything(tmp_path).keys() == before.keys()
+
+
+def test_a_folder_that_cannot_be_written_is_compared_and_not_drawn_into(cli, folders, tmp_path, monkeypatch):
+    def refuse(path, *_args, **_options):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    before = everything(tmp_path)
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    result = cli("base", "worse")
+    assert result.exit_code == 4
+    assert "no figures: worse/figures: cannot be written: Permission denied" in result.stdout.splitlines()
+    assert everything(tmp_path) == before
+
+
+def test_nothing_but_figures_is_made_in_either_folder(cli, folders, tmp_path):
+    before = everything(tmp_path)
+    cli("base", "same")
+    after = everything(tmp_path)
+    new = {path.relative_to(tmp_path).as_posix() for path in after.keys() - before.keys()}
+    assert new == {"same/figures", "same/figures/compare-deviation.png"}
+    assert {path: after[path] for path in before if path.is_file()} == {
+        path: time for path, time in before.items() if path.is_file()
+    }
+
+
+@pytest.mark.parametrize(
+    ("args", "told"),
+    [
+        (("--junit", "same/results.parquet"), "what a run consists of is not overwritten"),
+        (("--markdown", "one.md", "--junit", "./one.md"), "asked for twice"),
+    ],
+)
+def test_files_do_not_take_the_place_of_a_run_or_of_each_other(cli, folders, tmp_path, args, told):
+    before = everything(tmp_path)
+    result = cli("base", "same", *args)
+    assert result.exit_code == 2
+    assert told in result.stderr
+    assert everything(tmp_path) == before

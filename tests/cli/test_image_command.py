@@ -1,0 +1,74 @@
+"""`isacbench image` with a choice of what is sent and what is sensed with."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import isacbench
+from isacbench.cli import app
+from isacbench.link.sensing.echo_waveform import observe_waveform
+from isacbench.model.cloud_files.formats import read_cloud
+from isacbench.model.echo import resource_grid
+from isacbench.model.scenes.scenario import load_scenario
+
+
+@pytest.fixture
+def image(tiny, tmp_path, monkeypatch):
+    """Image the tiny scene in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *options: CliRunner().invoke(app, ["image", "-s", str(tiny), *options])
+
+
+def test_the_image_is_that_of_the_observation_through_the_same_signal(image, tiny):
+    options = {"sensing": "prs", "modulation": "64qam", "division": "wiener"}
+    for given in ({"sensing": "prs"}, {"modulation": "64qam"}, options, {}):
+        arguments = [part for name, value in given.items() for part in (f"--{name}", value)]
+        result = image("-e", "music2d", "--snr", "15", "-o", "cloud.npy", *arguments)
+        assert result.exit_code == 0, result.output
+        observation = isacbench.observe(load_scenario(tiny), 15.0, **given)
+        expected = isacbench.get_estimator("music2d").estimate(observation)
+        assert read_cloud("cloud.npy").to_array() == pytest.approx(expected.to_array())
+        assert ", ".join(["tiny", "music2d", "15 dB", *given.values()]) in result.output
+
+
+def test_a_signal_that_does_not_exist_is_refused_in_one_sentence(image):
+    result = image("--sensing", "pss")
+    assert result.exit_code == 2
+    assert (
+        result.output.strip() == "isacbench: unknown sensing 'pss': did you mean 'prs'? allowed are all, prs"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--modulation", "16qam"], "--trial, --seed, --modulation and --waveform: allowed without --cube"),
+        (["--waveform"], "--trial, --seed, --modulation and --waveform: allowed without --cube"),
+        (["--snr", "10"], "--snr: allowed with --cube where --division wiener takes it"),
+    ],
+)
+def test_a_recorded_frame_has_its_data_and_its_noise_already(image, options, message):
+    result = image("--cube", "frame.npy", *options)
+    assert result.exit_code == 2
+    assert message in result.output
+
+
+def test_a_recorded_frame_is_sensed_with_its_prs(image, tiny):
+    scenario = load_scenario(tiny)
+    cube = resource_grid(scenario, scenario.array.positions)
+    np.save("frame.npy", cube.reshape(*cube.shape[:2], *scenario.array.shape))
+    result = image("--cube", "frame.npy", "--sensing", "prs", "-e", "music2d", "-o", "cloud.npy")
+    assert result.exit_code == 0, result.output
+    assert "frame.npy, tiny, music2d, prs" in result.output
+    observation = isacbench.observe(scenario, float("inf"), sensing="prs")
+    expected = isacbench.get_estimator("music2d").estimate(observation)
+    assert read_cloud("cloud.npy").to_array() == pytest.approx(expected.to_array(), rel=1e-6)
+
+
+def test_the_echo_may_pass_as_a_waveform(image, tiny):
+    result = image("--waveform", "--sensing", "prs", "-e", "music2d", "-o", "cloud.npy")
+    assert result.exit_code == 0, result.output
+    assert "tiny, music2d, 10 dB, prs, waveform" in result.output
+    observation = observe_waveform(load_scenario(tiny), 10.0, sensing="prs")
+    expected = isacbench.get_estimator("music2d").estimate(observation)
+    assert read_cloud("cloud.npy").to_array() == pytest.approx(expected.to_array())

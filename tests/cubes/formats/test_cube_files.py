@@ -1,0 +1,236 @@
+"""Every format gives back the array that was written, whatever the elements, the tiles and the threads."""
+
+from __future__ import annotations
+
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+
+import h5py
+import numpy as np
+import pytest
+import zarr
+
+from isacbench.cubes import open_cube, read_grid
+from isacbench.errors import InputError
+
+from ..samples import (
+    FORMATS,
+    OF_SEVERAL,
+    SHAPE,
+    SMALL_TILE_BYTES,
+    all_elements,
+    assert_gives,
+    cross_elements,
+    of_elements,
+    random_cube,
+    sum_of_tiles,
+    write_chunked_h5,
+    write_h5,
+    write_mat,
+    write_mat73,
+    write_npy,
+    write_npz,
+    write_zarr2,
+)
+
+GRID = random_cube((*SHAPE[:2], 1, 1), seed=1)[:, :, 0, 0]
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_file_gives_its_array_back(tmp_path, dtype, order, kind):
+    write, filename = FORMATS[kind]
+    # Each pair of precision, memory order and compression once.
+    compressed = (dtype == np.complex64) == (order == "C")
+    array = random_cube(dtype=dtype, order=order)
+    write(tmp_path / filename, cube=array, compressed=compressed)
+    for tile_bytes in (SMALL_TILE_BYTES, 2**20):
+        with open_cube(tmp_path / filename, tile_bytes=tile_bytes) as cube:
+            assert_gives(cube, array)
+            assert cube.transmitted is None
+            assert str(tmp_path / filename) in cube.name
+
+
+@pytest.mark.parametrize(("write", "name"), [(write_npy, "c.npy"), (write_npz, "c.npz"), (write_h5, "c.h5")])
+def test_a_file_of_the_other_byte_order_gives_native_numbers(tmp_path, dtype, order, write, name):
+    array = random_cube(dtype=dtype.newbyteorder(">"), order=order)
+    write(tmp_path / name, cube=array)
+    with open_cube(str(tmp_path / name), tile_bytes=SMALL_TILE_BYTES) as cube:
+        assert_gives(cube, array)
+
+
+def test_a_mat_file_of_the_other_byte_order_is_read(tmp_path):
+    """Swap the bytes of a file that holds nothing but numbers of four and eight bytes."""
+    array = random_cube(dtype=np.complex64)
+    write_mat(tmp_path / "little.mat", cube=array)
+    header, body = np.split(np.fromfile(tmp_path / "little.mat", np.uint8), [128])
+    words = body.view("<u4").byteswap()
+    name = body.tobytes().index(b"cube") // 4
+    words[name] = body.view("<u4")[name]
+    header[124:128] = np.frombuffer(b"\x01\x00MI", np.uint8)
+    (tmp_path / "big.mat").write_bytes(header.tobytes() + words.tobytes())
+    with open_cube(tmp_path / "big.mat") as cube:
+        assert_gives(cube, array)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_parts_that_matlab_stores_in_small_integers_are_numbers_as_any_other(tmp_path, compressed):
+    """The tag of a part gives its type; MATLAB picks the smallest integer, scipy never."""
+    whole = np.arange(6.0).reshape(1, 3, 2, 1)
+    array = whole - 1j * whole
+    write_mat(tmp_path / "plain.mat", cube=array)
+    data = (tmp_path / "plain.mat").read_bytes()
+    start = data.index(b"cube") + 4
+    parts = b"".join(
+        np.array([kind, part.nbytes], "<u4").tobytes() + part.tobytes(order="F") + bytes(-part.nbytes % 8)
+        for kind, part in ((2, whole.astype("u1")), (3, (-whole).astype("<i2")))
+    )
+    inside = data[136:start] + parts
+    element = np.array([14, len(inside)], "<u4").tobytes() + inside
+    if compressed:
+        stream = zlib.compress(element)
+        element = np.array([15, len(stream)], "<u4").tobytes() + stream
+    (tmp_path / "small.mat").write_bytes(data[:128] + element)
+    with open_cube(tmp_path / "small.mat") as cube:
+        assert_gives(cube, array)
+
+
+@pytest.mark.parametrize("kind", ["mat", "mat 7.3"])
+@pytest.mark.parametrize("shape", [(5, 4, 3, 1), (5, 4, 1, 1), (5, 1, 1, 1), (1, 1, 1, 1)])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_the_trailing_ones_that_matlab_drops_come_back(tmp_path, kind, shape, compressed):
+    write, filename = FORMATS[kind]
+    array = random_cube(shape)
+    as_matlab = array.reshape(shape[: max(2, np.flatnonzero(np.array(shape) > 1).max(initial=0) + 1)])
+    write(tmp_path / filename, cube=as_matlab, compressed=compressed)
+    with open_cube(tmp_path / filename) as cube:
+        assert_gives(cube, array)
+
+
+def test_datasets_zarr_arrays_and_maps_are_cubes_and_stay_open(tmp_path, order):
+    array = random_cube(order=order)
+    write_chunked_h5(tmp_path / "c.h5", cube=array)
+    write_mat73(tmp_path / "c.mat", cube=array)
+    write_zarr2(tmp_path / "c.zarr", cube=array)
+    np.save(tmp_path / "c.npy", array)
+    with h5py.File(tmp_path / "c.h5") as plain, h5py.File(tmp_path / "c.mat") as matlab:
+        sources = [
+            plain["cube"],
+            matlab["cube"],
+            zarr.open(tmp_path / "c.zarr", mode="r")["cube"],
+            np.load(tmp_path / "c.npy", mmap_mode="r"),
+        ]
+        for source in sources:
+            for _ in range(2):
+                with open_cube(source) as cube:
+                    assert_gives(cube, array)
+
+
+# Tiles
+
+
+@pytest.mark.parametrize("compressed", [False, True], ids=["plain", "compressed"])
+@pytest.mark.parametrize("kind", FORMATS)
+def test_tiles_can_be_loaded_by_several_threads_in_any_order_and_again(tmp_path, kind, compressed):
+    write, filename = FORMATS[kind]
+    array, elements = random_cube(), cross_elements()
+    write(tmp_path / filename, cube=array, compressed=compressed)
+    with open_cube(tmp_path / filename, tile_bytes=SMALL_TILE_BYTES) as cube, ThreadPoolExecutor(4) as pool:
+        tiles = list(cube.tiles(elements))
+        order = np.random.default_rng(0).permutation([*range(len(tiles))] * 3)
+        loaded = list(pool.map(lambda k: tiles[k].load(), order))
+        expected = {k: tile.load() for k, tile in enumerate(tiles)}
+        assert all(np.array_equal(values, expected[k]) for k, values in zip(order, loaded, strict=True))
+        assert np.array_equal(sum_of_tiles(cube, elements, tiles), of_elements(array, elements))
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_tiles_partition_the_cube_and_keep_to_their_memory(tmp_path, kind):
+    write, filename = FORMATS[kind]
+    write(tmp_path / filename, cube=random_cube())
+    budget = {"zarr": 2**20, "zipped zarr": 2**20, "lone zarr": 2688}.get(kind, SMALL_TILE_BYTES)
+    with open_cube(tmp_path / filename, tile_bytes=budget) as cube:
+        covered = np.zeros((*SHAPE[:2], 12), int)
+        for tile in cube.tiles(all_elements()):
+            covered[tile.subcarriers, tile.symbols, tile.elements] += 1
+            assert tile.load().nbytes <= budget
+    assert (covered == 1).all()
+
+
+def test_no_elements_are_no_tiles(tmp_path):
+    for kind, (write, filename) in FORMATS.items():
+        path = tmp_path / kind / filename
+        path.parent.mkdir()
+        write(path, cube=random_cube())
+        with open_cube(path) as cube:
+            assert list(cube.tiles(np.empty((0, 2), np.intp))) == []
+
+
+# Names
+
+
+@pytest.mark.parametrize("kind", OF_SEVERAL)
+def test_the_cube_is_the_array_of_that_name_or_the_only_one_of_four_axes(tmp_path, kind):
+    write, filename = FORMATS[kind]
+    array, other = random_cube(), random_cube(seed=2)
+    for number, arrays in enumerate(({"cube": array, "other": other}, {"echo": array, "t": GRID})):
+        path = tmp_path / str(number) / filename
+        path.parent.mkdir()
+        write(path, **arrays)
+        with open_cube(path) as cube:
+            assert_gives(cube, array)
+            assert cube.transmitted is None
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("kind", OF_SEVERAL)
+def test_the_transmitted_grid_is_found_beside_the_cube_and_in_a_file_of_its_own(tmp_path, kind, compressed):
+    write, filename = FORMATS[kind]
+    write(tmp_path / filename, cube=random_cube(), transmitted=GRID, compressed=compressed)
+    with open_cube(tmp_path / filename) as cube:
+        assert np.array_equal(cube.transmitted, GRID)
+        assert cube.transmitted.dtype == GRID.dtype
+    assert np.array_equal(read_grid(tmp_path / filename), GRID)
+    alone = tmp_path / f"alone-{filename}"
+    write(alone, symbols=GRID, compressed=compressed)
+    assert np.array_equal(read_grid(alone), GRID)
+
+
+def test_a_real_grid_becomes_complex_and_any_byte_order_native(tmp_path):
+    np.save(tmp_path / "real.npy", np.array([[1, 0], [0, -1]], np.int8))
+    assert read_grid(tmp_path / "real.npy").dtype == np.complex128
+    np.save(tmp_path / "big.npy", np.asfortranarray(GRID).astype(">c8"))
+    grid = read_grid(tmp_path / "big.npy")
+    assert grid.dtype.isnative
+    assert np.array_equal(grid, GRID)
+
+
+@pytest.mark.parametrize("kind", OF_SEVERAL)
+def test_of_several_arrays_none_is_guessed(tmp_path, kind):
+    write, filename = FORMATS[kind]
+    write(tmp_path / filename, first=random_cube(), second=random_cube())
+    with pytest.raises(InputError, match="wanted is an array named 'cube'") as refused:
+        open_cube(tmp_path / filename)
+    shape = SHAPE[::-1] if kind == "mat 7.3" else SHAPE
+    for name in ("first", "second"):
+        assert f"{name} (complex64 of shape {shape})" in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", OF_SEVERAL)
+def test_a_grid_that_does_not_fit_the_cube_beside_it_is_refused(tmp_path, kind):
+    write, filename = FORMATS[kind]
+    write(tmp_path / filename, cube=random_cube(), transmitted=GRID[:, :-1])
+    with pytest.raises(InputError, match=r"transmitted has shape \(24, 9\); the cube .* takes \(24, 10\)"):
+        open_cube(tmp_path / filename)
+
+
+def test_a_compressed_file_of_several_megabytes_is_read_in_any_order(tmp_path):
+    """Larger than the steps of decompression and the distance of checkpoints."""
+    array = np.zeros((80, 64, 16, 32), np.complex64)
+    array[..., ::7, ::5] = random_cube((80, 64, 3, 7))
+    corners = np.array([[15, 31], [0, 0], [7, 5]])
+    for write, name in ((write_npz, "c.npz"), (write_mat, "c.mat")):
+        write(tmp_path / name, cube=array, compressed=True)
+        with open_cube(tmp_path / name, tile_bytes=2**21) as cube:
+            tiles = list(cube.tiles(corners))
+            assert np.array_equal(sum_of_tiles(cube, corners, tiles[::-1]), of_elements(array, corners))
+            assert np.array_equal(sum_of_tiles(cube, corners, tiles), of_elements(array, corners))

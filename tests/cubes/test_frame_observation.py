@@ -1,0 +1,207 @@
+"""Recorded frames: the image is that of the unabridged chain, and nothing is read that nobody asked for."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.oracle import Oracle
+
+from isacbench import observe_cube
+from isacbench.cubes import frame_observation, transform
+from isacbench.dsp.rangedoppler import range_doppler_map
+from isacbench.errors import InputError
+from isacbench.link.sensing.link_observation import SignalSimulator
+from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.sent_signal import Signal
+from isacbench.model.echo import resource_grid
+from isacbench.model.gate import build_gate
+from isacbench.model.observation import Observation, cross_elements
+from isacbench.model.prs import prs_elements
+
+ESTIMATORS = [Music2d(), Music2d(integration="element"), Fft4d()]
+ids = ["music2d", "music2d-element", "fft4d"]
+
+
+def unabridged(cube, scenario):
+    """Observation by whole transforms of every element in double precision, and then cut out."""
+    gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
+    n, m = cube.shape[:2]
+    rows = np.ix_(gate.range_bins % n, gate.doppler_bins % m)
+    return Observation(
+        range_doppler_map(cube.astype(np.complex128))[rows],
+        gate,
+        scenario.system,
+        scenario.array,
+        scenario.frame,
+        scenario.base_station_m,
+        scenario.region,
+    )
+
+
+def assert_same_cloud(cloud, expected):
+    """Same points to 1e-6 of the coordinates' size."""
+    assert len(expected) > 5
+    assert len(cloud) == len(expected)
+    for values, wanted in zip(cloud.to_array().T, expected.to_array().T, strict=True):
+        np.testing.assert_allclose(values, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=ids)
+@pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_the_image_of_a_cube_is_that_of_the_unabridged_chain(
+    small_street, noisy_cube, estimator, dtype, order
+):
+    cube = np.asarray(noisy_cube.astype(dtype), order=order)
+    expected = estimator.estimate(unabridged(noisy_cube.astype(dtype), small_street))
+    assert_same_cloud(estimator.estimate(observe_cube(cube, small_street)), expected)
+
+
+@pytest.mark.parametrize("method", ["partial", "fft"])
+def test_both_ways_to_the_range_bins_give_the_same_cells(small_street, noisy_cube, monkeypatch, method):
+    monkeypatch.setattr(transform, "range_method", lambda *_: method)
+    cells = observe_cube(noisy_cube, small_street).cells
+    expected = unabridged(noisy_cube, small_street).cells
+    np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())
+
+
+def test_cells_do_not_depend_on_the_number_of_threads(small_street, noisy_cube):
+    cube = noisy_cube.astype(np.complex64)
+    one, three = (observe_cube(cube, small_street, workers=n).cells for n in (1, 3))
+    assert np.array_equal(one, three)
+
+
+def test_nothing_is_transformed_before_an_estimator_reads_it(small_street, noisy_cube, monkeypatch):
+    monkeypatch.setattr(frame_observation.GateTransform, "cells", lambda *_: pytest.fail("transformed"))
+    observation = observe_cube(noisy_cube, small_street)
+    assert len(Oracle().estimate(observation, small_street.truth)) > 20
+
+
+def test_what_no_estimator_reads_may_be_anything(small_street, noisy_cube):
+    cube = np.full_like(noisy_cube, np.nan)
+    p, q = cross_elements(small_street.array.shape).T
+    cube[:, :, p, q] = noisy_cube[:, :, p, q]
+    estimator = Music2d(integration="element")
+    expected = estimator.estimate(observe_cube(noisy_cube, small_street))
+    assert_same_cloud(estimator.estimate(observe_cube(cube, small_street)), expected)
+
+
+def test_the_cross_is_part_of_the_plane(small_street, noisy_cube):
+    apart, whole = (observe_cube(noisy_cube, small_street) for _ in range(2))
+    p, q = cross_elements(small_street.array.shape).T
+    scale = np.abs(whole.cells).max()
+    np.testing.assert_allclose(apart.cross, whole.cells[:, :, p, q], atol=1e-13 * scale)
+    assert np.array_equal(whole.cross, whole.cells[:, :, p, q])
+    assert not apart.cross.flags.writeable
+    assert not whole.cells.flags.writeable
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_received_frame_is_divided_by_the_transmitted_grid(small_street, noisy_cube, order):
+    rng = np.random.default_rng(3)
+    transmitted = np.exp(2j * np.pi * rng.random(noisy_cube.shape[:2])) * rng.choice([0.5, 1, 2], (512, 56))
+    received = np.asarray(noisy_cube * transmitted[:, :, None, None], order=order)
+    cells = observe_cube(received, small_street, transmitted).cells
+    expected = observe_cube(noisy_cube, small_street).cells
+    np.testing.assert_allclose(cells, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+@pytest.mark.parametrize("sensing", ["all", "prs"])
+def test_a_received_frame_is_divided_as_the_closed_form_has_it(small_street, sensing, division):
+    system, shape = small_street.system, small_street.array.shape
+    grid = draw_grid(system, "64qam").symbols
+    echo = resource_grid(small_street, small_street.array.positions)
+    received = (echo * grid[:, :, None]).reshape(*grid.shape, *shape)
+    snr_db = 3.0 if division == "wiener" else None
+    given = {"sensing": sensing, "division": division, "snr_db": snr_db}
+    cells = observe_cube(received, small_street, grid, **given).cells
+    signal = Signal("64qam", sensing, division)
+    expected = SignalSimulator(small_street, signal).echo_cells(3.0)
+    # Wiener division takes the mean power of this frame's symbols, the closed form that of the constellation.
+    tolerance = 2e-3 if (sensing, division) == ("all", "wiener") else 1e-11
+    np.testing.assert_allclose(cells, expected, atol=tolerance * np.abs(expected).max())
+    twice = observe_cube(received, small_street, 2 * grid, **given)
+    np.testing.assert_allclose(2 * twice.cells, cells, atol=1e-12 * np.abs(cells).max())
+
+
+def test_of_the_prs_alone_nobody_knows_the_data(small_street, noisy_cube):
+    is_prs = prs_elements(small_street.system)
+    grid = np.where(is_prs, np.exp(1j * np.arange(is_prs.size).reshape(is_prs.shape)), np.nan)
+    received = noisy_cube * np.where(is_prs, grid, 7)[:, :, None, None]
+    unknown = observe_cube(received, small_street, grid, sensing="prs").cells
+    divided = observe_cube(noisy_cube, small_street, sensing="prs").cells
+    np.testing.assert_allclose(unknown, divided, atol=1e-12 * np.abs(divided).max())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"division": "matched"}, "'matched' takes the transmitted grid, and there is none"),
+        ({"division": "wiener", "transmitted": np.ones((512, 56))}, "takes the SNR of the echo"),
+        ({"snr_db": 10.0}, "snr_db is allowed with division = 'wiener'"),
+        ({"sensing": "some"}, "unknown sensing 'some'"),
+        ({"division": "no"}, "unknown division 'no'"),
+    ],
+)
+def test_a_division_that_lacks_something_is_refused_at_once(small_street, noisy_cube, given, message):
+    with pytest.raises(InputError, match=message):
+        observe_cube(noisy_cube, small_street, **given)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, complex(0, -np.inf)])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_number_that_is_not_finite_is_named_before_anything_is_estimated(
+    small_street, noisy_cube, value, order
+):
+    cube = np.array(noisy_cube, order=order)
+    cube[300, 17, 3, 5] = value
+    observation = observe_cube(cube, small_street)
+    with pytest.raises(InputError, match=r"subcarrier 300, symbol 17, element \(3, 5\); allowed are finite"):
+        Music2d().estimate(observation)
+
+
+def test_numbers_whose_sums_overflow_single_precision_are_told(small_street, noisy_cube):
+    cube = (noisy_cube * (1e38 / np.abs(noisy_cube).max())).astype(np.complex64)
+    with pytest.raises(InputError, match="overflow complex64"):
+        _ = observe_cube(cube, small_street).cells
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda cube: cube[:511], "511"),
+        (lambda cube: cube[..., 0], "shape"),
+        (lambda cube: cube.real, "complex"),
+        (lambda cube: cube.transpose(1, 0, 2, 3), "subcarriers"),
+    ],
+)
+def test_a_wrong_cube_is_refused_at_once(small_street, noisy_cube, change, message):
+    with pytest.raises(InputError, match=message):
+        observe_cube(change(noisy_cube), small_street)
+
+
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        (np.ones((512, 55)), r"\(512, 56\)"),
+        (np.zeros((512, 56)), "subcarrier 0, symbol 0"),
+        (np.full((512, 56), np.nan), "finite"),
+        (np.full((512, 56), "x"), "numbers"),
+    ],
+)
+def test_a_wrong_transmitted_grid_is_refused_at_once(small_street, noisy_cube, grid, message):
+    with pytest.raises(InputError, match=message):
+        observe_cube(noisy_cube, small_street, grid)
+
+
+def test_a_region_that_spans_the_whole_map_is_imaged_too(small_street, noisy_cube):
+    limit = small_street.system.unambiguous_speed_mps
+    region = dataclasses.replace(small_street.region, speed_mps=(-limit, limit))
+    everywhere = dataclasses.replace(small_street, region=region)
+    cells = observe_cube(noisy_cube, everywhere).cells
+    assert cells.shape[1] == 56
+    expected = unabridged(noisy_cube, everywhere).cells
+    np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())

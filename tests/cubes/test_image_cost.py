@@ -1,0 +1,108 @@
+"""The plan of an image: the counts that follow from the sizes, and what really happens."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.nomp4d import Nomp4d
+from isacbench_algorithms.oracle import Oracle
+from typer.testing import CliRunner
+
+from isacbench import observe_cube
+from isacbench.cli import app
+from isacbench.cubes import frame_observation
+from isacbench.cubes.image_cost import plan_image
+from isacbench.model.scenes.scenario import load_scenario
+
+FRAME = 2048 * 224
+ESTIMATORS = [
+    Music2d(),
+    Music2d(integration="element"),
+    Fft4d(),
+    Fft4d(integration="element"),
+    Esprit2d(),
+    Nomp4d(max_rounds=1),
+    Oracle(),
+]
+
+
+@pytest.fixture(scope="module")
+def street():
+    return load_scenario("street")
+
+
+def steps_of(plan):
+    return {step.name: step for step in plan.steps}
+
+
+def test_the_full_chain_is_four_transforms_of_the_whole_frame(street):
+    steps = steps_of(plan_image(street, Music2d()))
+    n_all = FRAME * 256
+    assert steps["read"].full.bytes == n_all * 8
+    assert steps["Doppler"].full.operations == n_all * round(5 * np.log2(224))
+    assert steps["range"].full.operations == n_all * 55
+    assert steps["angles"].full.cells == FRAME * 48 * 48
+
+
+def test_what_is_computed_is_the_gate_on_the_elements_that_are_read(street):
+    plan = plan_image(street, Music2d(integration="element"))
+    n_range, n_doppler = plan.gate.shape
+    steps = steps_of(plan)
+    assert steps["read"].computed.cells == FRAME * 31
+    assert steps["Doppler"].computed.cells == 2048 * n_doppler * 31
+    assert steps["range"].computed.cells == n_range * n_doppler * 31
+    assert steps["detection"].computed.cells == n_range * n_doppler
+
+
+def test_the_oracle_takes_no_echo(street):
+    computed, full = plan_image(street, Oracle()).total
+    assert (computed.cells, computed.bytes, computed.operations) == (0, 0, 0)
+    assert full.operations > 1e10
+
+
+def test_a_double_cube_takes_twice_the_bytes(street):
+    single, double = (plan_image(street, Music2d(), dtype) for dtype in (np.complex64, np.complex128))
+    assert steps_of(double)["read"].computed.bytes == 2 * steps_of(single)["read"].computed.bytes
+    assert double.total[0].operations == single.total[0].operations
+
+
+def test_a_wider_region_takes_more_and_an_fft_in_the_end(street):
+    wider = dataclasses.replace(street.region, y_m=(-40.0, 100.0))
+    plans = [plan_image(one, Music2d()) for one in (street, dataclasses.replace(street, region=wider))]
+    assert [plan.range_method for plan in plans] == ["partial", "fft"]
+    assert plans[1].total[0].cells > plans[0].total[0].cells
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda one: f"{one.name}-{one.needs.elements}")
+def test_an_image_reads_as_many_elements_as_planned(small_street, noisy_cube, estimator, monkeypatch):
+    read = set()
+    transform = frame_observation.GateTransform.cells
+
+    def spy(self, cube, elements, *rest):
+        read.update(map(tuple, elements.tolist()))
+        return transform(self, cube, elements, *rest)
+
+    monkeypatch.setattr(frame_observation.GateTransform, "cells", spy)
+    truth = (small_street.truth,) if getattr(estimator, "needs_truth", False) else ()
+    estimator.estimate(observe_cube(noisy_cube, small_street), *truth)
+    assert len(read) == plan_image(small_street, estimator).n_elements
+
+
+def test_the_command_prints_steps_and_json():
+    shown = CliRunner().invoke(app, ["plan", "-e", "music2d"])
+    assert shown.exit_code == 0
+    for part in ("256 of 256", "89 of 2048", "33 of 224", "Doppler", "angles", "echo", "noise"):
+        assert part in shown.stdout
+    content = json.loads(CliRunner().invoke(app, ["plan", "-s", "street", "-e", "fft4d", "--json"]).stdout)
+    assert content["range_bins"] == [256, 344]
+    assert content["total"]["full"]["bytes"] > content["total"]["computed"]["bytes"]
+
+
+def test_an_unknown_precision_is_told():
+    shown = CliRunner().invoke(app, ["plan", "--precision", "half"])
+    assert shown.exit_code == 2
+    assert "single" in shown.stderr

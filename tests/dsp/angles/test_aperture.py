@@ -1,0 +1,185 @@
+"""Elements of the array: every product as the double loop over elements has it, of plane and of cross."""
+
+import cmath
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.angles.aperture import Cross, Plane
+from isacbench.model.observation import cross_of
+
+APERTURES = pytest.mark.parametrize("kind", [Plane, Cross])
+SHAPES = st.tuples(st.integers(1, 6), st.integers(1, 6))
+SEEDS = st.integers(0, 9999)
+
+
+def elements(aperture):
+    """Places (p, q) of the elements, in the order in which snapshots hold them."""
+    if isinstance(aperture, Plane):
+        return [(p, q) for p in range(aperture.n_p) for q in range(aperture.n_q)]
+    return [(p, 0) for p in range(aperture.n_p)] + [(0, q) for q in range(1, aperture.n_q)]
+
+
+def response(aperture, u, w):
+    """Phases of a unit wave at the elements, written out."""
+    return np.array([cmath.exp(-1j * cmath.pi * (p * u + q * w)) for p, q in elements(aperture)])
+
+
+def product(left, right):
+    """Mean of conj(left) right over the elements, by a plain loop."""
+    return sum(a.conjugate() * b for a, b in zip(left, right, strict=True)) / len(left)
+
+
+def drawn(kind, shape, seed, *sizes):
+    """Draw an aperture, cosines u and w of each size, and a source of random numbers."""
+    rng = np.random.default_rng(seed)
+    return kind(*shape), rng, *(rng.uniform(-1, 1, (2, *size)) for size in sizes)
+
+
+def snapshots_of(aperture, rng, *leading):
+    """Random snapshots."""
+    parts = rng.standard_normal((2, *leading, *aperture.shape))
+    return parts[0] + 1j * parts[1]
+
+
+@APERTURES
+@given(shape=SHAPES)
+def test_an_aperture_has_as_many_elements_as_its_snapshots(kind, shape):
+    aperture = kind(*shape)
+    assert aperture.n_elements == len(elements(aperture)) == np.prod(aperture.shape)
+
+
+@settings(max_examples=40)
+@given(shape=SHAPES, seed=SEEDS)
+def test_a_cross_holds_its_elements_in_the_order_of_an_observation(shape, seed):
+    plane, cross = Plane(*shape), Cross(*shape)
+    cells = snapshots_of(plane, np.random.default_rng(seed), 3)
+    picked = [[cells[n, p, q] for p, q in elements(cross)] for n in range(3)]
+    np.testing.assert_array_equal(cross_of(cells), picked)
+
+
+@APERTURES
+@settings(deadline=None, max_examples=30)
+@given(shape=SHAPES, seed=SEEDS)
+def test_gram_matrices_are_the_products_of_all_pairs_of_responses(kind, shape, seed):
+    aperture, _, (u, w) = drawn(kind, shape, seed, (2, 3))
+    gram = aperture.towards(u, w).gram()
+    for n in range(2):
+        for i in range(3):
+            for j in range(3):
+                pair = (response(aperture, u[n, k], w[n, k]) for k in (i, j))
+                assert gram[n, i, j] == pytest.approx(product(*pair), abs=1e-12)
+    np.testing.assert_allclose(aperture.towards(u[0], w[0]).gram(), gram[0], atol=1e-15)
+
+
+@APERTURES
+@settings(deadline=None, max_examples=40)
+@given(shape=SHAPES, seed=SEEDS)
+def test_gram_matrices_of_intersections_are_those_of_the_pairs_written_out(kind, shape, seed):
+    aperture, _, (u, _), (_, w) = drawn(kind, shape, seed, (2, 3), (2, 2))
+    gram = aperture.towards(u, w).intersections_gram().reshape(2, 6, 6)
+    pairs = np.repeat(u, 2, axis=1), np.tile(w, (1, 3))
+    np.testing.assert_allclose(gram, aperture.towards(*pairs).gram(), atol=1e-12)
+
+
+@APERTURES
+@settings(deadline=None, max_examples=30)
+@given(shape=SHAPES, seed=SEEDS)
+def test_matched_filters_are_the_products_of_responses_with_snapshots(kind, shape, seed):
+    aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 3))
+    snapshots = snapshots_of(aperture, rng, 4, 2)
+    matched = aperture.towards(u, w).matched(snapshots)
+    assert matched.shape == (4, 2, 3)
+    for s in range(4):
+        for n in range(2):
+            for k in range(3):
+                expected = product(response(aperture, u[n, k], w[n, k]), snapshots[s, n].ravel())
+                assert matched[s, n, k] == pytest.approx(expected, abs=1e-12)
+
+
+@APERTURES
+@settings(deadline=None, max_examples=40)
+@given(shape=SHAPES, seed=SEEDS)
+def test_beams_are_matched_filters_of_one_direction_for_many_snapshots(kind, shape, seed):
+    aperture, rng, (u, w) = drawn(kind, shape, seed, (3,))
+    snapshots = snapshots_of(aperture, rng, 3, 4)
+    expected = aperture.towards(u[:, None], w[:, None]).matched(snapshots.swapaxes(0, 1))[:, :, 0].T
+    np.testing.assert_allclose(aperture.towards(u, w).beams(snapshots), expected, atol=1e-12)
+
+
+@APERTURES
+@settings(deadline=None, max_examples=30)
+@given(shape=SHAPES, seed=SEEDS)
+def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape, seed):
+    aperture, rng, (u, _), (_, w) = drawn(kind, shape, seed, (2, 3), (2, 2))
+    snapshots = snapshots_of(aperture, rng, 2)
+    pairs = np.repeat(u, 2, axis=1), np.tile(w, (1, 3))
+    expected = aperture.towards(*pairs).matched(snapshots[None])[0].reshape(2, 3, 2)
+    np.testing.assert_allclose(aperture.towards(u, w).matched_intersections(snapshots), expected, atol=1e-12)
+
+
+@APERTURES
+@settings(max_examples=30)
+@given(shape=SHAPES, seed=SEEDS)
+def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_double(kind, shape, seed):
+    aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 2))
+    data = snapshots_of(aperture, rng, 2, 2)
+    for dtype, tolerance in ((np.complex64, 1e-5), (np.complex128, 0)):
+        cells = data.astype(dtype)
+        cosines = aperture.towards(u, w), aperture.towards(u[:, 0], w[:, 0])
+        for single, double in (
+            (cosines[0].matched(cells), cosines[0].matched(data)),
+            (cosines[0].matched_intersections(cells[0]), cosines[0].matched_intersections(data[0])),
+            (cosines[1].beams(cells), cosines[1].beams(data)),
+        ):
+            assert single.dtype == dtype
+            np.testing.assert_allclose(single, double, atol=tolerance)
+        assert cosines[0].gram().dtype == np.complex128
+
+
+@APERTURES
+@settings(deadline=None, max_examples=40)
+@given(shape=SHAPES, seed=SEEDS)
+def test_a_synthesis_is_the_sum_of_waves_at_every_element(kind, shape, seed):
+    aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 3))
+    amplitude = rng.standard_normal((2, 3)) + 1j * rng.standard_normal((2, 3))
+    waves = aperture.towards(u, w).synthesis(amplitude)
+    for n in range(2):
+        expected = sum(amplitude[n, k] * response(aperture, u[n, k], w[n, k]) for k in range(3))
+        np.testing.assert_allclose(waves[n].ravel(), expected, atol=1e-12)
+
+
+@APERTURES
+@settings(max_examples=40)
+@given(shape=SHAPES, seed=SEEDS)
+def test_lines_run_along_u_and_along_w_and_hold_every_element(kind, shape, seed):
+    aperture, _, (u, w) = drawn(kind, shape, seed, (2, 1))
+    along_u, along_w = aperture.lines(aperture.towards(u, w).synthesis(np.ones((2, 1), complex)))
+    assert along_u.shape[:2] == (2, shape[0])
+    assert along_w.shape[:2] == (2, shape[1])
+    # From sensor to sensor the phase turns by -π times the cosine, on every line.
+    steps = [np.exp(-1j * np.pi * cosine)[:, :, None] for cosine in (u, w)]
+    np.testing.assert_allclose(along_u[:, 1:], along_u[:, :-1] * steps[0], atol=1e-12)
+    np.testing.assert_allclose(along_w[:, 1:], along_w[:, :-1] * steps[1], atol=1e-12)
+
+
+def test_a_plane_has_all_its_rows_and_columns_as_lines_and_a_cross_one_of_each():
+    for aperture, n_lines in ((Plane(5, 3), (3, 5)), (Cross(5, 3), (1, 1))):
+        lines = aperture.lines(np.zeros((2, *aperture.shape), complex))
+        assert tuple(part.shape[2] for part in lines) == n_lines
+
+
+@settings(max_examples=40)
+@given(seed=SEEDS, n=st.integers(2, 8))
+def test_four_corners_of_a_rectangle_of_directions_are_dependent_on_a_cross_and_not_on_a_plane(seed, n):
+    u, w = np.random.default_rng(seed).uniform(-0.9, 0.9, (2, 1, 2))
+    u[0, 1], w[0, 1] = u[0, 0] + 1 / n, w[0, 0] - 1 / n
+    ranks = [
+        np.linalg.matrix_rank(
+            kind(n, n).towards(u, w).intersections_gram().reshape(4, 4), tol=1e-9, hermitian=True
+        )
+        for kind in (Plane, Cross)
+    ]
+    assert ranks == [4, 3]

@@ -1,0 +1,173 @@
+"""Unitary ESPRIT on exact subspaces, where it is exact, and where it is not to be trusted."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.angles.esprit import most_sources, unitary_esprit
+from isacbench.dsp.angles.line_subspaces import unitary_transform
+from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance, planar_eigenpairs
+from isacbench.model.kernels import steering
+
+SHAPE = (16, 16)
+CONSTELLATIONS = {
+    "one": ([0.3], [-0.2]),
+    "equal u": ([0.2, 0.2], [-0.4, 0.5]),
+    "equal w": ([-0.4, 0.5], [0.2, 0.2]),
+    "three on a line along u": ([-0.3, 0.0, 0.3], [0.1, 0.1, 0.1]),
+    "three on a diagonal": ([-0.3, 0.0, 0.3], [-0.2, 0.0, 0.2]),
+    "corners of a rectangle": ([-0.2, -0.2, 0.3, 0.3], [-0.3, 0.2, -0.3, 0.2]),
+    "edge of the visible region": ([0.98, -0.98, 0.0], [0.0, 0.1, 0.98]),
+    "a quarter of a Rayleigh cell": ([0.1, 0.13125], [0.2, 0.2]),
+}
+
+
+def snapshot(u, w, gain, shape=SHAPE):
+    """Noise-free snapshot (1, P, Q)."""
+    return sum(
+        g * np.outer(steering(shape[0], a), steering(shape[1], b)) for a, b, g in zip(u, w, gain, strict=True)
+    )[None]
+
+
+def solve(snapshots, subarray, order):
+    """ESPRIT on the signal subspaces of snapshots."""
+    vectors = leading_eigenpairs(planar_covariance(snapshots, subarray), order)[1]
+    return unitary_esprit(vectors.reshape(len(snapshots), *subarray, order))
+
+
+def pairs_of(u, w):
+    return sorted(zip(np.round(u, 4) + 0.0, np.round(w, 4) + 0.0, strict=True))
+
+
+@pytest.mark.parametrize("phases", ["in phase", "in quadrature", "opposite"])
+@pytest.mark.parametrize("name", CONSTELLATIONS)
+def test_coherent_sources_of_one_noise_free_snapshot_are_found_in_pairs(name, phases):
+    u, w = (np.array(cosines) for cosines in CONSTELLATIONS[name])
+    turns = {"in phase": 0, "in quadrature": 0.25, "opposite": 0.5}[phases]
+    # Phases at the middle of the aperture, where they matter.
+    gain = np.exp(2j * np.pi * turns * np.arange(len(u)) + 7.5j * np.pi * (u + w))
+    found = solve(snapshot(u, w, gain), (8, 8), len(u))
+    assert found.reliable.all()
+    np.testing.assert_allclose(pairs_of(found.u[0], found.w[0]), pairs_of(u, w), atol=2e-4)
+
+
+@st.composite
+def scenes(draw):
+    """One to four sources anywhere, no two nearer than a Rayleigh cell of the subarray in both axes."""
+    k = draw(st.integers(1, 4))
+    slots = np.array([-0.75, -0.25, 0.25, 0.75])
+    u, w = (
+        slots[draw(st.permutations(range(4)))[:k]]
+        + np.array(draw(st.lists(st.floats(-0.1, 0.1), min_size=k, max_size=k)))
+        for _ in range(2)
+    )
+    gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in range(k)]
+    return u, w, np.array(gain)
+
+
+@settings(deadline=None, max_examples=30)
+@given(scene=scenes(), shift=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)))
+def test_directions_move_with_the_sources_and_do_not_depend_on_their_order(scene, shift):
+    u, w, gain = scene
+    turned = snapshot(u, w, gain) * np.outer(steering(16, shift[0]), steering(16, shift[1]))
+    found = solve(turned, (8, 8), len(u))
+    np.testing.assert_allclose(
+        pairs_of(found.u[0], found.w[0]), pairs_of(u + shift[0], w + shift[1]), atol=2e-4
+    )
+    swapped = solve(snapshot(u[::-1], w[::-1], gain[::-1]), (8, 8), len(u))
+    np.testing.assert_allclose(pairs_of(swapped.u[0], swapped.w[0]), pairs_of(u, w), atol=2e-4)
+
+
+def test_cells_of_a_batch_are_independent():
+    cells = np.concatenate(
+        [snapshot([0.1, -0.4], [0.2, 0.3], [1, 1j]), snapshot([-0.5, 0.6], [0.7, 0], [1, 1])]
+    )
+    together = solve(cells, (8, 8), 2)
+    for cell in range(2):
+        alone = solve(cells[[cell]], (8, 8), 2)
+        np.testing.assert_allclose(
+            pairs_of(together.u[cell], together.w[cell]), pairs_of(alone.u[0], alone.w[0]), atol=2e-4
+        )
+
+
+@pytest.mark.parametrize(
+    ("shape", "subarray", "order"), [((2, 2), (2, 2), 1), ((3, 5), (2, 3), 2), ((2, 16), (2, 8), 2)]
+)
+def test_small_arrays_serve_too(shape, subarray, order):
+    u, w = np.array([0.3, -0.5])[:order], np.array([-0.2, 0.4])[:order]
+    assert order <= most_sources(subarray)
+    found = solve(snapshot(u, w, np.array([1, 1j])[:order], shape), subarray, order)
+    np.testing.assert_allclose(pairs_of(found.u[0], found.w[0]), pairs_of(u, w), atol=2e-4)
+
+
+def test_as_many_sources_as_a_subarray_can_tell_apart_are_found():
+    assert most_sources((2, 2)) == 2
+    assert most_sources((8, 8)) == 56
+    # Independent directions of a basis instead of a snapshot's few looks.
+    u, w = np.array([-0.6, -0.1, 0.5, 0.8]), np.array([0.2, 0.7, -0.5, 0.1])
+    turn = np.kron(unitary_transform(3), unitary_transform(3)).conj().T
+    centre = np.exp(1j * np.pi * (u + w))
+    steered = np.stack(
+        [c * np.outer(steering(3, a), steering(3, b)).ravel() for a, b, c in zip(u, w, centre, strict=True)],
+        1,
+    )
+    basis = np.linalg.qr((turn @ steered).real)[0].reshape(1, 3, 3, 4)
+    found = unitary_esprit(basis)
+    np.testing.assert_allclose(pairs_of(found.u[0], found.w[0]), pairs_of(u, w), atol=2e-4)
+
+
+def test_a_pair_that_noise_turned_to_the_wrong_axis_is_not_reliable():
+    # Opposite echoes a tenth of a Rayleigh cell apart in u, at the limit of resolution.
+    rng = np.random.default_rng(0)
+    u, w = np.array([0.0, 0.0125]), np.array([0.1, 0.1])
+    gain = 62.5 * np.array([1, -1]) * np.exp(7.5j * np.pi * (u + w))
+    noise = (rng.standard_normal((200, *SHAPE)) + 1j * rng.standard_normal((200, *SHAPE))) / np.sqrt(2)
+    found = solve(snapshot(u, w, gain) + noise, (8, 8), 2)
+    along_u = np.ptp(found.u, axis=1) > np.ptp(found.w, axis=1)
+    assert 0.05 < np.mean(~found.reliable) < 0.6
+    assert np.mean(along_u[~found.reliable]) < 0.1
+    assert np.mean(along_u[found.reliable]) > 0.8
+
+
+def test_without_cells_there_are_no_directions():
+    found = unitary_esprit(np.empty((0, 8, 8, 3)))
+    assert found.u.shape == found.w.shape == (0, 3)
+    assert found.reliable.shape == (0,)
+
+
+def solve_data(snapshots, subarray, order):
+    """ESPRIT on the signal subspaces of snapshots, with the digits that they take."""
+    vectors = planar_eigenpairs(snapshots[:, None], subarray, order + 1).vectors[:, :, :order]
+    return unitary_esprit(vectors.reshape(len(snapshots), *subarray, order))
+
+
+def farthest(found, u, w):
+    """Distance of the source that is farthest from what was found."""
+    apart = np.hypot(found.u[0][:, None] - u, found.w[0][:, None] - w)
+    return apart.min(axis=0).max()
+
+
+@pytest.mark.parametrize("db", [100, 140, 160])
+def test_a_source_far_below_another_is_found_without_noise(db):
+    u, w = np.array([0.1, -0.4]), np.array([0.2, 0.3])
+    found = solve_data(snapshot(u, w, [1, 10 ** (-db / 20)]), (10, 10), 2)
+    # 0.4 off at 160 dB from a covariance.
+    assert farthest(found, u, w) < 1e-7
+
+
+@pytest.mark.parametrize("phase", [1, 1j, -1])
+@pytest.mark.parametrize("cells", [1e-2, 1e-3, 1e-4])
+def test_a_pair_much_closer_than_a_rayleigh_cell_is_told_apart_without_noise(cells, phase):
+    u, w = np.array([0.1, 0.1 + cells / 8]), np.array([0.2, 0.2])
+    gain = np.exp(7.5j * np.pi * (u + w)) * [1, phase]
+    found = solve_data(snapshot(u, w, gain), (10, 10), 2)
+    assert farthest(found, u, w) < 1e-3 * (u[1] - u[0])
+
+
+@pytest.mark.parametrize("inside", [1e-3, 1e-6, 1e-9, 0.0])
+def test_a_source_at_the_very_edge_is_right_and_leaves_the_others_right(inside):
+    u, w = np.array([1 - inside, 0.3]), np.array([0.0, 0.2])
+    found = solve_data(snapshot(u, w, [1, 1j]), (10, 10), 2)
+    # Half a cell off from normal equations.
+    assert farthest(found, u, w) < 1e-7

@@ -1,0 +1,240 @@
+"""Subspace methods in real arithmetic, against their complex definitions."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.angles.line_subspaces import (
+    music_null_minima,
+    music_null_spectrum,
+    real_steering,
+    real_steering_slopes,
+    smoothed_covariance,
+)
+from isacbench.dsp.angles.peaks import line_peaks
+from isacbench.model.kernels import steering
+
+SENSORS, SUBARRAY = 16, 10
+GRID = np.linspace(-1, 1, 801)
+LENGTHS = st.integers(2, 11)
+
+
+def random_snapshots(*shape, seed=0):
+    """White complex noise of unit power."""
+    rng = np.random.default_rng(seed)
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def unitary_transform(n):
+    """Q of Huarng and Yeh, element by element: pairs of mirrored sensors become sums and differences."""
+    half = n // 2
+    q = np.zeros((n, n), dtype=complex)
+    for i in range(half):
+        mirror = n - 1 - i
+        q[i, i] = q[mirror, i] = 1 / np.sqrt(2)
+        q[i, n - half + i], q[mirror, n - half + i] = 1j / np.sqrt(2), -1j / np.sqrt(2)
+    if n % 2:
+        q[half, half] = 1
+    return q
+
+
+def plain_covariance(snapshots, n_subarray):
+    """Forward-backward smoothed covariance of one cell, complex, and turned by Q."""
+    n_sensors, n_snapshots = snapshots.shape
+    flip = np.eye(n_subarray)[::-1]
+    total, count = np.zeros((n_subarray, n_subarray), dtype=complex), 0
+    for first in range(n_sensors - n_subarray + 1):
+        for snapshot in range(n_snapshots):
+            x = snapshots[first : first + n_subarray, snapshot]
+            forward = np.outer(x, x.conj())
+            total += forward + flip @ forward.conj() @ flip
+            count += 2
+    q = unitary_transform(n_subarray)
+    return q.conj().T @ (total / count) @ q
+
+
+def null_spectrum(lines, order, grid=GRID):
+    """MUSIC null spectra (n, g) of lines (n, sensors, snapshots)."""
+    _, vectors = np.linalg.eigh(smoothed_covariance(lines, SUBARRAY))
+    return music_null_spectrum(vectors[:, :, ::-1], np.full(len(lines), order), real_steering(SUBARRAY, grid))
+
+
+@st.composite
+def sources(draw):
+    """One to three directions more than a Rayleigh cell of the subarray apart, and their echoes."""
+    gaps = draw(st.lists(st.floats(0.25, 0.5), min_size=1, max_size=3))
+    cosine = draw(st.floats(-0.9, -0.7)) + np.cumsum(gaps)
+    gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in gaps]
+    return cosine, np.array(gain)
+
+
+@settings(max_examples=30)
+@given(n_subarray=LENGTHS, n_more=st.integers(0, 5), n_snapshots=st.integers(1, 4), seed=st.integers(0, 999))
+def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_transform(
+    n_subarray, n_more, n_snapshots, seed
+):
+    snapshots = random_snapshots(2, n_subarray + n_more, n_snapshots, seed=seed)
+    found = smoothed_covariance(snapshots, n_subarray)
+    for cell in range(2):
+        expected = plain_covariance(snapshots[cell], n_subarray)
+        assert np.abs(expected.imag).max() < 1e-12
+        np.testing.assert_allclose(found[cell], expected.real, atol=1e-12)
+
+
+@settings(max_examples=30)
+@given(n_subarray=LENGTHS, seed=st.integers(0, 999))
+def test_the_covariance_is_symmetric_and_not_negative(n_subarray, seed):
+    covariance = smoothed_covariance(random_snapshots(3, 12, 1, seed=seed), n_subarray)
+    np.testing.assert_allclose(covariance, covariance.transpose(0, 2, 1), atol=1e-12)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+@pytest.mark.parametrize("n_subarray", [2, 7, 10, 16])
+def test_the_mean_eigenvalue_in_white_noise_is_the_noise_power(n_subarray):
+    power, n_cells = 7.0, 400
+    snapshots = np.sqrt(power) * random_snapshots(n_cells, 16, 16)
+    mean = np.linalg.eigvalsh(smoothed_covariance(snapshots, n_subarray)).mean()
+    # The trace averages at least n_subarray independent sensors.
+    assert abs(mean / power - 1) < 5 / np.sqrt(n_cells * 16 * n_subarray)
+
+
+def test_the_snapshots_are_left_alone():
+    snapshots = random_snapshots(2, 8, 3)
+    snapshots.setflags(write=False)
+    smoothed_covariance(snapshots, 5)
+
+
+@settings(max_examples=30)
+@given(n_subarray=LENGTHS, cosine=st.lists(st.floats(-1, 1), min_size=1, max_size=4))
+def test_real_steering_is_steering_from_the_middle_turned_by_the_unitary_transform(n_subarray, cosine):
+    middle = np.exp(1j * np.pi * (n_subarray - 1) / 2 * np.array(cosine))
+    expected = unitary_transform(n_subarray).conj().T @ (steering(n_subarray, cosine).T * middle)
+    found = real_steering(n_subarray, cosine)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(np.sum(found**2, axis=0), n_subarray, rtol=1e-12)
+
+
+@pytest.mark.parametrize("coherent", [True, False])
+@settings(deadline=None, max_examples=30)
+@given(echoes=sources())
+def test_music_is_exact_on_noise_free_sources(coherent, echoes):
+    cosine, gain = echoes
+    # Coherent echoes reach all snapshots alike; smoothing alone restores the rank.
+    waveforms = np.ones((len(gain), 1)) if coherent else np.fft.fft(np.eye(8))[: len(gain)]
+    lines = (steering(SENSORS, cosine).T @ (gain[:, None] * waveforms))[None]
+    at_sources = null_spectrum(lines, len(gain), cosine)
+    assert at_sources.max() < 1e-10 * SUBARRAY
+    null = null_spectrum(lines, len(gain))
+    peaks = line_peaks(-null, GRID, np.array([len(gain)]))
+    assert peaks.found.all()
+    np.testing.assert_allclose(np.sort(peaks.place[0]), cosine, atol=1e-4)
+
+
+def test_without_subarrays_three_coherent_sources_are_missed_and_with_them_found():
+    cosine = np.array([-0.5, -0.1, 0.4])
+    lines = (steering(SENSORS, cosine).T @ np.array([[1.0], [1.0j], [0.7]]))[None]
+    for n_subarray, worst in ((SENSORS, (0.05, 1.0)), (SUBARRAY, (0.0, 1e-10))):
+        vectors = np.linalg.eigh(smoothed_covariance(lines, n_subarray))[1][:, :, ::-1]
+        null = music_null_spectrum(vectors, np.array([3]), real_steering(n_subarray, cosine))
+        assert worst[0] <= null.max() / n_subarray <= worst[1]
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    echoes=sources(),
+    scale=st.floats(1e-6, 1e6),
+    phase=st.floats(0, 2 * np.pi),
+    seed=st.integers(0, 999),
+)
+def test_music_does_not_change_with_scale_and_global_phase(echoes, scale, phase, seed):
+    cosine, gain = echoes
+    lines = (steering(SENSORS, cosine).T @ gain[:, None])[None] + 0.1 * random_snapshots(
+        1, SENSORS, 4, seed=seed
+    )
+    changed = scale * np.exp(1j * phase) * lines
+    np.testing.assert_allclose(
+        null_spectrum(changed, len(gain)), null_spectrum(lines, len(gain)), atol=1e-6 * SUBARRAY
+    )
+
+
+@settings(max_examples=30)
+@given(n_cells=st.integers(1, 4), n_subarray=st.integers(3, 8), seed=st.integers(0, 999))
+def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cells, n_subarray, seed):
+    rng = np.random.default_rng(seed)
+    vectors = np.linalg.eigh(smoothed_covariance(random_snapshots(n_cells, 10, 4, seed=seed), n_subarray))[1]
+    vectors = vectors[:, :, ::-1]
+    order = rng.integers(1, n_subarray, n_cells)
+    found = music_null_spectrum(vectors, order, real_steering(n_subarray, GRID[::50]))
+    for cell in range(n_cells):
+        for i, cosine in enumerate(GRID[::50]):
+            a = real_steering(n_subarray, [cosine])[:, 0]
+            noise = vectors[cell, :, order[cell] :]
+            expected = sum((noise[:, k] @ a) ** 2 for k in range(noise.shape[1]))
+            assert found[cell, i] == pytest.approx(expected, abs=1e-11)
+
+
+@settings(max_examples=30)
+@given(n_subarray=LENGTHS, cosine=st.lists(st.floats(-1, 1), min_size=1, max_size=4))
+def test_slopes_of_real_steering_are_those_of_complex_steering_turned(n_subarray, cosine):
+    arm = np.pi * ((n_subarray - 1) / 2 - np.arange(n_subarray))
+    turn = unitary_transform(n_subarray).conj().T
+    found = real_steering_slopes(n_subarray, np.array(cosine))
+    for order in range(3):
+        for row, place in zip(found[order], cosine, strict=True):
+            expected = turn @ ((1j * arm) ** order * np.exp(1j * arm * place))
+            np.testing.assert_allclose(row, expected, atol=1e-11 * n_subarray**order)
+
+
+@settings(deadline=None, max_examples=30)
+@given(echoes=sources(), offset=st.floats(-0.01, 0.01))
+def test_nulls_of_noise_free_sources_are_found_exactly_from_places_nearby(echoes, offset):
+    cosine, gain = echoes
+    lines = (steering(SENSORS, cosine).T @ gain[:, None])[None]
+    vectors = np.linalg.eigh(smoothed_covariance(lines, SUBARRAY))[1][:, :, ::-1]
+    start = (cosine + offset)[None]
+    order, found = np.array([len(gain)]), np.ones(start.shape, dtype=bool)
+    minima = music_null_minima(vectors, order, start, found, 0.02)
+    np.testing.assert_allclose(minima[0], cosine, atol=1e-7)
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 9999), order=st.integers(1, 4))
+def test_minima_from_a_grid_are_flat_and_entries_that_are_not_found_stay(seed, order):
+    lines = random_snapshots(3, SENSORS, 6, seed=seed)
+    vectors = np.linalg.eigh(smoothed_covariance(lines, SUBARRAY))[1][:, :, ::-1]
+    orders = np.minimum([order, 1, 2], order)
+    null = music_null_spectrum(vectors, orders, real_steering(SUBARRAY, GRID))
+    peaks = line_peaks(-null, GRID, orders)
+    minima = music_null_minima(vectors, orders, peaks.place, peaks.found, GRID[1] - GRID[0])
+    assert np.array_equal(minima[~peaks.found], peaks.place[~peaks.found])
+    step = 1e-6
+    around = np.stack([minima - step, minima, minima + step])
+    for cell, entry in zip(*np.nonzero(peaks.found), strict=True):
+        places = real_steering(SUBARRAY, around[:, cell, entry])
+        left, middle, right = music_null_spectrum(vectors[[cell]], orders[[cell]], places)[0]
+        assert abs(right - left) / (2 * step) < 1e-3
+        assert middle <= max(left, right)
+
+
+@pytest.mark.parametrize("shape", [(0, 2), (3, 0)])
+def test_where_there_are_no_places_there_are_no_minima(shape):
+    vectors = np.broadcast_to(np.eye(SUBARRAY), (shape[0], SUBARRAY, SUBARRAY))
+    minima = music_null_minima(
+        vectors, np.ones(shape[0], dtype=np.int64), np.zeros(shape), np.zeros(shape, dtype=bool), 0.1
+    )
+    assert minima.shape == shape
+
+
+def test_covariance_and_null_spectrum_have_the_precision_of_the_snapshots():
+    snapshots = random_snapshots(3, 16, 5)
+    order, towards = np.array([1, 2, 3]), real_steering(10, np.linspace(-0.5, 0.5, 21))
+    results = []
+    for dtype in (np.complex64, np.complex128):
+        covariance = smoothed_covariance(snapshots.astype(dtype), 10)
+        vectors = np.linalg.eigh(covariance)[1][:, :, ::-1]
+        null = music_null_spectrum(vectors, order, towards)
+        assert covariance.dtype == null.dtype == np.zeros(0, dtype).real.dtype
+        results.append((covariance, null))
+    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-5)
+    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-3)

@@ -1,0 +1,192 @@
+"""Model orders: known eigenvalues and sources, and noise that is not to pass for any."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.angles.model_order import (
+    eigenvalue_cfar_order,
+    information_order,
+    noise_edge,
+    noise_order,
+    smoothed_noise_edge,
+)
+from isacbench.dsp.angles.planar_subspaces import planar_covariance
+from isacbench.dsp.cfar.factors import ca_factor
+from isacbench.model.kernels import steering
+
+
+def random_snapshots(*shape, seed=0):
+    """White complex noise of unit power."""
+    rng = np.random.default_rng(seed)
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def eigenvalues_of(snapshots, subarray):
+    """Descending eigenvalues of planar smoothed covariances."""
+    return np.linalg.eigvalsh(planar_covariance(snapshots, subarray))[:, ::-1]
+
+
+def sources(n_cells, n_sources, gain_db, seed=0):
+    """16 x 16 snapshots of sources at least two Rayleigh cells apart, gain_db over noise on all elements."""
+    rng = np.random.default_rng(seed)
+    snapshots = random_snapshots(n_cells, 16, 16, seed=seed)
+    slots = np.linspace(-0.75, 0.75, n_sources)
+    for cell in range(n_cells):
+        for u, w in zip(slots, rng.permutation(slots), strict=True):
+            gain = np.sqrt(10 ** (gain_db / 10) / 256) * np.exp(2j * np.pi * rng.random())
+            snapshots[cell] += gain * np.outer(steering(16, u), steering(16, w))
+    return snapshots
+
+
+@settings(max_examples=40)
+@given(
+    eigenvalues=st.lists(st.floats(0, 10), min_size=2, max_size=8).map(lambda v: sorted(v, reverse=True)),
+    edge=st.floats(0, 10),
+)
+def test_the_noise_order_counts_what_noise_does_not_reach_but_leaves_both_a_dimension(eigenvalues, edge):
+    above = sum(value > edge for value in eigenvalues)
+    expected = min(max(above, 1), len(eigenvalues) - 1)
+    assert noise_order(np.array([eigenvalues]), edge).tolist() == [expected]
+
+
+def test_the_noise_edge_is_where_the_eigenvalues_of_a_large_noise_covariance_end():
+    for n_sensors, n_snapshots in ((100, 400), (100, 100)):
+        x = random_snapshots(n_sensors, n_snapshots)
+        largest = np.linalg.eigvalsh(x @ x.conj().T / n_snapshots)[-1]
+        assert largest == pytest.approx(noise_edge(n_sensors, n_snapshots), rel=0.08)
+    assert noise_edge(9, 9) == pytest.approx(4)
+
+
+@settings(max_examples=30)
+@given(
+    eigenvalues=st.lists(st.floats(0, 1e3), min_size=3, max_size=10).map(lambda v: sorted(v, reverse=True)),
+    pfa=st.floats(1e-4, 0.5),
+)
+def test_the_eigenvalue_cfar_holds_each_eigenvalue_against_the_mean_of_its_neighbours(eigenvalues, pfa):
+    n = len(eigenvalues)
+    side = (n - 1) // 2
+    n_above = 0
+    for i, value in enumerate(eigenvalues):
+        first = min(max(i - side, 0), n - 1 - 2 * side)
+        training = [eigenvalues[j] for j in range(first, first + 2 * side + 1) if j != i]
+        n_above += value > ca_factor(pfa, 2 * side) * sum(training) / (2 * side)
+    assert eigenvalue_cfar_order(np.array([eigenvalues]), pfa)[0] == min(max(n_above, 1), n - 1)
+
+
+def test_in_the_eigenvalue_cfar_equal_sources_mask_each_other_as_documented():
+    eigenvalues = np.array([[100.0] * 4 + [1.0] * 4])
+    assert eigenvalue_cfar_order(eigenvalues, 1e-2).tolist() == [1]
+    assert noise_order(eigenvalues, noise_edge(8, 16)).tolist() == [4]
+
+
+@settings(max_examples=30)
+@given(
+    eigenvalues=st.lists(st.floats(1e-6, 1e6), min_size=3, max_size=10),
+    pfa=st.floats(1e-6, 0.5),
+    exponent=st.integers(-20, 20),
+)
+def test_the_eigenvalue_cfar_leaves_both_a_dimension_and_knows_no_scale(eigenvalues, pfa, exponent):
+    descending = np.array([sorted(eigenvalues, reverse=True)])
+    order = eigenvalue_cfar_order(descending, pfa)
+    assert 1 <= order[0] <= len(eigenvalues) - 1
+    np.testing.assert_array_equal(eigenvalue_cfar_order(2.0**exponent * descending, pfa), order)
+
+
+def test_the_eigenvalue_cfar_stands_the_rounding_of_a_singular_covariance():
+    assert eigenvalue_cfar_order(np.array([[5.0, 1e-17, -1e-17, -2e-17]]), 1e-2).tolist() == [1]
+
+
+@settings(max_examples=30)
+@given(
+    seed=st.integers(0, 999),
+    shape=st.tuples(st.integers(2, 9), st.integers(2, 9)),
+    fraction=st.floats(0.3, 0.9),
+)
+def test_no_snapshot_of_unit_energy_has_a_larger_eigenvalue_than_the_edge_charges_for_it(
+    seed, shape, fraction
+):
+    subarray = tuple(max(2, round(fraction * n)) for n in shape)
+    # The edge grows by the weight of one unit of energy for a rate e times smaller.
+    weight = smoothed_noise_edge(shape, subarray, 1e-4) - smoothed_noise_edge(shape, subarray, np.e * 1e-4)
+    noise = random_snapshots(20, *shape, seed=seed)
+    noise /= np.linalg.norm(noise, axis=(1, 2), keepdims=True)
+    noise[0] = np.outer(*(np.bartlett(n + 2)[1:-1] for n in shape))
+    noise[0] /= np.linalg.norm(noise[0])
+    largest = eigenvalues_of(noise, subarray)[:, 0]
+    assert largest.max() <= weight * (1 + 1e-9)
+    assert largest[0] > 0.6 * weight
+
+
+@pytest.mark.parametrize(
+    ("shape", "subarray", "n_cells"),
+    [((8, 8), (4, 4), 6000), ((8, 8), (5, 5), 4000), ((16, 4), (8, 2), 6000)],
+)
+def test_noise_exceeds_its_edge_about_as_often_as_asked(shape, subarray, n_cells):
+    pfa = 0.02
+    largest = eigenvalues_of(random_snapshots(n_cells, *shape), subarray)[:, 0]
+    rate = np.mean(largest > smoothed_noise_edge(shape, subarray, pfa))
+    assert pfa / 5 < rate < 1.2 * pfa
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pfa", [1e-2, 1e-3])
+def test_noise_of_the_whole_array_exceeds_its_edge_about_as_often_as_asked(pfa):
+    edge = smoothed_noise_edge((16, 16), (8, 8), pfa)
+    n_above = sum(
+        np.sum(eigenvalues_of(random_snapshots(500, 16, 16, seed=seed), (8, 8))[:, 0] > edge)
+        for seed in range(40)
+    )
+    assert pfa / 4 < n_above / 20000 < 1.2 * pfa
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("method", ["noise", "mdl", "aic"])
+def test_strong_separate_sources_of_one_snapshot_are_counted(method, order):
+    values = eigenvalues_of(sources(20, order, gain_db=45), (8, 8))
+    if method == "noise":
+        found = noise_order(values, smoothed_noise_edge((16, 16), (8, 8), 1e-5))
+    else:
+        found = information_order(values, 4, method)
+    assert found.tolist() == [order] * 20
+
+
+@pytest.mark.parametrize("criterion", ["mdl", "aic"])
+def test_in_noise_the_criteria_fall_back_to_one_source_and_with_overlapping_looks_they_do_not(criterion):
+    values = eigenvalues_of(random_snapshots(60, 16, 16), (8, 8))
+    assert information_order(values, 4, criterion).tolist() == [1] * 60
+    if criterion == "aic":
+        assert np.mean(information_order(values, 81, criterion) > 1) > 0.5
+
+
+@settings(max_examples=30)
+@given(
+    eigenvalues=st.lists(st.floats(1e-3, 1e3), min_size=2, max_size=9),
+    n_independent=st.floats(1, 100),
+    criterion=st.sampled_from(["mdl", "aic"]),
+    exponent=st.integers(-20, 20),
+)
+def test_the_criteria_are_those_of_wax_and_kailath_for_real_covariances_and_know_no_scale(
+    eigenvalues, n_independent, criterion, exponent
+):
+    values = np.array(sorted(eigenvalues, reverse=True))
+    n_real, size = 2 * n_independent, len(values)
+    scores = []
+    for k in range(size):
+        rest = values[k:]
+        likelihood = -n_real / 2 * (np.sum(np.log(rest)) - len(rest) * np.log(np.mean(rest)))
+        n_free = k * (2 * size - k + 1) / 2
+        scores.append(likelihood + (n_free if criterion == "aic" else n_free * np.log(n_real) / 2))
+    found = information_order(values[None], n_independent, criterion)[0]
+    # Rounding decides between equal scores.
+    least = min(scores)
+    equal = {min(max(k, 1), size - 1) for k in range(size) if scores[k] - least < 1e-9 * (1 + abs(least))}
+    assert found in equal
+    assert information_order(2.0**exponent * values[None], n_independent, criterion)[0] in equal
+
+
+@pytest.mark.parametrize("criterion", ["mdl", "aic"])
+def test_the_criteria_stand_the_rounding_of_a_singular_covariance(criterion):
+    assert information_order(np.array([[5.0, 1e-17, -1e-17]]), 4, criterion)[0] in (1, 2)
+    assert information_order(np.zeros((1, 3)), 4, criterion)[0] in (1, 2)

@@ -1,0 +1,173 @@
+"""Peaks on lines and planes, against plain loops and exact parabolas."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.angles.peaks import line_peaks, plane_peaks, vertex
+
+
+def plain_vertex(left, middle, right):
+    """Middle of the parabola through three samples, by polynomial fitting."""
+    a, b, _ = np.polyfit([-1, 0, 1], [left, middle, right], 2)
+    return min(max(-b / (2 * a), -0.5), 0.5)
+
+
+def distinct(seed, *shape):
+    """Spectra of distinct samples: no ties."""
+    return np.random.default_rng(seed).permutation(np.prod(shape)).reshape(shape) + 1.0
+
+
+@settings(max_examples=40)
+@given(
+    offset=st.floats(-0.5, 0.5),
+    curvature=st.floats(1e-3, 1e3),
+    sign=st.sampled_from([-1, 1]),
+    height=st.floats(-10, 10),
+)
+def test_the_vertex_of_a_parabola_is_found_exactly(offset, curvature, sign, height):
+    left, middle, right = (
+        np.array([height + sign * curvature * (place - offset) ** 2]) for place in (-1, 0, 1)
+    )
+    assert vertex(left, middle, right)[0] == pytest.approx(offset, abs=1e-9)
+
+
+def test_three_equal_samples_have_their_vertex_in_the_middle():
+    np.testing.assert_array_equal(vertex(np.ones(3), np.ones(3), np.ones(3)), 0)
+
+
+def test_no_vertex_lies_beyond_half_a_step():
+    samples = [np.array([value]) for value in (0.0, 1.0, 1.9)]
+    assert vertex(*samples) == 0.5
+    assert vertex(*samples[::-1]) == -0.5
+
+
+@settings(max_examples=30)
+@given(
+    n=st.integers(1, 4),
+    g=st.integers(3, 12),
+    masked=st.booleans(),
+    seed=st.integers(0, 9999),
+)
+def test_line_peaks_are_those_of_a_plain_loop(n, g, masked, seed):
+    rng = np.random.default_rng(seed)
+    spectra, grid = distinct(seed, n, g), np.linspace(-0.7, 0.4, g)
+    n_peaks = rng.integers(0, 4, n)
+    allowed = rng.random((n, g)) < 0.6 if masked else None
+    peaks = line_peaks(spectra, grid, n_peaks, allowed)
+    assert peaks.place.shape == peaks.found.shape
+    for row in range(n):
+        maxima = [
+            i
+            for i in range(1, g - 1)
+            if spectra[row, i] > max(spectra[row, i - 1], spectra[row, i + 1])
+            and (allowed is None or allowed[row, i])
+        ]
+        maxima = sorted(maxima, key=lambda i: -spectra[row, i])[: n_peaks[row]]
+        expected = [
+            grid[i] + (grid[1] - grid[0]) * plain_vertex(*spectra[row, i - 1 : i + 2]) for i in maxima
+        ]
+        assert peaks.found[row].tolist() == [True] * len(maxima) + [False] * (
+            peaks.found.shape[1] - len(maxima)
+        )
+        np.testing.assert_allclose(peaks.place[row, : len(maxima)], expected, atol=1e-9)
+
+
+@settings(max_examples=40)
+@given(place=st.floats(-0.8, 0.8), width=st.floats(0.1, 10))
+def test_a_parabola_on_a_line_is_placed_exactly(place, width):
+    grid = np.linspace(-1, 1, 21)
+    peaks = line_peaks(-width * (grid[None] - place) ** 2, grid, np.array([1]))
+    assert peaks.found.tolist() == [[True]]
+    assert peaks.place[0, 0] == pytest.approx(place, abs=1e-9)
+
+
+@pytest.mark.parametrize("spectrum", [[1, 2, 3, 4], [4, 3, 2, 1], [2, 1, 1, 2], [1, 1, 1, 1]])
+def test_the_ends_of_a_line_and_a_flat_line_are_no_peaks(spectrum):
+    peaks = line_peaks(np.array([spectrum], dtype=float), np.arange(4.0), np.array([4]))
+    assert not peaks.found.any()
+
+
+def test_a_flat_top_of_two_samples_is_one_peak_between_them():
+    peaks = line_peaks(np.array([[0.0, 1.0, 3.0, 3.0, 1.0, 0.0]]), np.arange(6.0), np.array([3]))
+    assert peaks.place[peaks.found].tolist() == [2.5]
+
+
+@pytest.mark.parametrize(("shape", "n_peaks"), [((0, 5), []), ((2, 5), [0, 0])])
+def test_no_spectra_and_no_peaks_asked_for_give_none(shape, n_peaks):
+    peaks = line_peaks(np.ones(shape), np.arange(5.0), np.array(n_peaks, dtype=np.int64))
+    assert peaks.place.shape == peaks.found.shape == (shape[0], 0)
+
+
+@settings(max_examples=30)
+@given(
+    n=st.integers(1, 3),
+    g=st.integers(3, 7),
+    h=st.integers(3, 7),
+    n_most=st.integers(0, 5),
+    seed=st.integers(0, 9999),
+)
+def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_most, seed):
+    power = distinct(seed, n, g, h)
+    allowed = np.random.default_rng(seed).random(power.shape) < 0.8
+    row, column, found = plane_peaks(power, allowed, n_most)
+    for k in range(n):
+        maxima = []
+        for i in range(g):
+            for j in range(h):
+                around = [power[k, (i + a) % g, (j + b) % h] for a in (-1, 0, 1) for b in (-1, 0, 1)]
+                if allowed[k, i, j] and power[k, i, j] == max(around):
+                    maxima.append((power[k, i, j], i, j))
+        maxima = sorted(maxima, reverse=True)[:n_most]
+        assert found[k].sum() == len(maxima)
+        assert found[k, : len(maxima)].all()
+        for m, (height, i, j) in enumerate(maxima):
+            level = np.log(power[k])
+            up, down = level[(i - 1) % g, j], level[(i + 1) % g, j]
+            left, right = level[i, (j - 1) % h], level[i, (j + 1) % h]
+            assert row[k, m] == pytest.approx(i + plain_vertex(up, np.log(height), down))
+            assert column[k, m] == pytest.approx(j + plain_vertex(left, np.log(height), right))
+
+
+@settings(max_examples=30)
+@given(shift=st.tuples(st.integers(0, 7), st.integers(0, 5)), offset=st.tuples(*[st.floats(-0.4, 0.4)] * 2))
+def test_a_peak_on_a_plane_is_placed_between_the_samples_and_across_the_seam(shift, offset):
+    g, h = 8, 6
+    i, j = np.meshgrid(np.arange(g) - 4, np.arange(h) - 3, indexing="ij")
+    paraboloid = 10 - (i - offset[0]) ** 2 - (j - offset[1]) ** 2
+    power = np.exp(np.roll(paraboloid, (shift[0] - 4, shift[1] - 3), axis=(0, 1)))[None]
+    row, column, found = plane_peaks(power, np.ones(power.shape, dtype=bool), 1)
+    assert found.tolist() == [[True]]
+    assert row[0, 0] == pytest.approx(shift[0] + offset[0], abs=1e-9)
+    assert column[0, 0] == pytest.approx(shift[1] + offset[1], abs=1e-9)
+
+
+def test_no_planes_have_no_peaks():
+    row, column, found = plane_peaks(np.ones((0, 4, 4)), np.ones((0, 4, 4), dtype=bool), 3)
+    assert len(row) == len(column) == len(found) == 0
+
+
+def test_a_plane_where_nothing_is_allowed_has_no_peaks():
+    assert not plane_peaks(distinct(0, 2, 4, 4), np.zeros((2, 4, 4), dtype=bool), 3)[2].any()
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 9999), exponent=st.integers(-900, 900))
+def test_places_on_planes_do_not_depend_on_the_unit_of_power(seed, exponent):
+    power = distinct(seed, 3, 9, 7)
+    everywhere = np.ones(power.shape, dtype=bool)
+    row, column, found = plane_peaks(power, everywhere, 4)
+    scaled = plane_peaks(power * 2.0**exponent, everywhere, 4)
+    for one, other in zip((row, column, found), scaled, strict=True):
+        np.testing.assert_array_equal(one[found], other[found])
+
+
+def test_zeros_beside_a_peak_and_spectra_of_zeros_have_places_without_a_warning():
+    power = np.zeros((2, 5, 6))
+    power[0, 2, 3] = 1.0
+    row, column, found = plane_peaks(power, power > 0, 2)
+    assert (row[0, 0], column[0, 0]) == (2.0, 3.0)
+    assert found.tolist() == [[True, False], [False, False]]
+    assert np.isfinite(row).all()
+    assert np.isfinite(column).all()

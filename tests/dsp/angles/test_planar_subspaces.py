@@ -1,0 +1,167 @@
+"""Planar subspaces in real arithmetic, against their complex definitions."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
+from isacbench.dsp.angles.planar_subspaces import (
+    leading_eigenpairs,
+    null_minima,
+    planar_covariance,
+    planar_null_spectrum,
+)
+from isacbench.model.kernels import steering
+
+GRID = np.linspace(-1, 1, 65)
+
+
+def random_snapshots(*shape, seed=0):
+    """White complex noise of unit power."""
+    rng = np.random.default_rng(seed)
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def snapshot(u, w, gain, shape=(16, 16)):
+    """Noise-free snapshot (1, P, Q)."""
+    return sum(
+        g * np.outer(steering(shape[0], a), steering(shape[1], b)) for a, b, g in zip(u, w, gain, strict=True)
+    )[None]
+
+
+def signal_basis(snapshots, subarray, order):
+    """Basis (n, L, M, order) of the signal subspaces."""
+    vectors = leading_eigenpairs(planar_covariance(snapshots, subarray), order)[1]
+    return vectors.reshape(len(snapshots), *subarray, order)
+
+
+def plain_covariance(snapshot, subarray):
+    """Forward-backward smoothed covariance of one snapshot, complex, turned by the transform."""
+    n_u, n_w = subarray
+    n = n_u * n_w
+    total, count = np.zeros((n, n), dtype=complex), 0
+    for first_p in range(snapshot.shape[0] - n_u + 1):
+        for first_q in range(snapshot.shape[1] - n_w + 1):
+            x = snapshot[first_p : first_p + n_u, first_q : first_q + n_w].ravel()
+            backward = x[::-1].conj()
+            total += np.outer(x, x.conj()) + np.outer(backward, backward.conj())
+            count += 2
+    q = np.kron(unitary_transform(n_u), unitary_transform(n_w))
+    return q.conj().T @ (total / count) @ q
+
+
+@settings(max_examples=30)
+@given(
+    subarray=st.tuples(st.integers(1, 5), st.integers(1, 5)),
+    more=st.tuples(st.integers(0, 3), st.integers(0, 3)),
+    seed=st.integers(0, 999),
+)
+def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_transform(subarray, more, seed):
+    shape = tuple(n + m for n, m in zip(subarray, more, strict=True))
+    snapshots = random_snapshots(2, *shape, seed=seed)
+    snapshots.setflags(write=False)
+    found = planar_covariance(snapshots, subarray)
+    for cell in range(2):
+        expected = plain_covariance(snapshots[cell], subarray)
+        assert np.abs(expected.imag).max() < 1e-12
+        np.testing.assert_allclose(found[cell], expected.real, atol=1e-12)
+
+
+@pytest.mark.parametrize("n_pairs", [1, 4, 6, 30])
+def test_leading_eigenpairs_are_those_of_the_whole_decomposition(n_pairs):
+    signal = snapshot([-0.5, 0.1, 0.6, -0.2], [0.3, -0.4, 0.5, 0.1], [100, 30, 10, 3])
+    covariance = planar_covariance(signal + random_snapshots(5, 16, 16), (8, 8))
+    values, vectors = leading_eigenpairs(covariance, n_pairs)
+    expected_values, expected_vectors = np.linalg.eigh(covariance)
+    n_sources = min(n_pairs, 4)
+    np.testing.assert_allclose(values[:, :n_sources], expected_values[:, ::-1][:, :n_sources], rtol=1e-6)
+    likeness = np.abs(np.sum(vectors * expected_vectors[:, :, ::-1][:, :, :n_pairs], axis=1))
+    np.testing.assert_allclose(likeness[:, :n_sources], 1, atol=1e-5)
+    identity = vectors.transpose(0, 2, 1) @ vectors
+    np.testing.assert_allclose(identity, np.broadcast_to(np.eye(n_pairs), identity.shape), atol=1e-12)
+
+
+def test_a_source_120_db_below_another_keeps_its_eigenvector():
+    u, w = [-0.5, 0.4], [0.2, -0.3]
+    basis = signal_basis(snapshot(u, w, [1e6, 1]), (8, 8), 2)
+    assert planar_null_spectrum(basis, u[1:], w[1:])[0, 0, 0] < 1e-2
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 999), order=st.integers(1, 5))
+def test_the_null_spectrum_is_the_squared_distance_from_the_subspace(seed, order):
+    basis = signal_basis(random_snapshots(2, 9, 8, seed=seed), (5, 4), order)
+    u, w = GRID[::9], GRID[3::11]
+    found = planar_null_spectrum(basis, u, w)
+    for cell in range(2):
+        columns = basis[cell].reshape(20, order)
+        for i, a in enumerate(u):
+            for k, b in enumerate(w):
+                d = np.outer(real_steering(5, [a])[:, 0], real_steering(4, [b])[:, 0]).ravel()
+                expected = np.sum((d - columns @ (columns.T @ d)) ** 2)
+                assert found[cell, i, k] == pytest.approx(expected, abs=1e-10)
+
+
+@st.composite
+def separate_sources(draw):
+    """One to four sources in as many columns and rows, two Rayleigh cells of a subarray apart."""
+    k = draw(st.integers(1, 4))
+    slots = np.array([-0.75, -0.25, 0.25, 0.75])
+    u, w = (
+        slots[draw(st.permutations(range(4)))[:k]]
+        + np.array(draw(st.lists(st.floats(-0.1, 0.1), min_size=k, max_size=k)))
+        for _ in range(2)
+    )
+    gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in range(k)]
+    return u, w, np.array(gain)
+
+
+@settings(deadline=None, max_examples=30)
+@given(scene=separate_sources())
+def test_nulls_lie_on_noise_free_sources_off_the_grid(scene):
+    u, w, gain = scene
+    basis = signal_basis(snapshot(u, w, gain), (8, 8), len(u))
+    nulls = null_minima(basis, GRID, GRID, np.array([len(u)]))
+    assert nulls.found.all()
+    found = sorted(zip(nulls.u[0], nulls.w[0], strict=True))
+    np.testing.assert_allclose(found, sorted(zip(u, w, strict=True)), atol=1e-6)
+
+
+def test_the_curvature_of_a_null_is_that_of_the_spectrum():
+    basis = signal_basis(snapshot([0.1, 0.35], [0.2, 0.3], [1, 1j]), (8, 8), 2)
+    nulls = null_minima(basis, GRID, GRID, np.array([2]))
+    step = 1e-4
+    for u, w, curvature in zip(nulls.u[0], nulls.w[0], nulls.curvature[0], strict=True):
+        around = planar_null_spectrum(basis, u + step * np.arange(-1, 2), w + step * np.arange(-1, 2))[0]
+        along_u = (around[2, 1] - 2 * around[1, 1] + around[0, 1]) / step**2
+        along_w = (around[1, 2] - 2 * around[1, 1] + around[1, 0]) / step**2
+        mixed = (around[2, 2] - around[2, 0] - around[0, 2] + around[0, 0]) / (4 * step**2)
+        np.testing.assert_allclose(curvature, [[along_u, mixed], [mixed, along_w]], rtol=1e-3, atol=1)
+
+
+def test_shallow_minima_are_no_sources_but_the_deepest_always_counts():
+    snapshots = snapshot([0.1], [0.2], [1])
+    basis = signal_basis(snapshots, (8, 8), 1)
+    assert null_minima(basis, GRID, GRID, np.array([5])).found.sum() == 1
+    away = np.linspace(0.4, 0.9, 17)
+    # Sidelobes of the only source, far above half.
+    assert null_minima(basis, away, away, np.array([5])).found.sum() == 1
+
+
+def test_without_cells_there_are_no_nulls():
+    nulls = null_minima(np.empty((0, 8, 8, 1)), GRID, GRID, np.empty(0, dtype=int))
+    assert nulls.found.shape[0] == 0
+
+
+def test_planar_covariance_eigenvectors_and_null_spectrum_have_the_precision_of_the_snapshots():
+    snapshots, u = random_snapshots(2, 8, 8), np.linspace(-0.5, 0.5, 11)
+    results = []
+    for dtype in (np.complex64, np.complex128):
+        covariance = planar_covariance(snapshots.astype(dtype), (5, 5))
+        vectors = leading_eigenpairs(covariance, 2)[1]
+        null = planar_null_spectrum(vectors.reshape(2, 5, 5, 2), u, u)
+        assert covariance.dtype == vectors.dtype == null.dtype == np.zeros(0, dtype).real.dtype
+        results.append((covariance, null))
+    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-4)
+    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-2)

@@ -1,0 +1,510 @@
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import integrate, special, stats
+
+from isacbench.dsp.cfar.factors import (
+    ca_factor,
+    ca_rate,
+    goca_factor,
+    goca_rate,
+    osca_factor,
+    osca_rate,
+    paper_factor,
+    soca_factor,
+    soca_rate,
+    tm_factor,
+    tm_rate,
+)
+from isacbench.dsp.cfar.factors.trimmed_factors import _FINE, _Nodes, _TrimmedLaw
+from isacbench.errors import InputError
+
+INSIDE = ((6, 9),) * 8 + ((6, 8),)
+OUTSIDE = ((6, 9),) * 9
+PFAS = st.floats(-12, -0.05).map(lambda exponent: 10**exponent)
+COLUMNS = (
+    st.integers(1, 90)
+    .flatmap(lambda n: st.tuples(st.integers(1, n), st.just(n)))
+    .flatmap(lambda column: st.tuples(st.just(column), st.integers(1, 12)))
+)
+
+
+def one_look_rate(factor, columns):
+    """Multiplies the Laplace transforms of exponential order statistics, cell by cell."""
+    s = factor / len(columns)
+    rate = 1.0
+    for rank, n_cells in columns:
+        for i in range(rank):
+            rate *= (n_cells - i) / (n_cells - i + s)
+    return rate
+
+
+def negative_binomial_rate(factor, n_training, looks):
+    """Sums the probabilities of fewer than `looks` arrivals before the training cells' last one."""
+    p = n_training / (n_training + factor)
+    total = looks * n_training
+    return math.fsum(math.comb(total - 1 + j, j) * p**total * (1 - p) ** j for j in range(looks))
+
+
+def gamma_density(x, looks):
+    """Gives the density of a power of mean 1; frozen laws of scipy take a hundred times as long."""
+    return looks * np.exp(special.xlogy(looks - 1, looks * x) - looks * x - special.gammaln(looks))
+
+
+def order_density(x, rank, n_cells, looks):
+    ways = n_cells * math.comb(n_cells - 1, rank - 1)
+    below, above = special.gammainc(looks, looks * x), special.gammaincc(looks, looks * x)
+    return ways * gamma_density(x, looks) * below ** (rank - 1) * above ** (n_cells - rank)
+
+
+def monte_carlo_rate(factor, rank, n_columns, n_cells, looks, n_windows, seed):
+    """Counts exceedances of a cell under test inside the first column of its window."""
+    rng = np.random.default_rng(seed)
+    hits = 0
+    for _ in range(n_windows // 10_000):
+        window = rng.standard_gamma(looks, (10_000, n_columns, n_cells)) / looks
+        estimate = np.sort(window, axis=2)[:, :, rank - 1].mean(axis=1)
+        hits += np.count_nonzero(window[:, 0, 0] > factor * estimate)
+    return hits / n_windows
+
+
+@pytest.mark.parametrize(
+    ("factor", "expected"),
+    [
+        (lambda: ca_factor(1e-3, 72), 7.249980),
+        (lambda: osca_factor(1e-3, INSIDE), 7.262139),
+        (lambda: osca_factor(1e-3, OUTSIDE), 7.437354),
+        (lambda: osca_factor(1e-3, ((54, 72),)), 5.448701),
+        (lambda: goca_factor(1e-3, (36, 36)), 6.710225),
+        (lambda: soca_factor(1e-3, (36, 36)), 8.198775),
+    ],
+)
+def test_factors_equal_the_known_vectors(factor, expected):
+    assert factor() == pytest.approx(expected, abs=6e-7)
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, st.integers(1, 5000))
+def test_ca_factor_of_one_look_is_the_closed_form(pfa, n_training):
+    assert ca_factor(pfa, n_training) == pytest.approx(n_training * math.expm1(-math.log(pfa) / n_training))
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, st.integers(1, 40), st.integers(1, 12))
+def test_ca_factor_of_many_looks_gives_the_rate_of_the_negative_binomial_sum(pfa, n_training, looks):
+    factor = ca_factor(pfa, n_training, looks)
+    assert negative_binomial_rate(factor, n_training, looks) == pytest.approx(pfa, rel=1e-9)
+
+
+@pytest.mark.parametrize("looks", [1, 16, 256, 1024])
+@pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-9])
+def test_ca_factor_is_the_quantile_of_the_f_distribution(pfa, looks):
+    rate = stats.f.sf(ca_factor(pfa, 72, looks), 2 * looks, 2 * looks * 72)
+    assert rate == pytest.approx(pfa, rel=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, COLUMNS, COLUMNS)
+def test_osca_factor_of_one_look_gives_the_rate_of_the_product_formula(pfa, some, others):
+    columns = (some[0],) * some[1] + (others[0],) * others[1]
+    assert one_look_rate(osca_factor(pfa, columns), columns) == pytest.approx(pfa, rel=1e-8)
+
+
+@pytest.mark.parametrize("looks", [1, 2, 16, 256, 1024])
+@pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-9, 1e-12])
+def test_osca_factor_of_one_column_of_one_cell_is_the_ca_factor(pfa, looks):
+    assert osca_factor(pfa, ((1, 1),), looks) == pytest.approx(ca_factor(pfa, 1, looks), rel=1e-9)
+
+
+@pytest.mark.parametrize("looks", [2, 16, 256])
+@pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-9])
+def test_osca_factor_of_one_column_gives_the_integrated_rate(pfa, looks):
+    factor = osca_factor(pfa, ((6, 9),), looks)
+
+    def density(x):
+        return special.gammaincc(looks, looks * factor * x) * order_density(x, 6, 9, looks)
+
+    rate, _ = integrate.quad(density, 0, 3, limit=400, epsabs=0, epsrel=1e-7)
+    assert rate == pytest.approx(pfa, rel=1e-5)
+
+
+def test_osca_factor_of_two_unlike_columns_gives_the_integrated_rate():
+    looks, nodes = 4, np.linspace(0, 6, 601)
+    factor = osca_factor(1e-4, ((3, 5), (2, 4)), looks)
+    first, second = order_density(nodes, 3, 5, looks), order_density(nodes, 2, 4, looks)
+    exceeds = special.gammaincc(looks, looks * factor * np.add.outer(nodes, nodes) / 2)
+    assert first @ exceeds @ second * nodes[1] ** 2 == pytest.approx(1e-4, rel=1e-5)
+
+
+@settings(max_examples=20, deadline=None)
+@given(PFAS, st.sampled_from([1, 3, 16]))
+def test_rates_undo_factors(pfa, looks):
+    assert ca_rate(ca_factor(pfa, 72, looks), 72, looks) == pytest.approx(pfa, rel=1e-9)
+    assert osca_rate(osca_factor(pfa, INSIDE, looks), INSIDE, looks) == pytest.approx(pfa, rel=1e-9)
+    for halves in ((36, 36), (3, 72), (1, 9)):
+        assert goca_rate(goca_factor(pfa, halves, looks), halves, looks) == pytest.approx(pfa, rel=1e-9)
+        assert soca_rate(soca_factor(pfa, halves, looks), halves, looks) == pytest.approx(pfa, rel=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(PFAS, st.sampled_from([1, 3, 16]))
+def test_factors_grow_as_the_rate_falls(pfa, looks):
+    assert ca_factor(pfa, 72, looks) < ca_factor(pfa / 2, 72, looks)
+    assert osca_factor(pfa, INSIDE, looks) < osca_factor(pfa / 2, INSIDE, looks)
+    assert goca_factor(pfa, (30, 42), looks) < goca_factor(pfa / 2, (30, 42), looks)
+    assert soca_factor(pfa, (30, 42), looks) < soca_factor(pfa / 2, (30, 42), looks)
+
+
+HALVES = st.tuples(st.integers(1, 60), st.integers(1, 60))
+
+
+@settings(max_examples=25, deadline=None)
+@given(PFAS, HALVES, st.sampled_from([1, 2, 16, 256]))
+def test_rates_of_the_greatest_and_the_smallest_half_add_to_those_of_both_halves(pfa, halves, looks):
+    for factor in (goca_factor(pfa, halves, looks), soca_factor(pfa, halves, looks)):
+        together = goca_rate(factor, halves, looks) + soca_rate(factor, halves, looks)
+        assert together == pytest.approx(sum(ca_rate(factor, n, looks) for n in halves), rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 5, 36])
+@pytest.mark.parametrize("pfa", [0.1, 1e-3, 1e-9])
+def test_soca_factor_of_one_look_gives_the_rate_of_the_published_sum(n, pfa):
+    t = soca_factor(pfa, (n, n)) / n
+    published = 2 * sum(math.comb(n - 1 + k, k) * (2 + t) ** -(n + k) for k in range(n))
+    assert published == pytest.approx(pfa, rel=1e-10)
+
+
+@pytest.mark.parametrize("looks", [1, 2, 16, 256])
+@pytest.mark.parametrize("halves", [(36, 36), (3, 72), (5, 1)])
+@pytest.mark.parametrize("pfa", [0.5, 1e-3, 1e-12, 1e-30])
+def test_factors_of_the_chosen_half_give_the_integrated_rate(pfa, halves, looks):
+    laws = [stats.gamma(looks * n, scale=1 / (looks * n)) for n in halves]
+    ends = min(law.ppf(1e-60) for law in laws), max(law.isf(1e-60) for law in laws)
+    log_mean = np.linspace(*np.log(ends), 8001)
+    mean = np.exp(log_mean)
+    for factor_of, other in ((goca_factor, stats.gamma.cdf), (soca_factor, stats.gamma.sf)):
+        density = sum(
+            own.pdf(mean) * other(mean, looks * n, scale=1 / (looks * n))
+            for own, n in zip(laws, halves[::-1], strict=True)
+        )
+        factor = factor_of(pfa, halves, looks)
+        exceeds = special.gammaincc(looks, looks * factor * mean)
+        rate = np.sum(density * exceeds * mean) * (log_mean[1] - log_mean[0])
+        assert rate == pytest.approx(pfa, rel=1e-8)
+
+
+@pytest.mark.parametrize("looks", [1, 16])
+def test_factor_of_one_empty_half_is_that_of_cell_averaging(looks):
+    for factor_of in (goca_factor, soca_factor):
+        assert (
+            factor_of(1e-3, (0, 20), looks) == factor_of(1e-3, (20, 0), looks) == ca_factor(1e-3, 20, looks)
+        )
+
+
+@pytest.mark.parametrize("halves", [(0, 0), (-1, 3), (1,)])
+def test_halves_without_a_training_cell_are_refused_by_name(halves):
+    for factor_of in (goca_factor, soca_factor):
+        with pytest.raises(InputError, match="halves ="):
+            factor_of(1e-3, halves)
+
+
+TRIMMED = st.integers(1, 80).flatmap(
+    lambda n: st.integers(1, n).flatmap(
+        lambda kept: st.tuples(st.just(n), st.integers(0, n - kept).map(lambda low: (low, n - kept - low)))
+    )
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(PFAS, TRIMMED)
+def test_tm_factor_of_one_look_gives_the_rate_of_the_spacings(pfa, trim):
+    n, (below, above) = trim
+    kept = n - below - above
+    t = tm_factor(pfa, n, (below, above)) / kept
+    rate = 1.0
+    for i in range(n - above):
+        # The i-th spacing, of mean 1 / (n - i), lies under every kept cell above it.
+        rate /= 1 + t * sum(1 for cell in range(below, n - above) if cell >= i) / (n - i)
+    assert rate == pytest.approx(pfa, rel=1e-9)
+
+
+@settings(max_examples=8, deadline=None)
+@given(PFAS, TRIMMED.filter(lambda trim: trim[1] != (0, 0)))
+def test_quadrature_for_many_looks_agrees_with_the_closed_form_of_one(pfa, trim):
+    factor = tm_factor(pfa, *trim)
+    assert _TrimmedLaw(factor, *trim, 1, _FINE).rate(factor) == pytest.approx(pfa, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("rank", "n", "pfa", "looks"),
+    [
+        (rank, n, pfa, (2, 16, 256)[(i + j) % 3])
+        for i, (rank, n) in enumerate([(54, 72), (6, 9), (1, 72), (72, 72)])
+        for j, pfa in enumerate([0.9, 1e-3, 1e-12, 1e-30])
+    ],
+)
+def test_quadrature_for_the_mean_of_one_kept_cell_agrees_with_the_order_statistic(rank, n, pfa, looks):
+    factor = osca_factor(pfa, ((rank, n),), looks)
+    rate = _TrimmedLaw(factor, n, (rank - 1, n - rank), looks, _FINE).rate(factor)
+    assert rate == pytest.approx(pfa, rel=1e-2 if pfa == 1e-30 else 1e-4)
+
+
+def two_kept_rate(factor, n, below, looks):
+    """Integrates the rate over the two kept cells, neighbours in order, by a fine product rule."""
+    above = n - below - 2
+    node, weight = special.roots_legendre(120)
+    least, most = special.gammaincinv(looks, 1e-25) / looks, special.gammainccinv(looks, 1e-18) / looks
+    low = np.exp(np.log(least) * (1 - node) / 2 + np.log(most) * (1 + node) / 2)
+    steps = weight * low * np.log(most / least) / 2
+    gap = most * ((1 + node) / 2) ** 2
+    gap_steps = weight * most * (1 + node) / 2
+    high = low[:, np.newaxis] + gap
+    density = gamma_density(low, looks) * special.gammainc(looks, looks * low) ** below
+    density = density[:, np.newaxis] * gamma_density(high, looks)
+    density *= special.gammaincc(looks, looks * high) ** above
+    ways = math.factorial(n) // (math.factorial(below) * math.factorial(above))
+    exceeds = special.gammaincc(looks, looks * factor * (low[:, np.newaxis] + high) / 2)
+    return ways * (steps @ (density * exceeds) @ gap_steps)
+
+
+# Every number of looks, and every rate, with every other value of the list.
+@pytest.mark.parametrize(
+    ("n", "below", "looks", "pfa"),
+    [
+        (n, below, looks, (0.5, 1e-3, 1e-6)[(i + j) % 3])
+        for i, (n, below) in enumerate([(3, 0), (3, 1), (4, 1), (9, 5), (12, 10)])
+        for j, looks in enumerate([2, 16])
+    ],
+)
+def test_tm_factor_of_two_kept_cells_gives_the_integrated_rate(n, below, looks, pfa):
+    factor = tm_factor(pfa, n, (below, n - below - 2), looks)
+    assert two_kept_rate(factor, n, below, looks) == pytest.approx(pfa, rel=2e-3)
+
+
+@pytest.mark.parametrize("looks", [2, 16, 256])
+def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
+    factors = [tm_factor(1e-6, 72, (0, above), looks) for above in (0, 1, 18, 40, 71)]
+    assert factors == sorted(factors)
+    assert factors[0] == ca_factor(1e-6, 72, looks)
+    assert factors[-1] == osca_factor(1e-6, ((1, 72),), looks)
+
+
+@pytest.mark.parametrize(
+    ("trimmed", "looks", "pfa"),
+    [
+        ((18, 18), 2, 0.3),
+        ((18, 18), 256, 1e-3),
+        ((0, 18), 2, 1e-12),
+        ((0, 18), 256, 0.3),
+        ((18, 0), 2, 1e-3),
+        ((18, 0), 256, 1e-12),
+    ],
+)
+def test_rates_undo_factors_of_trimmed_means(trimmed, looks, pfa):
+    assert tm_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks) == pytest.approx(pfa, rel=1e-7)
+
+
+def exact_tm_rate(factor, n, trimmed, looks):
+    """Integrates the rate of sorted gamma powers of integer shape in rational numbers, cell by cell.
+
+    The density of the first i cells, integrated up to x, is a sum of exp(-rate x) times polynomials in x and
+    in z, the variable that counts arrivals of the cell under test in the kept ones.
+    """
+    t = factor / (n - sum(trimmed))
+    law = {Fraction(0): {(0, 0): Fraction(1)}}
+    for i in range(n):
+        kept = trimmed[0] <= i < n - trimmed[1]
+        arrivals = [t**m / math.factorial(m) for m in range(looks)] if kept else [Fraction(1)]
+        constant, integrated = {}, {}
+        for rate, polynomial in law.items():
+            total = rate + 1 + (t if kept else 0)
+            powers = {}
+            for (z, x), c in polynomial.items():
+                for m, a in enumerate(arrivals[: looks - z]):
+                    powers.setdefault(z + m, {}).setdefault(x + m + looks - 1, []).append(a * c)
+            terms = integrated.setdefault(total, {})
+            for z, by_power in powers.items():
+                tail = Fraction(0)
+                for q in range(max(by_power), -1, -1):
+                    tail = (sum(by_power.get(q, ()), start=Fraction(0)) + tail * (q + 1)) / total
+                    terms[z, q] = terms.get((z, q), 0) - tail
+                constant[z, 0] = constant.get((z, 0), 0) + tail
+        law = {**integrated, Fraction(0): constant}
+        scale = Fraction(1, math.factorial(looks - 1))
+        law = {rate: {key: c * scale for key, c in terms.items()} for rate, terms in law.items()}
+    return float(math.factorial(n) * sum(law[Fraction(0)].values()))
+
+
+FEW_TRIMMED = (
+    (2, (0, 1)),
+    (4, (1, 1)),
+    (5, (2, 1)),
+    (5, (1, 2)),
+    (6, (0, 2)),
+    (6, (2, 0)),
+    (8, (1, 1)),
+    (8, (2, 2)),
+)
+
+
+# One look has a closed form that a test above holds to 1e-9.
+@pytest.mark.parametrize(
+    ("n", "trimmed", "pfa", "looks"),
+    [
+        (n, trimmed, (1e-15, 1e-3, 0.5)[(i + j) % 3], looks)
+        for i, (n, trimmed) in enumerate(FEW_TRIMMED)
+        for j, looks in enumerate([2, 3])
+    ],
+)
+def test_tm_factor_gives_the_rate_of_rational_numbers(n, trimmed, pfa, looks):
+    factor = float(f"{tm_factor(pfa, n, trimmed, looks):.5g}")
+    exact = exact_tm_rate(Fraction(factor), n, trimmed, looks)
+    assert exact == pytest.approx(pfa, rel=2e-3)
+    assert tm_rate(factor, n, trimmed, looks) == pytest.approx(exact, rel=3e-7)
+
+
+@pytest.mark.parametrize(
+    ("n", "trimmed", "pfa"),
+    [
+        (72, (1, 1), 0.5),
+        (72, (36, 1), 0.5),
+        (300, (1, 1), 1e-15),
+        (88, (2, 44), 1e-15),
+    ],
+)
+def test_tm_factor_of_few_cells_trimmed_does_not_depend_on_the_nodes(n, trimmed, pfa):
+    factor = tm_factor(pfa, n, trimmed, 2)
+    finer = _TrimmedLaw(factor, n, trimmed, 2, _Nodes(96, 28, -27.0))
+    assert finer.rate(factor) == pytest.approx(pfa, rel=5e-7)
+
+
+@pytest.mark.parametrize(("n", "trimmed"), [(8, (1, 4)), (8, (0, 6)), (72, (0, 70))])
+def test_tm_factor_of_a_rate_of_1e_minus_30_is_found_where_the_kept_law_is_below_any_float64(n, trimmed):
+    factor = tm_factor(1e-30, n, trimmed, 2)
+    assert tm_rate(factor, n, trimmed, 2) == pytest.approx(1e-30, rel=1e-6)
+
+
+def trimmed_windows_rate(factor, n, trimmed, looks, n_windows, seed):
+    rng = np.random.default_rng(seed)
+    hits = 0
+    for _ in range(n_windows // 20_000):
+        cells = np.sort(rng.standard_gamma(looks, (20_000, n)), axis=1)
+        estimate = cells[:, trimmed[0] : n - trimmed[1]].mean(axis=1)
+        hits += np.count_nonzero(rng.standard_gamma(looks, 20_000) > factor * estimate)
+    return hits
+
+
+@pytest.mark.parametrize("looks", [1, 4, 64])
+def test_tm_factor_keeps_the_rate_of_drawn_windows(looks):
+    n_windows, pfa = 40_000, 0.02
+    factor = tm_factor(pfa, 24, (6, 6), looks)
+    least, most = stats.binom.interval(1 - 1e-6, n_windows, pfa)
+    assert least <= trimmed_windows_rate(factor, 24, (6, 6), looks, n_windows, looks) <= most
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("looks", [2, 16, 256])
+@pytest.mark.parametrize("trimmed", [(1, 1), (18, 18), (0, 18), (40, 0)])
+def test_tm_factor_keeps_a_rate_of_one_percent_within_one_percent(trimmed, looks):
+    n_windows, pfa = 1_000_000, 1e-2
+    hits = trimmed_windows_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks, n_windows, looks)
+    assert abs(hits - pfa * n_windows) < 4 * math.sqrt(pfa * n_windows)
+
+
+def test_a_factor_of_nothing_alarms_always():
+    assert ca_rate(0.0, 8) == goca_rate(0.0, (4, 4)) == soca_rate(0.0, (4, 4)) == tm_rate(0.0, 8, (1, 1)) == 1
+
+
+@pytest.mark.parametrize("trimmed", [(4, 4), (-1, 2), (1,), (0.5, 1)])
+def test_trimming_that_leaves_no_cell_is_refused_by_name(trimmed):
+    with pytest.raises(InputError, match="trimmed ="):
+        tm_factor(1e-3, 8, trimmed, 2)
+
+
+@pytest.mark.parametrize("looks", [1, 16])
+@pytest.mark.parametrize("pfa", [1e-31, 1 - 1e-7])
+def test_factors_found_as_a_root_refuse_a_rate_beyond_what_they_resolve(pfa, looks):
+    for call in (
+        lambda: goca_factor(pfa, (4, 4), looks),
+        lambda: soca_factor(pfa, (4, 4), looks),
+        lambda: tm_factor(pfa, 8, (2, 2), looks),
+    ):
+        with pytest.raises(InputError, match=r"from 1e-30 to 0\.999999"):
+            call()
+
+
+def test_order_of_the_columns_does_not_change_the_factor():
+    assert osca_factor(1e-3, INSIDE, 4) == pytest.approx(osca_factor(1e-3, INSIDE[::-1], 4), rel=1e-13)
+
+
+def test_errata_threshold_factor_the_printed_one_lacks_the_number_of_cells():
+    assert ca_factor(1e-3, 72) == pytest.approx(72 * paper_factor(1e-3, 72))
+
+
+def test_errata_threshold_factor_the_printed_one_alarms_on_90_percent_with_ca_and_32_with_osca():
+    printed_ca, printed_osca = paper_factor(1e-3, 72), paper_factor(1e-3, 9)
+    assert ca_rate(printed_ca, 72) == pytest.approx((1 + printed_ca / 72) ** -72)
+    assert ca_rate(printed_ca, 72) == pytest.approx(0.90, abs=0.005)
+    assert osca_rate(printed_osca, OUTSIDE) == pytest.approx(one_look_rate(printed_osca, OUTSIDE))
+    assert osca_rate(printed_osca, OUTSIDE) == pytest.approx(0.32, abs=0.005)
+    # The cell inside its window: the formula leaves out 2 % of the rate here, counting does not.
+    assert osca_rate(printed_osca, INSIDE) == pytest.approx(0.312, abs=0.0005)
+    assert monte_carlo_rate(printed_osca, 6, 9, 9, 1, 40_000, seed=1) == pytest.approx(0.32, abs=0.01)
+
+
+def test_neglected_event_of_the_cell_inside_its_window_is_two_percent_of_the_rate_at_one_half():
+    rate = monte_carlo_rate(osca_factor(0.5, INSIDE), 6, 9, 9, 1, 60_000, seed=2)
+    assert 0.5 < rate < 0.52
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("looks", [1, 16, 256, 1024])
+def test_osca_factor_keeps_the_rate_of_the_cell_inside_its_window(looks):
+    n_windows, pfa = 400_000, 1e-2
+    rate = monte_carlo_rate(osca_factor(pfa, INSIDE, looks), 6, 9, 9, looks, n_windows, seed=looks)
+    assert abs(rate - pfa) < 4 * math.sqrt(pfa * (1 - pfa) / n_windows)
+
+
+@pytest.mark.parametrize("pfa", [0, 1, -0.1, 1.5, math.nan, "0.1"])
+def test_pfa_outside_its_range_is_refused_by_name(pfa):
+    for factor in (lambda: ca_factor(pfa, 8), lambda: osca_factor(pfa, INSIDE), lambda: paper_factor(pfa, 8)):
+        with pytest.raises(InputError, match="pfa ="):
+            factor()
+
+
+@pytest.mark.parametrize("looks", [0, -1, 2.5, math.nan, "2"])
+def test_looks_that_are_no_positive_whole_number_are_refused_by_name(looks):
+    for factor in (lambda: ca_factor(0.1, 8, looks), lambda: osca_factor(0.1, INSIDE, looks)):
+        with pytest.raises(InputError, match="looks ="):
+            factor()
+
+
+@pytest.mark.parametrize("pfa", [1e-31, 1 - 1e-7])
+def test_order_statistics_refuse_a_rate_beyond_what_they_resolve(pfa):
+    with pytest.raises(InputError, match=r"from 1e-30 to 0\.999999"):
+        osca_factor(pfa, INSIDE)
+
+
+@pytest.mark.parametrize("pfa", [1e-30, 0.999999])
+@pytest.mark.parametrize("columns", [INSIDE, ((1, 1),), ((1, 90),) * 9, ((90, 90),), ((500, 700),) * 33])
+def test_osca_factor_holds_the_rate_at_the_ends_of_its_range(pfa, columns):
+    rate = one_look_rate(osca_factor(pfa, columns), columns)
+    assert min(rate, 1 - rate) == pytest.approx(min(pfa, 1 - pfa), rel=1e-7)
+
+
+@pytest.mark.parametrize("columns", [(), ((0, 9),), ((10, 9),), ((6, 9), (1, 0))])
+def test_columns_without_a_valid_rank_are_refused_by_name(columns):
+    with pytest.raises(InputError, match="columns ="):
+        osca_factor(1e-3, columns)
+
+
+def test_no_training_cells_are_refused_by_name():
+    for call in (lambda: ca_factor(0.1, 0), lambda: ca_rate(1.0, 0), lambda: paper_factor(0.1, 0)):
+        with pytest.raises(InputError, match="n_training ="):
+            call()

@@ -1,0 +1,401 @@
+"""Joint selection and refinement: sidelobes explained, families kept together, places between the bins."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
+from isacbench.dsp.bounds import joint_bound
+from isacbench.dsp.fitting.joint_selection import (
+    FEW,
+    LOADING,
+    MAX_SHIFT_BINS,
+    explain_map,
+    refine_jointly,
+    select_jointly,
+)
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.dsp.scatterers import Scatterers
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import clean_echo
+from isacbench.model.frame import PanelFrame
+from isacbench.model.gate import build_gate
+from isacbench.model.kernels import dirichlet, steering
+from isacbench.model.numerology import System
+from isacbench.model.observation import cross_of
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers as SceneScatterers
+from isacbench.model.scene import Scenario
+
+SYSTEM = System(n_subcarriers=256, n_symbols=64)
+BASE_M = np.array([15.0, 100.0, 20.0])
+REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
+GATE = build_gate(SYSTEM, BASE_M, REGION)
+MIN_POWER = 1e-6 * SYSTEM.processing_gain
+
+# Range bin, Doppler bin, u, w and amplitude of scatterers in cells, or directions, of their own.
+TRUE = np.array(
+    [
+        [30.3, -2.4, -0.10, 0.10, 1.0],
+        [32.45, 0.1, 0.10, 0.12, 1.3],
+        [34.2, 2.3, 0.05, 0.20, 0.7],
+        [34.7, -0.2, -0.12, 0.19, 1.0],
+        [36.1, 3.35, 0.14, 0.17, 0.9],
+    ]
+)
+
+
+def gated_map(rows, noise_power=0.0, seed=0):
+    """Map of scatterers given as rows of `TRUE`."""
+    range_bin, doppler_bin, u, w, amplitude = np.asarray(rows).T
+    frame = PanelFrame()
+    scenario = Scenario(
+        name="few",
+        system=SYSTEM,
+        array=VirtualArray((2, 2), (4, 4), 4, 1),
+        frame=frame,
+        base_station_m=BASE_M,
+        region=REGION,
+        scatterers=SceneScatterers(
+            BASE_M + frame.offsets(range_bin * SYSTEM.range_bin_m, u, w),
+            doppler_bin * SYSTEM.velocity_bin_mps,
+            amplitude,
+        ),
+    )
+    cells = clean_echo(scenario, GATE)
+    parts = np.random.default_rng(seed).standard_normal((*cells.shape, 2)) * np.sqrt(noise_power / 2)
+    return GatedMap(cells + parts.view(complex)[..., 0], GATE)
+
+
+def scatterers(rows, family=-1):
+    """Candidates from rows of range bin, Doppler bin, u and w, whatever follows; power unknown."""
+    rows = np.asarray(rows, dtype=float)
+    return Scatterers(*rows[:, :4].T, np.ones(len(rows)), np.broadcast_to(family, len(rows)).copy())
+
+
+def places(found):
+    """Range bin, Doppler bin, u and w, sorted by range."""
+    rows = np.column_stack([found.range_bin, found.doppler_bin, found.u, found.w])
+    return rows[np.argsort(rows[:, 0])]
+
+
+def moved(rows, range_bins, doppler_bins, u=0.0, w=0.0):
+    """Rows at other places."""
+    return rows + np.array([range_bins, doppler_bins, u, w, 0])
+
+
+def nearest_bins(rows):
+    """Rows in the middle of their range bins, as candidates come."""
+    return np.column_stack([np.rint(rows[:, 0]), rows[:, 1:]])
+
+
+def residual_energy(gated, found):
+    """Energy of the map that scatterers at these places leave unexplained, by plain least squares."""
+    n_p, n_q = gated.cells.shape[2:]
+    atoms = []
+    for r, d, u, w in zip(found.range_bin, found.doppler_bin, found.u, found.w, strict=True):
+        parts = (
+            dirichlet(GATE.range_bins, [r], SYSTEM.n_subcarriers)[:, 0],
+            dirichlet(GATE.doppler_bins, [d], SYSTEM.n_symbols)[:, 0].conj(),
+            steering(n_p, u),
+            steering(n_q, w),
+        )
+        atoms.append(np.einsum("r,d,p,q->rdpq", *parts).ravel())
+    cells = gated.cells.ravel()
+    amplitude = np.linalg.lstsq(np.transpose(atoms), cells, rcond=None)[0]
+    return np.sum(np.abs(cells - np.transpose(atoms) @ amplitude) ** 2)
+
+
+def on(aperture: Aperture, gated):
+    """Map of those elements of a plane."""
+    cells = cross_of(gated.cells) if isinstance(aperture, Cross) else gated.cells
+    return GatedMap(cells, gated.gate, aperture)
+
+
+ON_BOTH = pytest.mark.parametrize("aperture", [Plane(8, 8), Cross(8, 8)], ids=["plane", "cross"])
+
+
+@ON_BOTH
+def test_a_true_set_is_kept_whole_with_its_powers(aperture):
+    gated = on(aperture, gated_map(TRUE))
+    found = select_jointly(scatterers(TRUE), gated, SYSTEM, MIN_POWER, 16.5)
+    np.testing.assert_allclose(places(found), TRUE[:, :4])
+    np.testing.assert_allclose(found.power, TRUE[:, 4] ** 2 * SYSTEM.processing_gain, rtol=2 * LOADING + 1e-5)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    offset=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
+    direction=st.tuples(st.floats(-0.1, 0.1), st.floats(0.1, 0.18)),
+    seed=st.integers(0, 999),
+)
+def test_of_one_scatterer_and_its_sidelobes_nearby_only_the_scatterer_is_selected(offset, direction, seed):
+    true = np.array([[33 + offset[0], offset[1], *direction, 30.0]])
+    side = np.concatenate(
+        [moved(true, r, d) for r in (-1.9, -1, 0, 1, 1.9) for d in (-1.9, -1, 0, 1, 1.9) if (r, d) != (0, 0)]
+        + [moved(true, 0, 0, u, w) for u in (-0.36, 0.36) for w in (-0.36, 0, 0.36)]
+    )
+    candidates = np.random.default_rng(seed).permutation(np.concatenate([true, side]))
+    found = select_jointly(scatterers(candidates), gated_map(true), SYSTEM, MIN_POWER, 16.5)
+    np.testing.assert_allclose(places(found), true[:, :4])
+
+
+def test_sidelobes_far_from_a_scatterer_do_not_join_it():
+    true = np.array([[33.0, 0.4, 0.05, 0.15, 30.0]])
+    far = np.concatenate(
+        [moved(true, r, d) for r in (-4.3, 0, 4.6) for d in (-3.1, 0, 2.7) if (r, d) != (0, 0)]
+    )
+    candidates = scatterers(np.concatenate([true, far]))
+    # The loaded fit leaves that share of the amplitude.
+    min_power = (LOADING * true[0, 4]) ** 2 * SYSTEM.processing_gain
+    found = select_jointly(candidates, gated_map(true), SYSTEM, min_power, 16.5)
+    np.testing.assert_allclose(places(found), true[:, :4])
+
+
+def test_candidates_beside_true_scatterers_do_not_join_them():
+    rng = np.random.default_rng(1)
+    beside = np.concatenate([moved(TRUE, rng.choice([-1, 1]), 0), moved(TRUE, 0, rng.choice([-1, 1]))])
+    found = select_jointly(
+        scatterers(np.concatenate([beside, TRUE])), gated_map(TRUE), SYSTEM, MIN_POWER, 16.5
+    )
+    np.testing.assert_allclose(places(found), TRUE[:, :4])
+
+
+def test_a_candidate_that_repeats_a_member_does_not_join():
+    found = select_jointly(
+        scatterers(np.concatenate([TRUE, moved(TRUE, 0.1, 0.1)])), gated_map(TRUE), SYSTEM, MIN_POWER, 16.5
+    )
+    assert len(found) == len(TRUE)
+
+
+# A quarter of a Rayleigh cell apart, 0.25 in u with eight elements: either responds to the other with 0.9.
+CLOSE = np.array([[33.0, 0.4, 0.05, 0.15, 1.0], [33.0, 0.4, 0.1125, 0.15, 0.9j]])
+
+
+def close_map():
+    """Map of the close pair, a quarter of a turn between them at the middle of the array."""
+    alone = [gated_map(np.real(np.abs(CLOSE[[k]]))).cells for k in range(2)]
+    n_p = alone[0].shape[2]
+    middle = [
+        np.exp(-1j * np.angle(np.vdot(steering(n_p, CLOSE[k, 2].real), cells.sum(axis=(0, 1, 3)))))
+        for k, cells in enumerate(alone)
+    ]
+    turned = [np.exp(1j * np.pi * (n_p - 1) / 2 * CLOSE[k, 2].real) * middle[k] for k in range(2)]
+    return GatedMap(turned[0] * alone[0] + 1j * turned[1] * alone[1], GATE)
+
+
+@pytest.mark.parametrize(
+    ("family", "n_kept"), [((0, 0), 2), ((7, 7), 2), ((0, 1), 1), ((-1, -1), 1), ((0, -1), 1)]
+)
+def test_two_close_waves_are_kept_if_one_cell_has_told_them_apart_and_else_compete(family, n_kept):
+    found = select_jointly(scatterers(np.abs(CLOSE), family), close_map(), SYSTEM, MIN_POWER, 16.5)
+    assert len(found) == n_kept
+    if n_kept == 2:
+        expected = np.abs(CLOSE[:, 4]) ** 2 * SYSTEM.processing_gain
+        # What loading takes is more for a pair that responds to each other.
+        np.testing.assert_allclose(found.power, expected, rtol=0.05)
+        assert found.family.tolist() == list(family)
+
+
+def test_members_from_the_start_stay_and_a_candidate_that_repeats_one_does_not_join():
+    start = scatterers(moved(TRUE[:1], 0.0, 0.2))
+    candidates = start.join(scatterers(TRUE[:1])).join(scatterers(TRUE[1:]))
+    gated = gated_map(TRUE)
+    later = select_jointly(candidates, gated, SYSTEM, MIN_POWER, 16.5, n_members=1)
+    np.testing.assert_allclose(places(later)[0], start_place(start))
+    assert len(later) == len(TRUE)
+    # Without members the better of the two explains the map.
+    free = select_jointly(candidates, gated, SYSTEM, MIN_POWER, 16.5)
+    np.testing.assert_allclose(places(free), TRUE[:, :4])
+
+
+def start_place(found):
+    """Coordinates of the only scatterer."""
+    return np.array([found.range_bin[0], found.doppler_bin[0], found.u[0], found.w[0]])
+
+
+def test_members_from_the_start_that_are_weak_beside_what_joins_leave():
+    nothing_there = moved(TRUE[1:2], 1.2, 1.2, -0.25)
+    candidates = scatterers(np.concatenate([nothing_there, TRUE]))
+    found = select_jointly(candidates, gated_map(TRUE), SYSTEM, MIN_POWER, 16.5, n_members=1)
+    np.testing.assert_allclose(places(found), TRUE[:, :4])
+
+
+@pytest.mark.parametrize(("dynamic_range_db", "n_kept"), [(19.0, 1), (21.0, 2)])
+def test_beside_a_strong_neighbour_the_dynamic_range_decides(dynamic_range_db, n_kept):
+    pair = np.array([[32.0, 0.0, -0.12, 0.12, 1.0], [33.0, 1.0, 0.13, 0.18, 0.1]])
+    found = select_jointly(scatterers(pair), gated_map(pair), SYSTEM, MIN_POWER, dynamic_range_db)
+    assert len(found) == n_kept
+    apart = moved(pair, 0, 0)
+    apart[1, 0] = 35.0
+    found = select_jointly(scatterers(apart), gated_map(apart), SYSTEM, MIN_POWER, dynamic_range_db)
+    assert len(found) == 2
+
+
+def test_what_is_weaker_than_noise_may_be_is_not_selected():
+    strongest = (TRUE[:, 4].max() ** 2) * SYSTEM.processing_gain
+    candidates, gated = scatterers(TRUE), gated_map(TRUE)
+    assert len(select_jointly(candidates, gated, SYSTEM, 1.01 * strongest, 16.5)) == 0
+    assert len(select_jointly(candidates, gated, SYSTEM, 0.99 * strongest, 16.5)) == 1
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    offset=st.tuples(st.floats(-0.45, 0.45), st.floats(-0.45, 0.45)),
+    direction=st.tuples(st.floats(-0.1, 0.1), st.floats(0.1, 0.18)),
+)
+def test_one_scatterer_is_moved_from_near_its_place_to_it(offset, direction):
+    true = np.array([[33 + offset[0], offset[1], *direction, 1.0]])
+    start = moved(nearest_bins(true), 0, 0.05)
+    found = refine_jointly(scatterers(start), gated_map(true), SYSTEM)
+    assert found.range_bin == pytest.approx(true[:, 0], abs=1e-3)
+    assert found.doppler_bin == pytest.approx(true[:, 1], abs=1e-3)
+    assert (found.u, found.w) == (true[:, 2], true[:, 3])
+
+
+# A cross tells directions less apart, so that the first steps leave more to do.
+@pytest.mark.parametrize(("aperture", "within_bins"), [(Plane(8, 8), 2.5e-3), (Cross(8, 8), 1e-2)])
+def test_several_scatterers_are_moved_to_their_places_together(aperture, within_bins):
+    start, gated = moved(nearest_bins(TRUE), 0, 0.05), on(aperture, gated_map(TRUE))
+    found = refine_jointly(scatterers(start), gated, SYSTEM)
+    np.testing.assert_allclose(places(found), TRUE[:, :4], atol=within_bins)
+    # Started again from there, the steps that are left end at the places themselves.
+    again = refine_jointly(found, gated, SYSTEM)
+    np.testing.assert_allclose(places(again), TRUE[:, :4], atol=1e-4)
+    np.testing.assert_allclose(again.power, TRUE[:, 4] ** 2 * SYSTEM.processing_gain, rtol=1e-3 + 2 * LOADING)
+
+
+def test_refinement_lowers_what_the_map_leaves_unexplained():
+    start, gated = scatterers(nearest_bins(TRUE)), gated_map(TRUE, noise_power=1.0)
+    assert residual_energy(gated, refine_jointly(start, gated, SYSTEM)) < 0.1 * residual_energy(gated, start)
+
+
+def test_no_scatterer_moves_farther_than_half_a_bin():
+    start = scatterers(moved(TRUE, 0.9, -0.9))
+    found = refine_jointly(start, gated_map(TRUE), SYSTEM)
+    assert np.abs(found.range_bin - start.range_bin).max() <= MAX_SHIFT_BINS
+    assert np.abs(found.doppler_bin - start.doppler_bin).max() <= MAX_SHIFT_BINS
+
+
+def test_the_error_in_noise_is_of_the_size_of_the_cramer_rao_bound():
+    true, noise_power, n_trials = np.array([[33.3, 0.2, 0.05, 0.15, 1.0]]), 100.0, 60
+    start = scatterers(nearest_bins(true))
+    errors = []
+    for trial in range(n_trials):
+        found = refine_jointly(start, gated_map(true, noise_power, trial), SYSTEM)
+        errors.append([found.range_bin[0] - true[0, 0], found.doppler_bin[0] - true[0, 1]])
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    # A tone with a free complex amplitude: its frequency in bins has variance 6 / (4 π² energy over noise).
+    energy = SYSTEM.processing_gain * 64 / noise_power
+    bound = np.sqrt(6 / (4 * np.pi**2 * energy))
+    assert (rms > 0.7 * bound).all()
+    # The patch of 7 x 3 cells holds most of the energy, not all.
+    assert (rms < 1.5 * bound).all()
+
+
+def explained(rows, gated, noise_power, family=0):
+    """Map explained from candidates at rows."""
+    return explain_map(scatterers(rows, family), gated, SYSTEM, noise_power)
+
+
+def off(rows, seed):
+    """Rows up to a quarter of a Rayleigh cell off, in all four coordinates."""
+    spread = np.array([0.25, 0.25, 0.25 * 2 / 8, 0.25 * 2 / 8, 0.0])
+    return rows + spread * np.random.default_rng(seed).uniform(-1, 1, rows.shape)
+
+
+def test_separate_scatterers_that_explain_the_map_are_near_the_joint_cramer_rao_bound():
+    noise_power, n_trials = 10.0, 40
+    errors = np.empty((n_trials, len(TRUE), 4))
+    for trial in range(n_trials):
+        found = explained(off(TRUE, trial), gated_map(TRUE, noise_power, trial), noise_power)
+        errors[trial] = places(found) - TRUE[:, :4]
+    bin_size = np.array([SYSTEM.range_bin_m, SYSTEM.velocity_bin_mps, 1.0, 1.0])
+    range_m, velocity_mps, u, w = (TRUE[:, :4] * bin_size).T
+    joint = joint_bound(SYSTEM, (8, 8), range_m, velocity_mps, u, w, TRUE[:, 4], noise_power)
+    bound = np.stack([joint.range_m, joint.velocity_mps, joint.u, joint.w], axis=1) / bin_size
+    # Means of 200 squares, each coordinate: within 20 % but for once in 10 000.
+    ratio = np.sqrt(np.mean((errors / bound) ** 2, axis=(0, 1)))
+    assert (ratio > 0.8).all()
+    assert (ratio < 1.2).all()
+
+
+def test_the_power_of_an_explained_map_has_no_bias():
+    found = explained(off(TRUE, 1), gated_map(TRUE), 1e-9 * SYSTEM.processing_gain)
+    np.testing.assert_allclose(places(found), TRUE[:, :4], atol=1e-5)
+    expected = TRUE[:, 4] ** 2 * SYSTEM.processing_gain
+    np.testing.assert_allclose(found.power[np.argsort(found.range_bin)], expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("n_twins", [1, 3])
+def test_scatterers_that_noise_does_not_tell_from_another_are_merged(n_twins):
+    noise_power = 10.0
+    twins = off(TRUE[:n_twins], 3)
+    for trial in range(3):
+        gated = gated_map(TRUE, noise_power, trial)
+        found = explained(np.concatenate([off(TRUE, 4), twins]), gated, noise_power)
+        assert len(found) == len(TRUE)
+        np.testing.assert_allclose(places(found), TRUE[:, :4], atol=0.05)
+
+
+def test_families_survive_an_explanation():
+    found = explained(TRUE, gated_map(TRUE), 1e-9 * SYSTEM.processing_gain, family=np.arange(5) + 2)
+    assert found.family.tolist() == [2, 3, 4, 5, 6]
+
+
+def crowd(n, seed=0):
+    """Rows of scatterers all over a few range bins."""
+    rng = np.random.default_rng(seed)
+    lower, upper = [31, -3, -0.12, 0.10, 0.8], [36, 3, 0.12, 0.18, 1.2]
+    return rng.uniform(lower, upper, (n, 5))
+
+
+def test_a_crowd_is_not_explained_by_a_few():
+    assert explained(TRUE, gated_map(np.concatenate([TRUE, crowd(40)])), 1.0) is None
+
+
+def test_many_scatterers_of_which_no_cell_is_resolved_are_a_crowd_without_a_fit():
+    rows = crowd(FEW + 1)
+    unresolved = np.where(np.arange(len(rows)) < 0.45 * len(rows), 0, -1)
+    # Even where the candidates are the truth, to the last digit.
+    assert explained(rows, gated_map(rows), 1.0, unresolved) is None
+    assert explained(rows, gated_map(rows), 1.0, family=0) is not None
+
+
+@pytest.mark.parametrize("exponent", [-30, 30])
+def test_an_explanation_knows_no_scale(exponent):
+    gated = gated_map(TRUE, noise_power=10.0)
+    scaled = GatedMap(2.0**exponent * gated.cells, GATE)
+    found = explained(off(TRUE, 0), gated, 10.0)
+    other = explained(off(TRUE, 0), scaled, 10.0 * 4.0**exponent)
+    np.testing.assert_allclose(places(other), places(found), rtol=1e-12)
+    np.testing.assert_allclose(other.power, 4.0**exponent * found.power, rtol=1e-9)
+
+
+@pytest.mark.parametrize("exponent", [-30, 30])
+def test_selection_and_refinement_know_no_scale(exponent):
+    gated, start = gated_map(TRUE, noise_power=10.0), scatterers(nearest_bins(TRUE))
+    scaled = GatedMap(2.0**exponent * gated.cells, GATE)
+    results = []
+    for part, min_power in ((gated, MIN_POWER), (scaled, 4.0**exponent * MIN_POWER)):
+        chosen = select_jointly(start, part, SYSTEM, min_power, 16.5)
+        results.append(refine_jointly(chosen, part, SYSTEM))
+    np.testing.assert_allclose(places(results[1]), places(results[0]), rtol=1e-12)
+    np.testing.assert_allclose(results[1].power, 4.0**exponent * results[0].power, rtol=1e-9)
+
+
+def test_without_scatterers_there_is_nothing_to_select_or_refine():
+    nothing = scatterers(np.empty((0, 5)))
+    gated = gated_map(TRUE)
+    assert len(select_jointly(nothing, gated, SYSTEM, MIN_POWER, 16.5)) == 0
+    assert len(refine_jointly(nothing, gated, SYSTEM)) == 0
+    assert len(explain_map(nothing, gated, SYSTEM, 1.0)) == 0
+
+
+def test_the_map_is_left_alone():
+    gated = gated_map(TRUE)
+    gated.cells.setflags(write=False)
+    chosen = select_jointly(scatterers(TRUE), gated, SYSTEM, MIN_POWER, 16.5)
+    refine_jointly(chosen, gated, SYSTEM)
+    explain_map(chosen, gated, SYSTEM, 1.0)

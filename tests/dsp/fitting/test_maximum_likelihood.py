@@ -1,0 +1,268 @@
+"""Maximum likelihood of a cell's plane waves: to the bound, and no more waves than there are."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.fitting.maximum_likelihood import refine_directions, resolve_directions
+from isacbench.model.kernels import steering
+
+N_P, N_Q = 16, 12
+RAYLEIGH = np.array([2 / N_P, 2 / N_Q])
+
+
+def noise(*shape, seed=0):
+    """White complex noise of unit power."""
+    rng = np.random.default_rng(seed)
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def snapshot(u, w, gain):
+    """Noise-free snapshot (1, 1, P, Q)."""
+    return sum(g * np.outer(steering(N_P, a), steering(N_Q, b)) for a, b, g in zip(u, w, gain, strict=True))[
+        None, None
+    ]
+
+
+def waves(u, w):
+    """Waves of one cell."""
+    return PlaneWaves(
+        np.array([u], dtype=float), np.array([w], dtype=float), np.ones((1, len(u)), dtype=bool)
+    )
+
+
+def unexplained(snapshots, u, w):
+    """Power that plane waves leave of one cell's snapshots, by plain least squares."""
+    responses = np.stack(
+        [np.outer(steering(N_P, a), steering(N_Q, b)).ravel() for a, b in zip(u, w, strict=True)], 1
+    )
+    data = snapshots[0].reshape(snapshots.shape[1], -1).T
+    fitted = responses @ np.linalg.lstsq(responses, data, rcond=None)[0]
+    return np.sum(np.abs(data - fitted) ** 2)
+
+
+def pairs_of(found):
+    return np.array(sorted(zip(found.u[0][found.found[0]], found.w[0][found.found[0]], strict=True)))
+
+
+@st.composite
+def scenes(draw):
+    """One to four sources a Rayleigh cell apart, and starts a fifth of one beside them."""
+    k = draw(st.integers(1, 4))
+    slots = np.array([-0.6, -0.2, 0.2, 0.6])
+    u, w = (slots[draw(st.permutations(range(4)))[:k]] for _ in range(2))
+    gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in range(k)]
+    offset = np.array(draw(st.lists(st.floats(-0.2, 0.2), min_size=2 * k, max_size=2 * k))).reshape(k, 2)
+    return u, w, np.array(gain), offset * RAYLEIGH
+
+
+@settings(deadline=None, max_examples=30)
+@given(scene=scenes())
+def test_noise_free_sources_are_found_from_starts_beside_them(scene):
+    u, w, gain, offset = scene
+    found = refine_directions(snapshot(u, w, gain), waves(u + offset[:, 0], w + offset[:, 1]), 15)
+    np.testing.assert_allclose(found.u[0], u, atol=1e-6)
+    np.testing.assert_allclose(found.w[0], w, atol=1e-6)
+
+
+@settings(deadline=None, max_examples=30)
+@given(scene=scenes(), seed=st.integers(0, 99))
+def test_no_direction_nearby_leaves_less_unexplained(scene, seed):
+    u, w, gain, offset = scene
+    data = snapshot(u, w, gain) + 0.2 * noise(1, 2, N_P, N_Q, seed=seed)
+    found = refine_directions(data, waves(u + offset[:, 0], w + offset[:, 1]), 30)
+    least = unexplained(data, found.u[0], found.w[0])
+    for k in range(len(u)):
+        for step in (-1e-4, 1e-4):
+            for axis in (0, 1):
+                moved = [found.u[0].copy(), found.w[0].copy()]
+                moved[axis][k] += step
+                assert unexplained(data, *moved) >= least
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    scene=scenes(),
+    shift=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
+    exponent=st.integers(-20, 20),
+    seed=st.integers(0, 99),
+)
+def test_directions_follow_a_shift_and_know_neither_scale_nor_order(scene, shift, exponent, seed):
+    u, w, gain, offset = scene
+    data = snapshot(u, w, gain) + 0.1 * noise(1, 1, N_P, N_Q, seed=seed)
+    start = u + offset[:, 0], w + offset[:, 1]
+    found = refine_directions(data, waves(*start), 8)
+    turned = 2.0**exponent * data * np.outer(steering(N_P, shift[0]), steering(N_Q, shift[1]))
+    again = refine_directions(turned, waves(start[0][::-1] + shift[0], start[1][::-1] + shift[1]), 8)
+    np.testing.assert_allclose(again.u[0][::-1] - shift[0], found.u[0], atol=1e-7)
+    np.testing.assert_allclose(again.w[0][::-1] - shift[1], found.w[0], atol=1e-7)
+
+
+def test_one_source_is_placed_as_well_as_the_bound_of_cramer_and_rao_allows():
+    n, gain = 600, 1.0
+    rng = np.random.default_rng(1)
+    u, w = rng.uniform(-0.9, 0.9, (2, n, 1))
+    start = PlaneWaves(
+        u + 0.2 * RAYLEIGH[0] * rng.uniform(-1, 1, (n, 1)),
+        w + 0.2 * RAYLEIGH[1] * rng.uniform(-1, 1, (n, 1)),
+        np.ones((n, 1), dtype=bool),
+    )
+    data = steering(N_P, u)[:, :, :, None] * steering(N_Q, w)[:, :, None, :] * gain
+    # 23 dB after the gain of all elements: clear of the threshold.
+    found = refine_directions(data + noise(n, 1, N_P, N_Q), start, 10)
+    for error, n_line in ((found.u - u, N_P), (found.w - w, N_Q)):
+        bound = np.sqrt(6 / (N_P * N_Q * np.pi**2 * (n_line**2 - 1))) / gain
+        assert 0.9 < np.sqrt(np.mean(error**2)) / bound < 1.1
+
+
+def test_all_snapshots_of_a_cell_share_their_directions():
+    u, w = np.array([0.1, 0.16]), np.array([0.0, 0.05])
+    data = np.concatenate([snapshot(u, w, [1, 1]), snapshot(u, w, [1, -1])], axis=1)
+    data = data + 0.1 * noise(1, 2, N_P, N_Q)
+    both = refine_directions(data, waves(u + 0.01, w - 0.01), 15)
+    np.testing.assert_allclose(both.u[0], u, atol=0.01)
+    np.testing.assert_allclose(both.w[0], w, atol=0.01)
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4])
+def test_what_is_separate_stays_and_what_noise_would_explain_leaves(k):
+    rng, n, slots = np.random.default_rng(k), 300, np.array([-0.6, -0.2, 0.2, 0.6])
+    u, w = (np.array([rng.permutation(slots)[:k] for _ in range(n)]) for _ in range(2))
+    gain = rng.uniform(5, 20, (n, k)) * np.exp(2j * np.pi * rng.uniform(size=(n, k)))
+    data = np.einsum("nk,nkp,nkq->npq", gain, steering(N_P, u), steering(N_Q, w))[:, None]
+    data = data + noise(n, 1, N_P, N_Q, seed=k)
+    offset = rng.uniform(-0.2, 0.2, (2, n, k)) * RAYLEIGH[:, None, None]
+    # The first source twice, and a wave where nothing is.
+    start_u, start_w = u + offset[0], w + offset[1]
+    nowhere = rng.uniform(0.8, 1, (2, n, 1))
+    start_u = np.concatenate([start_u, start_u[:, :1] + 0.1 * RAYLEIGH[0], nowhere[0]], axis=1)
+    start_w = np.concatenate([start_w, start_w[:, :1], nowhere[1]], axis=1)
+    start = PlaneWaves(start_u, start_w, np.ones(start_u.shape, dtype=bool))
+    found = resolve_directions(data, start, 1.0, 1e-5, 10)
+    right = found.found.sum(axis=1) == k
+    # Two waves three deviations apart are two; of one source in noise they are in about one case of 200.
+    assert np.mean(~right) < 0.02
+    for cell in np.flatnonzero(right):
+        places = sorted(zip(found.u[cell][found.found[cell]], found.w[cell][found.found[cell]], strict=True))
+        np.testing.assert_allclose(places, sorted(zip(u[cell], w[cell], strict=True)), atol=0.02)
+
+
+def test_of_a_cell_of_noise_one_wave_is_left():
+    start = PlaneWaves(*np.random.default_rng(0).uniform(-0.9, 0.9, (2, 30, 4)), np.ones((30, 4), dtype=bool))
+    found = resolve_directions(noise(30, 1, N_P, N_Q), start, 1.0, 1e-5, 5)
+    assert found.found.sum(axis=1).tolist() == [1] * 30
+
+
+@pytest.mark.parametrize("n_steps", [0, 5])
+def test_fillers_and_empty_batches_are_left_alone(n_steps):
+    data = snapshot([0.1], [0.2], [1.0])
+    start = PlaneWaves(np.array([[0.1, 0.7]]), np.array([[0.2, 0.7]]), np.array([[True, False]]))
+    for solve in (
+        lambda data, start: refine_directions(data, start, n_steps),
+        lambda data, start: resolve_directions(data, start, 1e-9, 1e-5, n_steps),
+    ):
+        found = solve(data, start)
+        assert found.found.tolist() == [[True, False]]
+        assert found.u[0, 1] == 0.7
+        np.testing.assert_allclose(found.u[0, 0], 0.1, atol=1e-9)
+        nobody = PlaneWaves(start.u, start.w, np.zeros((1, 2), dtype=bool))
+        assert not solve(data, nobody).found.any()
+        empty = PlaneWaves(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2), dtype=bool))
+        assert solve(data[:0], empty).u.shape == (0, 2)
+
+
+def test_coinciding_directions_become_one():
+    data = snapshot([0.1], [0.2], [1.0]) + 0.01 * noise(1, 1, N_P, N_Q)
+    found = resolve_directions(data, waves([0.1, 0.1, 0.1], [0.2, 0.2, 0.2]), 1e-4, 1e-5, 5)
+    assert found.found.sum() == 1
+    np.testing.assert_allclose(pairs_of(found), [[0.1, 0.2]], atol=1e-3)
+
+
+def test_rounding_does_not_decide_where_a_refinement_ends():
+    rng = np.random.default_rng(5)
+    u, w = rng.uniform(-0.5, 0.5, (2, 200, 3))
+    waves = np.einsum("nkp,nkq->npq", steering(8, u), steering(6, w))[:, None]
+    starts = PlaneWaves(u + 0.02, w - 0.02, np.ones(u.shape, dtype=bool))
+    ends = [
+        refine_directions(waves * (1 + 1e-15 * rng.standard_normal(waves.shape)), starts, 30)
+        for _ in range(2)
+    ]
+    assert np.abs(ends[0].u - ends[1].u).max() < 1e-9
+    assert np.abs(ends[0].w - ends[1].w).max() < 1e-9
+
+
+@pytest.mark.parametrize("snr_db", [-10, 10, 40, 300])
+def test_last_digits_of_the_snapshots_decide_nothing(snr_db):
+    rng = np.random.default_rng(5)
+    u, w = rng.uniform(-0.5, 0.5, (2, 200, 3)) + np.array([-0.5, 0, 0.5]) * 0.9
+    clean = np.einsum("nkp,nkq->npq", steering(8, u), steering(6, w))[:, None]
+    data = clean + 10 ** (-snr_db / 20) * noise(*clean.shape, seed=5)
+    starts = PlaneWaves(u + 0.02, w - 0.02, np.ones(u.shape, dtype=bool))
+    ends = [
+        refine_directions(data * (1 + sign * 1e-15 * rng.standard_normal(data.shape)), starts, 40)
+        for sign in (0, 1)
+    ]
+    # Where the unexplained power stopped falling, ends were up to 1e-6 apart.
+    apart = np.maximum(np.abs(ends[0].u - ends[1].u), np.abs(ends[0].w - ends[1].w)).max(axis=1)
+    assert np.quantile(apart, 0.95) < 1e-12
+    if snr_db > 0:
+        assert apart.max() < 1e-9
+
+
+@pytest.mark.parametrize("phase", [1, 1j, -1])
+@pytest.mark.parametrize("cells", [0.1, 1e-2, 1e-3, 1e-4])
+def test_a_noise_free_pair_of_any_phase_is_held_at_its_places(cells, phase):
+    u, w = np.array([0.1, 0.1 + cells * RAYLEIGH[0]]), np.array([0.2, 0.2])
+    middle = np.exp(7.5j * np.pi * u)
+    data = snapshot(u, w, middle * [1, phase])
+    distance = u[1] - u[0]
+    found = refine_directions(data, waves(u + 1e-6 * distance, w), 30)
+    np.testing.assert_allclose(found.u[0], u, atol=1e-2 * distance)
+    np.testing.assert_allclose(found.w[0], w, atol=1e-2 * distance)
+
+
+def test_without_noise_a_pair_stays_two():
+    u, w = np.array([0.1, 0.13]), np.array([0.2, 0.2])
+    found = resolve_directions(snapshot(u, w, [1, 1j]), waves(u + 1e-3, w), 0.0, 1e-5, 20)
+    assert found.found.all()
+    np.testing.assert_allclose(found.u[0], u, atol=1e-12)
+
+
+@pytest.mark.parametrize(("cells", "second"), [(0.1, 0.9), (0.1, 0.5), (0.05, 0.9), (0.05, 0.5)])
+@pytest.mark.parametrize("beside", [-0.05, 0.05])
+def test_a_close_pair_in_phase_is_followed_to_the_end_of_its_curved_valley(cells, second, beside):
+    u, w = 0.1 + np.array([0, cells]) * RAYLEIGH[0], 0.2 + np.array([0, cells]) * RAYLEIGH[1]
+    in_phase = np.exp(1j * np.pi * ((N_P - 1) / 2 * u + (N_Q - 1) / 2 * w))
+    start = np.array([-0.18, 0.18]) + beside
+    found = resolve_directions(
+        snapshot(u, w, in_phase * [1, second]),
+        waves(u.mean() + start * RAYLEIGH[0], w.mean() + start * RAYLEIGH[1]),
+        1e-12,
+        1e-5,
+        10,
+    )
+    # Ten steps, half of them taken back, ended as far beside the pair as its waves are apart.
+    assert found.found.all()
+    np.testing.assert_allclose(pairs_of(found), np.stack([u, w], axis=1), atol=1e-12)
+
+
+def test_rounding_of_the_starts_is_not_magnified_where_steps_do_not_converge():
+    # Crowds: more echoes than waves, so that ten steps end somewhere in a valley.
+    rng = np.random.default_rng(0)
+    n, k = 40, 4
+    data = np.concatenate(
+        [
+            snapshot(*rng.uniform(-0.3, 0.3, (2, 9)), rng.standard_normal(9) + 1j * rng.standard_normal(9))
+            for _ in range(n)
+        ]
+    )
+    u, w = rng.uniform(-0.3, 0.3, (2, n, k))
+    found = np.ones((n, k), dtype=bool)
+    one, other = (
+        refine_directions(data, PlaneWaves(u + shift, w - shift, found), 10) for shift in (0, 1e-13)
+    )
+    assert np.abs(one.u - u).max() > 0.05  # they have moved
+    apart = np.maximum(np.abs(one.u - other.u), np.abs(one.w - other.w)).max(axis=1)
+    assert np.sort(apart)[: n - 1].max() < 1e-9  # rounding may decide one, as it may any last digit

@@ -1,0 +1,370 @@
+"""Moves of a pursuit on small maps of known echoes."""
+
+import dataclasses
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
+from isacbench.dsp.fitting.pursuit import (
+    TOLD_APART,
+    BeamSpace,
+    descending,
+    noise_maximum,
+    redundant,
+    sidelobe_envelope,
+    split_gains,
+    strongest_around,
+    unwrapped,
+)
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.model.gate import Gate
+from isacbench.model.numerology import System
+
+SYSTEM = System(n_subcarriers=64, n_symbols=32)
+SHAPE = (8, 6)
+GATE = Gate(np.arange(10, 24), np.arange(-6, 7), slice(3, 11), slice(3, 10))
+LIMITS = ((-0.5, 0.5), (-0.6, 0.4))
+PLACE = np.array([16.3, 0.4, 0.2, -0.3])
+NOISE = 1e-3
+QUADRATURE, IN_PHASE = 1j, 1.0
+
+
+def noisy(places, amplitude, noise=NOISE, seed=0):
+    """Map of echoes in noise of a power per cell and element."""
+    places, rng = np.reshape(places, (-1, N_COORDINATES)), np.random.default_rng(seed)
+    shape = (*GATE.shape, *SHAPE)
+    cells = rng.standard_normal((*shape, 2)).view(np.complex128)[..., 0]
+    empty = AtomMap.from_map(GatedMap(cells * np.sqrt(noise / 2), GATE), SYSTEM)
+    factors = [line.value for line in empty.lines(places)]
+    echo = np.einsum("k,kr,kd,ku,kw->rduw", np.asarray(amplitude, complex), *factors)
+    return dataclasses.replace(empty, cells=empty.cells + echo)
+
+
+def space_of(atom_map):
+    return BeamSpace.from_map(atom_map, GATE, LIMITS)
+
+
+def fitted(places, amplitude, noise=NOISE, seed=0):
+    """Map and its fit with atoms at the true places."""
+    atom_map = noisy(places, amplitude, noise, seed)
+    return atom_map, fit_atoms(atom_map, np.reshape(places, (-1, N_COORDINATES)))
+
+
+def distance_variance(fit, axis):
+    """Bound of the first two atoms' distance along a coordinate in unit noise."""
+    covariance = fit.covariance(1.0)[axis, :, axis, :]
+    return covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]
+
+
+def test_beams_are_outputs_of_unit_energy_at_their_directions():
+    atom_map = noisy(PLACE, [2.0])
+    space = space_of(atom_map)
+    along_range, along_doppler, along_u, along_w = space.axes
+    assert space.beams.shape == tuple(axis.size for axis in space.axes)
+    towards_u, towards_w = atom_map.line(along_u, 2).value, atom_map.line(along_w, 3).value
+    for r, d, i, k in ((0, 0, 0, 0), (4, 3, 2, 5), (-1, -1, -1, -1)):
+        row = np.flatnonzero(atom_map.range_bins == along_range[r])[0]
+        column = np.flatnonzero(atom_map.doppler_bins == along_doppler[d])[0]
+        expected = towards_u[i] @ atom_map.cells[row, column] @ towards_w[k]
+        assert space.beams[r, d, i, k] == pytest.approx(expected)
+
+
+def test_beams_cover_the_bins_and_directions_of_the_region_and_a_little_more():
+    along_range, along_doppler, along_u, along_w = space_of(noisy(PLACE, [1.0])).axes
+    assert (along_range[0], along_range[-1]) == (11, 22)
+    assert (along_doppler[0], along_doppler[-1]) == (-5, 5)
+    assert (along_u[0], along_u[-1]) == (-2.0, 2.0)
+    assert (along_w[0], along_w[-1]) == (-2.0, 1.5)
+
+
+def test_independent_samples_are_the_rayleigh_cells_of_the_region():
+    # 8 range and 7 Doppler bins; a cosine of 1 is 4 cells along u and 3 along w.
+    assert space_of(noisy(PLACE, [1.0])).n_independent == pytest.approx(8 * 7 * 4 * 3)
+
+
+def test_nothing_is_left_of_a_map_without_noise_when_its_atoms_are_taken_out():
+    places = PLACE + np.array([[0, 0, 0, 0], [2.1, -0.7, 0.9, 0.4], [-1.3, 0.2, -1.1, 0.8]])
+    atom_map, fit = fitted(places, [2.0, 1j, 0.5 - 1j], noise=0.0)
+    space = space_of(atom_map)
+    assert np.abs(space.residual(fit)).max() < 1e-8 * np.abs(space.beams).max()
+    assert space.residual(None) is space.beams
+
+
+def test_the_residual_is_that_of_the_map_without_the_atoms():
+    places = PLACE + np.array([[0, 0, 0, 0], [2.1, -0.7, 0.9, 0.4]])
+    atom_map, fit = fitted(places, [2.0, 1j], noise=0.01)
+    without = noisy(places, np.array([2.0, 1j]) - fit.amplitude, noise=0.01)
+    np.testing.assert_allclose(space_of(atom_map).residual(fit), space_of(without).beams, atol=1e-10)
+
+
+@settings(max_examples=25)
+@given(st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-1, 1), st.floats(-1, 1)))
+def test_the_highest_peak_is_the_nearest_sample_to_a_lone_echo(offset):
+    place = PLACE + offset
+    space = space_of(noisy(place, [1.0], noise=1e-8))
+    places, energy = space.peaks(space.beams, 0.3)
+    best = energy.argmax()
+    # Halfway between bins the sum of two holds 81 % of an echo: a bin wins up to 0.293 away.
+    assert np.all(np.abs(places[best] - place) < [0.3, 0.3, 0.251, 0.251])
+    assert 0.36 < energy[best] < 1.01
+
+
+def test_peaks_are_the_samples_that_no_neighbour_exceeds():
+    space = space_of(noisy(PLACE, [1.0], noise=0.05))
+    _, energy = space.peaks(space.beams, 0.1)
+    dense = space.beams
+    for axis in (0, 1):
+        ahead = np.moveaxis(dense, axis, 0)
+        between = (ahead[:-1] + ahead[1:]) / np.sqrt(2)
+        woven = np.empty((2 * len(ahead) - 1, *ahead.shape[1:]), complex)
+        woven[::2], woven[1::2] = ahead, between
+        dense = np.moveaxis(woven, 0, axis)
+    power, expected = np.abs(dense) ** 2, []
+    for index in zip(*np.nonzero(power > 0.1), strict=True):
+        around = tuple(slice(max(i - 1, 0), i + 2) for i in index)
+        if power[index] == power[around].max():
+            expected.append(power[index])
+    np.testing.assert_allclose(np.sort(energy), np.sort(expected), rtol=1e-12)
+    assert len(energy) > 5
+
+
+def test_noise_between_bins_keeps_its_power():
+    space = space_of(noisy(PLACE, [0.0], noise=1.0))
+    _, energy = space.peaks(space.beams, 0.0)
+    # Local maxima of exponential variates: a few times the mean, whether on a bin or between.
+    assert 2 < np.median(energy) < 5
+
+
+def test_a_level_above_everything_leaves_no_peak():
+    space = space_of(noisy(PLACE, [1.0]))
+    places, energy = space.peaks(space.beams, 10.0)
+    assert places.shape == (0, N_COORDINATES)
+    assert energy.shape == (0,)
+
+
+def test_the_mean_residual_around_a_place_is_that_of_its_surroundings():
+    space = space_of(noisy(PLACE, [0.0]))
+    residual = np.ones_like(space.beams)
+    residual[:, :, space.u > 0] = 2.0
+    places = np.array([[16, 0, -1.5, 0], [16, 0, 1.5, 0], [0, -90, -50, 50.0]])
+    np.testing.assert_allclose(space.mean_around(residual, places), [1, 4, 1])
+
+
+@pytest.mark.parametrize("axis", range(N_COORDINATES))
+@pytest.mark.parametrize("turn", [IN_PHASE, QUADRATURE])
+def test_two_close_echoes_under_one_atom_gain_from_a_split_along_their_line(axis, turn):
+    apart = 0.4 * np.eye(N_COORDINATES)[axis]
+    atom_map = noisy([PLACE - apart / 2, PLACE + apart / 2], [1.0, turn], noise=1e-6)
+    fit = refine_atoms(atom_map, PLACE[None], 10)
+    splits = split_gains(atom_map, fit, np.array([1e-6]), 1e-5)
+    assert splits.gain[0] > 1e-5
+    assert np.flatnonzero(splits.offsets[0]).tolist() == [axis]
+    assert 0.1 < splits.offsets[0, axis] <= 0.5
+    # The two starts lead to the two echoes, and their gain is of the order that was promised.
+    two = refine_atoms(atom_map, fit.places + np.array([[-1.0], [1.0]]) * splits.offsets, 12)
+    order = two.places[:, axis].argsort()
+    np.testing.assert_allclose(two.places[order, axis], PLACE[axis] + [-0.2, 0.2], atol=0.05)
+    assert 0.5 < (two.energy - fit.energy) / splits.gain[0] < 2.5
+
+
+@pytest.mark.parametrize("snr", [1e2, 1e4, 1e6])
+def test_one_echo_in_noise_is_not_split(snr):
+    for seed in range(20):
+        atom_map, _ = fitted(PLACE, [1.0], noise=1 / snr, seed=seed)
+        fit = refine_atoms(atom_map, PLACE[None], 5)
+        splits = split_gains(atom_map, fit, np.array([1 / snr]), 20 / snr)
+        assert splits.gain[0] == 0
+        assert not np.any(splits.offsets[splits.gain > 0])
+
+
+def test_no_split_gains_what_noise_may_or_where_all_around_is_as_bad():
+    apart = 0.3 * np.eye(N_COORDINATES)[0]
+    atom_map = noisy([PLACE - apart / 2, PLACE + apart / 2], [1.0, 1.0], noise=1e-6)
+    fit = refine_atoms(atom_map, PLACE[None], 10)
+    gain = split_gains(atom_map, fit, np.array([1e-6]), 1e-5).gain[0]
+    assert 0 < gain < fit.power[0] / 8
+    assert split_gains(atom_map, fit, np.array([1e-6]), 2 * gain).gain[0] == 0
+    assert split_gains(atom_map, fit, np.array([gain]), 1e-5).gain[0] == 0
+
+
+def test_two_elements_see_one_wave_and_no_split():
+    cells = np.random.default_rng(0).standard_normal((*GATE.shape, 2, 2)).astype(complex)
+    small = AtomMap.from_map(GatedMap(cells, GATE), SYSTEM)
+    fit = fit_atoms(small, PLACE[None])
+    splits = split_gains(small, fit, np.array([1e-9]), 1e-9)
+    assert np.all(np.isfinite(splits.gain))
+    assert np.all(splits.offsets[:, 2:] == 0)
+
+
+@settings(max_examples=40)
+@given(st.floats(1, 1e6), st.floats(1e-9, 0.1))
+def test_the_highest_noise_is_where_rice_expects_one_crossing_in_so_many_images(n, chance):
+    level = noise_maximum(n, chance)
+    if level > N_COORDINATES:
+        expected = n * (np.pi * level / 3) ** 2 * np.exp(-level)
+        assert expected == pytest.approx(chance, rel=1e-5)
+    assert level > np.log(n / chance)
+
+
+@pytest.mark.slow
+def test_maxima_of_noise_off_the_grid_are_as_frequent_as_rice_says():
+    # All Nyquist cells of a small map and array, refined from every peak.
+    gate = Gate(np.arange(10), np.arange(-4, 5), slice(0, 10), slice(0, 9))
+    system, shape, n_images = System(n_subcarriers=10, n_symbols=9), (6, 5), 400
+    rng, chance = np.random.default_rng(0), 0.1
+    level, n_above = noise_maximum(10 * 9 * 30, chance), 0
+    for _ in range(n_images):
+        cells = rng.standard_normal((*gate.shape, *shape, 2)).view(np.complex128)[..., 0] * np.sqrt(0.5)
+        atom_map = AtomMap.from_map(GatedMap(cells, gate), system)
+        space = BeamSpace.from_map(atom_map, gate, ((-1, 1), (-1, 1)))
+        places, _ = space.peaks(space.beams, 0.5 * level)
+        best = [refine_atoms(atom_map, place[None], 4).energy for place in places]
+        n_above += max(best, default=0) > level
+    assert 0.3 * chance * n_images < n_above < 1.5 * chance * n_images
+
+
+@settings(max_examples=30)
+@given(st.tuples(*[st.floats(-6, 6)] * 4))
+def test_the_envelope_bounds_the_kernels(distance):
+    atom_map = noisy(PLACE, [0.0])
+    lines = atom_map.lines(np.stack([PLACE, PLACE + distance]))
+    # On the whole map and array; a gate's part of two atoms can have a larger product.
+    whole = Gate(np.arange(64), np.arange(-16, 16), slice(0, 64), slice(0, 32))
+    full = AtomMap.from_map(GatedMap(np.zeros((*whole.shape, *SHAPE), complex), whole), SYSTEM)
+    lines = full.lines(np.stack([PLACE, PLACE + distance]))
+    response = np.prod([line.value[0, 1] for line in full.products(lines)])
+    # A kernel of n samples exceeds 1/(πx) by x/n over its sine, π/2 at most within half its period.
+    reach = np.array([64, 32, *SHAPE])
+    turns = np.abs(distance - reach * np.rint(distance / reach))
+    slack = np.prod(1 / np.sinc(np.minimum(turns / reach, 0.5)))
+    assert abs(response) <= slack * sidelobe_envelope(turns) + 1e-12
+
+
+def test_the_envelope_of_many_places_has_their_shape():
+    distance = np.array([[[0, 0, 0, 0], [2, 0, 0, 0]], [[0, 2, 3, 0], [0.1, 0, 0, -0.2]]])
+    expected = [[1, 1 / (2 * np.pi)], [1 / (6 * np.pi**2), 1]]
+    np.testing.assert_allclose(sidelobe_envelope(distance), expected)
+
+
+def test_the_strongest_around_is_the_loudest_sidelobe_or_neighbour_and_never_itself():
+    places = PLACE + np.array([[0, 0, 0, 0], [0, 0, 1.6, 1.1], [3, 0, 0, 0.5]])
+    _, fit = fitted(places, [4.0, 1.0, 0.5], noise=0.0)
+    strongest = strongest_around(fit.places, fit)
+    assert strongest[0] == pytest.approx(1.0)
+    assert strongest[1] == pytest.approx(16.0)
+    assert strongest[2] == pytest.approx(16 / (3 * np.pi * 0.5 * np.pi) ** 2)
+    elsewhere = strongest_around(PLACE + np.array([[5.5, 0, 0, 0]]), fit)
+    assert elsewhere[0] == pytest.approx(
+        max(16 / (5.5 * np.pi) ** 2, 0.25 / (2.5 * np.pi * 0.5 * np.pi) ** 2)
+    )
+
+
+def test_two_bins_apart_is_near_however_it_is_rounded():
+    _, fit = fitted(PLACE[None], [4.0], noise=0.0)
+    apart = np.array([[2.0, 0, 0, 0]]) * (1 + np.array([[-1e-13], [1e-13]]))
+    assert strongest_around(PLACE + apart, fit) == pytest.approx([16.0, 16.0])
+
+
+def test_atoms_far_enough_apart_all_stay():
+    _, fit = fitted([PLACE, PLACE + 1.5 * np.eye(N_COORDINATES)[0]], [1.0, 1.0])
+    drop, places = redundant(fit, NOISE)
+    assert not drop.any()
+    np.testing.assert_array_equal(places, fit.places)
+
+
+@pytest.mark.parametrize("axis", range(N_COORDINATES))
+def test_a_pair_that_noise_does_not_tell_apart_becomes_one_in_its_middle(axis):
+    apart = 0.1 * np.eye(N_COORDINATES)[axis]
+    _, fit = fitted([PLACE, PLACE + apart, PLACE + 2.0], [1.0, 0.7j, 1.0], noise=0.0)
+    distance_std = distance_variance(fit, axis) ** 0.5
+    # Half as far apart as a standard deviation of 0.05 cells allows to tell.
+    noise = (0.05 / distance_std) ** 2
+    drop, places = redundant(fit, noise)
+    assert drop.tolist() == [False, True, False]
+    weight = fit.power[1] / (fit.power[0] + fit.power[1])
+    np.testing.assert_allclose(places[0], PLACE + weight * apart, atol=1e-9)
+    np.testing.assert_array_equal(places[2], fit.places[2])
+    assert not redundant(fit, noise / 8)[0].any()
+
+
+def test_four_standard_deviations_of_the_distance_tell_a_pair_apart():
+    apart = 0.5 * np.eye(N_COORDINATES)[0]
+    _, fit = fitted([PLACE, PLACE + apart], [1.0, 1j], noise=0.0)
+    limit = 0.25 / distance_variance(fit, 0) / TOLD_APART
+    assert not redundant(fit, 0.99 * limit)[0].any()
+    assert redundant(fit, 1.01 * limit)[0].sum() == 1
+
+
+def test_atoms_without_a_place_go_the_weaker_half_first():
+    places = PLACE + np.array([[0, 0, 0, 0], [3, 0, 0, 0], [-3, 0, 0, 0], [0, 3, 0, 0]])
+    _, fit = fitted(places, [1.0, 0.1, 0.11, 0.12], noise=0.0)
+    drop, _ = redundant(fit, 0.05)
+    # Of three with standard deviations above half a cell, one.
+    assert drop.tolist() == [False, True, False, False]
+
+
+def test_a_duplicate_is_found_among_many():
+    steps = np.array([*product((-1.0, 1.0), repeat=4)]) * [2.0, 2.0, 1.2, 1.2]
+    places = np.concatenate([PLACE + steps, PLACE + steps[:1] + 1e-7])
+    _, fit = fitted(places, np.ones(17))
+    drop, _ = redundant(fit, NOISE)
+    assert drop.sum() == 1
+    assert drop[[0, 16]].any()
+
+
+def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stronger_end():
+    half = SHAPE[0] / 2
+    ends = np.array([[16.3, 0.4, half - 0.01, -0.3], [16.3, 0.4, 0.01 - half, -0.3]])
+    _, fit = fitted(ends, [1.0, 0.5])
+    drop, places = redundant(fit, NOISE)
+    assert drop.sum() == 1
+    (stays,) = np.flatnonzero(~drop)
+    assert np.abs(np.abs(places[stays, 2]) - half).max() <= 0.01
+    np.testing.assert_allclose(places[stays, [0, 1, 3]], ends[0, [0, 1, 3]])
+
+
+def test_pairs_in_no_noise_at_all_are_compared_without_overflow():
+    # Warnings are errors.
+    _, fit = fitted([PLACE, PLACE + 0.98], [1.0, 1.0], noise=0.0)
+    drop, places = redundant(fit, 0.0)
+    assert not drop.any()
+    np.testing.assert_array_equal(places, fit.places)
+
+
+@settings(max_examples=40)
+@given(st.tuples(*[st.floats(-200, 200)] * 8))
+def test_the_nearest_of_equal_places_is_within_half_a_period_and_a_whole_number_of_them_away(values):
+    places, reference = np.array(values[:4]), np.array(values[4:])
+    periods = np.array([64.0, 32.0, 8.0, 6.0])
+    nearest = unwrapped(places, reference, periods)
+    assert np.all(np.abs(nearest - reference) <= periods / 2 * (1 + 1e-9))
+    turns = (nearest - places) / periods
+    np.testing.assert_allclose(turns, np.rint(turns), atol=1e-9)
+
+
+def test_places_a_period_apart_hold_the_same_atom():
+    atom_map = noisy(PLACE, [0.0])
+    moved = PLACE + np.array([1, -1, 1, 1]) * atom_map.periods
+    for axis in range(N_COORDINATES):
+        here, there = (atom_map.line(place[axis : axis + 1], axis).value for place in (PLACE, moved))
+        sign = np.sign(np.sum(here * there))
+        np.testing.assert_allclose(there, sign * here, atol=1e-9)
+
+
+def test_of_equal_energies_the_first_comes_first_whatever_their_last_digits():
+    energy = np.array([1.0, 3.0, 2.0, 3.0 + 1e-15, 3.0 - 1e-15])
+    assert descending(energy).tolist() == [1, 3, 4, 2, 0]
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_two_equal_samples_are_two_peaks_whichever_rounding_favours(sign):
+    space = space_of(noisy(PLACE, [0.0], noise=0.0))
+    residual = np.zeros_like(space.beams)
+    residual[4, 4, 3, 4:6] = 1.0, 1.0 + sign * 1e-13
+    places, _ = space.peaks(residual, 0.9)
+    assert len(places) == 2

@@ -1,0 +1,221 @@
+"""Detected cells: one element or all, what is reachable, and the two floors."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from isacbench.dsp.cell_detection import (
+    CLEAR_BINS,
+    PEAK_CELLS,
+    detect_cells,
+    detect_listed,
+    power_map,
+    reference_noise,
+    white_noise,
+)
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.model.gate import Gate
+from isacbench.model.kernels import dirichlet
+from isacbench.plugins.contracts import Detection
+
+N_SYMBOLS = 64
+GATE = Gate(np.arange(40, 70), np.arange(-12, 13), slice(6, 24), slice(8, 17))
+NO_CLEAR_BINS = Gate(np.arange(40, 70), np.arange(-12, 13), slice(0, 30), slice(2, 23))
+LOOKS = 12
+
+
+@dataclass(frozen=True)
+class Everything:
+    """Detects every cell, or those of a mask; says that the noise is 3."""
+
+    name: ClassVar[str] = "everything"
+    pfa: float = 0.5
+    mask: np.ndarray | None = None
+
+    def detect(self, power, looks=1):
+        assert looks == LOOKS
+        mask = np.ones(power.shape, dtype=bool) if self.mask is None else self.mask
+        return Detection(mask, np.zeros_like(power), np.full_like(power, 3.0))
+
+
+@dataclass(frozen=True)
+class Picky(Everything):
+    """Detects what it is asked for, and refuses to test a whole map."""
+
+    def detect(self, power, looks=1, cells=None):
+        assert cells is not None
+        return Detection(power[cells] > 1, np.zeros(cells[0].size), np.full(cells[0].size, 3.0))
+
+
+def noise_cells(gate, seed=0, elements=(4, 3)):
+    """White complex noise of unit power."""
+    rng = np.random.default_rng(seed)
+    shape = (*gate.shape, *elements)
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+@pytest.mark.parametrize("elements", [(4, 3), (6,)])
+def test_power_of_the_first_element_has_one_look(elements):
+    cells = noise_cells(GATE, elements=elements)
+    power, looks = power_map(cells, "element")
+    assert looks == 1
+    np.testing.assert_allclose(power, np.abs(cells.reshape(*GATE.shape, -1)[:, :, 0]) ** 2)
+
+
+def test_noncoherent_power_of_a_cross_averages_its_elements():
+    cells = noise_cells(GATE, elements=(6,))
+    power, looks = power_map(cells, "noncoherent")
+    assert looks == 6
+    np.testing.assert_allclose(power, np.mean(np.abs(cells) ** 2, axis=2))
+
+
+def test_power_follows_the_precision_of_the_cells():
+    cells = noise_cells(GATE)
+    for integration in ("element", "noncoherent"):
+        double, single = (power_map(part, integration)[0] for part in (cells, cells.astype(np.complex64)))
+        assert (double.dtype, single.dtype) == (np.float64, np.float32)
+        np.testing.assert_allclose(single, double, rtol=1e-5)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_noncoherent_power_is_the_mean_over_the_array_and_has_a_look_an_element(order):
+    cells = np.asarray(noise_cells(GATE), order=order)
+    cells.setflags(write=False)
+    power, looks = power_map(cells, "noncoherent")
+    assert looks == LOOKS
+    for row in range(GATE.shape[0]):
+        for column in range(GATE.shape[1]):
+            expected = sum(abs(cells[row, column, p, q]) ** 2 for p in range(4) for q in range(3)) / 12
+            assert power[row, column] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("integration", ["element", "noncoherent"])
+def test_the_looks_are_those_of_the_variance_in_noise(integration):
+    power, looks = power_map(
+        noise_cells(Gate(np.arange(300), np.arange(200), slice(0), slice(0))), integration
+    )
+    assert power.mean() ** 2 / power.var() == pytest.approx(looks, rel=0.05)
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 999), dynamic_range_db=st.floats(0.1, 30), contrast_db=st.floats(0, 40))
+def test_cells_are_kept_where_detected_reachable_and_above_the_floor(seed, dynamic_range_db, contrast_db):
+    rng = np.random.default_rng(seed)
+    cells = noise_cells(GATE, seed) * 10 ** (rng.random((*GATE.shape, 1, 1)) * contrast_db / 20)
+    mask = rng.random(GATE.shape) < 0.7
+    found = detect_cells(GatedMap(cells, GATE), Everything(mask=mask), "noncoherent", dynamic_range_db)
+    power = np.mean(np.abs(cells) ** 2, axis=(2, 3))
+    reachable = [(row, column) for row in range(6, 24) for column in range(8, 17)]
+    strongest = sorted(power[cell] for cell in reachable)[-PEAK_CELLS:]
+    clear = [c for c in range(25) if c < 8 - CLEAR_BINS or c >= 17 + CLEAR_BINS]
+    floor = max(
+        np.median(power[:, clear].mean(axis=0)), sum(strongest) / PEAK_CELLS * 10 ** (-dynamic_range_db / 10)
+    )
+    assert found.floor == pytest.approx(floor)
+    expected = [
+        (row, column) for row, column in reachable if mask[row, column] and power[row, column] > floor
+    ]
+    assert list(zip(found.bins[0] - 40, found.bins[1] + 12, strict=True)) == expected
+
+
+def test_the_strongest_cell_that_is_kept_is_named_by_its_bins():
+    cells = noise_cells(GATE)
+    cells[10, 12] *= 30
+    cells[3, 12] *= 90  # beyond reach
+    found = detect_cells(GatedMap(cells, GATE), Everything(), "noncoherent", 30.0)
+    assert found.strongest_cell(GATE) == (50, 0)
+
+
+def test_where_nothing_is_kept_there_is_no_strongest_cell():
+    nothing = Everything(mask=np.zeros(GATE.shape, dtype=bool))
+    found = detect_cells(GatedMap(noise_cells(GATE), GATE), nothing, "noncoherent", 30.0)
+    assert found.bins[0].size == found.bins[1].size == 0
+    assert found.strongest_cell(GATE) is None
+
+
+def test_without_clear_doppler_bins_the_floor_falls_back_on_the_noise_of_the_detector():
+    found = detect_cells(
+        GatedMap(noise_cells(NO_CLEAR_BINS), NO_CLEAR_BINS), Everything(), "noncoherent", 60.0
+    )
+    assert reference_noise(found.power, NO_CLEAR_BINS) is None
+    assert found.floor == 3.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("noise_power", [1e-9, 1.0, 1e9])
+def test_reference_noise_lies_within_the_chi_square_band_of_its_cells(seed, noise_power):
+    power, looks = power_map(np.sqrt(noise_power) * noise_cells(GATE, seed), "noncoherent")
+    n_degrees = 2 * looks * GATE.shape[0] * 10
+    low, high = chi2.ppf([1e-6, 1 - 1e-6], n_degrees) / n_degrees
+    assert low < reference_noise(power, GATE) / noise_power < high
+
+
+@pytest.mark.parametrize("doppler", [-4.4, -1.7, 0.0, 2.5, 4.4])
+def test_strong_movers_at_any_speed_of_the_region_do_not_reach_the_reference_noise(doppler):
+    noise = noise_cells(GATE)
+    mover = 100 * dirichlet(GATE.doppler_bins, [doppler], N_SYMBOLS)[:, 0].conj() / np.sqrt(N_SYMBOLS)
+    cells = noise.copy()
+    cells[15] += mover[:, None, None]
+    windows = ("hann", "hann")
+    quiet, loud = (GatedMap(part, GATE).tapered(*windows) for part in (noise, cells))
+    powers = [power_map(part.cells, "noncoherent")[0] for part in (quiet, loud)]
+    before, after = (reference_noise(power, quiet.gate) for power in powers)
+    assert after == pytest.approx(before, rel=0.03)
+    assert powers[1].mean() > 10 * powers[0].mean()
+
+
+@pytest.mark.parametrize("noise_power", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("gate", [GATE, NO_CLEAR_BINS], ids=["clear", "no clear bins"])
+def test_white_noise_is_that_of_a_cell_and_element_of_the_untapered_map(gate, noise_power):
+    found = white_noise(GatedMap(np.sqrt(noise_power) * noise_cells(gate), gate))
+    # A median of gamma variates of 12 looks lies 3 % below their mean.
+    assert found == pytest.approx(noise_power, rel=0.08)
+
+
+@pytest.mark.parametrize("doppler", [-4.4, -1.7, 0.5, 2.5])
+@pytest.mark.parametrize("range_bin", [46.0, 55.4])
+def test_an_echo_70_db_above_the_noise_does_not_raise_white_noise(range_bin, doppler):
+    noise = noise_cells(GATE)
+    along_range = dirichlet(GATE.range_bins, [range_bin], 256)[:, 0] / 16
+    along_doppler = dirichlet(GATE.doppler_bins, [doppler], 1024)[:, 0].conj() / 32
+    echo = 10**3.5 * np.outer(along_range, along_doppler)[:, :, None, None]
+    quiet, loud = (white_noise(GatedMap(cells, GATE)) for cells in (noise, noise + echo))
+    bare = reference_noise(power_map(noise + echo, "noncoherent")[0], GATE)
+    assert bare > 10 * quiet
+    assert loud < 1.15 * quiet
+
+
+def test_without_clear_doppler_bins_white_noise_is_the_median_of_the_map():
+    gated = GatedMap(noise_cells(NO_CLEAR_BINS), NO_CLEAR_BINS)
+    power = np.mean(np.abs(gated.tapered("rect", "hann").cells) ** 2, axis=(2, 3))
+    assert white_noise(gated) == pytest.approx(np.median(power))
+
+
+def test_a_detector_that_takes_cells_is_asked_for_those_alone():
+    power = noise_cells(GATE)[..., 0, 0].real ** 2
+    cells = np.nonzero(power > 0.5)
+    assert np.array_equal(detect_listed(Picky(), power, LOOKS, cells).mask, power[cells] > 1)
+
+
+def test_of_a_detector_that_takes_no_cells_the_listed_ones_are_picked():
+    power = noise_cells(GATE)[..., 0, 0].real ** 2
+    mask = power > 1
+    cells = np.nonzero(power > 0.5)
+    found = detect_listed(Everything(mask=mask), power, LOOKS, cells)
+    assert np.array_equal(found.mask, mask[cells])
+    assert found.threshold.shape == found.noise.shape == cells[0].shape
+
+
+def test_where_clear_bins_give_the_floor_the_map_is_not_tested_beyond_what_may_be_kept():
+    cells = noise_cells(GATE, elements=(4, 3))
+    picked = detect_cells(GatedMap(cells, GATE), Picky(), "noncoherent", 30.0)
+    everything = np.mean(np.abs(cells) ** 2, axis=(2, 3)) > 1
+    full = detect_cells(GatedMap(cells, GATE), Everything(mask=everything), "noncoherent", 30.0)
+    assert np.array_equal(picked.bins, full.bins)
+    assert picked.bins[0].size
+    assert full.detection.mask.shape == GATE.shape

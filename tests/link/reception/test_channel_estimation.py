@@ -1,0 +1,132 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from isacbench.errors import InputError
+from isacbench.link.reception.channel import TappedDelay, TwoRay, channel_response
+from isacbench.link.reception.channel_estimation import prs_estimator
+from isacbench.link.waveform.propagation import Paths
+from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.model.echo import random_stream, white_gaussian
+from isacbench.model.numerology import System
+
+SMALL = System(n_subcarriers=256, n_symbols=224)
+
+
+def late_by(system, delay_s):
+    return channel_response(system, Paths(np.ones((1, 1)), np.array([delay_s]), np.zeros(1)))
+
+
+def error_db(estimate, response):
+    return 10 * np.log10(np.mean(np.abs(estimate - response) ** 2) / np.mean(np.abs(response) ** 2))
+
+
+def test_the_noise_gain_is_the_number_of_responses_over_that_of_prs_elements():
+    estimator = prs_estimator(System())
+    n_prs, n_basis = int(estimator.is_prs.sum()), estimator.basis.shape[1]
+    assert n_prs == 24576
+    # The prefix without the suffix has 448 delay bins, and a few more make up for fractions.
+    assert 448 < n_basis < 448 + 25
+    assert estimator.noise_gain == pytest.approx(n_basis / n_prs)
+
+
+@pytest.mark.parametrize("n_symbols", [6, 7, 11, 60, 62, 224])
+@pytest.mark.parametrize("time_order", [0, 1, 3])
+def test_noise_reaches_the_estimate_as_the_noise_gain_says(n_symbols, time_order):
+    system = System(n_subcarriers=256, n_symbols=n_symbols)
+    n_bursts = 1 if n_symbols < 62 else 2 if n_symbols < 224 else 4
+    if time_order >= n_bursts:
+        with pytest.raises(InputError, match=f"time_order = {time_order}: allowed is a whole number below"):
+            prs_estimator(system, time_order)
+        return
+    estimator = prs_estimator(system, time_order)
+    assert len(estimator.bursts) == n_bursts
+    grid = draw_grid(system)
+    powers = []
+    for trial in range(8):
+        noise = white_gaussian(random_stream("noise", trial, 0), (n_symbols, 256)).T
+        powers.append(np.mean(np.abs(estimator.estimate(noise, grid.symbols)) ** 2))
+    # At least 8 n_basis independent complex numbers make the mean.
+    freedom = 2 * 8 * estimator.basis.shape[1]
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], freedom) / freedom
+    assert low < np.mean(powers) / estimator.noise_gain < high
+
+
+@settings(max_examples=30)
+@given(fraction=st.floats(0, 1))
+def test_no_delay_within_the_prefix_is_lost(fraction):
+    estimator, grid = prs_estimator(SMALL), draw_grid(SMALL)
+    response = late_by(SMALL, fraction * SMALL.isi_free_delay_s)
+    assert error_db(estimator.estimate(response * grid.symbols, grid.symbols), response) < -95
+
+
+@pytest.mark.parametrize("channel", [TwoRay(), TappedDelay(), TappedDelay("tdl_e", 40e-9)])
+def test_channels_of_the_whole_band_are_estimated_to_95_db(channel):
+    system = System()
+    response = channel_response(system, channel.paths(system, random_stream("draw", 0, 0)))
+    grid = draw_grid(system)
+    estimate = prs_estimator(system).estimate(response * grid.symbols, grid.symbols)
+    assert error_db(estimate, response) < -95
+
+
+def test_data_does_not_change_the_estimate():
+    estimator = prs_estimator(SMALL)
+    response = late_by(SMALL, 30e-9)
+    first, second = draw_grid(SMALL, "qpsk"), draw_grid(SMALL, "256qam", trial=1)
+    estimates = [estimator.estimate(response * grid.symbols, grid.symbols) for grid in (first, second)]
+    np.testing.assert_array_equal(*estimates)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_polynomials_in_time_are_followed_up_to_the_order(order):
+    system = System(n_subcarriers=64)
+    grid, estimator = draw_grid(system), prs_estimator(system, order)
+    expected = np.polyval(np.arange(1, order + 2), np.linspace(-1, 1, 224))
+    # A burst tells of its middle, so let the channel stand still during bursts.
+    sounded = np.full(224, np.nan)
+    for burst in estimator.bursts:
+        sounded[burst] = np.interp(burst.mean(), np.arange(224), expected)
+    values = np.polynomial.Polynomial.fit(
+        [burst.mean() for burst in estimator.bursts],
+        [sounded[burst[0]] for burst in estimator.bursts],
+        order,
+    )(np.arange(224))
+    received = np.where(np.isnan(sounded), 1, sounded) * grid.symbols
+    estimate = estimator.estimate(received, grid.symbols)
+    np.testing.assert_allclose(estimate, np.tile(values, (64, 1)), rtol=0, atol=1e-3)
+    assert estimator.is_constant == (order == 0)
+
+
+def test_each_order_costs_noise():
+    gains = [prs_estimator(SMALL, order).noise_gain for order in range(4)]
+    assert np.all(np.diff(gains) > 0)
+
+
+@settings(max_examples=40)
+@given(
+    n_subcarriers=st.integers(1, 80),
+    n_symbols=st.integers(6, 70),
+    prefix=st.sampled_from([0.0, 1 / 32, 1 / 4, 1.0]),
+)
+def test_a_flat_channel_is_known_whatever_the_frame(n_subcarriers, n_symbols, prefix):
+    system = System(n_subcarriers=n_subcarriers, n_symbols=n_symbols, cyclic_prefix_ratio=prefix)
+    grid = draw_grid(system)
+    estimator = prs_estimator(system)
+    estimate = estimator.estimate(2j * grid.symbols, grid.symbols)
+    np.testing.assert_allclose(estimate, np.full(grid.symbols.shape, 2j), rtol=0, atol=1e-3)
+    gram = estimator.basis.conj().T @ estimator.basis
+    np.testing.assert_allclose(gram, np.eye(gram.shape[0]), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("n_symbols", [1, 2, 5])
+def test_a_frame_whose_prs_misses_subcarriers_is_refused(n_symbols):
+    with pytest.raises(InputError, match=f"n_symbols = {n_symbols}: too few"):
+        prs_estimator(System(n_subcarriers=64, n_symbols=n_symbols))
+
+
+@pytest.mark.parametrize("order", [-1, 4, 1.0, True])
+def test_an_order_that_cannot_be_is_refused(order):
+    with pytest.raises(InputError, match=r"allowed is a whole number below 4"):
+        prs_estimator(SMALL, order)

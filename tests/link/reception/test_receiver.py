@@ -1,0 +1,354 @@
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.special import erfc, ndtr
+from scipy.stats import binom
+
+from isacbench.errors import InputError
+from isacbench.link.reception import error_prediction
+from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, channel_response
+from isacbench.link.reception.channel_estimation import prs_estimator
+from isacbench.link.reception.error_prediction import (
+    effective_snr_db,
+    estimated_evm,
+    response_ber,
+    response_evm,
+)
+from isacbench.link.reception.receiver import drawn_response, expected_ber, receive
+from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, constellation, decide_bits
+from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
+from isacbench.model.echo import random_stream, white_gaussian
+from isacbench.model.numerology import System
+from isacbench.model.prs import prs_elements
+
+MODULATIONS = ("qpsk", "16qam", "64qam", "256qam")
+FRAME = System(n_subcarriers=512)
+SMALL = System(n_subcarriers=256)
+FAMILY = 0.01
+"""Probability that any of a family of counts is outside its interval by chance."""
+
+
+@pytest.fixture(scope="module")
+def grids():
+    return {modulation: draw_grid(FRAME, modulation) for modulation in MODULATIONS}
+
+
+@pytest.fixture(scope="module")
+def small_grids():
+    return {modulation: draw_grid(SMALL, modulation) for modulation in MODULATIONS}
+
+
+def is_likely(n_errors, n_bits, ber, n_family):
+    """Whether a count is in the exact two-sided binomial interval, at its share of the family's chance."""
+    tail = FAMILY / n_family / 2
+    return min(binom.cdf(n_errors, n_bits, ber), binom.sf(n_errors - 1, n_bits, ber)) >= tail
+
+
+def error_moments(modulation, snr_db):
+    """Mean and variance of the wrong bits of a symbol, by summing over all pairs of levels along an axis."""
+    levels = np.unique(constellation(modulation).real.round(12))
+    words = [decide_bits(level + 1j * levels[0], modulation)[::2] for level in levels]
+    sigma = np.sqrt(10 ** (-snr_db / 10) / 2)
+    edges = np.concatenate([[-np.inf], (levels[1:] + levels[:-1]) / 2, [np.inf]])
+    first = second = 0.0
+    for i, j in product(range(levels.size), repeat=2):
+        share = ndtr((edges[j + 1] - levels[i]) / sigma) - ndtr((edges[j] - levels[i]) / sigma)
+        wrong = np.count_nonzero(words[i] != words[j])
+        first += share * wrong / levels.size
+        second += share * wrong**2 / levels.size
+    return 2 * first, 2 * (second - first**2)
+
+
+def published_ber(modulation, snr_db):
+    """Sums of Cho and Yoon (2002), equations 14 to 16, for square constellations."""
+    n_bits = bits_per_symbol(modulation)
+    size = 2**n_bits
+    side = 2 ** (n_bits // 2)
+    snr = 10 ** (snr_db / 10)
+    total = 0.0
+    for k in range(1, n_bits // 2 + 1):
+        for i in range(round((1 - 2.0**-k) * side)):
+            floor = i * 2 ** (k - 1) // side
+            weight = 2 ** (k - 1) - int(np.floor(i * 2 ** (k - 1) / side + 0.5))
+            total += (-1) ** floor * weight * erfc((2 * i + 1) * np.sqrt(3 * snr / (2 * (size - 1)))) / side
+    return total / (n_bits // 2)
+
+
+@pytest.mark.parametrize("modulation", MODULATIONS)
+@pytest.mark.parametrize("snr_db", [-10.0, 0.0, 7.0, 15.0, 25.0])
+def test_the_closed_form_is_the_published_one(modulation, snr_db):
+    assert awgn_ber(modulation, snr_db) == pytest.approx(
+        published_ber(modulation, snr_db), rel=1e-9, abs=1e-15
+    )
+
+
+SNRS_DB = {
+    "qpsk": (0.0, 3.0, 6.0, 9.0, 12.0),
+    "16qam": (3.0, 8.0, 12.0, 16.0, 19.0),
+    "64qam": (6.0, 12.0, 18.0, 22.0, 25.0),
+    "256qam": (9.0, 18.0, 24.0, 28.0, 31.0),
+}
+POINTS = [(modulation, snr_db) for modulation in MODULATIONS for snr_db in SNRS_DB[modulation]]
+
+
+@pytest.mark.parametrize(("modulation", "snr_db"), POINTS)
+def test_bits_of_a_symbol_make_counts_no_wider_than_binomial(modulation, snr_db):
+    n_bits = bits_per_symbol(modulation)
+    mean, variance = error_moments(modulation, snr_db)
+    ber = mean / n_bits
+    assert ber == pytest.approx(awgn_ber(modulation, snr_db), rel=1e-6)
+    assert variance <= n_bits * ber * (1 - ber) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("modulation", MODULATIONS)
+def test_at_very_low_snr_counts_are_a_tenth_wider_at_most(modulation):
+    for snr_db in (-20.0, -10.0, -5.0, -3.0, 0.0):
+        mean, variance = error_moments(modulation, snr_db)
+        n_bits = bits_per_symbol(modulation)
+        assert variance <= 1.1 * mean * (1 - mean / n_bits)
+
+
+@pytest.mark.parametrize(("modulation", "snr_db"), POINTS)
+def test_bit_errors_in_white_noise_are_those_of_the_closed_form(grids, modulation, snr_db):
+    reception = receive(grids[modulation], FRAME, Awgn(), snr_db, knowledge="perfect")
+    assert reception.n_bits == grids[modulation].bits.size
+    ber = float(awgn_ber(modulation, snr_db))
+    assert is_likely(reception.n_bit_errors, reception.n_bits, ber, len(POINTS))
+    assert reception.ber == reception.n_bit_errors / reception.n_bits
+    # Of the noise power of n elements the standard deviation is 1/sqrt(n).
+    evm = 10 ** (-snr_db / 20)
+    n = reception.n_bits / bits_per_symbol(modulation)
+    assert reception.evm == pytest.approx(evm, rel=4 / np.sqrt(n) / 2)
+    assert reception.equalised_snr_db == pytest.approx(snr_db, abs=0.03)
+    assert reception.evm_percent == pytest.approx(100 * 10 ** (reception.evm_db / 20))
+    assert np.isnan(reception.channel_error_db)
+
+
+FADED = list(
+    product(
+        ("qpsk", "64qam"),
+        (
+            TwoRay(),
+            TwoRay(distance_m=20, polarization="horizontal"),
+            TappedDelay(),
+            TappedDelay("tdl_d", 30e-9),
+        ),
+        (5.0, 15.0, 25.0),
+    )
+)
+
+
+@pytest.mark.parametrize(("modulation", "channel", "snr_db"), FADED)
+def test_bit_errors_over_a_known_channel_are_those_of_its_elements(small_grids, modulation, channel, snr_db):
+    grid = small_grids[modulation]
+    reception = receive(grid, SMALL, channel, snr_db, knowledge="perfect")
+    paths = channel.paths(SMALL, random_stream("channel", 0, 0, channel.name))
+    response = channel_response(SMALL, paths)
+    # All symbols see one response, and all subcarriers carry as many data symbols.
+    ber = response_ber(modulation, response[:, 0], snr_db)
+    assert is_likely(reception.n_bit_errors, reception.n_bits, ber, len(FADED))
+    response = response[~grid.is_prs]
+    # Errors of weak elements count most: the kurtosis of the mean is that of 1/|H|².
+    inverse = 1 / np.abs(response) ** 2
+    deviation = np.sqrt(np.sum(inverse**2)) / np.sum(inverse)
+    assert reception.evm == pytest.approx(response_evm(response, snr_db), rel=4 * deviation / 2)
+    assert reception.channel_power_db == pytest.approx(
+        10 * np.log10(np.mean(np.abs(response) ** 2)), abs=0.05
+    )
+
+
+def turned_ber(modulation, gain, snr):
+    """Bit error rate of symbols times a gain (n,), in white noise of an SNR (n,), point by point."""
+    points, n_bits = constellation(modulation), bits_per_symbol(modulation)
+    levels = np.unique(points.real.round(12))
+    edges = np.concatenate([[-np.inf], (levels[1:] + levels[:-1]) / 2, [np.inf]])
+    sigma = np.sqrt(1 / snr / 2)
+    wrong_bits = np.zeros(gain.size)
+    for point in points:
+        sent = decide_bits(point, modulation)
+        for j, level in enumerate(levels):
+            decided = decide_bits(level * (1 + 1j), modulation)
+            for part in (0, 1):
+                middle = (gain * point).real if part == 0 else (gain * point).imag
+                share = ndtr((edges[j + 1] - middle) / sigma) - ndtr((edges[j] - middle) / sigma)
+                wrong_bits += share * np.count_nonzero(decided[part::2] != sent[part::2])
+    return wrong_bits / points.size / n_bits
+
+
+ESTIMATED = list(
+    product(("qpsk", "16qam", "64qam"), (Awgn(), TappedDelay("tdl_e", 40e-9)), (4.0, 10.0, 16.0))
+)
+
+
+@pytest.mark.parametrize(("modulation", "channel", "snr_db"), ESTIMATED)
+def test_bit_errors_with_an_estimate_are_those_of_the_estimates_error(
+    small_grids, modulation, channel, snr_db
+):
+    """Noise on data is independent of the estimate, so that errors given the estimate have a closed form."""
+    grid = small_grids[modulation]
+    reception = receive(grid, SMALL, channel, snr_db)
+    paths = channel.paths(SMALL, random_stream("channel", 0, 0, channel.name))
+    response, noise_power = channel_response(SMALL, paths)[:, 0], 10 ** (-snr_db / 10)
+    noise = white_gaussian(random_stream("user", 0, 0), (224, 256)).T
+    received = response[:, None] * grid.symbols + np.sqrt(noise_power) * noise
+    estimate = prs_estimator(SMALL).estimate(received, grid.symbols)[:, 0]
+    # All subcarriers carry as many data symbols.
+    ber = turned_ber(modulation, response / estimate, np.abs(estimate) ** 2 / noise_power).mean()
+    assert is_likely(reception.n_bit_errors, reception.n_bits, ber, len(ESTIMATED))
+    error = np.mean(np.abs(estimate - response) ** 2) / np.mean(np.abs(response) ** 2)
+    assert reception.channel_error_db == pytest.approx(10 * np.log10(error))
+
+
+@pytest.mark.parametrize(
+    ("modulation", "snr_db"),
+    [("qpsk", 4.0), ("qpsk", 8.0), ("16qam", 8.0), ("16qam", 14.0), ("64qam", 16.0), ("256qam", 24.0)],
+)
+def test_the_effective_snr_predicts_what_the_estimate_costs(modulation, snr_db):
+    """The mean over estimates, by the exact error rate given each."""
+    noise_gain, noise_power = 0.02, 10 ** (-snr_db / 10)
+    # Gauss and Hermite's rule: the error of the estimate is Gaussian in either part.
+    nodes, weights = np.polynomial.hermite_e.hermegauss(9)
+    errors = np.sqrt(noise_gain * noise_power / 2) * (nodes[:, None] + 1j * nodes).ravel()
+    shares = np.outer(weights, weights).ravel() / weights.sum() ** 2
+    estimate = 1 + errors
+    ber = shares @ turned_ber(modulation, 1 / estimate, np.abs(estimate) ** 2 / noise_power)
+    known = float(awgn_ber(modulation, snr_db))
+    predicted = float(awgn_ber(modulation, effective_snr_db(modulation, snr_db, noise_gain)))
+    assert ber > known
+    assert predicted - known == pytest.approx(ber - known, rel=0.05)
+
+
+def test_errors_of_estimates_and_of_symbols_are_those_of_the_noise_gain(small_grids):
+    estimator = prs_estimator(SMALL)
+    receptions = [receive(small_grids["16qam"], SMALL, Awgn(), 20.0, trial=trial) for trial in range(20)]
+    n = 20 * estimator.basis.shape[1]
+    error = np.mean([10 ** (reception.channel_error_db / 10) for reception in receptions])
+    assert error == pytest.approx(0.01 * estimator.noise_gain, rel=4 / np.sqrt(n))
+    evm = np.sqrt(np.mean([reception.evm**2 for reception in receptions]))
+    # The estimate adds 1.1 %, ten times what is allowed.
+    assert evm == pytest.approx(estimated_evm(20.0, estimator.noise_gain), rel=1.1e-3)
+
+
+@pytest.mark.parametrize("modulation", MODULATIONS)
+@pytest.mark.parametrize(
+    "channel", [Awgn(), TwoRay(), TappedDelay(), TappedDelay("tdl_c"), TappedDelay("tdl_e", 40e-9)]
+)
+def test_without_noise_no_bit_is_wrong(small_grids, modulation, channel):
+    perfect = receive(small_grids[modulation], SMALL, channel, np.inf, knowledge="perfect")
+    assert perfect.n_bit_errors == 0
+    assert perfect.evm_db < -250
+    estimated = receive(small_grids[modulation], SMALL, channel, np.inf)
+    assert estimated.n_bit_errors == 0
+    assert estimated.channel_error_db < -80
+
+
+def test_receptions_have_the_expected_errors_of_their_fades(small_grids):
+    channel, trials = TappedDelay("tdl_c", 80e-9), range(20)
+    counted = sum(receive(small_grids["16qam"], SMALL, channel, 12.0, trial=trial).ber for trial in trials)
+    expected, known = (
+        sum(expected_ber("16qam", SMALL, channel, 12.0, knowledge=knowledge, trial=trial) for trial in trials)
+        for knowledge in ("prs", "perfect")
+    )
+    # Some 400 000 errors; what the estimate adds is several times what is allowed.
+    assert counted == pytest.approx(expected, rel=0.005)
+    assert expected > 1.01 * known
+
+
+def test_a_walking_user_needs_an_estimate_that_follows_in_time(small_grids):
+    channel = TappedDelay("tdl_d", 30e-9, speed_mps=1.5)
+    receptions = [
+        receive(small_grids["64qam"], SMALL, channel, 40.0, time_order=order) for order in (0, 1, 3)
+    ]
+    rates = [reception.ber for reception in receptions]
+    assert rates[0] > 0.1
+    assert rates[2] < 0.1 * rates[1] < 0.1 * rates[0]
+
+
+def test_noise_is_scaled_by_the_snr_alone_and_new_in_every_trial(small_grids):
+    def evm(snr_db, **which):
+        return receive(small_grids["qpsk"], SMALL, Awgn(), snr_db, knowledge="perfect", **which).evm
+
+    assert evm(20.0) == pytest.approx(evm(0.0) / 10, rel=1e-12)
+    assert len({evm(0.0), evm(0.0, trial=1), evm(0.0, seed=1)}) == 3
+    assert evm(0.0) == evm(0.0)
+
+
+def test_fades_are_new_in_every_trial_and_the_same_for_all_modulations(small_grids):
+    def power_db(modulation, trial):
+        return receive(small_grids[modulation], SMALL, TappedDelay(), 10.0, trial=trial).channel_power_db
+
+    assert power_db("qpsk", 0) == power_db("64qam", 0) != power_db("qpsk", 1)
+
+
+def test_an_element_without_any_signal_costs_half_of_its_bits_and_no_crash():
+    """Two rays of equal power cancel on one subcarrier exactly."""
+    system = System(n_subcarriers=4, n_symbols=2)
+    grid = draw_grid(system, "qpsk")
+
+    class Notch:
+        name = "notch"
+
+        def paths(self, system, stream):
+            return replace(
+                TwoRay().paths(system, stream), gain=np.array([[1.0], [-1.0]]), delay_s=np.array([0.0, 0.0])
+            )
+
+    reception = receive(grid, system, Notch(), np.inf, knowledge="perfect")
+    assert reception.evm == pytest.approx(1)
+    assert 0 < reception.n_bit_errors < reception.n_bits
+
+
+def test_a_frame_of_prs_alone_has_no_rate_of_errors():
+    system = System(n_subcarriers=4, n_symbols=6)
+    grid = draw_grid(system)
+    alone = ResourceGrid(grid.symbols, np.ones_like(grid.is_prs), grid.bits[:0], "qpsk")
+    reception = receive(alone, system, Awgn(), 10.0, knowledge="perfect")
+    assert reception.n_bits == 0
+    assert np.isnan(reception.ber)
+    assert np.isnan(reception.evm)
+
+
+def test_what_cannot_be_received_is_refused(small_grids):
+    grid = small_grids["qpsk"]
+    with pytest.raises(InputError, match="snr_db = nan"):
+        receive(grid, SMALL, Awgn(), float("nan"))
+    with pytest.raises(InputError, match="snr_db = -inf"):
+        receive(grid, SMALL, Awgn(), -float("inf"))
+    with pytest.raises(InputError, match="unknown knowledge 'some'"):
+        receive(grid, SMALL, Awgn(), 10.0, knowledge="some")
+    with pytest.raises(InputError, match=r"grid of shape \(256, 224\): allowed is \(512, 224\)"):
+        receive(grid, FRAME, Awgn(), 10.0)
+    short = System(n_subcarriers=64, n_symbols=2)
+    with pytest.raises(InputError, match="n_symbols = 2: too few"):
+        receive(draw_grid(short), short, Awgn(), 10.0)
+    with pytest.raises(InputError, match="the closed form allows"):
+        receive(grid, SMALL, TappedDelay("tdl_e"), 10.0)
+
+
+def test_prs_is_not_counted_as_data():
+    assert receive(draw_grid(SMALL), SMALL, Awgn(), 10.0).n_bits == 2 * np.sum(~prs_elements(SMALL))
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 5.0])
+@pytest.mark.parametrize("n_symbols", [10, 224])
+def test_the_expected_error_rate_is_the_mean_over_all_data_and_nothing_else(speed_mps, n_symbols):
+    """Counts of a frame tell a mean over some symbols from that over all: fades move through the frame."""
+    system = System(n_symbols=n_symbols)
+    channel = TappedDelay("tdl_a", 53e-9, speed_mps)
+    response = drawn_response(system, channel, trial=3)
+    with np.errstate(divide="ignore"):
+        snr_db = 20.0 + 20 * np.log10(np.abs(response[~prs_elements(system)]))
+    expected = expected_ber("qpsk", system, channel, 20.0, knowledge="perfect", trial=3)
+    assert expected == pytest.approx(float(np.mean(awgn_ber("qpsk", snr_db))), rel=1e-7)
+
+
+@pytest.mark.parametrize("modulation", ["qpsk", "256qam"])
+def test_error_rates_from_a_table_are_those_of_the_closed_form(modulation):
+    snr_db = np.random.default_rng(0).uniform(-50, 40, error_prediction.MOST_SUMMED + 1)
+    snr_db[0], snr_db[1] = -np.inf, np.inf
+    rates = error_prediction._interpolated_ber(modulation, snr_db)
+    exact = awgn_ber(modulation, snr_db)
+    np.testing.assert_allclose(rates[1:], exact[1:], rtol=1e-7, atol=1e-15)
+    np.testing.assert_allclose(rates[0], exact[0], rtol=1e-6)

@@ -1,0 +1,148 @@
+"""Division by the transmitted symbols: weights against the definition, and their moments in closed form."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.errors import InputError
+from isacbench.link.sensing.division import division_factors, division_weights, symbol_moduli
+from isacbench.link.waveform.qam import constellation
+from isacbench.link.waveform.sent_signal import Signal
+from isacbench.model.numerology import System
+
+SMALL = System(n_subcarriers=64, n_symbols=28)
+MODULATIONS = ["qpsk", "16qam", "64qam", "256qam"]
+DIVISIONS = ["reciprocal", "matched", "wiener"]
+
+moduli = st.lists(st.floats(0.1, 2.0), min_size=6, max_size=6).map(lambda values: np.reshape(values, (2, 3)))
+masks = st.lists(st.booleans(), min_size=6, max_size=6).filter(any).map(lambda bits: np.reshape(bits, (2, 3)))
+
+
+def everything_equally_often(modulation):
+    """Moduli of a grid in which all symbols of a constellation occur equally often."""
+    return np.abs(constellation(modulation)).reshape(2, -1)
+
+
+@given(moduli, masks, st.floats(-40, 40))
+@settings(max_examples=50, derandomize=True)
+def test_weights_are_those_of_the_divisions_written_out(modulus, mask, snr_db):
+    sent = modulus * mask
+    snr = 10 ** (snr_db / 10)
+    divided = {"reciprocal": mask + 0.0, "matched": sent**2, "wiener": sent**2 / (sent**2 + 1 / snr)}
+    for division, echo in divided.items():
+        expected = echo / np.mean(echo)
+        weights = division_weights(sent, division, snr_db)
+        np.testing.assert_allclose(weights.echo, expected, rtol=1e-12)
+        np.testing.assert_allclose(weights.noise * sent, expected, rtol=1e-12)
+        assert not weights.noise[~mask].any()
+
+
+@given(moduli, masks, st.sampled_from(DIVISIONS), st.floats(-400, 400))
+@settings(max_examples=50, derandomize=True)
+def test_an_echo_keeps_its_peak_and_noise_is_least_for_the_matched_division(modulus, mask, division, snr_db):
+    weights = division_weights(modulus * mask, division, snr_db)
+    assert np.mean(weights.echo) == pytest.approx(1, rel=1e-12)
+    # Cauchy-Schwarz: mean(q |X|) = 1 asks for mean(q²) of at least 1 / mean(|X|²).
+    least = 1 / np.mean((modulus * mask) ** 2)
+    assert weights.noise_factor >= least * (1 - 1e-12)
+    assert division_weights(modulus * mask, "matched").noise_factor == pytest.approx(least, rel=1e-12)
+
+
+@given(moduli, st.lists(st.floats(0.01, 2.0), min_size=6, max_size=6), st.floats(-30, 30))
+@settings(max_examples=50, derandomize=True)
+def test_no_echo_weights_leave_less_noise_and_pedestal_together_than_wiener_division(sent, other, snr_db):
+    snr = 10 ** (snr_db / 10)
+    wiener = division_weights(sent, "wiener", snr_db)
+    echo = np.reshape(other, sent.shape) / np.mean(other)
+    least = wiener.noise_factor / snr + wiener.pedestal
+    assert least <= (np.mean((echo / sent) ** 2) / snr + np.var(echo)) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("division", DIVISIONS)
+def test_symbols_of_unit_modulus_are_divided_alike_and_without_a_trace(division):
+    weights = division_weights(np.ones((4, 3)), division, 3.0)
+    np.testing.assert_allclose(weights.echo, 1, rtol=1e-15)
+    np.testing.assert_allclose(weights.noise, 1, rtol=1e-15)
+
+
+@pytest.mark.parametrize("modulation", MODULATIONS)
+def test_wiener_division_goes_from_matched_to_reciprocal_as_the_snr_grows(modulation):
+    modulus = everything_equally_often(modulation)
+    for snr_db, division in [
+        (-5000, "matched"),
+        (-130, "matched"),
+        (160, "reciprocal"),
+        (np.inf, "reciprocal"),
+    ]:
+        limit, weights = division_weights(modulus, division), division_weights(modulus, "wiener", snr_db)
+        np.testing.assert_allclose(weights.echo, limit.echo, rtol=1e-12)
+        np.testing.assert_allclose(weights.noise, limit.noise, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("modulation", "factor"), [("qpsk", 1), ("16qam", 17 / 9), ("64qam", 2.685417), ("256qam", 3.437130)]
+)
+def test_reciprocal_division_makes_noise_stronger_by_the_mean_reciprocal_power(modulation, factor):
+    weights = division_weights(everything_equally_often(modulation), "reciprocal")
+    assert weights.noise_factor == pytest.approx(factor, rel=1e-6)
+    assert weights.pedestal == pytest.approx(0, abs=1e-15)
+
+
+@pytest.mark.parametrize("modulation", MODULATIONS)
+def test_matched_division_leaves_the_kurtosis_less_one_as_pedestal(modulation):
+    # Square QAM of L levels: E|X|⁴ - 1 = (2/5) (L² - 4)/(L² - 1), from the sums of L odd numbers.
+    n_points = len(constellation(modulation))
+    expected = 0.4 * (n_points - 4) / (n_points - 1)
+    weights = division_weights(everything_equally_often(modulation), "matched")
+    assert weights.pedestal == pytest.approx(expected, abs=1e-12)
+    assert weights.noise_factor == pytest.approx(1, rel=1e-12)
+
+
+def test_the_prs_alone_costs_as_much_noise_as_it_leaves_elements_out():
+    # 48 symbols of 224 and every fourth subcarrier.
+    weights = division_weights(symbol_moduli(System(), Signal(sensing="prs")), "reciprocal")
+    assert weights.noise_factor == pytest.approx(224 * 4 / 48, rel=1e-12)
+    assert 10 * np.log10(weights.noise_factor) == pytest.approx(12.71, abs=0.005)
+
+
+def test_data_change_with_the_trial_and_the_prs_keeps_unit_modulus_between_them():
+    first, again, other = (symbol_moduli(SMALL, Signal("16qam"), trial) for trial in (0, 0, 1))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    on_prs = symbol_moduli(SMALL, Signal("16qam", "prs")) > 0
+    np.testing.assert_allclose(first[on_prs], 1, rtol=1e-12)
+
+
+def test_a_grid_without_a_prs_is_refused():
+    with pytest.raises(InputError, match=r"sensing = 'prs'.*16 subcarriers and 2 symbols.*allowed are 3"):
+        symbol_moduli(System(n_subcarriers=16, n_symbols=2), Signal(sensing="prs"))
+
+
+def test_a_division_that_does_not_exist_is_refused():
+    with pytest.raises(InputError, match="unknown division 'matchd': did you mean 'matched'"):
+        division_weights(np.ones((2, 2)), "matchd")
+
+
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+def test_factors_are_the_weights_with_the_phase_of_the_symbols_in_any_unit(division):
+    rng = np.random.default_rng(5)
+    symbols = rng.standard_normal((6, 8, 2)) @ [1, 1j]
+    sensed = rng.random((6, 8)) < 0.7
+    symbols[~sensed] = np.nan
+    factors = division_factors(symbols, sensed, division, snr_db=2.0)
+    moduli = np.where(sensed, np.abs(symbols), 0)
+    unit = np.sqrt(np.mean(moduli[sensed] ** 2))
+    weights = division_weights(moduli / unit, division, snr_db=2.0)
+    np.testing.assert_allclose(factors[sensed] * symbols[sensed], weights.echo[sensed], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(factors) * unit, weights.noise, rtol=1e-12)
+    np.testing.assert_allclose(division_factors(3 * symbols, sensed, division, 2.0), factors / 3, rtol=1e-12)
+
+
+@pytest.mark.parametrize("division", DIVISIONS)
+@pytest.mark.parametrize("unit", [2.0**-600, 2.0**600])
+def test_symbols_in_very_small_and_large_units_are_divided_as_in_others(unit, division):
+    symbols = constellation("16qam").reshape(2, -1)
+    sensed = np.ones(symbols.shape, dtype=bool)
+    expected = division_factors(symbols, sensed, division, 2.0)
+    np.testing.assert_allclose(division_factors(unit * symbols, sensed, division, 2.0) * unit, expected)

@@ -1,0 +1,184 @@
+"""Interference in closed form, against the map from all that is sent to all received, and in the mean."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.errors import InputError
+from isacbench.link.sensing.interference import (
+    doppler_gain,
+    doppler_leakage,
+    echo_interference,
+    mean_inverse_power,
+    path_interference,
+)
+from isacbench.link.waveform.ofdm import layout
+from isacbench.link.waveform.propagation import Paths, received_symbols
+from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
+
+SMALL = System(n_subcarriers=16, n_symbols=3, cyclic_prefix_ratio=0.25, cyclic_suffix_ratio=0.125)
+WHOLE_SYMBOL = 20
+"""Samples of a symbol of the small system, with its prefix of 4."""
+
+
+def link_map(system, delay_samples, doppler_ratio):
+    """Everything received of a unit path, of every resource element sent: (n, m received, n, m sent)."""
+    shape = system.n_subcarriers, system.n_symbols
+    paths = Paths(
+        [[1.0]],
+        [delay_samples / system.bandwidth_hz],
+        [doppler_ratio * system.subcarrier_spacing_hz],
+    )
+    received = np.empty((*shape, *shape), dtype=complex)
+    for place in np.ndindex(shape):
+        grid = np.zeros(shape)
+        grid[place] = 1
+        received[:, :, *place] = np.concatenate(list(received_symbols(grid, system, paths)), axis=1)
+    return received
+
+
+def closed_form(system, delay_samples, doppler_ratio):
+    """Unit echo (n, m) as the closed form has it."""
+    n, m = np.arange(system.n_subcarriers)[:, None], np.arange(system.n_symbols)
+    turn = doppler_ratio * (1 + system.cyclic_prefix_ratio)
+    return np.exp(2j * np.pi * (m * turn - n * delay_samples / system.n_subcarriers))
+
+
+@settings(max_examples=40)
+@given(ratio=st.floats(-100, 100), n=st.integers(1, 40))
+def test_the_gain_is_the_mean_of_the_doppler_phase(ratio, n):
+    phases = np.exp(2j * np.pi * ratio * (np.arange(n) - (n - 1) / 2) / n)
+    assert doppler_gain(ratio, n) == pytest.approx(phases.mean(), abs=1e-11)
+
+
+@given(ratio=st.floats(-2, 2), n=st.integers(1, 32))
+def test_leakage_is_what_a_transform_makes_of_the_doppler_phase(ratio, n):
+    turned = np.exp(2j * np.pi * ratio * (np.arange(n) - (n - 1) / 2) / n)
+    spectra = np.fft.fft(turned[:, None] * np.fft.ifft(np.eye(n), axis=0, norm="ortho"), axis=0, norm="ortho")
+    received, sent = np.indices((n, n))
+    np.testing.assert_allclose(doppler_leakage(ratio, sent - received, n), spectra, atol=1e-12)
+
+
+@pytest.mark.parametrize("doppler_ratio", [1e-9, 1e-6, 1e-3, 1e-2])
+def test_interference_of_slow_echoes_grows_as_the_square_of_their_speed(doppler_ratio):
+    system = System()
+    power = path_interference(system, 0.0, doppler_ratio * system.subcarrier_spacing_hz).power
+    assert power == pytest.approx((np.pi * doppler_ratio) ** 2 / 3, rel=1e-6 + 2 * doppler_ratio**2)
+
+
+@given(doppler_ratio=st.floats(-1.5, 1.5), share=st.floats(0, 1))
+def test_inside_the_undisturbed_prefix_what_is_not_useful_interferes(doppler_ratio, share):
+    delay_s = share * 2 / SMALL.bandwidth_hz
+    found = path_interference(SMALL, delay_s, doppler_ratio * SMALL.subcarrier_spacing_hz)
+    gain = doppler_gain(doppler_ratio, 16)
+    assert found.useful_gain == pytest.approx(gain, abs=1e-12)
+    assert found.power == pytest.approx(1 - gain**2, abs=1e-12)
+
+
+# Within the prefix, on its falling edge, beyond it, and where two or only earlier symbols show.
+@pytest.mark.parametrize(
+    ("delay_samples", "doppler_ratio"),
+    [
+        *[(0, 0), (1.3, 0.13), (2, -0.8), (2.7, 0), (4, 0.13), (4.6, -0.8), (9.5, 0)],
+        *[(17, 0.13), (21.4, -0.8), (23.2, 0), (30.8, 0.13)],
+    ],
+)
+def test_gain_and_interference_are_those_of_the_whole_map(delay_samples, doppler_ratio):
+    whole = link_map(SMALL, delay_samples, doppler_ratio)
+    expected = path_interference(
+        SMALL, delay_samples / SMALL.bandwidth_hz, doppler_ratio * SMALL.subcarrier_spacing_hz
+    )
+    useful = np.einsum("nmnm->nm", whole)
+    echo = closed_form(SMALL, delay_samples, doppler_ratio)
+    np.testing.assert_allclose(useful, expected.useful_gain * echo, atol=1e-12)
+    power = np.sum(np.abs(whole) ** 2, axis=(2, 3)) - np.abs(useful) ** 2
+    # Two symbols precede the third: more can show nothing at these delays.
+    np.testing.assert_allclose(power[:, 2:], expected.power, atol=1e-12)
+
+
+@pytest.mark.parametrize("n_previous", [0, 1, 2])
+def test_only_symbols_that_were_sent_before_interfere(n_previous):
+    delay_samples = WHOLE_SYMBOL + 3.2
+    whole = link_map(SMALL, delay_samples, 0.1)[:, n_previous]
+    expected = path_interference(
+        SMALL, delay_samples / SMALL.bandwidth_hz, 0.1 * SMALL.subcarrier_spacing_hz, n_previous
+    )
+    useful = whole[np.arange(16), np.arange(16), n_previous]
+    power = np.sum(np.abs(whole) ** 2, axis=(1, 2)) - np.abs(useful) ** 2
+    np.testing.assert_allclose(power, expected.power, atol=1e-12)
+
+
+def test_without_suffix_useful_amplitude_falls_by_a_sample_a_sample():
+    system = System(n_subcarriers=64, n_symbols=2, cyclic_suffix_ratio=0.0)
+    late = np.arange(40)
+    found = path_interference(system, late / system.bandwidth_hz, 0.0)
+    share = np.clip(late - 16, 0, None) / 64
+    np.testing.assert_allclose(found.useful_gain, 1 - share, atol=1e-14)
+    # Amplitudes 1 - s of a symbol and s of the one before, s of the window each: 1 - (1 - s)².
+    np.testing.assert_allclose(found.power, 1 - (1 - share) ** 2, atol=1e-14)
+
+
+@pytest.mark.parametrize("modulation", ["qpsk", "16qam", "256qam"])
+@pytest.mark.parametrize(("range_m", "velocity_mps"), [(50.0, 150.0), (220.0, 0.0), (300.0, -80.0)])
+def test_the_error_of_a_divided_grid_is_the_stated_one_in_the_mean(modulation, range_m, velocity_mps):
+    system = System(n_subcarriers=512, n_symbols=57)
+    grid = draw_grid(system, modulation, trial=3)
+    delay_s = 2 * range_m / SPEED_OF_LIGHT_MPS
+    doppler_hz = 2 * velocity_mps * system.carrier_hz / SPEED_OF_LIGHT_MPS
+    paths = Paths([[1.0]], [delay_s], [doppler_hz])
+    received = np.concatenate(list(received_symbols(grid.symbols, system, paths)), axis=1)
+    echo = closed_form(system, delay_s * system.bandwidth_hz, doppler_hz / system.subcarrier_spacing_hz)
+    found = echo_interference(system, range_m, velocity_mps)
+    # The PRS has unit modulus throughout; the first symbol has nothing before it.
+    data = np.where(grid.is_prs[:, 1:], np.nan, 1.0)
+    error = (received / grid.symbols / echo)[:, 1:] * data - 1
+    of_data = np.abs(error[np.isfinite(error)]) ** 2
+    spread = of_data.std() / np.sqrt(of_data.size)
+    assert of_data.mean() == pytest.approx(
+        found.grid_error_power(mean_inverse_power(modulation)), abs=5 * spread
+    )
+    useful = (1 + error[np.isfinite(error)]).mean()
+    assert useful == pytest.approx(found.useful_gain, abs=5 * np.sqrt(of_data.mean() / of_data.size))
+
+
+def test_inverse_powers_are_those_of_the_amplitudes():
+    # 16-QAM has powers 2, 10, 18 over 10, of 4, 8 and 4 points.
+    assert mean_inverse_power("16qam") == pytest.approx((4 * 5 + 8 * 1 + 4 * 10 / 18) / 16)
+    assert mean_inverse_power("qpsk") == pytest.approx(1)
+
+
+def test_interference_begins_where_the_undisturbed_prefix_ends():
+    system = System()
+    before_m, behind_m = np.array([-0.2, 0.7]) + system.isi_free_range_m
+    before, behind = echo_interference(system, [before_m, behind_m], 0.0).to_signal_db
+    assert before == -np.inf
+    assert behind > -120
+
+
+def test_an_echo_of_nothing_but_earlier_symbols_has_no_useful_gain():
+    parts, system = layout(SMALL), SMALL
+    found = path_interference(system, (parts.n_symbol + 0.5) / system.bandwidth_hz, 0.0)
+    assert found.useful_gain == 0
+    assert found.to_signal_db == np.inf
+    nothing = path_interference(system, (parts.n_symbol + 0.5) / system.bandwidth_hz, 0.0, n_previous=0)
+    assert nothing.power == 0
+    assert nothing.to_signal_db == -np.inf
+
+
+def test_many_paths_are_those_one_by_one():
+    delay_s = np.linspace(0, 60, 1000).reshape(500, 2) / SMALL.bandwidth_hz
+    doppler_hz = np.array([0.0, 1e4])
+    together = path_interference(SMALL, delay_s, doppler_hz)
+    assert together.power.shape == (500, 2)
+    for k in (0, 123, 499):
+        alone = path_interference(SMALL, delay_s[k], doppler_hz)
+        np.testing.assert_allclose(together.power[k], alone.power, atol=1e-15)
+        np.testing.assert_allclose(together.useful_gain[k], alone.useful_gain, atol=1e-15)
+
+
+@pytest.mark.parametrize(("range_m", "velocity_mps"), [(-1.0, 0.0), (np.nan, 0.0), (1.0, np.inf)])
+def test_places_that_are_none_are_refused(range_m, velocity_mps):
+    with pytest.raises(InputError, match="allowed are finite numbers, no negative delay"):
+        echo_interference(SMALL, range_m, velocity_mps)

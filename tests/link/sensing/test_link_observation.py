@@ -1,0 +1,281 @@
+"""Observations through a link: what unequal symbols and a part of the grid make of the gate's cells."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import isacbench
+from isacbench.dsp.rangedoppler import range_doppler_map
+from isacbench.errors import InputError
+from isacbench.link.sensing import link_observation
+from isacbench.link.sensing import weighted_echo as weighted_echo_module
+from isacbench.link.sensing.division import symbol_moduli
+from isacbench.link.sensing.link_observation import SignalSimulator
+from isacbench.link.sensing.observing import observe
+from isacbench.link.sensing.weighted_echo import weighted_echo
+from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.sent_signal import Signal
+from isacbench.model.echo import Simulator, clean_echo, resource_grid
+from isacbench.model.gate import build_gate
+from isacbench.model.numerology import System
+from isacbench.model.scene import Scatterers
+from isacbench.model.scenes.scenario import load_scenario
+
+ESTIMATORS = ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "oracle"]
+SIGNALS = [
+    Signal(sensing="prs"),
+    Signal("16qam"),
+    Signal("64qam", division="matched"),
+    Signal("256qam", division="wiener"),
+]
+
+
+@pytest.fixture
+def scenario(tiny):
+    return load_scenario(tiny)
+
+
+def gate_of(scenario):
+    return build_gate(scenario.system, scenario.base_station_m, scenario.region)
+
+
+def transformed(grid, gate):
+    """Cells of the gate from a resource grid (n, m, e)."""
+    cells = range_doppler_map(grid)
+    return cells[np.ix_(gate.range_bins % grid.shape[0], gate.doppler_bins % grid.shape[1])]
+
+
+def random_weight(system, seed=0):
+    return np.random.default_rng(seed).uniform(0, 2, (system.n_subcarriers, system.n_symbols))
+
+
+def crowd(scenario, n, n_speeds):
+    """Scene of so many scatterers and speeds."""
+    rng = np.random.default_rng(n)
+    xyz = rng.uniform([0, 0, 0], [10, 10, 5], (n, 3))
+    speeds = rng.uniform(-15, 15, n_speeds)[np.arange(n) % max(n_speeds, 1)] if n else np.empty(0)
+    scatterers = Scatterers(xyz, speeds, rng.uniform(0.5, 2, n), rng.uniform(0, 6, n))
+    return dataclasses.replace(scenario, scatterers=scatterers)
+
+
+@pytest.mark.parametrize(("n", "n_speeds"), [(0, 0), (1, 1), (40, 2), (20, 20)])
+@pytest.mark.parametrize("most_numbers", [1000, 2**23])
+@pytest.mark.parametrize("method", ["partial", "fft"])
+def test_weighted_cells_are_the_transform_of_the_weighted_grid(
+    scenario, n, n_speeds, most_numbers, method, monkeypatch
+):
+    monkeypatch.setattr(weighted_echo_module, "MOST_NUMBERS", most_numbers)
+    monkeypatch.setattr(weighted_echo_module, "range_method", lambda *_: method)
+    # A small grid, in blocks of few subcarriers, of one where every echo has a speed of its own.
+    system = System(n_subcarriers=64, n_symbols=20)
+    scene = dataclasses.replace(crowd(scenario, n, n_speeds), system=system)
+    gate, weight = gate_of(scene), random_weight(system)
+    cells = weighted_echo(scene, gate, weight)
+    grid = resource_grid(scene, scene.array.positions) * weight[:, :, None]
+    expected = transformed(grid, gate).reshape(cells.shape)
+    np.testing.assert_allclose(cells, expected, atol=1e-12 * max(np.abs(expected).max(), 1))
+
+
+def test_equal_weights_give_the_closed_form(scenario):
+    gate, system = gate_of(scenario), scenario.system
+    cells = weighted_echo(scenario, gate, np.ones((system.n_subcarriers, system.n_symbols)))
+    expected = clean_echo(scenario, gate)
+    np.testing.assert_allclose(cells, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_echoes_that_cancel_leave_nothing_behind_weights_either(scenario):
+    pair = Scatterers(np.array([[3.0, 3.0, 1.0]] * 2), np.zeros(2), np.ones(2), np.array([0.0, np.pi]))
+    scene = dataclasses.replace(scenario, scatterers=pair)
+    assert not weighted_echo(scene, gate_of(scene), random_weight(scene.system)).any()
+
+
+@pytest.mark.parametrize("signal", SIGNALS)
+def test_noise_free_cells_are_those_of_the_divided_resource_grid(scenario, signal):
+    system = scenario.system
+    snr_db = np.inf if signal.division != "wiener" else 10.0
+    gate, mask = gate_of(scenario), symbol_moduli(system, signal, trial=3, seed=1) > 0
+    sent = draw_grid(system, signal.modulation, trial=3, seed=1).symbols
+    received = sent[:, :, None] * resource_grid(scenario, scenario.array.positions)
+    divisor = {
+        "reciprocal": 1 / sent,
+        "matched": sent.conj(),
+        "wiener": sent.conj() / (np.abs(sent) ** 2 + 10 ** (-snr_db / 10)),
+    }[signal.division] * mask
+    divided = divisor[:, :, None] * received / np.mean(divisor * sent).real
+    expected = transformed(divided, gate)
+    cells = SignalSimulator(scenario, signal).echo_cells(snr_db, trial=3, seed=1)
+    np.testing.assert_allclose(cells.reshape(expected.shape), expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+def test_unit_modulus_on_the_whole_grid_is_the_observation_without_a_link_bit_for_bit(scenario, division):
+    plain = Simulator(scenario).observe(3.0, trial=2, seed=5).cells
+    assert np.array_equal(observe(scenario, 3.0, 2, 5, division=division).cells, plain)
+    assert np.array_equal(isacbench.observe(scenario, 3.0, 2, 5, division=division).cells, plain)
+
+
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+def test_equal_weights_on_the_long_way_give_the_same_observation(scenario, division, monkeypatch):
+    monkeypatch.setattr(Signal, "is_plain", property(lambda _: False))
+    monkeypatch.setattr(Signal, "has_unit_modulus", property(lambda _: False))
+    long_way = SignalSimulator(scenario, Signal(division=division)).observe(3.0, trial=2, seed=5).cells
+    plain = Simulator(scenario).observe(3.0, trial=2, seed=5).cells
+    np.testing.assert_allclose(long_way, plain, atol=1e-11 * np.abs(plain).max())
+
+
+@pytest.mark.parametrize("signal", SIGNALS)
+def test_without_noise_cells_are_the_echo_alone_and_read_only(scenario, signal):
+    simulator = SignalSimulator(scenario, signal)
+    cells = simulator.observe(np.inf).cells
+    assert np.array_equal(cells, simulator.echo_cells(np.inf))
+    assert not cells.flags.writeable
+
+
+@pytest.mark.parametrize("signal", SIGNALS)
+def test_noise_has_the_power_that_division_leaves(scenario, signal):
+    simulator = SignalSimulator(scenario, signal)
+    snr_db = -5.0
+    powers, expected = [], []
+    for trial in range(6):
+        noise = simulator.observe(snr_db, trial).cells - simulator.echo_cells(snr_db, trial)
+        powers.append(np.mean(np.abs(noise) ** 2))
+        expected.append(simulator.noise_power(snr_db) * simulator.weights(snr_db, trial).noise_factor)
+    # Noise of the PRS has few degrees of freedom along Doppler; 16 elements, 6 trials.
+    n_free = 6 * 16 * simulator.gate.shape[0] * 4
+    assert np.mean(powers) == pytest.approx(np.mean(expected), rel=5 / np.sqrt(n_free))
+
+
+@pytest.mark.parametrize("signal", SIGNALS)
+def test_noise_is_that_of_the_trial_scaled_and_follows_the_canonical_draw(scenario, signal):
+    simulator = SignalSimulator(scenario, signal)
+    noise = simulator.noise_cells(0.0, trial=1)
+    assert np.array_equal(SignalSimulator(scenario, signal).noise_cells(0.0, trial=1), noise)
+    assert not np.allclose(simulator.noise_cells(0.0, trial=2), noise)
+    white = simulator.unit_noise(1, 0)
+    correlation = np.vdot(white, noise).real / np.linalg.norm(white) / np.linalg.norm(noise)
+    # Of the PRS 48 symbols in 224 are left, in this small frame 12 in 32.
+    assert correlation > (0.5 if signal.sensing == "prs" else 0.85)
+
+
+def test_what_changes_neither_with_trial_nor_with_snr_is_computed_once(scenario, monkeypatch):
+    n_echoes = []
+    whole = weighted_echo_module.weighted_echo
+    monkeypatch.setattr(
+        "isacbench.link.sensing.link_observation.weighted_echo", lambda *of: n_echoes.append(1) or whole(*of)
+    )
+    observations = [(snr_db, trial) for trial in range(2) for snr_db in (0.0, 10.0)]
+    for signal, expected in [
+        (Signal("64qam"), 0),
+        (Signal("64qam", "prs", "wiener"), 1),
+        (Signal("64qam", division="matched"), 2),
+        (Signal("64qam", division="wiener"), 4),
+    ]:
+        n_echoes.clear()
+        simulator = SignalSimulator(scenario, signal)
+        for snr_db, trial in observations:
+            simulator.observe(snr_db, trial)
+        assert len(n_echoes) == expected
+
+
+def test_self_noise_of_matched_division_is_a_pedestal_of_known_height(scenario):
+    signal = Signal("16qam", division="matched")
+    simulator = SignalSimulator(scenario, signal)
+    power = np.mean(
+        [np.mean(np.abs(simulator.echo_cells(np.inf, t) - simulator.clean) ** 2) for t in range(8)]
+    )
+    total = np.sum(scenario.scatterers.amplitude**2)
+    # Data alone vary: E|X|⁴ - 1 = 0.32 of 16QAM, on all elements but those of the PRS.
+    share = 1 - 64 * 12 / (256 * 32)
+    assert power == pytest.approx(0.32 * share * total, rel=0.05)
+
+
+@pytest.mark.parametrize("signal", SIGNALS)
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_every_estimator_images_every_signal(scenario, name, signal):
+    from isacbench.bench.run.runner import estimate_cloud
+
+    observation = SignalSimulator(scenario, signal).observe(15.0)
+    cloud = estimate_cloud(isacbench.get_estimator(name), observation, scenario.truth)
+    assert len(cloud)
+    assert all(np.isfinite(values).all() for values in (cloud.xyz, cloud.velocity, cloud.power))
+    # The strongest scatterer is found where it is, whatever is sensed with.
+    strongest = scenario.truth.xyz[scenario.scatterers.amplitude.argmax()]
+    assert np.linalg.norm(cloud.xyz - strongest, axis=1).min() < 2.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("signal", SIGNALS)
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_every_estimator_images_the_street_through_every_signal(name, signal):
+    from isacbench.bench.run.runner import estimate_cloud
+
+    street = load_scenario("street")
+    observation = observe(
+        street, 10.0, modulation=signal.modulation, sensing=signal.sensing, division=signal.division
+    )
+    cloud = estimate_cloud(isacbench.get_estimator(name), observation, street.truth)
+    scores = isacbench.score(street.truth, cloud, region=street.region)
+    assert scores["precision"] > 0.75
+    assert scores["recall"] > 0.4
+
+
+@pytest.mark.parametrize("signal", SIGNALS)
+def test_a_recorded_frame_that_was_divided_so_is_observed_alike(scenario, signal):
+    system, snr_db = scenario.system, 10.0
+    simulator = SignalSimulator(scenario, signal)
+    weight = simulator.weights(snr_db).echo
+    grid = resource_grid(scenario, scenario.array.positions).reshape(*weight.shape, 4, 4)
+    recorded = isacbench.observe_cube(weight[:, :, None, None] * grid, scenario)
+    expected = simulator.echo_cells(snr_db)
+    np.testing.assert_allclose(recorded.cells, expected, atol=1e-12 * np.abs(expected).max())
+    if weight.all():
+        # Or as the division of a received frame, here by what Y X*/... is the reciprocal of.
+        sent = draw_grid(system, signal.modulation).symbols
+        received = sent[:, :, None, None] * grid
+        divided = isacbench.observe_cube(received, scenario, transmitted=sent / weight)
+        np.testing.assert_allclose(divided.cells, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_impossible_signals_and_levels_are_refused(scenario):
+    with pytest.raises(InputError, match="unknown sensing 'prss'"):
+        isacbench.observe(scenario, 10, sensing="prss")
+    with pytest.raises(InputError, match="unknown modulation '8psk'"):
+        isacbench.observe(scenario, 10, modulation="8psk")
+    with pytest.raises(InputError, match="unknown division 'zf'"):
+        isacbench.observe(scenario, 10, division="zf")
+    with pytest.raises(InputError, match="snr_db"):
+        isacbench.observe(scenario, float("nan"), sensing="prs")
+
+
+def test_an_observation_without_a_link_does_not_load_one():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, isacbench; isacbench.observe(isacbench.load_scenario('single'), 10); "
+        "sys.exit('isacbench.link.sensing.link_observation' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+class Meanwhile(tuple):
+    """Key during whose comparison another thread asks the same memory for something else."""
+
+    def __new__(cls, key, meddle):
+        made = super().__new__(cls, key)
+        made.meddle = meddle
+        return made
+
+    def __ne__(self, other):
+        self.meddle()
+        return tuple.__ne__(self, other)
+
+    __hash__ = tuple.__hash__
+
+
+def test_what_another_thread_asks_for_meanwhile_is_not_returned():
+    last = link_observation._Last()
+    last.of((1,), lambda: "own")
+    key = Meanwhile((1,), lambda: last.of((2,), lambda: "other"))
+    assert last.of(key, lambda: "own") == "own"

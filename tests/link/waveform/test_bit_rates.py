@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isacbench.errors import InputError
+from isacbench.link.waveform.bit_rates import frame_rates, hard_decision_capacity
+from isacbench.link.waveform.qam import bits_per_symbol
+from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.model.numerology import System
+
+MODULATIONS = ("qpsk", "16qam", "64qam", "256qam")
+
+
+@pytest.mark.parametrize("modulation", MODULATIONS)
+def test_a_frame_carries_the_bits_of_its_grid(modulation):
+    system = System(n_subcarriers=48)
+    rates = frame_rates(system, modulation)
+    assert rates.n_data_bits == draw_grid(system, modulation).bits.size
+    assert rates.frame_time_s == pytest.approx(224 * 1.25 / 240e3)
+    assert rates.bit_rate_bps * rates.frame_time_s == pytest.approx(rates.n_data_bits)
+
+
+def test_the_prs_costs_a_twentieth_and_the_prefix_a_fifth():
+    rates = frame_rates(System(), "qpsk")
+    assert rates.prs_share == pytest.approx(48 * 512 / (224 * 2048))
+    assert rates.prefix_share == pytest.approx(1 - 1 / 1.25)
+    # Of critical sampling, a symbol of so many bits a sample.
+    assert rates.without_prefix_bps == 2 * 491.52e6
+
+
+def test_rates_grow_with_the_bits_of_a_symbol():
+    qpsk = frame_rates(System(), "qpsk").bit_rate_bps
+    for modulation in MODULATIONS:
+        assert frame_rates(System(), modulation).bit_rate_bps == pytest.approx(
+            qpsk * bits_per_symbol(modulation) / 2
+        )
+
+
+@given(ber=st.floats(0, 1))
+def test_the_capacity_of_decided_bits_is_symmetric_and_between_nothing_and_all(ber):
+    capacity = float(hard_decision_capacity(ber))
+    assert -1e-15 <= capacity <= 1
+    assert capacity == pytest.approx(float(hard_decision_capacity(1 - ber)), abs=1e-12)
+    # 1 - H2(p) lies between (1 - 2p)²/(2 ln 2) and (1 - 2p)².
+    distance = (1 - 2 * ber) ** 2
+    assert distance / (2 * np.log(2)) - 1e-12 <= capacity <= distance + 1e-12
+
+
+def test_what_a_code_could_reach_is_the_capacity_of_the_decided_bits():
+    rates = frame_rates(System(), "16qam")
+    np.testing.assert_allclose(
+        rates.achievable_rate_bps([0.0, 0.5, 1.0]), [rates.bit_rate_bps, 0, rates.bit_rate_bps], atol=1e-6
+    )
+    assert 0.49 < rates.achievable_rate_bps(0.11) / rates.bit_rate_bps < 0.51
+
+
+@pytest.mark.parametrize("ber", [-0.1, 1.1, float("nan")])
+def test_what_is_no_rate_of_errors_is_refused(ber):
+    with pytest.raises(InputError, match="ber holds"):
+        hard_decision_capacity(ber)
+
+
+def test_an_unknown_modulation_is_refused():
+    with pytest.raises(InputError, match="unknown modulation '8psk'"):
+        frame_rates(System(), "8psk")

@@ -1,0 +1,230 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.errors import InputError
+from isacbench.link.waveform.ofdm import Layout, demodulate, layout, modulate, n_samples, transmit_window
+from isacbench.model.numerology import System
+
+
+def a_system(n_subcarriers, n_symbols, n_prefix, n_suffix):
+    return System(
+        n_subcarriers=n_subcarriers,
+        n_symbols=n_symbols,
+        cyclic_prefix_ratio=n_prefix / n_subcarriers,
+        cyclic_suffix_ratio=n_suffix / n_subcarriers,
+    )
+
+
+@st.composite
+def systems(draw):
+    """Small systems of any size, odd ones too, from no prefix to one as long as the useful part."""
+    n_subcarriers, n_symbols = draw(st.integers(1, 40)), draw(st.integers(1, 6))
+    n_prefix = draw(st.integers(0, n_subcarriers))
+    return a_system(n_subcarriers, n_symbols, n_prefix, draw(st.integers(0, n_prefix)))
+
+
+def drawn(system, seed=0):
+    rng = np.random.default_rng(seed)
+    shape = system.n_subcarriers, system.n_symbols
+    return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+
+
+def plain_modulation(symbols, system, oversampling=1):
+    """Sum of windowed exponentials at every sample, one after the other."""
+    parts = layout(system, oversampling)
+    waveform = np.zeros(n_samples(parts, system.n_symbols), dtype=complex)
+    for m in range(system.n_symbols):
+        for k in range(waveform.size):
+            position = k - m * parts.n_symbol - parts.n_prefix
+            for n in range(system.n_subcarriers):
+                turns = n * position / parts.n_useful
+                waveform[k] += transmit_window(parts, position) * symbols[n, m] * np.exp(2j * np.pi * turns)
+    return waveform / np.sqrt(system.n_subcarriers)
+
+
+SMALL = [a_system(*sizes) for sizes in [(8, 3, 2, 1), (5, 2, 3, 3), (4, 3, 0, 0), (6, 1, 6, 4), (3, 2, 2, 0)]]
+
+
+@pytest.mark.parametrize("system", SMALL)
+@pytest.mark.parametrize("oversampling", [1, 3])
+def test_the_waveform_is_the_sum_of_windowed_exponentials(system, oversampling):
+    symbols = drawn(system)
+    expected = plain_modulation(symbols, system, oversampling)
+    np.testing.assert_allclose(modulate(symbols, system, oversampling), expected, rtol=0, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(systems(), st.integers(0, 99))
+def test_the_round_trip_is_exact(system, seed):
+    symbols = drawn(system, seed)
+    returned = demodulate(modulate(symbols, system), system)
+    np.testing.assert_allclose(returned, symbols, rtol=0, atol=1e-12)
+
+
+def test_the_round_trip_of_a_whole_frame_is_exact():
+    system = System()
+    symbols = np.asfortranarray(drawn(system))
+    returned = demodulate(modulate(symbols, system), system)
+    assert np.abs(returned - symbols).max() < 1e-12
+    assert returned.flags.f_contiguous
+
+
+@settings(deadline=None)
+@given(systems(), st.integers(1, 4))
+def test_oversampling_reads_the_same_continuous_waveform_more_often(system, oversampling):
+    symbols = drawn(system)
+    often = modulate(symbols, system, oversampling)
+    np.testing.assert_allclose(
+        often[::oversampling][: n_samples(layout(system), system.n_symbols)],
+        modulate(symbols, system),
+        rtol=0,
+        atol=1e-12,
+    )
+
+
+@settings(deadline=None)
+@given(systems(), st.integers(-6400, 6400))
+def test_windows_of_successive_symbols_sum_to_one(system, place_in_64ths):
+    parts, place = layout(system), place_in_64ths / 64
+    starts = parts.n_symbol * np.arange(-110, 111)
+    assert transmit_window(parts, place - starts).sum() == pytest.approx(1, abs=1e-12)
+
+
+def test_the_window_falls_as_the_complement_of_its_rise():
+    parts = Layout(64, 16, 8)
+    place = np.linspace(0, 8, 101)
+    rise, fall = transmit_window(parts, place - 16), transmit_window(parts, place + 64)
+    np.testing.assert_allclose(rise + fall, 1, atol=1e-15)
+    np.testing.assert_allclose(rise, np.sin(np.pi * place / 16) ** 2, atol=1e-15)
+    assert transmit_window(parts, [-16.1, 72.1]).tolist() == [0, 0]
+
+
+@settings(deadline=None)
+@given(systems())
+def test_a_useful_part_has_the_energy_of_its_resource_elements(system):
+    parts, symbols = layout(system), drawn(system)
+    frame = modulate(symbols, system)[: system.n_symbols * parts.n_symbol]
+    useful = frame.reshape(system.n_symbols, -1)[:, parts.n_prefix :]
+    np.testing.assert_allclose(
+        np.sum(np.abs(useful) ** 2, axis=1), np.sum(np.abs(symbols) ** 2, axis=0), rtol=1e-12
+    )
+
+
+@settings(deadline=None)
+@given(systems(), st.data())
+def test_a_delay_within_the_undisturbed_prefix_is_a_phase_ramp(system, data):
+    parts, symbols = layout(system), drawn(system)
+    n_late = data.draw(st.integers(0, parts.n_prefix - parts.n_suffix))
+    late = np.concatenate([np.zeros(n_late), modulate(symbols, system)])
+    ramp = np.exp(-2j * np.pi * np.arange(system.n_subcarriers) * n_late / system.n_subcarriers)
+    np.testing.assert_allclose(demodulate(late, system), symbols * ramp[:, None], rtol=0, atol=1e-12)
+
+
+def test_one_sample_more_than_the_undisturbed_prefix_disturbs():
+    system = a_system(32, 3, 8, 2)
+    symbols = drawn(system)
+    ramp = np.exp(-2j * np.pi * np.arange(32) / 32)[:, None]
+    waveform = modulate(symbols, system)
+    received = {n: demodulate(np.concatenate([np.zeros(n), waveform]), system) for n in (6, 7, 8)}
+    assert np.abs(received[6] - symbols * ramp**6).max() < 1e-12
+    # The first sample of a rising prefix is 0, and of the suffix before it 1.
+    for n in (7, 8):
+        assert np.abs(received[n] - symbols * ramp**n).max() > 1e-2
+
+
+def test_trailing_axes_are_demodulated_each():
+    system = a_system(16, 3, 4, 2)
+    waveforms = np.stack([modulate(drawn(system, seed), system) for seed in range(6)], axis=1)
+    grid = demodulate(waveforms.reshape(-1, 2, 3), system)
+    assert grid.shape == (16, 3, 2, 3)
+    for seed in range(6):
+        np.testing.assert_allclose(grid[:, :, seed // 3, seed % 3], drawn(system, seed), atol=1e-12)
+
+
+def test_white_noise_keeps_its_power():
+    system = a_system(64, 50, 16, 2)
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((n_samples(layout(system), 50), 2)) @ [1, 1j] / np.sqrt(2)
+    power = np.abs(demodulate(noise, system)) ** 2
+    # The mean of n unit exponentials has the standard deviation n^(-1/2).
+    assert abs(power.mean() - 1) < 4 / np.sqrt(power.size)
+
+
+def test_inputs_are_left_alone():
+    system = a_system(16, 3, 4, 2)
+    symbols = np.asfortranarray(drawn(system))
+    waveform = modulate(symbols, system)
+    kept = symbols.copy(), waveform.copy()
+    symbols.setflags(write=False)
+    waveform.setflags(write=False)
+    modulate(symbols, system)
+    demodulate(waveform, system)
+    assert np.array_equal(symbols, kept[0])
+    assert np.array_equal(waveform, kept[1])
+
+
+@pytest.mark.parametrize(
+    ("sizes", "ratio"),
+    [((16, 1 / 5, 0), "prefix"), ((16, 1 / 4, 1 / 64), "suffix"), ((10, 1 / 3, 0), "prefix")],
+)
+def test_parts_of_no_whole_samples_are_refused(sizes, ratio):
+    n, prefix, suffix = sizes
+    system = System(n_subcarriers=n, cyclic_prefix_ratio=prefix, cyclic_suffix_ratio=suffix)
+    with pytest.raises(InputError, match=f"cyclic_{ratio}_ratio.*whole number of samples over the {n}"):
+        layout(system)
+
+
+def test_a_ratio_that_doubles_cannot_hold_is_taken_for_what_it_means():
+    assert layout(System(n_subcarriers=30, cyclic_prefix_ratio=1 / 3, cyclic_suffix_ratio=0.1)) == Layout(
+        30, 10, 3
+    )
+
+
+def test_oversampling_may_make_samples_whole():
+    system = System(n_subcarriers=16, cyclic_prefix_ratio=1 / 4, cyclic_suffix_ratio=1 / 32)
+    assert layout(system, 2) == Layout(32, 8, 1)
+
+
+def test_a_suffix_longer_than_the_prefix_is_refused():
+    with pytest.raises(
+        InputError, match=r"cyclic_suffix_ratio = 0.5: allowed is up to cyclic_prefix_ratio 0.25"
+    ):
+        layout(System(cyclic_suffix_ratio=0.5))
+
+
+@pytest.mark.parametrize("oversampling", [0, -1, 1.5, True])
+def test_oversampling_is_a_positive_whole_number(oversampling):
+    with pytest.raises(InputError, match="oversampling"):
+        layout(System(), oversampling)
+
+
+@pytest.mark.parametrize("shape", [(8,), (3, 8), (8, 4), (8, 3, 1)])
+def test_a_grid_of_another_shape_is_refused(shape):
+    with pytest.raises(InputError, match=r"symbols of shape .*allowed is \(8, 3\)"):
+        modulate(np.ones(shape), a_system(8, 3, 2, 1))
+
+
+@pytest.mark.parametrize("shape", [(), (29,), (0,), (2, 30)])
+def test_too_few_samples_are_refused(shape):
+    with pytest.raises(InputError, match="allowed are 30 samples or more"):
+        demodulate(np.ones(shape), a_system(8, 3, 2, 1))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, complex(0, np.nan)])
+def test_what_is_not_finite_is_refused_wherever_it_is(value):
+    system = a_system(8, 3, 2, 1)
+    for place in np.ndindex(8, 3):
+        symbols = np.ones((8, 3), dtype=complex)
+        symbols[place] = value
+        with pytest.raises(InputError, match="symbols hold values that are not finite"):
+            modulate(symbols, system)
+    for place in range(20, 30):
+        waveform = np.ones(30, dtype=complex)
+        waveform[place] = value
+        if place >= 22:
+            with pytest.raises(InputError, match="waveform holds values that are not finite"):
+                demodulate(waveform, system)
+        else:  # of a prefix nothing is read
+            assert np.isfinite(demodulate(waveform, system)).all()

@@ -1,0 +1,222 @@
+"""Propagation against the formula of the continuous waveform, and against what must be conserved."""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.errors import InputError
+from isacbench.link.waveform import propagation
+from isacbench.link.waveform.ofdm import demodulate, layout, modulate, n_samples
+from isacbench.link.waveform.propagation import Paths, propagate, received_symbols
+from isacbench.model.numerology import System
+
+
+def a_grid(system, seed=0):
+    """Gaussian symbols: no two of them alike."""
+    parts = np.random.default_rng(seed).normal(size=(2, system.n_subcarriers, system.n_symbols))
+    return parts[0] + 1j * parts[1]
+
+
+def paths_of(system, delay_samples, doppler_ratio, n_elements=2, seed=1):
+    """Paths of random gains; delays in samples, Doppler over the subcarrier spacing."""
+    rng = np.random.default_rng(seed)
+    n = len(delay_samples)
+    gain = rng.normal(size=(n, n_elements)) + 1j * rng.normal(size=(n, n_elements))
+    delay_s = np.array(delay_samples) / system.bandwidth_hz
+    return Paths(gain, delay_s, np.array(doppler_ratio) * system.subcarrier_spacing_hz)
+
+
+def window(parts, t):
+    """Transmit window at a time in samples, from its definition."""
+    start, rise = t + parts.n_prefix, parts.n_suffix
+    if rise == 0:
+        return float(0 <= start < parts.n_symbol)
+    if start < 0 or t > parts.n_useful + rise:
+        return 0.0
+    if start < rise:
+        return (1 - math.cos(math.pi * start / rise)) / 2
+    if t > parts.n_useful:
+        return (1 + math.cos(math.pi * (t - parts.n_useful) / rise)) / 2
+    return 1.0
+
+
+def sent_at(grid, parts, time):
+    """Waveform sent at a time in samples from its start: a sum over symbols and subcarriers."""
+    total = 0j
+    for m in range(grid.shape[1]):
+        t = time - m * parts.n_symbol - parts.n_prefix
+        if height := window(parts, t):
+            waves = (grid[n, m] * cmath.exp(2j * cmath.pi * n * t / len(grid)) for n in range(len(grid)))
+            total += height * sum(waves) / math.sqrt(len(grid))
+    return total
+
+
+def received_by_formula(grid, system, paths, n):
+    """Received waveform (n, E), one path and sample after the other."""
+    parts, rate_hz = layout(system), system.bandwidth_hz
+    middle = parts.n_prefix + (parts.n_useful - 1) / 2
+    received = np.zeros((n, paths.gain.shape[1]), dtype=complex)
+    for gain, delay_s, doppler_hz in zip(paths.gain, paths.delay_s, paths.doppler_hz, strict=True):
+        for i in range(n):
+            turn = cmath.exp(2j * cmath.pi * doppler_hz * (i - middle) / rate_hz)
+            received[i] += gain * turn * sent_at(grid, parts, i - delay_s * rate_hz)
+    return received
+
+
+# Inside the prefix, at its edges, within the next symbol, beyond several symbols, behind the frame.
+DELAYS = [0, 0.3, 1.99, 2, 3.5, 4, 7.25, 12.5, 21.7, 40, 55.5]
+DOPPLERS = [0, 0.02, 0.02, 0.02, 0.02, 0, -0.3, 0, 0.5, -0.1, 0.02]
+
+
+@pytest.mark.parametrize("ratios", [(0.25, 0.125), (0.5, 0.5), (0.5, 0), (0, 0)])
+def test_the_received_waveform_is_that_of_the_continuous_formula(ratios):
+    prefix, suffix = ratios
+    system = System(n_subcarriers=16, n_symbols=3, cyclic_prefix_ratio=prefix, cyclic_suffix_ratio=suffix)
+    delays, dopplers = (DELAYS, DOPPLERS) if prefix else (DELAYS[:-1], DOPPLERS[:-1])
+    paths, grid = paths_of(system, [min(d, 48) for d in delays], dopplers), a_grid(system)
+    received = propagate(grid, system, paths)
+    np.testing.assert_allclose(
+        received, received_by_formula(grid, system, paths, len(received)), rtol=0, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("n_subcarriers", [7, 8])
+def test_doppler_beyond_half_the_sampling_rate_is_that_of_the_continuous_formula(n_subcarriers):
+    """Samples do not tell a whole turn between them, but its phase is zero midway between two of them."""
+    system = System(n_subcarriers=n_subcarriers, n_symbols=2, cyclic_prefix_ratio=0, cyclic_suffix_ratio=0)
+    ratio = np.array([0.51, -0.7, 1.3, -2.2]) * n_subcarriers
+    paths, grid = paths_of(system, [0, 0.4, 5.3, 0], ratio), a_grid(system)
+    received = propagate(grid, system, paths)
+    expected = received_by_formula(grid, system, paths, len(received))
+    np.testing.assert_allclose(received, expected, rtol=0, atol=1e-12)
+    symbols = np.stack(list(received_symbols(grid, system, paths)), axis=1)
+    np.testing.assert_allclose(symbols, demodulate(expected, system), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("n_elements", [1, 3, 20])
+@pytest.mark.parametrize("ratios", [(0.25, 0.125), (0.5, 0.5), (0.5, 0), (0, 0)])
+def test_symbols_received_one_by_one_are_those_of_the_whole_waveform(ratios, n_elements):
+    prefix, suffix = ratios
+    system = System(n_subcarriers=16, n_symbols=5, cyclic_prefix_ratio=prefix, cyclic_suffix_ratio=suffix)
+    paths, grid = paths_of(system, DELAYS, DOPPLERS, n_elements), a_grid(system)
+    symbols = np.stack(list(received_symbols(grid, system, paths)), axis=1)
+    np.testing.assert_allclose(
+        symbols, demodulate(propagate(grid, system, paths), system), rtol=0, atol=1e-12
+    )
+
+
+def test_blocks_of_paths_and_of_periods_add_up_to_the_same(monkeypatch):
+    system = System(n_subcarriers=32, n_symbols=7)
+    paths, grid = paths_of(system, DELAYS * 5, DOPPLERS * 5), a_grid(system)
+    whole = propagate(grid, system, paths)
+    by_symbol = list(received_symbols(grid, system, paths))
+    monkeypatch.setattr(propagation, "TABLE_VALUES", 100)
+    monkeypatch.setattr(propagation, "SAMPLES_TOGETHER", 1)
+    np.testing.assert_allclose(propagate(grid, system, paths), whole, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(list(received_symbols(grid, system, paths)), by_symbol, rtol=0, atol=1e-11)
+
+
+def test_a_fractional_delay_is_the_shift_of_the_oversampled_frame():
+    """Shifting a whole oversampled frame aliases what windows leak beyond half its rate: ever less."""
+    system = System(n_subcarriers=64, n_symbols=3)
+    grid, delay_samples = a_grid(system), 5.37
+    received = propagate(grid, system, Paths(np.ones((1, 1)), [delay_samples / system.bandwidth_hz], [0.0]))
+    errors = []
+    for oversampling in (4, 8, 16):
+        frame = modulate(grid, system, oversampling)
+        n = frame.size + 16 * oversampling
+        # Subcarriers lie from 0 to N: the spectrum is cut open half a rate above their middle.
+        frequency = np.fft.fftfreq(n) + 0.0
+        centre = system.n_subcarriers / 2 / oversampling / system.n_subcarriers
+        frequency = np.mod(frequency - centre + 0.5, 1) - 0.5 + centre
+        shift = np.exp(-2j * np.pi * frequency * delay_samples * oversampling)
+        late = np.fft.ifft(np.fft.fft(frame, n) * shift)[::oversampling]
+        n_both = min(late.size, len(received))
+        errors.append(np.abs(late[:n_both] - received[:n_both, 0]).max())
+    assert errors[0] < 0.02
+    assert errors[1] < errors[0] / 3
+    assert errors[2] < errors[1] / 3
+
+
+@settings(max_examples=25)
+@given(delay=st.floats(0, 60), doppler=st.floats(-0.5, 0.5), seed=st.integers(0, 99))
+def test_received_waveforms_add_up_path_by_path(delay, doppler, seed):
+    system = System(n_subcarriers=32, n_symbols=3)
+    grid = a_grid(system, seed)
+    both = paths_of(system, [delay, 100.0], [doppler, 0.1], seed=seed)
+    alone = [Paths(both.gain[k : k + 1], both.delay_s[k : k + 1], both.doppler_hz[k : k + 1]) for k in (0, 1)]
+    first, second = (propagate(grid, system, path) for path in alone)
+    expected = second.copy()
+    expected[: len(first)] += first
+    np.testing.assert_allclose(propagate(grid, system, both), expected, rtol=0, atol=1e-11)
+
+
+def test_a_whole_delay_moves_samples_and_nothing_else():
+    system = System(n_subcarriers=64, n_symbols=4)
+    grid = a_grid(system)
+    waveform = modulate(grid, system)
+    received = propagate(grid, system, Paths([[1.0]], [37 / system.bandwidth_hz], [0.0]))
+    assert received.shape == (n_samples(layout(system), 4) + 37, 1)
+    np.testing.assert_allclose(received[37:, 0], waveform, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(received[:37], 0, atol=1e-12)
+
+
+def test_doppler_turns_the_waveform_along_the_time_of_the_whole_frame():
+    system = System(n_subcarriers=64, n_symbols=4)
+    grid, parts = a_grid(system), layout(system)
+    waveform = modulate(grid, system)
+    received = propagate(grid, system, Paths([[1.0]], [0.0], [0.07 * system.subcarrier_spacing_hz]))
+    time = np.arange(waveform.size) - parts.n_prefix - (64 - 1) / 2
+    turned = waveform * np.exp(2j * np.pi * 0.07 * time / 64)
+    np.testing.assert_allclose(received[:, 0], turned, rtol=0, atol=1e-12)
+
+
+def test_no_elements_receive_nothing():
+    system = System(n_subcarriers=32, n_symbols=2)
+    paths = Paths(np.ones((1, 0)), np.array([2 / system.bandwidth_hz]), np.zeros(1))
+    grid = a_grid(system)
+    assert propagate(grid, system, paths).shape == (n_samples(layout(system), 2) + 2, 0)
+    assert [symbol.shape for symbol in received_symbols(grid, system, paths)] == [(32, 0)] * 2
+
+
+def test_no_paths_bring_nothing():
+    system = System(n_subcarriers=32, n_symbols=2)
+    none = Paths(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    assert not propagate(a_grid(system), system, none).any()
+    assert all(not symbol.any() for symbol in received_symbols(a_grid(system), system, none))
+
+
+def test_symbols_that_arrive_behind_the_frame_are_not_received():
+    system = System(n_subcarriers=32, n_symbols=2)
+    late = Paths([[1.0]], [1.0], [0.0])
+    assert all(not symbol.any() for symbol in received_symbols(a_grid(system), system, late))
+
+
+@pytest.mark.parametrize(
+    ("gain", "delay_s", "doppler_hz", "message"),
+    [
+        (np.ones(2), np.zeros(2), np.zeros(2), r"paths: gain \(2,\), delay_s \(2,\)"),
+        (np.ones((2, 1)), np.zeros(2), np.zeros(3), r"doppler_hz \(3,\); allowed are the shapes"),
+        ([[np.nan]], [0.0], [0.0], "paths.gain holds nan; allowed are finite numbers"),
+        ([[1.0]], [-1e-9], [0.0], "paths.delay_s holds -1e-09; allowed are finite numbers of 0 and more"),
+        ([[1.0]], [0.0], [np.inf], "paths.doppler_hz holds inf; allowed are finite numbers"),
+    ],
+)
+def test_paths_that_are_none_are_refused(gain, delay_s, doppler_hz, message):
+    with pytest.raises(InputError, match=message):
+        Paths(gain, delay_s, doppler_hz)
+
+
+def test_grids_of_another_system_and_endless_frames_are_refused():
+    system = System(n_subcarriers=32, n_symbols=2)
+    path = Paths([[1.0]], [0.0], [0.0])
+    with pytest.raises(InputError, match=r"symbols of shape \(32, 3\): allowed is \(32, 2\)"):
+        propagate(np.ones((32, 3)), system, path)
+    with pytest.raises(InputError, match="symbols holds nan"):
+        received_symbols(np.full((32, 2), np.nan), system, path)
+    with pytest.raises(InputError, match=r"paths\.delay_s, the longest, = 1.0: allowed is up to"):
+        propagate(np.ones((32, 2)), system, Paths([[1.0]], [1.0], [0.0]))

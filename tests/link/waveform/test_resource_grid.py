@@ -1,0 +1,205 @@
+"""The resource grid: PRS as 3GPP TS 38.211, 7.4.1.7 has it, data in the order of 7.3.1.5 elsewhere."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from py3gpp import nrPRBS, nrSymbolModulate
+
+from isacbench.errors import InputError
+from isacbench.link.waveform.qam import bits_per_symbol, constellation, modulate_bits
+from isacbench.link.waveform.resource_grid import draw_grid, prs_c_init, prs_symbols
+from isacbench.link.waveform.sent_signal import Signal
+from isacbench.model.numerology import System
+from isacbench.model.prs import prs_elements
+
+# Two slots with PRS and three without; no whole number of combs.
+SYSTEM = System(n_subcarriers=13, n_symbols=5 * 14)
+
+each_modulation = pytest.mark.parametrize("modulation", ["qpsk", "16qam", "64qam", "256qam"])
+
+
+def c_init_as_printed(slot, symbol, n_id):
+    """Initial value by the formula, in whole numbers of any size."""
+    n_id_mod = n_id % 1024
+    return (2**22 * (n_id // 1024) + 2**10 * (14 * slot + symbol + 1) * (2 * n_id_mod + 1) + n_id_mod) % 2**31
+
+
+@lru_cache
+def prs_as_printed(system, n_id):
+    """PRS element by element, by another implementation's sequence and mapping."""
+    grid = np.zeros((system.n_subcarriers, system.n_symbols), dtype=complex)
+    for slot in range(0, system.n_symbols // 14 + 1, 4):
+        for symbol in range(2, 14):
+            column = 14 * slot + symbol
+            if column >= system.n_symbols:
+                continue
+            c_init = c_init_as_printed(slot, symbol, n_id)
+            sequence = nrSymbolModulate(nrPRBS(c_init, 2 * system.n_subcarriers), "qpsk")
+            first = {0: 0, 1: 2, 2: 1, 3: 3}[(symbol - 2) % 4]
+            for m in range(system.n_subcarriers):
+                if 4 * m + first < system.n_subcarriers:
+                    grid[4 * m + first, column] = sequence[m]
+    grid.setflags(write=False)
+    return grid
+
+
+# The PRS.
+
+
+@pytest.mark.parametrize("n_id", [0, 1, 1023, 1024, 3333, 4095])
+def test_initial_values_are_those_of_the_printed_formula(n_id):
+    # A radio frame at 240 kHz has 160 slots: large ones pass 2³¹.
+    slot, symbol = (axis.ravel() for axis in np.mgrid[:160:13, :14])
+    expected = [c_init_as_printed(int(a), int(b), n_id) for a, b in zip(slot, symbol, strict=True)]
+    assert prs_c_init(slot, symbol, n_id).tolist() == expected
+
+
+def test_some_initial_values_worked_out_by_hand():
+    slot, symbol = np.array([0, 4, 4]), np.array([2, 2, 13])
+    assert prs_c_init(slot, symbol, 0).tolist() == [3 * 1024, 59 * 1024, 70 * 1024]
+    assert prs_c_init(slot, symbol, 1024 + 5).tolist() == [
+        2**22 + 33 * 1024 + 5,
+        2**22 + 649 * 1024 + 5,
+        2**22 + 770 * 1024 + 5,
+    ]
+
+
+@pytest.mark.parametrize("n_id", [1023, 4095])
+def test_every_prs_symbol_is_where_and_what_the_standard_says(n_id):
+    np.testing.assert_allclose(prs_symbols(SYSTEM, n_id), prs_as_printed(SYSTEM, n_id), rtol=4e-16)
+
+
+def test_prs_fill_their_elements_with_unit_power_and_nothing_else():
+    system = System()
+    symbols, is_prs = prs_symbols(system, 7), prs_elements(system)
+    np.testing.assert_allclose(np.abs(symbols[is_prs]), 1, rtol=1e-15)
+    assert not symbols[~is_prs].any()
+
+
+def test_a_wider_grid_continues_the_sequences_of_a_narrower():
+    wide = prs_symbols(System(n_subcarriers=64, n_symbols=14))
+    narrow = prs_symbols(System(n_subcarriers=23, n_symbols=14))
+    np.testing.assert_array_equal(wide[:23], narrow)
+
+
+def test_symbols_slots_and_identities_have_sequences_of_their_own():
+    system = System(n_subcarriers=2048, n_symbols=5 * 14)
+    sequences = []
+    for n_id in (0, 1, 1024, 4095):
+        grid, is_prs = prs_symbols(system, n_id), prs_elements(system)
+        sequences += [grid[is_prs[:, column], column] for column in np.flatnonzero(is_prs.any(axis=0))]
+    sequences = np.array(sequences)
+    n_symbols, length = sequences.shape
+    assert n_symbols == 4 * 24
+    correlation = np.abs(sequences.conj() @ sequences.T) - length * np.eye(n_symbols)
+    # Six standard deviations of a sum of 512 random signs: 96² / 2 pairs.
+    assert correlation.max() < 6 * np.sqrt(length)
+
+
+@pytest.mark.parametrize("n_id", [-1, 4096, 0.5, 3.0, True, None])
+def test_an_identity_that_does_not_exist_is_an_error(n_id):
+    for call in (
+        lambda: prs_symbols(SYSTEM, n_id),
+        lambda: prs_c_init(np.array([0]), np.array([2]), n_id),
+        lambda: draw_grid(SYSTEM, n_id=n_id),
+        lambda: Signal(n_id=n_id),
+    ):
+        with pytest.raises(InputError, match=r"^n_id = .*: allowed is a whole number from 0 to 4095$"):
+            call()
+
+
+# The grid.
+
+
+@each_modulation
+def test_data_go_symbol_by_symbol_from_the_lowest_subcarrier_up(modulation):
+    grid = draw_grid(SYSTEM, modulation, trial=3, seed=4, n_id=4095)
+    expected = prs_as_printed(SYSTEM, 4095).copy()
+    is_prs = expected != 0
+    n_bits = bits_per_symbol(modulation)
+    words = iter(grid.bits.reshape(-1, n_bits))
+    for column in range(SYSTEM.n_symbols):
+        for row in range(SYSTEM.n_subcarriers):
+            if not is_prs[row, column]:
+                expected[row, column] = modulate_bits(next(words), modulation)[0]
+    assert next(words, None) is None
+    np.testing.assert_allclose(grid.symbols, expected, rtol=4e-16)
+    np.testing.assert_array_equal(grid.is_prs, is_prs)
+    assert grid.modulation == modulation
+
+
+@each_modulation
+def test_every_symbol_of_the_constellation_is_sent_equally_often(modulation):
+    grid = draw_grid(System(n_subcarriers=512, n_symbols=56), modulation)
+    n_bits = bits_per_symbol(modulation)
+    words = grid.bits.reshape(-1, n_bits) @ 2 ** np.arange(n_bits)[::-1]
+    counts = np.bincount(words, minlength=2**n_bits)
+    expected = len(words) / 2**n_bits
+    assert np.abs(counts - expected).max() < 5 * np.sqrt(expected)
+    data = grid.symbols[~grid.is_prs]
+    power = np.abs(constellation(modulation)) ** 2
+    assert np.mean(np.abs(data) ** 2) == pytest.approx(1, abs=5 * power.std() / np.sqrt(data.size) + 1e-12)
+
+
+def test_arrays_are_read_only_and_a_symbol_is_contiguous():
+    grid = draw_grid(SYSTEM)
+    assert grid.symbols.shape == grid.is_prs.shape == (13, 70)
+    assert grid.symbols.flags.f_contiguous
+    assert (grid.symbols.dtype, grid.is_prs.dtype, grid.bits.dtype) == (np.complex128, np.bool_, np.uint8)
+    for array in (grid.symbols, grid.is_prs, grid.bits):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+def test_the_same_frame_is_drawn_again():
+    first, second = (draw_grid(SYSTEM, "64qam", trial=1, seed=2, n_id=3) for _ in range(2))
+    np.testing.assert_array_equal(first.symbols, second.symbols)
+    np.testing.assert_array_equal(first.bits, second.bits)
+
+
+def test_trials_seeds_and_modulations_have_data_of_their_own():
+    system = System(n_subcarriers=256, n_symbols=14)
+    grids = [
+        draw_grid(system),
+        draw_grid(system, trial=1),
+        draw_grid(system, seed=1),
+        draw_grid(system, trial=1, seed=1),
+        draw_grid(system, "16qam"),
+        draw_grid(system, "64qam"),
+        draw_grid(system, "256qam"),
+    ]
+    n = min(grid.bits.size for grid in grids)
+    signs = np.array([1 - 2.0 * grid.bits[:n] for grid in grids])
+    correlation = signs @ signs.T - n * np.eye(len(grids))
+    assert np.abs(correlation).max() < 5 * np.sqrt(n)
+
+
+def test_the_identity_changes_the_prs_and_leaves_the_data():
+    one, other = draw_grid(SYSTEM, n_id=1), draw_grid(SYSTEM, n_id=2)
+    np.testing.assert_array_equal(one.bits, other.bits)
+    np.testing.assert_array_equal(one.symbols[~one.is_prs], other.symbols[~one.is_prs])
+    assert (one.symbols[one.is_prs] != other.symbols[one.is_prs]).any()
+
+
+@pytest.mark.parametrize(("n_subcarriers", "n_symbols"), [(1, 1), (7, 2), (1, 14), (3, 5)])
+def test_small_frames_carry_what_prs_fits_and_data_elsewhere(n_subcarriers, n_symbols):
+    system = System(n_subcarriers=n_subcarriers, n_symbols=n_symbols)
+    prs = prs_symbols(system)
+    np.testing.assert_allclose(prs, prs_as_printed(system, 0), rtol=4e-16)
+    grid = draw_grid(system)
+    n_prs = int((prs != 0).sum())
+    assert grid.is_prs.sum() == n_prs
+    assert grid.bits.size == 2 * (n_subcarriers * n_symbols - n_prs)
+    np.testing.assert_allclose(np.abs(grid.symbols), 1, rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["trial", "seed"])
+def test_a_negative_number_of_a_draw_is_an_error(name):
+    with pytest.raises(InputError, match=f"^{name} = -1: allowed is a whole number of 0 and more$"):
+        draw_grid(SYSTEM, **{name: -1})
+
+
+def test_an_unknown_modulation_is_an_error():
+    with pytest.raises(InputError, match="unknown modulation 'qspk': did you mean 'qpsk'"):
+        draw_grid(SYSTEM, "qspk")

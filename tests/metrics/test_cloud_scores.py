@@ -1,0 +1,190 @@
+"""Chamfer, GOSPA, precision and recall against plain loops."""
+
+from __future__ import annotations
+
+import math
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from isacbench.errors import InputError
+from isacbench.metrics.cloud_scores import CloudScores, cloud_scores, gospa_m
+from isacbench.model.cloud import PointCloud
+from isacbench.model.region import Region
+
+quick = settings(max_examples=30, deadline=None)
+
+
+def clouds(min_size: int = 0, max_size: int = 5) -> st.SearchStrategy[PointCloud]:
+    """Clouds about as wide as the cut-off, some on a lattice with pairs at it exactly."""
+    number = st.floats(-1.5, 1.5, allow_subnormal=False) | st.integers(-2, 2).map(lambda n: n / 2)
+    rows = st.lists(st.tuples(number, number, number), min_size=min_size, max_size=max_size)
+    return rows.map(cloud_at)
+
+
+def cloud_at(xyz: object) -> PointCloud:
+    positions = np.asarray(xyz, dtype=float).reshape(-1, 3)
+    return PointCloud(xyz=positions, velocity=np.zeros(len(positions)), power=np.ones(len(positions)))
+
+
+def gospa_by_permutations(a: PointCloud, b: PointCloud) -> float:
+    """Definition of the paper with α = 2: every injection of the smaller into the larger cloud."""
+    small, large = sorted((a.xyz.tolist(), b.xyz.tolist()), key=len)
+    costs = (
+        sum(min(math.dist(p, q), 1.0) ** 2 for p, q in zip(small, chosen, strict=True))
+        for chosen in permutations(large, len(small))
+    )
+    return math.sqrt(min(costs) + (len(large) - len(small)) / 2)
+
+
+@quick
+@given(truth=clouds(), estimate=clouds())
+def test_gospa_equals_the_minimum_over_all_assignments(truth: PointCloud, estimate: PointCloud) -> None:
+    assert gospa_m(truth, estimate) == pytest.approx(gospa_by_permutations(truth, estimate), abs=1e-9)
+
+
+@quick
+@given(truth=clouds(min_size=1), estimate=clouds(), unit=st.sampled_from([0.25, 2.0, 4.0]))
+def test_scores_with_another_radius_are_those_of_clouds_in_another_unit(
+    truth: PointCloud, estimate: PointCloud, unit: float
+) -> None:
+    one = cloud_scores(truth, estimate)
+    scaled = cloud_scores(cloud_at(unit * truth.xyz), cloud_at(unit * estimate.xyz), radius_m=unit)
+    assert scaled.gospa_m == pytest.approx(unit * one.gospa_m, abs=1e-12)
+    assert (scaled.precision, scaled.recall) == (one.precision, one.recall)
+
+
+@pytest.mark.parametrize("radius_m", [0.0, -1.0, math.inf, math.nan])
+def test_a_radius_that_is_none_is_refused(radius_m: float) -> None:
+    with pytest.raises(InputError, match="radius_m"):
+        cloud_scores(cloud_at([[0, 0, 0]]), PointCloud.empty(), radius_m=radius_m)
+
+
+@pytest.mark.parametrize("width_m", [2, 5, 20])
+def test_gospa_equals_a_dense_assignment_in_crowds(width_m: float) -> None:
+    rng = np.random.default_rng(7)
+    truth, estimate = (cloud_at(rng.uniform(0, width_m, (n, 3))) for n in (120, 90))
+    cost = np.minimum(cdist(truth.xyz, estimate.xyz, "sqeuclidean"), 1)
+    expected = math.sqrt(cost[linear_sum_assignment(cost)].sum() + 30 / 2)
+    assert gospa_m(truth, estimate) == pytest.approx(expected)
+    assert gospa_m(estimate, truth) == pytest.approx(expected)
+
+
+@quick
+@given(truth=clouds(), estimate=clouds())
+def test_gospa_is_symmetric_and_bounded(truth: PointCloud, estimate: PointCloud) -> None:
+    found = gospa_m(truth, estimate)
+    assert found == pytest.approx(gospa_m(estimate, truth), abs=1e-12)
+    assert 0 <= found <= math.sqrt((len(truth) + len(estimate)) / 2) + 1e-12
+
+
+@quick
+@given(a=clouds(), b=clouds(), c=clouds())
+def test_gospa_obeys_the_triangle_inequality(a: PointCloud, b: PointCloud, c: PointCloud) -> None:
+    assert gospa_m(a, c) <= gospa_m(a, b) + gospa_m(b, c) + 1e-9
+
+
+def test_gospa_of_hand_worked_clouds() -> None:
+    origin = cloud_at([[0, 0, 0]])
+    assert gospa_m(origin, cloud_at([[0.5, 0, 0]])) == pytest.approx(0.5)
+    assert gospa_m(origin, cloud_at([[1.5, 0, 0]])) == pytest.approx(1.0)
+    assert gospa_m(origin, cloud_at([[0, 0, 0]] * 3)) == pytest.approx(1.0)
+    assert gospa_m(PointCloud.empty(), PointCloud.empty()) == 0
+    # The greedy choice, 0.1 with 0, would leave both others alone.
+    chain = gospa_m(cloud_at([[0, 0, 0], [0.9, 0, 0]]), cloud_at([[0.1, 0, 0], [-0.8, 0, 0]]))
+    assert chain == pytest.approx(math.sqrt(min(0.8**2 + 0.8**2, 0.1**2 + 1)))
+
+
+@quick
+@given(truth=clouds(min_size=1), estimate=clouds(min_size=1))
+def test_chamfer_precision_and_recall_equal_plain_loops(truth: PointCloud, estimate: PointCloud) -> None:
+    forward = [min(math.dist(p, q) for q in estimate.xyz) for p in truth.xyz]
+    backward = [min(math.dist(p, q) for p in truth.xyz) for q in estimate.xyz]
+    found = cloud_scores(truth, estimate)
+    assert found.completeness_m == pytest.approx(sum(forward) / len(forward), abs=1e-12)
+    assert found.accuracy_m == pytest.approx(sum(backward) / len(backward), abs=1e-12)
+    assert found.chamfer_m == pytest.approx((found.completeness_m + found.accuracy_m) / 2)
+    if not any(abs(distance - 1) < 1e-12 for distance in (*forward, *backward)):
+        assert found.recall == pytest.approx(sum(distance <= 1 for distance in forward) / len(forward))
+        assert found.precision == pytest.approx(sum(distance <= 1 for distance in backward) / len(backward))
+    assert found.gospa_m == gospa_m(truth, estimate)
+
+
+@quick
+@given(truth=clouds(min_size=1), estimate=clouds(min_size=1))
+def test_swapping_the_clouds_swaps_the_directions(truth: PointCloud, estimate: PointCloud) -> None:
+    forth, back = cloud_scores(truth, estimate), cloud_scores(estimate, truth)
+    assert (forth.accuracy_m, forth.precision) == (back.completeness_m, back.recall)
+    assert forth.chamfer_m == pytest.approx(back.chamfer_m)
+
+
+@quick
+@given(truth=clouds(min_size=1))
+def test_the_truth_scores_perfectly_against_itself(truth: PointCloud) -> None:
+    assert cloud_scores(truth, truth) == CloudScores(0, 0, 0, precision=1, recall=1)
+
+
+def test_a_point_at_one_metre_counts_as_found() -> None:
+    found = cloud_scores(cloud_at([[0, 0, 0]]), cloud_at([[1, 0, 0], [0, 1.001, 0]]))
+    assert (found.precision, found.recall) == (0.5, 1)
+
+
+@quick
+@given(
+    truth=clouds(min_size=1), estimate=clouds(min_size=1), shift=st.tuples(*[st.integers(-1000, 1000)] * 3)
+)
+def test_translation_does_not_matter(
+    truth: PointCloud, estimate: PointCloud, shift: tuple[int, int, int]
+) -> None:
+    here = cloud_scores(truth, estimate)
+    there = cloud_scores(cloud_at(truth.xyz + shift), cloud_at(estimate.xyz + shift))
+    assert there.chamfer_m == pytest.approx(here.chamfer_m, abs=1e-9)
+    assert there.gospa_m == pytest.approx(here.gospa_m, abs=1e-6)
+
+
+@quick
+@given(truth=clouds(min_size=1), estimate=clouds(min_size=1), seed=st.integers(0, 99))
+def test_the_order_of_the_points_does_not_matter(truth: PointCloud, estimate: PointCloud, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    here = cloud_scores(truth, estimate)
+    there = cloud_scores(cloud_at(rng.permutation(truth.xyz)), cloud_at(rng.permutation(estimate.xyz)))
+    assert there.chamfer_m == pytest.approx(here.chamfer_m)
+    assert there.gospa_m == pytest.approx(here.gospa_m)
+    assert (there.precision, there.recall) == (here.precision, here.recall)
+
+
+@quick
+@given(truth=clouds(min_size=1), estimate=clouds(min_size=1))
+def test_an_empty_cloud_is_never_better_in_chamfer_precision_and_recall(
+    truth: PointCloud, estimate: PointCloud
+) -> None:
+    region = Region(x_m=(-1.5, 1.5), y_m=(-1.5, 1.5), z_m=(-1.5, 1.5), speed_mps=(0, 0))
+    empty, found = (cloud_scores(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
+    # A mean of equal distances can round up by a last digit.
+    assert empty.accuracy_m >= found.accuracy_m - 1e-12
+    assert empty.completeness_m >= found.completeness_m - 1e-12
+    assert empty.precision <= found.precision
+    assert empty.recall <= found.recall
+    assert empty.gospa_m == pytest.approx(gospa_m(truth, PointCloud.empty()))
+
+
+def test_an_empty_truth_is_refused() -> None:
+    with pytest.raises(InputError, match="truth: the cloud is empty"):
+        cloud_scores(PointCloud.empty(), cloud_at([[0, 0, 0]]))
+
+
+@pytest.mark.parametrize(("n_true", "n_estimated"), [(520, 530), (800, 400)])
+@pytest.mark.parametrize("size_m", [0.0, 0.4, 3.0])
+def test_crowds_of_points_have_the_gospa_of_the_list_of_near_pairs(monkeypatch, n_true, n_estimated, size_m):
+    rng = np.random.default_rng(5)
+    truth, estimate = (
+        PointCloud(rng.uniform(0, size_m, (n, 3)), np.zeros(n), np.ones(n)) for n in (n_true, n_estimated)
+    )
+    crowded = gospa_m(truth, estimate)
+    monkeypatch.setattr("isacbench.metrics.cloud_scores.MANY_PAIRS", np.inf)
+    assert crowded == pytest.approx(gospa_m(truth, estimate), rel=1e-12)

@@ -1,0 +1,531 @@
+"""Point clouds in files: exact round trips, foreign files, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.io import loadmat, savemat
+
+from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud_files.formats import read_cloud, read_points_csv, write_cloud
+
+from ...cubes.samples import put_mat73, write_mat73
+
+FORMATS = ("csv", "npy", "npz", "mat", "ply")
+TABLE = np.array([[1.0, 2, 3, 4, 0.5], [-0.1, 1 / 3, 1e-7, -3, 2.25]])
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+def refusal(path: Path) -> str:
+    """Message with which a file is refused, less its path."""
+    with pytest.raises(InputError) as refused:
+        read_cloud(path)
+    message = str(refused.value)
+    assert message.startswith(f"{path}: ")
+    return message.removeprefix(f"{path}: ")
+
+
+def text_file(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# Round trips
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@settings(max_examples=25, deadline=None)
+@given(table=st.integers(0, 6).flatmap(lambda n: arrays(np.float64, (n, 5), elements=finite)))
+def test_a_round_trip_returns_the_same_doubles(suffix: str, table: np.ndarray) -> None:
+    cloud = PointCloud.from_array(table)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"cloud.{suffix}"
+        write_cloud(cloud, path)
+        found = read_cloud(path).to_array()
+    assert np.array_equal(found, table)
+    assert np.array_equal(np.signbit(found), np.signbit(table))
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_writing_overwrites_and_takes_upper_case_and_strings(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"CLOUD.{suffix.upper()}"
+    write_cloud(PointCloud.from_array(np.ones((50, 5))), path)
+    write_cloud(PointCloud.from_array(TABLE), str(path))
+    assert np.array_equal(read_cloud(str(path)).to_array(), TABLE)
+    assert [found.name for found in tmp_path.iterdir()] == [path.name]
+
+
+def test_written_csv_has_the_header_and_short_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.csv"
+    write_cloud(PointCloud.from_array(TABLE[:1]), path)
+    assert path.read_bytes() == b"x,y,z,v,power\n1.0,2.0,3.0,4.0,0.5\n"
+
+
+def test_written_mat_and_npz_name_their_arrays(tmp_path: Path) -> None:
+    for suffix, load in (("mat", loadmat), ("npz", np.load)):
+        write_cloud(PointCloud.from_array(TABLE), tmp_path / f"cloud.{suffix}")
+        found = load(tmp_path / f"cloud.{suffix}")
+        assert np.array_equal(found["xyz"], TABLE[:, :3])
+        assert np.array_equal(found["velocity"].ravel(), TABLE[:, 3])
+        assert np.array_equal(found["power"].ravel(), TABLE[:, 4])
+
+
+# Any format
+
+
+@pytest.mark.parametrize("name", ["cloud.txt", "cloud.pcd", "cloud"])
+def test_another_extension_is_refused_with_the_allowed_ones(tmp_path: Path, name: str) -> None:
+    path = text_file(tmp_path, name, "")
+    found = f"extension {path.suffix!r}" if path.suffix else "no extension"
+    assert refusal(path) == f"has {found}; a cloud takes .csv, .npy, .npz, .mat, .ply"
+    with pytest.raises(InputError, match=r"a cloud takes \.csv, \.npy, \.npz, \.mat, \.ply"):
+        write_cloud(PointCloud.empty(), path)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_missing_file_and_a_directory_are_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"cloud.{suffix}"
+    assert refusal(path) == "does not exist"
+    path.mkdir()
+    assert refusal(path) == "is a directory, not a file"
+    with pytest.raises(InputError, match="cannot be written: Is a directory"):
+        write_cloud(PointCloud.empty(), path)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_folder_that_does_not_exist_cannot_be_written_to(tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(InputError, match="cannot be written: No such file or directory"):
+        write_cloud(PointCloud.empty(), tmp_path / "nowhere" / f"cloud.{suffix}")
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz", "mat"])
+def test_a_binary_file_cut_off_anywhere_is_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"cloud.{suffix}"
+    write_cloud(PointCloud.from_array(TABLE), path)
+    data = path.read_bytes()
+    for length in range(0, len(data), 3):
+        path.write_bytes(data[:length])
+        with pytest.raises(InputError):
+            read_cloud(path)
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz", "mat"])
+def test_a_file_of_another_kind_is_refused(tmp_path: Path, suffix: str) -> None:
+    path = text_file(tmp_path, f"cloud.{suffix}", "x,y,z,v\n1,2,3,4\n" * 20)
+    expected = "is no mat file" if suffix == "mat" else f"cannot be read as {suffix}"
+    assert refusal(path).startswith(expected)
+
+
+# csv
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x,y,z,v,power\n1,2,3,4,1\n5,6,7,8,1\n",
+        "x,y,z,v\n1,2,3,4\n5,6,7,8",
+        "v, z, y, x\r\n4, 3, 2, 1\r\n8, 7, 6, 5\r\n",
+        "1,2,3,4\n5,6,7,8\n",
+        "1e0,2.0,+3,4,1\n\n5,6,7,8,1\n\n",
+        "\ufeffx,y,z,v\n1,2,3,4\n5,6,7,8\n",
+    ],
+    ids=[
+        "power",
+        "no power",
+        "reordered",
+        "headerless",
+        "headerless with power and blanks",
+        "byte order mark",
+    ],
+)
+def test_csv_is_read_with_and_without_header_and_power(tmp_path: Path, text: str) -> None:
+    found = read_cloud(text_file(tmp_path, "cloud.csv", text)).to_array()
+    assert found.tolist() == [[1, 2, 3, 4, 1], [5, 6, 7, 8, 1]]
+
+
+def test_a_csv_of_a_header_alone_is_an_empty_cloud(tmp_path: Path) -> None:
+    assert len(read_cloud(text_file(tmp_path, "cloud.csv", "x,y,z,v,power\n"))) == 0
+
+
+TAKES = "the file takes the columns x, y, z, v and optionally power"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty; a header x,y,z,v is wanted at least"),
+        (" \n\n", "is empty; a header x,y,z,v is wanted at least"),
+        ("x,y,z,v,amplitude\n1,2,3,4,5\n", f"row 1: unknown column 'amplitude'; {TAKES}"),
+        ("\nx,y,z,speed\n1,2,3,4\n", f"row 2: unknown column 'speed'; {TAKES}"),
+        ("x,y,v,power\n", f"row 1: column z is missing; {TAKES}"),
+        ("x,y,z,v,v\n", f"row 1: column v appears twice; {TAKES}"),
+        ("x;y;z;v\n", f"row 1: unknown column 'x;y;z;v'; {TAKES}"),
+        ("x,y,z,v\n1,2,3,4\n1,2,3,nan\n", "row 3: column v is NaN; a finite number is wanted"),
+        ("x,y,z,v\n\n1,-inf,3,4\n", "row 3: column y is infinite; a finite number is wanted"),
+        ("x,y,z,v\n1,2,3\n", "row 2: 3 fields instead of 4 (x, y, z, v)"),
+        ("x,y,z,v\n1,2,3,\n", "row 2: column v is ''; a number is wanted"),
+        ("x,y,z,v\n1,2, abc,4\n", "row 2: column z is 'abc'; a number is wanted"),
+        ("1,2,3,four\n", "row 1: column v is 'four'; a number is wanted"),
+        ("1,2,3,4\n1,2,3,4,5\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
+        (
+            "1,2,3\n",
+            "row 1: 3 fields; without a header a cloud takes 4 or 5 (x, y, z, v, power)",
+        ),
+    ],
+)
+def test_a_faulty_csv_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+    assert refusal(text_file(tmp_path, "cloud.csv", text)) == message
+
+
+def test_a_csv_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.csv"
+    path.write_bytes(b"x,y,z,v\n\xff\xfe")
+    assert refusal(path) == "is not UTF-8 text (byte 8)"
+
+
+# Scatterers of a scenario
+
+
+def test_points_are_read_with_and_without_amplitude(tmp_path: Path) -> None:
+    points = read_points_csv(text_file(tmp_path, "a.csv", "amplitude,x,y,z,v\n0.5,1,2,3,4\n"))
+    assert (points.xyz.tolist(), points.velocity.tolist(), points.amplitude.tolist()) == (
+        [[1, 2, 3]],
+        [4],
+        [0.5],
+    )
+    assert read_points_csv(
+        text_file(tmp_path, "b.csv", "x,y,z,v\n1,2,3,4\n1,2,3,4\n")
+    ).amplitude.tolist() == [1, 1]
+
+
+TAKES_AMPLITUDE = "the file takes the columns x, y, z, v and optionally amplitude"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty; a header x,y,z,v is wanted at least"),
+        ("x,y,z,v\n", "holds no points below its header"),
+        ("x,y,z\n1,2,3\n", f"row 1: column v is missing; {TAKES_AMPLITUDE}"),
+        ("x,y,z,v,power\n1,2,3,4,5\n", f"row 1: unknown column 'power'; {TAKES_AMPLITUDE}"),
+        ("1,2,3,4\n", f"row 1: unknown column '1'; {TAKES_AMPLITUDE}"),
+        (
+            "x,y,z,v,amplitude\n1,2,3,4,5\n1,2,3,4,NaN\n",
+            "row 3: column amplitude is NaN; a finite number is wanted",
+        ),
+    ],
+)
+def test_a_faulty_points_file_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+    path = text_file(tmp_path, "points.csv", text)
+    with pytest.raises(InputError) as refused:
+        read_points_csv(path)
+    assert str(refused.value) == f"{path}: {message}"
+
+
+def test_a_missing_points_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"points\.csv: does not exist"):
+        read_points_csv(tmp_path / "points.csv")
+    with pytest.raises(InputError, match="is a directory, not a file"):
+        read_points_csv(tmp_path)
+
+
+# npy, npz and mat
+
+
+@pytest.mark.parametrize(
+    "array",
+    [TABLE[:, :4], TABLE, TABLE.astype(np.float32), np.arange(8).reshape(2, 4), np.asfortranarray(TABLE)],
+)
+def test_an_npy_of_any_real_table_is_read(tmp_path: Path, array: np.ndarray) -> None:
+    np.save(tmp_path / "cloud.npy", array)
+    found = read_cloud(tmp_path / "cloud.npy").to_array()
+    assert np.array_equal(found[:, : array.shape[1]], array)
+    assert array.shape[1] == 5 or (found[:, 4] == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (np.zeros((2, 3)), "takes real numbers of shape (n, 4) or (n, 5), not float64 of shape (2, 3)"),
+        (np.zeros(4), "takes real numbers of shape (n, 4) or (n, 5), not float64 of shape (4,)"),
+        (
+            np.zeros((2, 4), complex),
+            "takes real numbers of shape (n, 4) or (n, 5), not complex128 of shape (2, 4)",
+        ),
+        (np.array([["a"] * 4]), "takes real numbers of shape (n, 4) or (n, 5), not <U1 of shape (1, 4)"),
+        (np.array([[0, 0, 0, 0], [0, 0, np.nan, 0]]), "row 2: column z is NaN; a finite number is wanted"),
+        (np.array([[0, 0, 0, 0, -np.inf]]), "row 1: column power is infinite; a finite number is wanted"),
+    ],
+)
+def test_a_faulty_npy_is_refused(tmp_path: Path, array: np.ndarray, message: str) -> None:
+    np.save(tmp_path / "cloud.npy", array)
+    assert refusal(tmp_path / "cloud.npy") == message
+
+
+def test_nothing_is_unpickled(tmp_path: Path) -> None:
+    harmful = np.array([[object()] * 4])
+    np.save(tmp_path / "cloud.npy", harmful, allow_pickle=True)
+    np.savez(tmp_path / "cloud.npz", cloud=harmful)
+    assert refusal(tmp_path / "cloud.npy") == (
+        "cannot be read as npy: Object arrays cannot be loaded when allow_pickle=False"
+    )
+    assert refusal(tmp_path / "cloud.npz") == (
+        "cannot be read as npz: Object arrays cannot be loaded when allow_pickle=False"
+    )
+
+
+SAVES = {
+    "npz": np.savez,
+    "mat": lambda path, **named: savemat(path, named),
+    "mat 7.3": write_mat73,
+    "mat 7.3, compressed": lambda path, **named: write_mat73(path, compressed=True, **named),
+}
+"""Writers of named arrays, as NumPy, as MATLAB's options -v6 and -v7.3."""
+
+
+@pytest.fixture(params=SAVES)
+def save(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Path]:
+    def write(**named: Any) -> Path:
+        path = tmp_path / f"cloud.{request.param[:3]}"
+        SAVES[request.param](path, **named)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "named",
+    [
+        {"whatever": TABLE},
+        {"settings": np.zeros((2, 3)), "label": "street", "estimate": TABLE},
+        {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3], "power": TABLE[:, 4]},
+        {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3:4], "power": TABLE[:, 4:].T, "other": TABLE},
+    ],
+    ids=["one table", "one table among others", "parts", "parts as row and column beside a table"],
+)
+def test_npz_and_mat_are_read_as_parts_or_as_the_only_table(
+    save: Callable[..., Path], named: dict[str, Any]
+) -> None:
+    assert np.array_equal(read_cloud(save(**named)).to_array(), TABLE)
+
+
+def test_npz_and_mat_without_power_have_power_one(save: Callable[..., Path]) -> None:
+    for named in ({"p": TABLE[:, :4]}, {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3]}):
+        found = read_cloud(save(**named)).to_array()
+        assert np.array_equal(found, np.column_stack([TABLE[:, :4], [1, 1]]))
+
+
+@pytest.mark.parametrize("dtype", ["f4", "i4", "u2", "i8", "u1"])
+def test_npz_and_mat_of_other_classes_than_double_are_read(save: Callable[..., Path], dtype: str) -> None:
+    table = np.arange(12, dtype=dtype).reshape(3, 4)
+    assert np.array_equal(read_cloud(save(table=table)).to_array()[:, :4], table)
+
+
+@pytest.mark.parametrize("columns", [4, 5])
+def test_npz_and_mat_of_no_points_are_an_empty_cloud(save: Callable[..., Path], columns: int) -> None:
+    assert len(read_cloud(save(table=np.empty((0, columns))))) == 0
+
+
+ARRAYS = (
+    "takes xyz (n, 3) and velocity (n), optionally power (n), or exactly one array of shape (n, 4) or (n, 5)"
+)
+
+
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ({"estimate": TABLE, "truth": TABLE}, f"{ARRAYS}; several could be the cloud: estimate, truth"),
+        ({"points": np.zeros((2, 3))}, f"{ARRAYS}; it holds points (float64 of shape (2, 3))"),
+        ({}, f"{ARRAYS}; it holds nothing"),
+        ({"xyz": TABLE[:, :3]}, "has no array velocity, but takes both xyz (n, 3) and velocity (n)"),
+        ({"velocity": TABLE[:, 3]}, "has no array xyz, but takes both xyz (n, 3) and velocity (n)"),
+        (
+            {"xyz": TABLE, "velocity": TABLE[:, 3]},
+            "xyz takes real numbers of shape (n, 3), not float64 of shape (2, 5)",
+        ),
+        (
+            {"xyz": TABLE[:, :3], "velocity": np.zeros((1, 3))},
+            "velocity takes 2 real numbers, one a row of xyz, not float64 of shape (1, 3)",
+        ),
+        (
+            {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3], "power": np.zeros((1, 2), complex)},
+            "power takes 2 real numbers, one a row of xyz, not complex128 of shape (1, 2)",
+        ),
+        (
+            {"xyz": TABLE[:, :3], "velocity": [0, np.nan]},
+            "row 2: column v is NaN; a finite number is wanted",
+        ),
+    ],
+)
+def test_a_faulty_npz_or_mat_is_refused(
+    save: Callable[..., Path], named: dict[str, Any], message: str
+) -> None:
+    assert refusal(save(**named)) == message
+
+
+def test_a_mat_of_structures_and_cells_names_what_it_holds(tmp_path: Path) -> None:
+    savemat(tmp_path / "cloud.mat", {"s": {"xyz": TABLE}, "c": np.array([TABLE, "a"], dtype=object)})
+    assert refusal(tmp_path / "cloud.mat").startswith(f"{ARRAYS}; it holds s (")
+
+
+def test_a_mat73_of_other_variables_than_numbers_names_their_classes(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.mat"
+    write_mat73(path, label="street", phases=np.ones((2, 4), complex))
+    with h5py.File(path, "a") as file:
+        file.create_dataset("cell", (2, 1), h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_("cell")
+        put_mat73(file, "names", np.ones((6, 4), np.uint32))
+        file["names"].attrs["MATLAB_class"] = np.bytes_("string")
+        for name, attribute in (("structure", "MATLAB_fields"), ("zeros", "MATLAB_sparse")):
+            put_mat73(file, f"{name}/xyz", TABLE)
+            file[name].attrs["MATLAB_class"] = np.bytes_("struct")
+            file[name].attrs[attribute] = np.uint64(2)
+    assert refusal(path) == (
+        f"{ARRAYS}; it holds cell (cell), label (char), names (string), phases (complex128 of shape (2, 4)), "
+        "structure (struct), zeros (sparse matrix)"
+    )
+
+
+def test_a_mat73_of_another_program_is_read_in_the_order_of_its_file(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "cloud.mat", "w") as file:
+        file["cloud"] = TABLE
+    assert np.array_equal(read_cloud(tmp_path / "cloud.mat").to_array(), TABLE)
+
+
+# ply
+
+
+def ply_bytes(order: str, rows: np.ndarray, extra: str = "") -> bytes:
+    """A foreign binary PLY: mixed types, a colour, a fixed-size element before and a list after."""
+    header = (
+        f"ply\nformat binary_{order}_endian 1.0\ncomment by hand\n{extra}"
+        "element sensor 2\nproperty short id\nproperty double gain\n"
+        f"element vertex {len(rows)}\nproperty float64 x\nproperty double y\nproperty uchar red\n"
+        "property double z\nproperty float velocity\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    sign = "<" if order == "little" else ">"
+    sensors = np.zeros(2, [("id", f"{sign}i2"), ("gain", f"{sign}f8")])
+    layout = [("x", f"{sign}f8"), ("y", f"{sign}f8"), ("red", "u1"), ("z", f"{sign}f8"), ("v", f"{sign}f4")]
+    vertices = np.zeros(len(rows), layout)
+    for index, name in enumerate("xyzv"):
+        vertices[name] = rows[:, index]
+    return header.encode() + sensors.tobytes() + vertices.tobytes() + b"\x03\0\0\0\0"
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_a_foreign_binary_ply_is_read(tmp_path: Path, order: str) -> None:
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(ply_bytes(order, TABLE))
+    assert np.array_equal(read_cloud(path).to_array(), np.column_stack([TABLE[:, :4], [1, 1]]))
+
+
+def test_a_foreign_ascii_ply_is_read(tmp_path: Path) -> None:
+    text = (
+        "ply\r\nformat ascii 1.0\r\nobj_info x\r\nelement sensor 1\r\nproperty list uchar int ids\r\n"
+        "element vertex 2\r\nproperty float power\r\nproperty float v\r\nproperty uchar red\r\n"
+        "property float z\r\nproperty float y\r\nproperty float x\r\nelement face 1\r\n"
+        "property list uchar int vertex_indices\r\nend_header\r\n"
+        "2 7 8\r\n0.5 4 255 3 2 1\r\n2 8 255 7 6 5\r\n3 0 1 1\r\n"
+    )
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(text.encode())
+    assert read_cloud(path).to_array().tolist() == [[1, 2, 3, 4, 0.5], [5, 6, 7, 8, 2]]
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_a_binary_ply_cut_off_is_refused(tmp_path: Path, order: str) -> None:
+    path = tmp_path / "cloud.ply"
+    data = ply_bytes(order, TABLE)
+    whole = len(data) - 5
+    for length in range(whole):
+        path.write_bytes(data[:length])
+        with pytest.raises(InputError):
+            read_cloud(path)
+    path.write_bytes(data[: whole - 1])
+    assert refusal(path) == "is truncated: 1 of 2 vertices"
+
+
+def test_nan_in_a_binary_ply_is_refused_by_vertex(tmp_path: Path) -> None:
+    rows = TABLE.copy()
+    rows[1, 1] = np.nan
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(ply_bytes("little", rows))
+    assert refusal(path) == "row 2: column y is NaN; a finite number is wanted"
+
+
+def test_a_list_before_the_vertices_of_a_binary_ply_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(ply_bytes("little", TABLE, extra="element strip 1\nproperty list uchar int ids\n"))
+    assert refusal(path) == "element strip: has a list property before the element vertex"
+
+
+HEAD = "ply\nformat ascii 1.0\nelement vertex 2\n"
+PROPERTIES = "property float x\nproperty float y\nproperty float z\nproperty float v\n"
+WANTED = "element vertex: takes properties x, y, z and either v or velocity, optionally power; it has"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "row 1: is not a PLY file, which starts with 'ply'"),
+        ("x,y,z,v\n", "row 1: is not a PLY file, which starts with 'ply'"),
+        (HEAD + PROPERTIES, "the header has no line 'end_header'; is the file truncated?"),
+        ("ply\nelement vertex 0\nend_header\n", "the header has no line 'format'"),
+        ("ply\nformat ascii 2.0\n", "row 2: 'format ascii 2.0' does not belong in a PLY 1.0 header"),
+        (HEAD + "property half x\n", "row 4: 'property half x' does not belong in a PLY 1.0 header"),
+        ("ply\nproperty float x\n", "row 2: 'property float x' does not belong in a PLY 1.0 header"),
+        ("ply\nelement vertex -1\n", "row 2: 'element vertex -1' does not belong in a PLY 1.0 header"),
+        (HEAD + "property float x\nproperty float x\n", "row 5: property x appears twice"),
+        (
+            "ply\nformat ascii 1.0\nelement face 0\nend_header\n",
+            "has no element 'vertex'; its elements: face",
+        ),
+        ("ply\nformat ascii 1.0\nend_header\n", "has no element 'vertex'; its elements: none"),
+        (HEAD + "property float x\nproperty float y\nend_header\n", f"{WANTED} x, y"),
+        (HEAD + "end_header\n", f"{WANTED} none"),
+        (HEAD + PROPERTIES + "property float velocity\nend_header\n", f"{WANTED} x, y, z, v, velocity"),
+        (
+            HEAD + PROPERTIES + "property list uchar int ids\nend_header\n",
+            "element vertex: has a list property; only plain ones can be read",
+        ),
+        (HEAD + PROPERTIES + "end_header\n1 2 3 4\n", "is truncated: 1 of 2 vertices"),
+        (
+            HEAD + PROPERTIES + "end_header\n1 2 3 4\n1 2 3\n",
+            "row 10: 3 fields instead of 4 (x, y, z, v)",
+        ),
+        (
+            HEAD + PROPERTIES + "end_header\n1 2 3 4\n1 2 nan 3\n",
+            "row 10: column z is NaN; a finite number is wanted",
+        ),
+        (
+            HEAD + PROPERTIES + "end_header\n1 2 3 4\n1 2 x 3\n",
+            "row 10: column z is 'x'; a number is wanted",
+        ),
+    ],
+)
+def test_a_faulty_ply_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+    assert refusal(text_file(tmp_path, "cloud.ply", text)) == message
+
+
+def test_a_cloud_reads_and_writes_itself(tmp_path: Path) -> None:
+    PointCloud.from_array(TABLE).write(tmp_path / "cloud.ply")
+    np.testing.assert_array_equal(PointCloud.read(tmp_path / "cloud.ply").to_array(), TABLE)
+
+
+def test_the_table_of_a_cloud_is_what_pandas_reads_of_its_csv_file(tmp_path: Path) -> None:
+    cloud = PointCloud.from_array(TABLE)
+    cloud.write(tmp_path / "cloud.csv")
+    pd.testing.assert_frame_equal(cloud.to_dataframe(), pd.read_csv(tmp_path / "cloud.csv"))
+    assert PointCloud.empty().to_dataframe().columns.tolist() == ["x", "y", "z", "v", "power"]

@@ -1,0 +1,271 @@
+"""Scenario files: the streets that ship, and one clear line for every mistake."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from isacbench.cli import app
+from isacbench.errors import InputError, InputWarning
+from isacbench.model.frame import PanelFrame, PaperFrame
+from isacbench.model.numerology import System
+from isacbench.model.scenes.scenario import load_scenario, scenario_names
+
+STREETS = ("street", "street-coherent", "street-paper")
+CAR = '[[objects]]\nkind = "car"\nposition_m = [5.0, 5.0, 0.0]\n'
+
+
+@pytest.fixture(scope="module", params=STREETS)
+def street(request):
+    """Each of the three streets."""
+    return load_scenario(request.param)
+
+
+def test_the_streets_ship():
+    assert set(STREETS) <= set(scenario_names())
+
+
+def test_the_streets_differ_in_frame_and_phase_alone():
+    streets = [load_scenario(name) for name in STREETS]
+    assert [scenario.name for scenario in streets] == [*STREETS]
+    assert [scenario.frame for scenario in streets] == [PanelFrame(), PanelFrame(), PaperFrame()]
+    assert [scenario.system.coherent_phase for scenario in streets] == [False, True, False]
+    for scenario in streets[1:]:
+        np.testing.assert_array_equal(scenario.truth.to_array(), streets[0].truth.to_array())
+
+
+def test_the_street_has_the_papers_size_place_and_region(street):
+    assert (street.system.n_subcarriers, street.system.n_symbols) == (2048, 224)
+    assert street.array.shape == (16, 16)
+    assert street.base_station_m.tolist() == [14, 100, 20]
+    region = street.region
+    assert (region.x_m, region.y_m, region.z_m) == ((0, 30), (0, 20), (0, 20))
+    assert region.speed_mps == (-15, 15)
+
+
+def test_the_street_has_466_distinct_unit_scatterers_all_inside_its_region(street):
+    points = street.truth.to_array()
+    assert len(np.unique(points, axis=0)) == len(points) == 466
+    assert street.region.contains(points[:, :3]).all()
+    assert (points[:, 4] == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("n_points", "speed_mps", "x_m", "y_m", "z_m"),
+    [
+        (114, 10, (8, 10), (12, 18), (0, 1.8)),
+        (114, -10, (18, 20), (2, 8), (0, 1.8)),
+        (12, 2, (0.5, 1.5), (1.5, 2.5), (0, 1.8)),
+        (12, 2, (1.5, 2.5), (12.5, 13.5), (0, 1.8)),
+        (12, -2, (26.5, 27.5), (6.5, 7.5), (0, 1.8)),
+        (12, -2, (26.5, 27.5), (17.5, 18.5), (0, 1.8)),
+        (164, 0, (14, 15), (0, 20), (0, 1)),
+        (13, 0, (14, 16), (2, 4), (2, 10)),
+        (13, 0, (13, 15), (17, 19), (2, 10)),
+    ],
+)
+def test_every_object_of_the_street_stands_in_its_box(street, n_points, speed_mps, x_m, y_m, z_m):
+    low, high = np.array([x_m, y_m, z_m]).T
+    inside = ((street.truth.xyz >= low - 1e-9) & (street.truth.xyz <= high + 1e-9)).all(axis=1)
+    objects = street.truth.select(inside & (street.truth.velocity == speed_mps))
+    assert len(objects) == n_points
+    assert objects.xyz[:, 2].max() == pytest.approx(z_m[1])
+
+
+def test_the_green_belt_is_four_lines_with_a_point_every_half_metre(street):
+    static = street.truth.xyz[(street.truth.velocity == 0) & (street.truth.xyz[:, 2] < 2)]
+    lines = {(x, y, z) for x in (14, 15) for y in np.arange(41) / 2 for z in (0, 1)}
+    assert {tuple(point) for point in static} == lines
+
+
+def test_omitted_keys_take_the_values_of_table_one(tiny):
+    system = load_scenario(tiny).system
+    assert system == System(n_subcarriers=256, n_symbols=32)
+
+
+def test_points_are_shifted_and_scaled_by_their_object(tiny):
+    tiny.write_text(tiny.read_text() + "position_m = [-1.0, 0.5, 1.0]\nvelocity_mps = 2.0\namplitude = 3.0\n")
+    scatterers = load_scenario(tiny).scatterers
+    np.testing.assert_allclose(scatterers.xyz, [[0, 2.5, 4], [4, 6.5, 2], [8, 9.5, 3]])
+    assert scatterers.velocity.tolist() == [2, 12, -8]
+    assert scatterers.amplitude.tolist() == [3, 6, 3]
+
+
+def test_a_points_file_is_looked_up_beside_the_scenario_whatever_the_working_folder(tiny, monkeypatch):
+    folder = tiny.parent / "data"
+    folder.mkdir()
+    (tiny.parent / "tiny.csv").rename(folder / "tiny.csv")
+    tiny.write_text(tiny.read_text().replace("tiny.csv", "data/tiny.csv"))
+    monkeypatch.chdir(folder)
+    assert len(load_scenario(f"../{tiny.name}").scatterers) == 3
+    assert len(load_scenario(tiny).scatterers) == 3
+
+
+def test_objects_take_their_sizes_from_the_file(tiny):
+    belt = '[[objects]]\nkind = "green_belt"\nposition_m = [5, 5, 0]\nsize_m = [1, 4, 2]\nspacing_m = 2\n'
+    tiny.write_text(tiny.read_text() + belt)
+    np.testing.assert_allclose(np.ptp(load_scenario(tiny).scatterers.xyz[3:], axis=0), [1, 4, 2])
+
+
+def test_a_panel_takes_yaw_and_tilt(tiny):
+    turned = 'frame = "panel"\nyaw_deg = 3\ntilt_deg = 5.5'
+    tiny.write_text(tiny.read_text().replace('frame = "panel"', turned))
+    assert load_scenario(tiny).frame == PanelFrame(3.0, 5.5)
+
+
+def test_a_scatterer_outside_the_region_is_a_warning(tiny):
+    (tiny.parent / "tiny.csv").write_text("x,y,z,v\n1,2,3,0\n1,2,6,0\n")
+    with pytest.warns(InputWarning, match="scenario tiny: 1 of 2 scatterers lie outside the region"):
+        load_scenario(tiny)
+
+
+@pytest.mark.filterwarnings("default")
+def test_the_command_line_shows_such_a_warning_as_one_line_without_source(tiny):
+    points = tiny.parent / "tiny.csv"
+    points.write_text("x,y,z,v\n1,2,3,0\n1,2,6,0\n")
+    result = CliRunner().invoke(app, ["score", str(tiny), str(points)])
+    assert result.exit_code == 0
+    assert result.stderr == (
+        "isacbench: warning: scenario tiny: 1 of 2 scatterers lie outside the region or its speeds, "
+        "where no estimator looks\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "n_symbols",
+            "n_symbol",
+            "unknown key system.n_symbol: did you mean 'n_symbols'? allowed are carrier",
+        ),
+        (
+            "[region]",
+            "[regoin]",
+            "unknown key regoin: did you mean 'region'? allowed are name, system, array",
+        ),
+        ("frame =", "framme =", "unknown key array.framme: did you mean 'frame'? allowed are frame, yaw_deg"),
+        (
+            CAR,
+            f"{CAR}sise_m = [1, 1, 1]\n",
+            "unknown key objects[1].sise_m: did you mean 'size_m'? allowed are",
+        ),
+        (CAR, f"{CAR}car = 1\n", "unknown key objects[1].car: allowed are position_m, velocity_mps"),
+        ('name = "tiny"', "", "missing key name"),
+        ('frame = "panel"', "", "missing key array.frame"),
+        ("x_m = [0.0, 10.0]", "x_m = [0.0]", "missing item region.x_m[1]"),
+        ('kind = "car"', "", "missing key objects[1].kind"),
+        (
+            'kind = "car"',
+            'kind = "carr"',
+            "objects[1].kind = 'carr': did you mean 'car'? allowed are car, green_belt, lamp_post",
+        ),
+        (
+            "n_symbols = 32",
+            "subcarrier_spacing_hz = -240e3",
+            "system.subcarrier_spacing_hz = -240000.0: input should be greater than 0",
+        ),
+        (
+            "n_symbols = 32",
+            "n_symbols = 0",
+            "system.n_symbols = 0: input should be greater than or equal to 1",
+        ),
+        ("n_symbols = 32", "n_symbols = true", "system.n_symbols = True: input should be a valid integer"),
+        ("n_symbols = 32", "n_symbols = 31.5", "system.n_symbols = 31.5: input should be a valid integer"),
+        (
+            "n_symbols = 32",
+            'carrier_hz = "7e10"',
+            "system.carrier_hz = '7e10': input should be a valid number",
+        ),
+        ("n_symbols = 32", "carrier_hz = nan", "system.carrier_hz = nan: input should be a finite number"),
+        (
+            "n_symbols = 32",
+            "coherent_phase = 1",
+            "system.coherent_phase = 1: input should be a valid boolean",
+        ),
+        (
+            "n_symbols = 32",
+            "cyclic_prefix_ratio = 1.5",
+            "system.cyclic_prefix_ratio = 1.5: input should be less than or equal to 1",
+        ),
+        ('frame = "panel"', 'frame = "flat"', "array.frame = 'flat': input should be 'paper' or 'panel'"),
+        (
+            'frame = "panel"',
+            'frame = "paper"\ntilt_deg = 3.0',
+            "array: yaw_deg and tilt_deg turn a panel; the frame 'paper' has neither",
+        ),
+        (
+            "rx_shape = [4, 4]",
+            "rx_shape = [4, 4]\nrx_spacing = 2",
+            "array: the sum co-array of tx_shape (1, 1) at tx_spacing 8 and rx_shape (4, 4) at rx_spacing 2 "
+            "half wavelengths fills 16 of 7 x 7 places; it must be a filled rectangle",
+        ),
+        (
+            "x_m = [0.0, 10.0]",
+            "x_m = [10.0, 0.0]",
+            "region.x_m = [10.0, 0.0]: must ascend, lower limit first",
+        ),
+        (
+            "y_m = [0.0, 10.0]",
+            "y_m = [-900.0, 10.0]",
+            "region: its farthest corner is 940.1 m from the base station, beyond the unambiguous range; "
+            "allowed are at most 624.6 m",
+        ),
+        (
+            "speed_mps = [-15.0, 15.0]",
+            "speed_mps = [-300.0, 15.0]",
+            "region.speed_mps: 300 m/s is beyond the unambiguous speed; allowed are at most 205.6 m/s",
+        ),
+        (
+            "position_m = [5.0, 40.0, 10.0]",
+            "position_m = [5.0, -40.0, 10.0]",
+            "region: it lies where the array is blind; allowed are places in front of the panel",
+        ),
+        (
+            CAR,
+            '[[objects]]\nkind = "green_belt"\nposition_m = [5, 5, 0]\nspacing_m = -0.5\n',
+            "objects[1].spacing_m = -0.5: input should be greater than 0",
+        ),
+        (
+            CAR,
+            '[[objects]]\nkind = "lamp_post"\nposition_m = [5, 5, 0]\nfoot_m = 12.0\n',
+            "lamp_post: foot_m = 12 must lie below height_m = 10",
+        ),
+        ("amplitude = 1.0", "amplitude = 0.0", "objects[1].amplitude = 0.0: input should be greater than 0"),
+        ("[array]", "[array", "not valid TOML: "),
+    ],
+)
+def test_a_mistake_in_a_scenario_is_answered_with_file_key_and_what_is_allowed(tiny, old, new, message):
+    text = tiny.read_text() + CAR
+    if old not in text:
+        text += f"{old}\n"
+    tiny.write_text(text.replace(old, new))
+    with pytest.raises(InputError) as error:
+        load_scenario(tiny)
+    assert str(error.value).startswith(f"{tiny}: {message}")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("x,y,z,v\n1,2,3,0\n1,nan,3,0\n", "row 3: column y is NaN; a finite number is wanted"),
+        ("x,y,v\n1,2,3\n", "row 1: column z is missing; the file takes the columns x, y, z, v"),
+        ("x,y,z,v\n1,2,three,0\n", "row 2: column z is 'three'; a number is wanted"),
+        ("x,y,z,v\n", "holds no points below its header"),
+        (None, "does not exist"),
+    ],
+)
+def test_a_mistake_in_a_points_file_is_answered_with_both_files_and_the_row(tiny, content, message):
+    points = tiny.parent / "tiny.csv"
+    if content is None:
+        points.unlink()
+    else:
+        points.write_text(content)
+    with pytest.raises(InputError) as error:
+        load_scenario(tiny)
+    assert str(error.value).startswith(f"{tiny}: {points}: {message}")
+
+
+def test_an_unknown_scenario_is_answered_with_the_nearest_one():
+    with pytest.raises(InputError, match=r"unknown scenario 'streat': did you mean 'street'\? allowed are"):
+        load_scenario("streat")

@@ -1,0 +1,231 @@
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from isacbench.bench.compare.matching import RunTable
+from isacbench.bench.compare.regressions import compare_tables
+from isacbench.bench.compare.tolerance import parse_tolerance
+from isacbench.errors import InputError
+from isacbench.report.comparisons.comparison_figure import (
+    comparison_paths,
+    draw_changes,
+    draw_comparison_files,
+)
+from isacbench.report.comparisons.comparison_tables import (
+    comparison_content,
+    comparison_grids,
+    comparison_lines,
+    comparison_summary,
+)
+from isacbench.report.drawing.style import styled
+
+
+@pytest.fixture
+def compared(made_run):
+    """Return a function that compares a made-up run with a changed one."""
+
+    def make(change=lambda records: None, tolerances=(), **options):
+        records, manifest = made_run(**options)
+        changed = records.copy()
+        change(changed)
+        new = RunTable("new", changed, copy.deepcopy(manifest))
+        return compare_tables(RunTable("base", records, manifest), new, map(parse_tolerance, tolerances))
+
+    return make
+
+
+def worse_at_10_db(records):
+    chosen = (records["estimator"] == "music2d") & (records["snr_db"] == 10)
+    records.loc[chosen, "deviation"] *= 1.3
+
+
+def failing(records):
+    records.loc[:4, ["status", "reason"]] = ["timeout", "TimeoutError: 9 s"]
+
+
+def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
+    curves, points = comparison_grids(compared(worse_at_10_db, trials=12))
+    assert [row[0] for row in curves.rows] == ["street, fft4d", "street, music2d"]
+    (row,) = points.rows
+    assert dict(zip(points.header, row, strict=True)) | {"p": "", "95 % interval": ""} == {
+        "curve": "street, music2d",
+        "SNR [dB]": "10",
+        "trials": "12",
+        "base": row[3],
+        "new": row[4],
+        "change [%]": "+30",
+        "95 % interval": "",
+        "p": "",
+        "verdict": "regression",
+    }
+    assert float(row[4]) == pytest.approx(1.3 * float(row[3]), rel=1e-3)
+
+
+def test_nothing_changed_is_one_table_of_curves(compared):
+    (grid,) = comparison_grids(compared())
+    assert [row[-1] for row in grid.rows] == ["same", "same"]
+    assert [row[4] for row in grid.rows] == ["0", "0"]
+
+
+def test_an_inconclusive_curve_says_what_it_would_take(compared):
+    few = comparison_grids(compared(worse_at_10_db, trials=2))[0]
+    assert few.rows[1][-1] == "inconclusive: needs 8 trials"
+    assert few.rows[1][5] == ""
+
+    def noisy(records):
+        records["deviation"] *= 1 + np.random.default_rng(0).normal(0, 0.5, len(records))
+
+    relative = comparison_grids(compared(noisy, trials=12))[0]
+    shown = relative.rows[0][-1]
+    assert shown.startswith("inconclusive: shows ")
+    assert shown.endswith(" %")
+    absolute = comparison_grids(compared(noisy, ["deviation=0.1"], trials=12))[0]
+    assert absolute.header[4] == "change"
+    assert not absolute.rows[0][-1].endswith("%")
+
+
+def test_of_many_curves_the_worst_are_shown_and_the_others_counted(compared):
+    names = [f"e{n:02d}" for n in range(60)]
+
+    def change(records):
+        records.loc[records["estimator"] == "e55", "deviation"] *= 1.5
+
+    curves = comparison_grids(compared(change, estimators=names))[0]
+    assert len(curves.rows) == 40
+    assert curves.rows[0][0] == "street, e55"
+    assert curves.title.endswith("(20 same more not shown)")
+
+
+def test_failures_missing_and_repaired_cells_are_counted_and_the_first_named(compared):
+    (line,) = comparison_lines(compared(failing))
+    assert line.startswith(
+        "5 cells failed anew: fft4d on street at -20 dB, trial 0 (timeout: TimeoutError: 9 s); "
+    )
+    assert line.endswith("; ...")
+
+    def renumber(records):
+        records.loc[0, "trial"] = 99
+
+    assert comparison_lines(compared(renumber)) == [
+        "1 cell missing in the new run: fft4d on street at -20 dB, trial 0",
+        "1 cell added by the new run: fft4d on street at -20 dB, trial 99",
+    ]
+
+
+def test_the_summary_is_one_line_with_all_counts(compared):
+    assert comparison_summary(compared()) == "no regression: of 2 curves 2 same; of 6 points 6 same"
+    summary = comparison_summary(compared(failing))
+    assert summary.startswith("regression: of 2 curves")
+    assert summary.endswith("5 cells failed anew")
+
+    def nothing(records):
+        records["deviation"] = np.nan
+
+    assert "inconclusive" in comparison_summary(compared(nothing))
+
+
+def test_the_content_is_json_without_infinities(compared):
+    content = comparison_content(compared(worse_at_10_db, trials=2))
+    again = json.loads(json.dumps(content, allow_nan=False))
+    assert again == content
+    assert content["comparable"]
+    assert not content["regression"]
+    assert len(content["points"]) == 6
+    (point,) = (row for row in content["points"] if row["verdict"] == "inconclusive")
+    assert point["smallest_effect"] is None
+    assert point["relative"] == pytest.approx(0.3)
+
+
+def ringed(axes):
+    return [line.get_xdata().tolist() for line in axes.lines if line.get_markersize() == 10]
+
+
+def test_a_panel_has_both_curves_and_a_ring_where_they_part(compared):
+    figure = draw_changes(compared(worse_at_10_db, trials=12), "deviation")
+    calm, worse = figure.axes
+    assert worse.get_title().startswith("street, music2d\nwhole curve: regression (+")
+    assert [line.get_xdata().tolist() for line in worse.lines[:2]] == [[-20, -5, 10]] * 2
+    base, new = (np.asarray(line.get_ydata()) for line in worse.lines[:2])
+    np.testing.assert_allclose(new / base, [1, 1, 1.3])
+    assert ringed(worse) == [[10]]
+    assert ringed(calm) == []
+    assert calm.get_title() == "street, fft4d\nwhole curve: same"
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "base: 0.1.0 (0123456789)",
+        "new: 0.1.0 (0123456789)",
+        "regression",
+    ]
+
+
+def test_a_panel_of_a_pair_is_headed_by_both_and_of_two_estimators_the_legend_names_them(made_run):
+    records, manifest = made_run(trials=12)
+    run = RunTable("run", records, manifest)
+    partners = {("fft4d", "{}"): ("music2d", "{}")}
+    (axes,) = draw_changes(compare_tables(run, run, partners=partners), "deviation").axes
+    assert axes.get_title().startswith("street, fft4d\n→ music2d\nwhole curve: regression (+")
+    figure = draw_changes(compare_tables(run, run, partners=partners, is_between=True), "deviation")
+    assert figure.axes[0].get_title().startswith("street\nwhole curve: worse (+")
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["A: fft4d", "B: music2d", "worse"]
+
+
+def test_the_axis_holds_all_means_and_does_not_blow_up_what_hardly_varies(compared):
+    for axes in draw_changes(compared(trials=1), "deviation").axes:
+        low, high = axes.get_ylim()
+        drawn = np.concatenate([line.get_ydata() for line in axes.lines])
+        assert low < drawn.min() <= drawn.max() < high
+        assert high - low >= 0.2 * drawn.max()
+
+
+def test_fewer_than_five_pairs_have_no_band_and_the_title_says_so(compared):
+    figure = draw_changes(compared(trials=4), "deviation")
+    assert figure.get_suptitle() == "deviation of paired cells: mean of 4 trials, no confidence band below 5"
+    bands = [path for axes in figure.axes for part in axes.collections for path in part.get_paths()]
+    assert not any(band.vertices.size for band in bands)
+    assert {axes.get_ylabel() for axes in figure.axes} == {"imaging deviation"}
+
+
+def test_of_many_curves_those_with_a_regression_are_drawn_and_titles_do_not_overlap(compared):
+    names = [f"music2d_with_a_{'very_' * 9}long_name_{n:02d}" for n in range(30)]
+
+    def change(records):
+        chosen = (records["estimator"] == names[-1]) & (records["snr_db"] == 10)
+        records.loc[chosen, "deviation"] *= 1.5
+
+    with styled():
+        figure = draw_changes(compared(change, estimators=names, trials=14), "deviation")
+        figure.canvas.draw()
+    assert len(figure.axes) == 12
+    scenario, name, outcome = figure.axes[0].get_title().split("\n")
+    assert (scenario, name[:14], name[-7:]) == ("street", names[-1][:14], "name_29")
+    assert outcome.startswith("whole curve: ")
+    assert "12 of 30 curves" in figure.get_suptitle()
+    boxes = [axes.get_tightbbox() for axes in figure.axes] + [figure._suptitle.get_window_extent()]
+    pairs = [(one, other) for i, one in enumerate(boxes) for other in boxes[:i]]
+    assert not any(one.overlaps(other) for one, other in pairs)
+
+
+def test_a_figure_for_each_score_lies_beside_the_new_run_or_where_asked(compared, tmp_path):
+    found = compared(tolerances=["recall=0.1"])
+    paths = draw_comparison_files(found, tmp_path)
+    assert paths == [tmp_path / "figures" / f"compare-{name}.png" for name in ("deviation", "recall")]
+    assert all(path.stat().st_size > 10_000 for path in paths)
+    asked = comparison_paths(found, tmp_path, tmp_path / "my.svg")
+    assert list(asked.values()) == [tmp_path / "my.svg", tmp_path / "my-recall.svg"]
+    with pytest.raises(InputError, match=r"a picture takes the extension \.png"):
+        comparison_paths(found, tmp_path, tmp_path / "my.txt")
+
+
+def test_without_a_pair_nothing_is_drawn(compared, tmp_path):
+    def nothing(records):
+        records["deviation"] = np.nan
+
+    assert draw_comparison_files(compared(nothing), tmp_path) == []
+
+
+def test_a_figure_that_cannot_be_written_is_told(compared, tmp_path):
+    (tmp_path / "figures").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        draw_comparison_files(compared(), tmp_path)

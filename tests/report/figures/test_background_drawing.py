@@ -1,0 +1,88 @@
+import pytest
+
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.suites.suite import Suite
+from isacbench.errors import InputWarning
+from isacbench.plugins.discovery import isolated_plugins, register_plugin
+from isacbench.plugins.local_files import PluginFile
+from isacbench.report.drawing.style import new_figure
+from isacbench.report.figures import background_drawing, run_figures
+from isacbench.report.figures.background_drawing import Aside
+from isacbench.report.figures.run_figures import draw_run
+
+SHOWING = """
+import os
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Showing:
+    name: ClassVar[str] = "showing"
+    deed: str = "raise"
+
+    def estimate(self, observation):
+        return PointCloud.empty()
+
+    def diagnose(self, observation):
+        if self.deed == "exit":
+            os._exit(3)
+        while self.deed == "hang":
+            pass
+        raise ZeroDivisionError("no luck")
+"""
+
+
+@pytest.fixture
+def run_of(tiny, tmp_path):
+    """Run an estimator that shows its work, and return the folder."""
+
+    def make(estimator):
+        suite = Suite(name="t", scenarios=[str(tiny)], estimators=[estimator], snr_db=[0], trials=1)
+        folder = tmp_path / estimator.strip("]").rpartition("=")[2]
+        run_suite(suite, folder)
+        return folder
+
+    with isolated_plugins():
+        register_plugin(PluginFile("showing.py", SHOWING))
+        yield make
+
+
+@pytest.fixture(autouse=True)
+def _empty_here(monkeypatch):
+    """Leave figures empty that this process draws; the one aside draws its own."""
+    for name in ("draw_deviations", "draw_scores", "draw_clouds", "draw_map", "draw_spectra"):
+        monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
+
+
+def test_two_processes_draw_what_one_does(run_of):
+    folder = run_of("music2d")
+    together = draw_run(folder)
+    assert [path.name for path in together] == [
+        "deviation.png",
+        "curves-tiny.png",
+        "clouds-tiny.png",
+        "rdm-music2d.png",
+        *(path.name for path in together if path.name.startswith("spectrum")),
+    ]
+    with Aside() as hand:
+        hand.get_ready()
+        assert hand.draw_run(folder) == together
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in together)
+
+
+def test_a_diagnosis_that_fails_is_told_and_costs_no_other_figure(run_of, monkeypatch):
+    with Aside() as hand:
+        for deed, message in (
+            ("raise", r"no map and no spectra of showing.*: ZeroDivisionError: no luck"),
+            ("hang", r"no maps and no spectra: more than 1 s"),
+            ("exit", r"no maps and no spectra: the process exited with code 3"),
+        ):
+            # On a busy machine a process may take more than a second to raise or to end.
+            monkeypatch.setattr(background_drawing, "TIMEOUT_S", 1.0 if deed == "hang" else 60.0)
+            folder = run_of(f"showing[deed={deed}]")
+            with pytest.warns(InputWarning, match=message):
+                drawn = [path.name for path in hand.draw_run(folder)]
+            assert drawn[:2] == ["deviation.png", "curves-tiny.png"], deed

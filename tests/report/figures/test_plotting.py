@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from isacbench import InputError, PointCloud, load_scenario, plot_clouds
+from isacbench.report.drawing.perspective import LABEL
+
+EMPTY = PointCloud.empty()
+TRUTH = PointCloud([[0, 0, 0], [10, 5, 2]], [0, 10], [1, 1])
+
+
+def perspectives_of(figure):
+    return [axes for axes in figure.axes if axes.get_label() == LABEL]
+
+
+@pytest.mark.parametrize(("name", "magic"), [("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")])
+def test_the_suffix_of_a_picture_decides_its_format(tmp_path, name, magic):
+    plot_clouds(TRUTH, TRUTH, title="title of $1", out=str(tmp_path / name))
+    assert (tmp_path / name).read_bytes().startswith(magic)
+
+
+def test_a_notebook_shows_the_figure_without_pyplot():
+    assert plot_clouds(TRUTH, TRUTH)._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("truth", [None, EMPTY])
+def test_without_truth_each_estimate_has_a_panel_and_there_is_no_legend(truth):
+    assert len(perspectives_of(plot_clouds(truth, TRUTH))) == 1
+    figure = plot_clouds(truth, {"a": TRUTH, "b": EMPTY})
+    assert len(perspectives_of(figure)) == 2
+    assert not figure.legends
+
+
+def test_several_estimates_stand_beside_the_truth():
+    figure = plot_clouds(TRUTH, {"a": TRUTH, "b": EMPTY})
+    assert [text.get_text() for text in figure.texts][:3] == ["truth", "a", "b"]
+
+
+def test_empty_clouds_show_the_region_where_one_is_given(tiny):
+    region = load_scenario(tiny).region
+    numbers = [text.get_text() for text in perspectives_of(plot_clouds(None, EMPTY, region=region))[0].texts]
+    assert "10" in numbers
+    assert "10" not in [text.get_text() for text in perspectives_of(plot_clouds(None, EMPTY))[0].texts]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            {"estimate": np.zeros((3, 4))},
+            r"estimate: allowed is a PointCloud, not ndarray; PointCloud\.from_array",
+        ),
+        ({"estimate": {"a": 1}}, r"estimate 'a': allowed is a PointCloud, not int"),
+        ({"estimate": {}}, r"estimate: a mapping without clouds; allowed is at least one"),
+        ({"truth": [[0, 0, 0, 1]]}, r"truth: allowed is a PointCloud, not list"),
+        ({"radius_m": 0.0}, r"radius_m = 0\.0: allowed is a positive, finite number of m"),
+        ({"radius_m": float("nan")}, r"radius_m = nan"),
+        ({"out": "picture.jpg"}, r"picture\.jpg: a picture takes the extension \.png, \.pdf or \.svg"),
+        ({"out": "nowhere/picture.png"}, r"picture\.png: cannot be written: No such file"),
+    ],
+)
+def test_a_mistake_is_one_clear_message(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=message):
+        plot_clouds(**{"truth": TRUTH, "estimate": TRUTH, **arguments})

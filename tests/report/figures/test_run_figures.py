@@ -1,0 +1,205 @@
+import json
+import shutil
+import subprocess
+import sys
+
+import matplotlib
+import pytest
+
+from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.suites.suite import Suite
+from isacbench.plugins.contracts import Diagnoser
+from isacbench.plugins.registry import get_estimator
+from isacbench.report.drawing.style import new_figure
+from isacbench.report.figures import run_figures
+from isacbench.report.figures.run_figures import draw_run
+
+SHOWING = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from isacbench.plugins.contracts import Detection, Diagnosis, Spectrum
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Shower:
+    """Shows its work, or fails to."""
+
+    name: ClassVar[str] = "shower"
+    detects: bool = True
+    fails: bool = False
+
+    def estimate(self, observation):
+        return PointCloud.empty()
+
+    def diagnose(self, observation):
+        if self.fails:
+            raise ZeroDivisionError("no luck")
+        gate = observation.gate
+        power = np.mean(np.abs(observation.cells) ** 2, axis=(2, 3))
+        detection = Detection(power > 5, np.full_like(power, 5.0), np.ones_like(power))
+        cosine = np.linspace(-1, 1, 11)
+        spectra = tuple(Spectrum(cosine, -(cosine**2), -0.5, np.zeros(1), label) for label in "uw")
+        cell = int(gate.range_bins[5]), 0
+        return Diagnosis(
+            power,
+            detection,
+            gate.range_bins,
+            gate.doppler_bins,
+            spectra if self.detects else (),
+            cell if self.detects else None,
+        )
+'''
+
+
+@pytest.fixture
+def shower(plugins):
+    """Install the estimator shower beside the others."""
+    sys.modules.pop("showing_plugins", None)
+    plugins.install("showing-plugins", SHOWING, estimators={"shower": "Shower"})
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Record what is drawn, and draw nothing: stems to the arguments of the drawing function."""
+    calls = {"clouds": [], "saved": []}
+    monkeypatch.setattr(run_figures, "draw_clouds", lambda *arguments: calls["clouds"].append(arguments))
+    for name in ("draw_scores", "draw_deviations", "draw_map", "draw_spectra"):
+        monkeypatch.setattr(run_figures, name, lambda *_: None)
+    monkeypatch.setattr(run_figures, "save", lambda figure, path: calls["saved"].append(path.stem) or path)
+    return calls
+
+
+def run_into(folder, tiny, estimators, snr_db=(0, 10), trials=2):
+    run(
+        Suite(name="test", scenarios=[str(tiny)], estimators=estimators, snr_db=snr_db, trials=trials),
+        out=folder,
+    )
+    return folder
+
+
+def test_every_figure_of_a_run_is_written_where_it_is_said_to_be_with_named_axes(
+    shower, tiny, tmp_path, all_axes_named
+):
+    folder = run_into(tmp_path / "run", tiny, ["blob", "seer", "trouble", "shower"], snr_db=[0])
+    assert isinstance(get_estimator("shower"), Diagnoser)
+    paths = draw_run(folder)
+    assert [path.relative_to(folder).as_posix() for path in paths] == [
+        "figures/deviation.png",
+        "figures/curves-tiny.png",
+        "figures/clouds-tiny.png",
+        "figures/rdm-shower.png",
+        "figures/spectrum-shower.png",
+    ]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
+    assert sorted((folder / "figures").iterdir()) == sorted(paths)
+    assert len(all_axes_named) == len(paths)
+
+
+def test_a_run_of_failures_with_one_snr_and_one_trial_is_drawn(plugins, tiny, tmp_path):
+    folder = run_into(tmp_path / "run", tiny, ["trouble", "trouble[kind=empty]"], snr_db=[3], trials=1)
+    assert len(draw_run(folder)) == 3
+
+
+def test_a_run_without_cells_draws_nothing(plugins, tiny, tmp_path):
+    suite = Suite(
+        name="t", scenarios=[str(tiny)], estimators=["trouble[kind=interrupt]"], snr_db=[0], trials=1
+    )
+    assert run_suite(suite, tmp_path / "run").interrupted
+    assert draw_run(tmp_path / "run") == []
+
+
+def test_names_that_no_file_could_have_are_drawn_in_files_that_can(plugins, tiny, tmp_path, drawn):
+    tiny.write_text(tiny.read_text().replace('"tiny"', r'"../$a\n街 b"'), encoding="utf-8")
+    folder = run_into(tmp_path / "run", tiny, ["blob"])
+    draw_run(folder)
+    assert drawn["saved"] == ["deviation", "curves-a-b", "clouds-a-b"]
+    assert drawn["clouds"][0][0] == "../\\$a\ufffd\ufffd b, trial 0"
+
+
+def test_clouds_show_the_snrs_nearest_to_the_papers_none_twice(plugins, tiny, tmp_path, drawn):
+    draw_run(run_into(tmp_path / "run", tiny, ["blob"], snr_db=[-30, -8, -7, 20]))
+    assert list(drawn["clouds"][0][4]) == [-30, -7, 20]
+    draw_run(run_into(tmp_path / "other", tiny, ["blob"], snr_db=[-7]))
+    assert list(drawn["clouds"][1][4]) == [-7]
+
+
+def test_clouds_leave_out_what_sees_the_truth_and_go_on_in_another_figure(plugins, tiny, tmp_path, drawn):
+    many = [f"blob[n={n}]" for n in range(1, 7)]
+    draw_run(run_into(tmp_path / "run", tiny, ["seer", *many], trials=1))
+    assert [call[3] for call in drawn["clouds"]] == [many[:4], many[4:]]
+    assert drawn["saved"][-2:] == ["clouds-tiny-1", "clouds-tiny-2"]
+    draw_run(run_into(tmp_path / "limit", tiny, ["seer"], trials=1))
+    assert drawn["clouds"][-1][3] == ["seer (sees the truth)"]
+
+
+def test_of_very_many_estimators_the_best_have_their_clouds_drawn_and_the_title_says_so(
+    plugins, tiny, tmp_path, drawn, monkeypatch
+):
+    monkeypatch.setattr(run_figures, "MOST_CLOUDS", 2)
+    specs = ["blob[n=1]", "trouble", "blob[n=3]", "blob[n=2]"]
+    suite = Suite(name="test", scenarios=[str(tiny)], estimators=specs, snr_db=[0], trials=2)
+    means = run(suite, out=tmp_path / "run").groupby("params")["deviation"].mean()
+    draw_run(tmp_path / "run")
+    ((title, _, _, columns, *_),) = drawn["clouds"]
+    assert title == "tiny, the 2 of 4 estimators with the least mean deviation, trial 0"
+    worst = json.loads(means.idxmax())["n"]
+    assert columns == [f"blob[n={n}]" for n in (1, 3, 2) if n != worst]
+
+
+def test_a_note_says_what_came_of_each_image(plugins, tiny, tmp_path, drawn):
+    draw_run(run_into(tmp_path / "run", tiny, ["blob", "trouble", "trouble[kind=empty]"], snr_db=[0]))
+    notes = [image.note for image in drawn["clouds"][0][4][0]]
+    assert notes[0].startswith("4 points, Hausdorff sum ")
+    assert notes[1:] == ["error", "nothing detected"]
+
+
+def test_a_diagnosis_that_fails_costs_its_own_figures_alone(shower, tiny, tmp_path, drawn):
+    folder = run_into(tmp_path / "run", tiny, ["shower[fails=true]", "shower", "shower[detects=false]"])
+    with pytest.warns(UserWarning, match=r"shower\[fails=true\]: ZeroDivisionError: no luck"):
+        draw_run(folder)
+    assert drawn["saved"][3:] == ["rdm-shower", "spectrum-shower", "rdm-shower-detects-false"]
+
+
+def test_of_very_many_estimators_the_best_show_their_work(shower, tiny, tmp_path, drawn, monkeypatch):
+    monkeypatch.setattr(run_figures, "MOST_CLOUDS", 1)
+    folder = run_into(tmp_path / "run", tiny, ["blob", "shower[detects=false]", "shower"], trials=1)
+    stored = run_figures.read_results(folder)
+    is_better = stored.records["params"].str.contains('"detects":true')
+    stored.records.loc[is_better, "deviation"] = 0.0
+    monkeypatch.setattr(run_figures, "read_results", lambda _: stored)
+    draw_run(folder)
+    assert [stem for stem in drawn["saved"] if stem.startswith(("rdm", "spectrum"))] == [
+        "rdm-shower",
+        "spectrum-shower",
+    ]
+
+
+def test_an_estimator_that_is_no_longer_installed_is_still_drawn(plugins, tiny, tmp_path, drawn):
+    folder = run_into(tmp_path / "run", tiny, ["blob"])
+    shutil.rmtree(plugins.path / "test_plugins-1.0.dist-info")
+    with pytest.warns(UserWarning, match="no map and no spectra of blob: unknown estimator"):
+        draw_run(folder)
+    assert drawn["clouds"][0][3] == ["blob"]
+
+
+def test_the_users_own_matplotlib_settings_come_back(plugins, tiny, tmp_path, monkeypatch):
+    for name in ("draw_scores", "draw_clouds"):
+        monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
+    folder = run_into(tmp_path / "run", tiny, ["blob"], snr_db=[0], trials=1)
+    with matplotlib.rc_context({"text.usetex": True, "font.size": 30.0}):
+        draw_run(folder)
+        assert matplotlib.rcParams["text.usetex"]
+        assert matplotlib.rcParams["font.size"] == 30.0
+
+
+def test_drawing_never_imports_pyplot():
+    code = (
+        "import sys, isacbench.report.figures.run_figures; from isacbench import PointCloud, plot_clouds; "
+        "plot_clouds(None, PointCloud.empty()); "
+        "sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,152 @@
+import io
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.run.runner import run
+from isacbench.bench.suites.suite import Suite
+from isacbench.report.tables.run_tables import grids, rich_table, summarise
+from isacbench.report.tables.tables_by_kind import write_tables
+
+N_TRIALS = 5
+
+
+@pytest.fixture
+def records(plugins, tiny):
+    suite = Suite(
+        name="test",
+        scenarios=[str(tiny)],
+        estimators=["blob", "blob[n=5]", "trouble[kind=empty]", "trouble"],
+        snr_db=[0, -10],
+        trials=N_TRIALS,
+    )
+    return run(suite)
+
+
+def test_means_and_student_bands_are_those_of_the_trials(records):
+    summary = summarise(records)
+    row = summary[(summary["estimator"] == "blob") & (summary["snr_db"] == 0)].iloc[0]
+    part = records[(records["params"] == row["params"]) & (records["snr_db"] == 0)]
+    values = part.loc[part["estimator"] == "blob", "deviation"]
+    assert row["deviation_mean"] == pytest.approx(values.mean())
+    assert row["deviation_band"] == pytest.approx(2.776445 * values.std() / math.sqrt(5), rel=1e-6)
+    assert row["n_cells"] == N_TRIALS
+
+
+def test_the_hausdorff_sum_is_the_sum_of_its_three_components(records):
+    summary = summarise(records)
+    parts = summary[["hausdorff_xy_m_mean", "hausdorff_xz_m_mean", "hausdorff_yz_m_mean"]]
+    np.testing.assert_allclose(summary["hausdorff_sum_m_mean"], parts.sum(axis=1, skipna=False))
+
+
+def test_what_did_not_work_is_counted_and_failures_have_no_mean(records):
+    summary = summarise(records)
+    failed = summary[summary["n_failed"] > 0]
+    assert failed["estimator"].tolist() == ["trouble", "trouble"]
+    assert (failed["n_failed"] == N_TRIALS).all()
+    assert failed["deviation_mean"].isna().all()
+    empty = summary[summary["n_no_detection"] > 0]
+    assert (empty["n_no_detection"] == N_TRIALS).all()
+    assert empty["deviation_mean"].notna().all()
+
+
+@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
+def test_a_failure_among_others_is_left_out_of_their_mean(records, failure):
+    records = records.copy()
+    first = records.index[(records["estimator"] == "blob") & (records["snr_db"] == 0)][0]
+    records.loc[first, "status"] = failure
+    records.loc[first, "deviation"] = np.nan
+    summary = summarise(records)
+    assert summary["n_failed"].max() == N_TRIALS
+    assert summary["deviation_mean"].notna().sum() == 6
+    assert any("(1 failed)" in cell for row in grids(records)[0].rows for cell in row)
+
+
+def test_fewer_than_five_trials_have_a_mean_and_no_band_and_the_title_says_so(records):
+    few = records[(records["trial"] < 4) & (records["estimator"] == "blob")]
+    summary = summarise(few)
+    assert summary["deviation_mean"].notna().all()
+    assert summary["deviation_band"].isna().all()
+    (grid,) = grids(few)
+    assert grid.title == "tiny: mean of 4 trials, no confidence band below 5; median time of an image"
+    assert not any("±" in cell for row in grid.rows for cell in row)
+
+
+def test_labels_show_only_the_parameters_in_which_variants_differ():
+    variants = [
+        ("a", '{"n":1,"pfa":null}'),
+        ("b", '{"detector":{"name":"ca","pfa":0.1},"n":1}'),
+        ("b", '{"detector":{"name":"ca","pfa":0.2},"n":1}'),
+        ("b", '{"detector":{"k":1,"name":"osca"},"n":1}'),
+        ("c", '{"pfa":null}'),
+        ("c", '{"pfa":0.5}'),
+        ("d", '{"guard":[0,3],"on":true}'),
+        ("d", '{"guard":[1],"on":false}'),
+    ]
+    assert list(estimator_labels(variants).values()) == [
+        "a",
+        "b[detector=ca[pfa=0.1]]",
+        "b[detector=ca[pfa=0.2]]",
+        "b[detector=osca]",
+        "c[pfa=none]",
+        "c[pfa=0.5]",
+        "d[guard=(0,3),on=true]",
+        "d[guard=(1),on=false]",
+    ]
+
+
+def test_the_grid_has_a_row_an_snr_in_order_and_the_time_last(records):
+    (grid,) = grids(records)
+    assert [row[0] for row in grid.rows] == ["-10", "0", "time [ms]"]
+    assert all(len(row) == len(grid.header) for row in grid.rows)
+    assert grid.header[1] == "blob[n=4]: deviation"
+    assert grid.rows[0][-5] == f"{N_TRIALS} failed"
+
+
+def test_the_time_is_the_median_of_cells_that_did_not_fail_whatever_their_snr(records):
+    records = records.assign(time_estimate_s=np.arange(len(records)) ** 2 / 1e3)
+    times_s = records[records["params"].str.contains('"n":5')]["time_estimate_s"]
+    (grid,) = grids(records)
+    assert grid.rows[-1][6] == f"{1e3 * times_s.median():.1f}"
+    assert grid.rows[-1][-5:] == [""] * 5
+
+
+def printed(grid):
+    console = Console(width=300, record=True, file=io.StringIO())
+    console.print(rich_table(grid))
+    return console.export_text()
+
+
+def test_gospa_precision_and_recall_are_in_the_file_and_in_a_terminal_as_far_as_100_columns_hold(records):
+    (four,), (two,) = grids(records), grids(records[records["estimator"] == "blob"])
+    (one,) = grids(records[records["params"].str.contains('"n":5')])
+    assert four.header[1:6] == ["blob[n=4]: deviation", "Hausdorff [m]", "GOSPA [m]", "precision", "recall"]
+    shown = [
+        [name for name in ("GOSPA", "precision", "recall") if name in printed(grid)]
+        for grid in (four, two, one)
+    ]
+    assert shown == [[], ["GOSPA"], ["GOSPA", "precision", "recall"]]
+    assert max(len(line) for line in printed(two).splitlines()) <= 100
+    row = dict(zip(one.header, one.rows[1], strict=True))
+    mean = summarise(records).query("estimator == 'blob' and snr_db == 0").iloc[1]
+    assert (row["GOSPA [m]"], row["recall"]) == (f"{mean['gospa_m_mean']:.2f}", f"{mean['recall_mean']:.2f}")
+
+
+def test_brackets_survive_in_the_terminal(records):
+    assert "blob[n=5]" in printed(grids(records)[0])
+
+
+def test_tables_are_written_and_replaced(records, tmp_path):
+    paths = write_tables(tmp_path, records)
+    assert [path.name for path in paths] == ["summary.csv", "summary.md"]
+    assert len(pd.read_csv(paths[0])) == 8
+    lines = paths[1].read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith("**tiny")
+    assert lines[2].startswith("| SNR [dB] | blob[n=4]: deviation |")
+    assert f"**{2 * N_TRIALS} of {8 * N_TRIALS} cells failed**" in lines
+    assert "| ZeroDivisionError: no luck | error | trouble[kind=raise] | tiny | 10 |" in lines
+    assert write_tables(tmp_path, records) == paths
