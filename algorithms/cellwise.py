@@ -32,7 +32,7 @@ from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cell
 from isacbench.dsp.fitting.joint_selection import refine_jointly, select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scaling import amplitude_exponent, in_unit
-from isacbench.dsp.scatterers import Scatterers, locate, merge_duplicates
+from isacbench.dsp.scatterers import LocatedScatterers, locate, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.instrument.remarks import Remarks
@@ -202,7 +202,7 @@ class CellwiseEstimator(ABC):
             detected = self._detect(maps.detection)
             levels = _levels(maps, detected)
         min_power = -np.log(self.angle_pfa) * detected.floor / gated.n_elements
-        chosen = Scatterers.empty()
+        chosen = LocatedScatterers.empty()
         for look in self.looks():
             with stage("peaks"):
                 candidates = self._candidates(
@@ -229,8 +229,8 @@ class CellwiseEstimator(ABC):
         return (Look(self.range_window, self.doppler_window),)
 
     def refine(
-        self, chosen: Scatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
-    ) -> Scatterers:
+        self, chosen: LocatedScatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
+    ) -> LocatedScatterers:
         """Refine the selected scatterers together.
 
         Parameters
@@ -356,14 +356,14 @@ class CellwiseEstimator(ABC):
         levels: Levels,
         min_power: float,
         first_family: int,
-    ) -> Scatterers:
+    ) -> LocatedScatterers:
         """Scatterers that the cells show in one look."""
         tapered = _looked_at(gated, look)
         # Cells at the map's edge are detected only where the gate has no room for margins.
         inside = tapered.surrounds(detected)
         bins = detected[0][inside], detected[1][inside]
         if not inside.any():
-            return Scatterers.empty()
+            return LocatedScatterers.empty()
         with stage("rdm"):
             snapshots = _snapshots(tapered, bins, look.range_cells)
         waves = self.plane_waves(observation, look, snapshots, levels, min_power)

@@ -9,20 +9,21 @@ from typing import TYPE_CHECKING, ClassVar
 from isacbench.dsp.cfar import (
     Cells,
     CellsPerSide,
+    Detection,
     Threshold,
     ca_cfar,
     check_cells,
+    check_fraction,
+    check_pfa,
     check_threshold,
+    check_trim,
+    checked_axis,
     goca_cfar,
     os_cfar,
     osca_cfar,
     soca_cfar,
     tm_cfar,
 )
-from isacbench.dsp.cfar.factors import check_pfa
-from isacbench.dsp.cfar.map_checks import check_fraction, checked_axis
-from isacbench.dsp.cfar.sorted_means import check_trim
-from isacbench.plugins.contracts import Detection
 
 if TYPE_CHECKING:
     import numpy as np

@@ -45,7 +45,7 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scatterers import Scatterers, merge_duplicates
+from isacbench.dsp.scatterers import LocatedScatterers, merge_duplicates
 from isacbench.errors import require
 from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage
@@ -184,8 +184,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
         return replace(single, resolved_only=True), CROWD_LOOK, replace(single, one_doppler=True)
 
     def refine(
-        self, chosen: Scatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
-    ) -> Scatterers:
+        self, chosen: LocatedScatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
+    ) -> LocatedScatterers:
         """Refine in all coordinates where that explains the map; else fill in crowds first."""
         least_noise = max(LEAST_NOISE * levels.floor, FIT_ROUNDING * float(chosen.power.max(initial=0.0)))
         explained = explain_map(chosen, gated, system, max(levels.white, least_noise))

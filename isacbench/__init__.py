@@ -11,8 +11,11 @@ Examples
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
+
+from isacbench.former_paths import FormerPaths
 
 if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison
@@ -74,6 +77,10 @@ _HOMES = {
     "run": "isacbench.bench.run.runner",
     "score": "isacbench.metrics.score",
 }
+
+# First: the other finders would take a module of a former package for one of its present namesake.
+if not any(isinstance(finder, FormerPaths) for finder in sys.meta_path):
+    sys.meta_path.insert(0, FormerPaths())
 
 
 def __getattr__(name: str) -> object:

@@ -10,7 +10,7 @@ import pytest
 from isacbench.cubes.frame_observation import CubeObservation
 from isacbench.display import brief, span
 from isacbench.model.cloud import PointCloud
-from isacbench.model.echo import observe
+from isacbench.model.echo import observe_echo
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import Detection, Diagnosis, Spectrum
 
@@ -25,7 +25,7 @@ def street():
 
 @pytest.fixture(scope="module")
 def seen(street):
-    return observe(street, snr_db=10)
+    return observe_echo(street, snr_db=10)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def test_parts_of_a_scene_and_of_a_diagnosis_fit_on_a_few_lines(street, seen):
 def test_long_numbers_and_names_do_not_take_more_lines(extreme):
     assert "\x1b" not in repr(extreme)
     lines_of(extreme)
-    lines_of(observe(extreme, snr_db=0))
+    lines_of(observe_echo(extreme, snr_db=0))
 
 
 def test_a_recorded_frame_is_told_without_being_read(street):

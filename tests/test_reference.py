@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from isacbench import run
-from isacbench.bench.compare.matching import read_run
+from isacbench.bench.compare.compared_run import read_run
 from isacbench.bench.compare.regressions import compare_tables
 
 REFERENCES = Path(__file__).parent.parent / "results" / "reference"

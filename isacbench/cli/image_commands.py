@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
 
-__all__ = ["image", "plan", "score", "simulate"]
+__all__ = ["image_command", "plan_command", "score_command", "simulate_command"]
 
 
 SCENARIO = typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
@@ -39,8 +39,8 @@ REPEATED_S = 1.0
 """Longest first call that is repeated: of longer ones imports are a small part, and a second costs much."""
 
 
-@app.command()
-def image(
+@app.command("image")
+def image_command(
     scenario: Annotated[str, SCENARIO] = "street",
     estimator: Annotated[str, ESTIMATOR] = "music2d",
     cube: Annotated[
@@ -105,7 +105,6 @@ def image(
     from isacbench.bench.run.runner import estimate_cloud
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.instrument.remarks import Remarks
-    from isacbench.model.cloud_files.formats import write_cloud
     from isacbench.model.scenes.scenario import load_scenario
     from isacbench.plugins.registry import build_estimator
 
@@ -133,7 +132,7 @@ def image(
         traceback.print_exc()
         fail(f"{estimator} failed: {type(error).__name__}: {error}", EXIT_FAILED_CELLS)
     if out is not None:
-        write_cloud(cloud, out)
+        cloud.write(out)
     if plot is not None:
         from isacbench.report.figures.plotting import plot_clouds
 
@@ -145,8 +144,8 @@ def image(
         print_scores(score_image(scene, cloud))
 
 
-@app.command()
-def simulate(
+@app.command("simulate")
+def simulate_command(
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="FILE", help="New file: .npy, .h5, .hdf5 or .zarr.")
     ],
@@ -173,8 +172,8 @@ def simulate(
     say(f"{out}: {size}, {dtype}, {n_bytes / 1e6:.0f} MB in {time.perf_counter() - start:.1f} s")
 
 
-@app.command()
-def plan(
+@app.command("plan")
+def plan_command(
     scenario: Annotated[str, SCENARIO] = "street",
     estimator: Annotated[str, ESTIMATOR] = "music2d",
     precision: Annotated[
@@ -204,8 +203,8 @@ def plan(
     say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
 
 
-@app.command()
-def score(
+@app.command("score")
+def score_command(
     truth: Annotated[
         str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
     ],
@@ -216,9 +215,9 @@ def score(
     as_json: AsJson = False,
 ) -> None:
     """Score a cloud against the truth."""
-    from isacbench.model.cloud_files.formats import read_cloud
+    from isacbench.model.cloud import PointCloud
 
-    scores = _scorer(truth)(read_cloud(cloud), metric=metric)
+    scores = _scorer(truth)(PointCloud.read(cloud), metric=metric)
     if as_json:
         print_json(scores)
     else:
@@ -285,14 +284,15 @@ def _scorer(name_or_path: str) -> Callable[..., dict[str, Any]]:
     """Return what scores clouds against the truth of a file, or of a scenario in its region."""
     from isacbench.bench.cells.cell import score_image
     from isacbench.metrics.score import score
-    from isacbench.model.cloud_files.formats import read_cloud
     from isacbench.model.scenes.scenario import load_scenario
 
     if Path(name_or_path).suffix in ("", ".toml"):
         scenario = load_scenario(name_or_path)
         truth, scorer = scenario.truth, partial(score_image, scenario)
     else:
-        truth = read_cloud(name_or_path)
+        from isacbench.model.cloud import PointCloud
+
+        truth = PointCloud.read(name_or_path)
         scorer = partial(score, truth)
     if not len(truth):
         raise InputError(f"{name_or_path}: the truth has no points; allowed is at least one")

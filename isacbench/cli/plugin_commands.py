@@ -10,11 +10,11 @@ from isacbench.cli.app import EXIT_FAILED_CELLS, app, say
 from isacbench.cli.options import AsJson, PluginFiles, register
 from isacbench.cli.printing import print_json
 
-__all__ = ["check", "list_"]
+__all__ = ["check_command", "list_command"]
 
 
 @app.command("list")
-def list_(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
+def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
     """List estimators, detectors, scenarios and suites."""
     from isacbench.bench.suites.catalogue import catalogue
     from isacbench.plugins.specifications import spell_value
@@ -33,8 +33,8 @@ def list_(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
                 say(f"      {name}: {parameter['type']}{default}")
 
 
-@app.command()
-def check(
+@app.command("check")
+def check_command(
     package_or_file: Annotated[
         str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
     ],

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
     from isacbench.bench.compare.comparison import Comparison
 
-__all__ = ["compare", "merge", "report", "rescore"]
+__all__ = ["compare_command", "merge_command", "report_command", "rescore_command"]
 
 GAPS_SHOWN = 10
 """Lines about missing cells; whoever misses more has not merged all parts yet."""
 
 
-@app.command()
-def report(
+@app.command("report")
+def report_command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     plugin: PluginFiles = None,
 ) -> None:
@@ -37,8 +37,8 @@ def report(
     report_run(folder, results.records, results.suite.kind)
 
 
-@app.command()
-def merge(
+@app.command("merge")
+def merge_command(
     folders: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="Folders of runs of one suite, such as its shards.")
     ],
@@ -67,8 +67,8 @@ def merge(
         say(f"missing: and of {len(merged.gaps) - GAPS_SHOWN} more")
 
 
-@app.command()
-def rescore(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+@app.command("rescore")
+def rescore_command(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
     """Score the clouds of a run again, without estimating: after a change of the metric, say."""
     from isacbench.bench.run.rescoring import rescore as rescore_run
 
@@ -80,8 +80,8 @@ def rescore(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder o
         say(f"{change.column}: {change.n_rows} rows, by at most {change.largest:.6g}")
 
 
-@app.command()
-def compare(
+@app.command("compare")
+def compare_command(
     base: Annotated[
         Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with, or of the only run.")
     ],

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from isacbench.bench.run.runner import Execution
     from isacbench.bench.suites.suite import Suite
 
-__all__ = ["run"]
+__all__ = ["run_command"]
 
 
-@app.command()
-def run(
+@app.command("run")
+def run_command(
     suite: Annotated[str, typer.Argument(metavar="[SUITE]", help="Suite by name or .toml path.")] = "paper",
     estimator: EstimatorSpecs = None,
     scenario: ScenarioNames = None,

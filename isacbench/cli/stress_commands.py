@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.case import Case
     from isacbench.checking.stress.runs.stress_runs import Examined, Target
 
-__all__ = ["stress"]
+__all__ = ["stress_command"]
 
 TIMEOUT_S = 120.0
 """Equal to `isacbench.checking.stress.runs.stress_runs.TIMEOUT_S`, whose import takes long."""
 
 
-@app.command()
-def stress(
+@app.command("stress")
+def stress_command(
     estimator: EstimatorSpecs = None,
     detector: Annotated[
         list[str] | None,
@@ -70,7 +70,7 @@ def stress(
         case_table,
         open_stress_folder,
         promise_table,
-        write_tables,
+        write_stress_tables,
     )
     from isacbench.plugins.registry import detector_names, estimator_names
     from isacbench.report.texts.stress_findings import (
@@ -105,7 +105,7 @@ def stress(
             interrupted = True
         finally:
             # Whatever ends this, a terminal that is gone included.
-            paths = write_tables(folder, examined, timeout_s=timeout)
+            paths = write_stress_tables(folder, examined, timeout_s=timeout)
     if as_json:
         print_json(describe_stress(examined))
     else:

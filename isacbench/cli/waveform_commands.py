@@ -12,11 +12,11 @@ from isacbench.cli.app import app, say
 from isacbench.cli.options import SEED_HELP, AsJson, require_names
 from isacbench.cli.printing import print_grid, print_json
 
-__all__ = ["waveform"]
+__all__ = ["waveform_command"]
 
 
-@app.command()
-def waveform(
+@app.command("waveform")
+def waveform_command(
     scenario: Annotated[
         str, typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
     ] = "street",

@@ -10,7 +10,13 @@ __all__ = [
     "CubeWriter",
     "Tile",
     "create_cube",
+    "formats",
+    "frame_observation",
+    "image_cost",
     "open_cube",
+    "opening",
     "read_grid",
     "require_shape",
+    "simulating",
+    "transform",
 ]

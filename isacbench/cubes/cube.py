@@ -25,7 +25,7 @@ __all__ = [
     "Cube",
     "Tile",
     "complex_grid",
-    "describe",
+    "describe_array",
     "is_complex",
     "require_cube",
     "require_elements",
@@ -121,12 +121,12 @@ class Cube(Protocol):
         self.close()
 
 
-def describe(shape: tuple[int, ...], dtype: np.dtype[Any]) -> str:
+def describe_array(shape: tuple[int, ...], dtype: np.dtype[Any]) -> str:
     """Words for an array in messages.
 
     Examples
     --------
-    >>> describe((3, 4), np.dtype("c8"))
+    >>> describe_array((3, 4), np.dtype("c8"))
     'complex64 of shape (3, 4)'
     """
     return f"{dtype.newbyteorder('=')} of shape {shape}"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from isacbench.cubes.cube import ComplexArray, describe, require_cube
+from isacbench.cubes.cube import ComplexArray, describe_array, require_cube
 from isacbench.cubes.formats.cube_files import CUBE
 from isacbench.errors import InputError
 from isacbench.files.arrays.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
@@ -74,7 +74,7 @@ class CubeWriter:
         if block.dtype.kind != "c" or block.shape[1:] != self.shape[1:]:
             raise InputError(
                 f"{self.path}: a block takes complex numbers of shape "
-                f"(n, {', '.join(map(str, self.shape[1:]))}), not {describe(block.shape, block.dtype)}"
+                f"(n, {', '.join(map(str, self.shape[1:]))}), not {describe_array(block.shape, block.dtype)}"
             )
         stop = first_subcarrier + len(block)
         if not 0 <= first_subcarrier < stop <= self.shape[0]:

@@ -1,1 +1,17 @@
-"""What estimators are made of, as pure functions on arrays."""
+"""Signal processing of estimators, as pure functions on arrays."""
+
+__all__ = [
+    "angles",
+    "bounds",
+    "bursts",
+    "cell_detection",
+    "cfar",
+    "detection",
+    "fitting",
+    "partial_dft",
+    "rangedoppler",
+    "scaling",
+    "scatterers",
+    "stable_order",
+    "windows",
+]

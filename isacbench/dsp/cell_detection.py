@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.display import brief
+from isacbench.dsp.detection import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.model.gate import Gate
-from isacbench.plugins.contracts import Detection, Detector
 
 __all__ = [
     "DetectedCells",

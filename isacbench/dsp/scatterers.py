@@ -17,7 +17,7 @@ from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.stable_order import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin
 
-__all__ = ["Scatterers", "locate", "merge_duplicates"]
+__all__ = ["LocatedScatterers", "locate", "merge_duplicates"]
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ ONE_ECHO = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Scatterers:
+class LocatedScatterers:
     """Estimated scatterers in the coordinates of the radio, each array of shape (n,).
 
     Attributes
@@ -61,26 +61,26 @@ class Scatterers:
         return self.power.size
 
     @classmethod
-    def empty(cls) -> Scatterers:
+    def empty(cls) -> LocatedScatterers:
         """No scatterers."""
         none = np.empty(0)
         return cls(none, none, none, none, none, np.empty(0, dtype=np.int64))
 
-    def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Scatterers:
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> LocatedScatterers:
         """Those that a mask or an index array picks."""
-        return Scatterers(*(values[keep] for values in self._columns()))
+        return LocatedScatterers(*(values[keep] for values in self._columns()))
 
     @property
     def next_family(self) -> int:
         """A number that no family has."""
         return int(self.family.max(initial=-1)) + 1
 
-    def join(self, others: Scatterers) -> Scatterers:
+    def join(self, others: LocatedScatterers) -> LocatedScatterers:
         """These and others behind them."""
         pairs = zip(self._columns(), others._columns(), strict=True)
-        return Scatterers(*(np.concatenate(pair) for pair in pairs))
+        return LocatedScatterers(*(np.concatenate(pair) for pair in pairs))
 
-    def interleaved(self, step_bins: float) -> Scatterers:
+    def interleaved(self, step_bins: float) -> LocatedScatterers:
         """These, and behind them candidates without power a step nearer and a step farther than each.
 
         Where extended objects are imaged at one point a bin, the candidates
@@ -110,7 +110,7 @@ def locate(
     dynamic_range_db: float,
     first_family: int = 0,
     one_doppler: bool = False,
-) -> Scatterers:
+) -> LocatedScatterers:
     """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
 
     The amplitudes in two neighbouring bins place a scatterer between them.
@@ -166,7 +166,7 @@ def locate(
     if waves.resolved is not None:
         family[waves.resolved] = first_family + np.flatnonzero(waves.resolved)
     doppler_offset = _doppler_offset(own[kept], faster[kept], slower[kept], windows[1], tapered.bursts)
-    return Scatterers(
+    return LocatedScatterers(
         np.broadcast_to(bins[0][:, None], own.shape)[kept] + range_offset,
         np.broadcast_to(bins[1][:, None], own.shape)[kept] + doppler_offset,
         waves.u[kept],
@@ -210,7 +210,7 @@ def _strongest_nearby(amplitude: Floats, index: Bins, shape: tuple[int, int]) ->
     return nearby[:, None]
 
 
-def merge_duplicates(scatterers: Scatterers) -> Scatterers:
+def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:
     """Keep the strongest of scatterers within 0.3 bins in range and Doppler and 0.01 in u and w.
 
     Stronger scatterers decide first, so that a chain of neighbours is thinned
@@ -231,7 +231,7 @@ def merge_duplicates(scatterers: Scatterers) -> Scatterers:
     return scatterers.select(alive)
 
 
-def _family_power(scatterers: Scatterers) -> Floats:
+def _family_power(scatterers: LocatedScatterers) -> Floats:
     """Power (n,) of the strongest of each scatterer's family, its own where it has none."""
     related = scatterers.family >= 0
     strongest = np.zeros(scatterers.next_family)

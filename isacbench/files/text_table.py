@@ -16,19 +16,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-__all__ = ["Line", "check_finite", "format_rows", "is_number", "parse_rows", "read_lines"]
+__all__ = ["TextLine", "check_finite", "format_rows", "is_number", "parse_rows", "read_lines"]
 
 Floats = NDArray[np.float64]
 
 
-class Line(NamedTuple):
+class TextLine(NamedTuple):
     """A line of text and its number in the file, from 1."""
 
     number: int
     text: str
 
 
-def read_lines(path: Path) -> Iterator[Line]:
+def read_lines(path: Path) -> Iterator[TextLine]:
     """Read the lines of a UTF-8 text file that are not blank, one after the other.
 
     Raises
@@ -41,14 +41,16 @@ def read_lines(path: Path) -> Iterator[Line]:
         with path.open(encoding="utf-8-sig") as file:
             for number, text in enumerate(file, start=1):
                 if text.strip():
-                    yield Line(number, text.removesuffix("\n"))
+                    yield TextLine(number, text.removesuffix("\n"))
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text (byte {_first_fault(path, error)})") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def parse_rows(path: Path, lines: Iterable[Line], columns: Sequence[str], delimiter: str | None) -> Floats:
+def parse_rows(
+    path: Path, lines: Iterable[TextLine], columns: Sequence[str], delimiter: str | None
+) -> Floats:
     """Turn lines of numbers into an array.
 
     Parameters

@@ -1,1 +1,3 @@
-"""The link: the 5G downlink waveform, what its echo is sensed with, and what a user receives of it."""
+"""The link: the downlink waveform, sensing with its echo, and its user."""
+
+__all__ = ["reception", "sensing", "waveform"]

@@ -1,1 +1,3 @@
-"""What a point cloud is worth beside the truth."""
+"""Metrics: scores of a point cloud against the truth."""
+
+__all__ = ["cloud_scores", "geometry", "score"]

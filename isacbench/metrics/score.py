@@ -134,30 +134,19 @@ def score(
         raise unknown_name("metric", str(metric), METRICS)
     pair = CloudPair(_as_cloud(truth, "truth"), _as_cloud(estimate, "estimate"))
     counts = {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
+    parts: tuple[object, ...]
     if metric == "repository":
-        found = repository_deviation(pair.truth, pair.estimate, region)
-        return {
-            **counts,
-            "position": found.position,
-            "velocity": found.velocity,
-            "density": found.density,
-            "deviation": found.deviation,
-        }
-    deviation = pair_deviation(pair, region, velocity_bin_mps)
-    beside = pair_scores(pair, region, radius_m)
-    return {
-        **counts,
-        "hausdorff_xy_m": deviation.hausdorff_xy_m,
-        "hausdorff_xz_m": deviation.hausdorff_xz_m,
-        "hausdorff_yz_m": deviation.hausdorff_yz_m,
-        "density": deviation.density,
-        "velocity_nmse": deviation.velocity_nmse,
-        "deviation": deviation.deviation,
-        "chamfer_m": beside.chamfer_m,
-        "gospa_m": beside.gospa_m,
-        "precision": beside.precision,
-        "recall": beside.recall,
-    }
+        parts = (repository_deviation(pair.truth, pair.estimate, region),)
+    else:
+        parts = pair_deviation(pair, region, velocity_bin_mps), pair_scores(pair, region, radius_m)
+    names = [name for name in METRICS[metric] if name not in counts]
+    return {**counts, **{name: _attribute(parts, name) for name in names}}
+
+
+def _attribute(parts: tuple[object, ...], name: str) -> float:
+    """Score of that name, of the one part that has it."""
+    value: float = next(getattr(part, name) for part in parts if hasattr(part, name))
+    return value
 
 
 def _as_cloud(values: PointCloud | ArrayLike, name: str) -> PointCloud:

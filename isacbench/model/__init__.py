@@ -1,1 +1,19 @@
 """What the radio sees: numerology, array, frame, scene, gate and echo."""
+
+__all__ = [
+    "array",
+    "cloud",
+    "cloud_files",
+    "echo",
+    "frame",
+    "frozen_arrays",
+    "gate",
+    "kernels",
+    "number_limits",
+    "numerology",
+    "observation",
+    "prs",
+    "region",
+    "scene",
+    "scenes",
+]

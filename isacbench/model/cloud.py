@@ -9,6 +9,7 @@ import numpy as np
 
 from isacbench.display import Description, Displayed, span
 from isacbench.files.escaping import counted
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS, read_point_table, write_point_table
 from isacbench.model.frozen_arrays import freeze_arrays
 
 if TYPE_CHECKING:
@@ -17,10 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["POINT_COLUMNS", "PointCloud", "describe_points"]
-
-POINT_COLUMNS = ["x", "y", "z", "v", "power"]
-"""Columns of a cloud in tables and csv files: positions in m, radial velocity in m/s, power."""
+__all__ = ["PointCloud", "describe_points"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,16 +87,12 @@ class PointCloud(Displayed):
 
     @classmethod
     def read(cls, path: str | Path) -> PointCloud:
-        """Read a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_files.formats.read_cloud`."""
-        from isacbench.model.cloud_files.formats import read_cloud  # which imports this module
-
-        return read_cloud(path)
+        """Read a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_files.point_files`."""
+        return cls.from_array(read_point_table(path))
 
     def write(self, path: str | Path) -> None:
-        """Write a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_files.formats.write_cloud`."""
-        from isacbench.model.cloud_files.formats import write_cloud  # which imports this module
-
-        write_cloud(self, path)
+        """Write a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_files.point_files`."""
+        write_point_table(self.to_array(), path)
 
     def to_array(self) -> NDArray[np.float64]:
         """Return the (n, 5) array of x, y, z, v and power."""

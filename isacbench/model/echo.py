@@ -37,7 +37,7 @@ __all__ = [
     "echo_parameters",
     "element_responses",
     "is_dust",
-    "observe",
+    "observe_echo",
     "random_stream",
     "resource_grid",
     "unit_noise",
@@ -414,7 +414,7 @@ class Simulator:
         return drawn[1]
 
 
-def observe(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
+def observe_echo(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
     """Observe a scenario once; the clean echoes of the last two scenarios are kept.
 
     Parameters
@@ -439,9 +439,9 @@ def observe(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) ->
     --------
     >>> from isacbench.model.scenes.scenario import load_scenario
     >>> street = load_scenario("street")
-    >>> observe(street, snr_db=10).cells.shape[2:]
+    >>> observe_echo(street, snr_db=10).cells.shape[2:]
     (16, 16)
-    >>> noise_free = observe(street, snr_db=float("inf"))
+    >>> noise_free = observe_echo(street, snr_db=float("inf"))
     """
     return _simulator(scenario).observe(snr_db, trial, seed)
 

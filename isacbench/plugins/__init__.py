@@ -1,1 +1,11 @@
 """Estimators and detectors as plugins: their contracts, where they are found, and which version they are."""
+
+__all__ = [
+    "contracts",
+    "discovery",
+    "instances",
+    "local_files",
+    "plugin_versions",
+    "registry",
+    "specifications",
+]

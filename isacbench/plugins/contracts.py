@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
-from isacbench.display import Description, Displayed, brief, span
+from isacbench.display import brief
+from isacbench.dsp.detection import Detection, Detector
 from isacbench.errors import require
-from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,66 +62,6 @@ class Needs:
         ):
             value = getattr(self, name)
             require(value in allowed, f"needs.{name}", value, f"one of {', '.join(map(str, allowed))}")
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Detection(Displayed):
-    """What a detector says of a map; every array has the map's shape, or (n,) where n cells were listed.
-
-    Attributes
-    ----------
-    mask : ndarray of bool
-        Cells whose power exceeds their threshold.
-    threshold : ndarray of float64
-        Threshold of each cell, same unit as the power.
-    noise : ndarray of float64
-        Noise power that the detector estimates around each cell.
-    """
-
-    mask: NDArray[np.bool_]
-    threshold: NDArray[np.float64]
-    noise: NDArray[np.float64]
-
-    def _description(self) -> Description:
-        import numpy as np  # which commands that only look up plugins do without
-
-        mask = np.asarray(self.mask)
-        n_detected = np.count_nonzero(mask)
-        share = f" ({100 * n_detected / mask.size:.3g} %)" if mask.size else ""
-        return Description(
-            f"Detection: {n_detected} of {counted(mask.size, 'cell')} detected{share}",
-            {
-                "map": " x ".join(map(str, mask.shape)),
-                "threshold": span(self.threshold),
-                "noise": span(self.noise),
-            },
-        )
-
-
-@runtime_checkable
-class Detector(Protocol):
-    """A CFAR detector: a frozen dataclass of its parameters.
-
-    `detect` may take a third argument, ``cells``: what to test instead of the
-    whole map, as `numpy.nonzero` gives it. Those that do are asked for no more
-    than is needed (`isacbench.dsp.cell_detection.detect_listed`).
-
-    Attributes
-    ----------
-    name : str
-        Class attribute, the name it is registered under.
-    pfa : float
-        Probability of false alarm per cell in homogeneous noise.
-    """
-
-    name: ClassVar[str]
-
-    @property
-    def pfa(self) -> float:
-        """Probability of false alarm per cell."""
-
-    def detect(self, power: NDArray[np.floating], looks: int = 1) -> Detection:
-        """Test every cell of a power map that averages `looks` independent noise powers."""
 
 
 @runtime_checkable

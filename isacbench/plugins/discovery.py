@@ -16,8 +16,8 @@ from isacbench.plugins.local_files import PluginFile, forget_module, import_plug
 
 __all__ = [
     "GROUPS",
-    "Entry",
-    "Kind",
+    "PluginKind",
+    "RegisteredPlugin",
     "entries",
     "entries_of",
     "isolated_plugins",
@@ -26,13 +26,13 @@ __all__ = [
     "register_plugin",
 ]
 
-Kind = Literal["estimator", "detector"]
+PluginKind = Literal["estimator", "detector"]
 
-GROUPS: dict[Kind, str] = {"estimator": "isacbench.estimators", "detector": "isacbench.detectors"}
+GROUPS: dict[PluginKind, str] = {"estimator": "isacbench.estimators", "detector": "isacbench.detectors"}
 
 
 @dataclass(frozen=True)
-class Entry:
+class RegisteredPlugin:
     """A name, and the class that is registered under it.
 
     Attributes
@@ -49,7 +49,7 @@ class Entry:
         Imports the class, or whatever is registered in its stead.
     """
 
-    kind: Kind
+    kind: PluginKind
     name: str
     target: str
     package: str
@@ -67,10 +67,10 @@ class Entry:
         return self.target.partition(":")[0]
 
 
-_local: dict[PluginFile, tuple[Entry, ...]] = {}
+_local: dict[PluginFile, tuple[RegisteredPlugin, ...]] = {}
 
 
-def entries(kind: Kind) -> dict[str, Entry]:
+def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
     """Everything registered of a kind, by name.
 
     Raises
@@ -123,7 +123,7 @@ def register_plugin(file: PluginFile) -> list[str]:
         If the file fails, defines no plugin, or one whose name is taken.
     """
     if not entries_of(file):
-        added = tuple(_local_entry(file, cast("Kind", kind), cls) for kind, cls in import_plugins(file))
+        added = tuple(_local_entry(file, cast("PluginKind", kind), cls) for kind, cls in import_plugins(file))
         try:
             for kind in GROUPS:
                 _by_name([*entries(kind).values(), *(entry for entry in added if entry.kind == kind)])
@@ -134,7 +134,7 @@ def register_plugin(file: PluginFile) -> list[str]:
     return list(dict.fromkeys(entry.name for entry in entries_of(file)))
 
 
-def entries_of(file: PluginFile) -> tuple[Entry, ...]:
+def entries_of(file: PluginFile) -> tuple[RegisteredPlugin, ...]:
     """What a plugin file has registered, whatever it was called then; nothing if it is not registered."""
     return next((found for other, found in _local.items() if other.digest == file.digest), ())
 
@@ -158,7 +158,7 @@ def isolated_plugins() -> Iterator[None]:
 
 
 @lru_cache(maxsize=8)
-def _installed(kind: Kind, _path: tuple[object, ...]) -> tuple[Entry, ...]:
+def _installed(kind: PluginKind, _path: tuple[object, ...]) -> tuple[RegisteredPlugin, ...]:
     """Entries of the packages on the import path: to look for them takes a while, and a run asks often."""
     return tuple(_installed_entry(kind, entry_point) for entry_point in entry_points(group=GROUPS[kind]))
 
@@ -176,9 +176,9 @@ def _changed_ns(folder: Path) -> int:
         return 0
 
 
-def _installed_entry(kind: Kind, entry_point: EntryPoint) -> Entry:
+def _installed_entry(kind: PluginKind, entry_point: EntryPoint) -> RegisteredPlugin:
     distribution = entry_point.dist
-    return Entry(
+    return RegisteredPlugin(
         kind,
         entry_point.name,
         entry_point.value,
@@ -188,14 +188,14 @@ def _installed_entry(kind: Kind, entry_point: EntryPoint) -> Entry:
     )
 
 
-def _local_entry(file: PluginFile, kind: Kind, plugin: type[Any]) -> Entry:
+def _local_entry(file: PluginFile, kind: PluginKind, plugin: type[Any]) -> RegisteredPlugin:
     target = f"{file.code_name}:{plugin.__qualname__}"
-    return Entry(kind, plugin.name, target, file.filename, None, lambda: plugin)
+    return RegisteredPlugin(kind, plugin.name, target, file.filename, None, lambda: plugin)
 
 
-def _by_name(found: Iterable[Entry]) -> dict[str, Entry]:
+def _by_name(found: Iterable[RegisteredPlugin]) -> dict[str, RegisteredPlugin]:
     """Entries by name, which must be unique."""
-    named: dict[str, Entry] = {}
+    named: dict[str, RegisteredPlugin] = {}
     for entry in found:
         if entry.name in named:
             raise InputError(
@@ -206,5 +206,5 @@ def _by_name(found: Iterable[Entry]) -> dict[str, Entry]:
     return named
 
 
-def _described(entry: Entry) -> str:
+def _described(entry: RegisteredPlugin) -> str:
     return f"{entry.origin} ({entry.target})"

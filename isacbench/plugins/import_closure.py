@@ -17,6 +17,8 @@ from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ModuleSpec,
 from pathlib import Path
 from typing import NamedTuple
 
+from isacbench.former_paths import present_path
+
 __all__ = ["digest_of", "import_closure", "is_importable", "source_imports"]
 
 CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
@@ -67,7 +69,7 @@ def import_closure(
     --------
     >>> found = import_closure(["isacbench.dsp.stable_order"], ["isacbench"])
     >>> list(found)
-    ['isacbench', 'isacbench.dsp', 'isacbench.dsp.stable_order']
+    ['isacbench', 'isacbench.dsp', 'isacbench.dsp.stable_order', 'isacbench.former_paths']
     """
     sources = sources or {}
     wanted = list(modules)
@@ -163,6 +165,7 @@ def _named(statement: str, package: str) -> Iterator[str]:
 
 def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:
     """Packages above a module, which are run before it, and itself; nothing outside of some packages."""
+    name = present_path(name)
     parts = name.split(".")
     if parts[0] in packages:
         yield from (".".join(parts[: n + 1]) for n in range(len(parts)))

@@ -13,20 +13,27 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from isacbench.added_fields import identity_fields, values_before
 from isacbench.errors import InputError, nearest, unknown_name
 from isacbench.plugins.contracts import Detector, Estimator
-from isacbench.plugins.discovery import Entry, Kind, entries, load_plugin_file, local_plugins, register_plugin
+from isacbench.plugins.discovery import (
+    PluginKind,
+    RegisteredPlugin,
+    entries,
+    load_plugin_file,
+    local_plugins,
+    register_plugin,
+)
 from isacbench.plugins.local_files import METHODS, PluginFile
 from isacbench.plugins.specifications import Spec, parse_spec, spec_variants
 
 __all__ = [
-    "Kind",
     "PluginFile",
+    "PluginKind",
     "Spec",
     "build_estimator",
     "build_estimators_of",
     "canonical_params",
     "check_parameter",
     "construct",
-    "describe",
+    "describe_plugin",
     "detector_names",
     "distribution",
     "estimator_names",
@@ -131,7 +138,7 @@ def sees_truth(name: str) -> bool:
     return bool(getattr(_load(registered[name]), "needs_truth", False))
 
 
-def require_plugins(kind: Kind, specs: Iterable[str]) -> None:
+def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
     """Refuse specifications of estimators or detectors that do not exist, as quickly as can be told.
 
     A class is imported only where parameters are given, which it has to know.
@@ -208,7 +215,7 @@ def canonical_params(plugin: object) -> str:
     return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
-def parameter_defaults(kind: Kind, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Defaults of a registered plugin's parameters, in terms of JSON as `canonical_params` has them.
 
     Returns
@@ -242,12 +249,12 @@ def _as_json(params: dict[str, Any]) -> dict[str, Any]:
     return content
 
 
-def distribution(kind: Kind, name: str) -> str:
+def distribution(kind: PluginKind, name: str) -> str:
     """Name and version of the package that registers a name, such as ``isacbench 0.1.0``."""
     return entries(kind)[name].origin
 
 
-def describe(kind: Kind) -> list[dict[str, Any]]:
+def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
     """Describe every registered estimator or detector.
 
     Returns
@@ -274,7 +281,7 @@ def describe(kind: Kind) -> list[dict[str, Any]]:
     return described
 
 
-def _load(entry: Entry) -> type[Any]:
+def _load(entry: RegisteredPlugin) -> type[Any]:
     """Import a plugin's class and hold it to the contract."""
     where = f"{entry.kind} {entry.name!r} ({entry.target} of {entry.origin})"
     try:
@@ -298,7 +305,7 @@ def is_frozen_dataclass(plugin: object) -> bool:
     return bool(plugin.__dataclass_params__.frozen)  # type: ignore[attr-defined]
 
 
-def _build(kind: Kind, name: str, params: dict[str, Any]) -> Any:
+def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
     """Instance of a registered class with checked parameters."""
     registered = entries(kind)
     if "[" in name:

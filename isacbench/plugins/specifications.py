@@ -12,7 +12,15 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["MAX_VARIANTS", "Spec", "Variant", "parse_spec", "spec_variants", "spell_spec", "spell_value"]
+__all__ = [
+    "MAX_VARIANTS",
+    "Spec",
+    "SpelledVariant",
+    "parse_spec",
+    "spec_variants",
+    "spell_spec",
+    "spell_value",
+]
 
 MAX_VARIANTS = 1000
 """More variants than anyone compares in a run: a larger grid is a slip of the pen."""
@@ -25,7 +33,7 @@ class Spec(NamedTuple):
     params: dict[str, Any]
 
 
-class Variant(NamedTuple):
+class SpelledVariant(NamedTuple):
     """One of the specifications that a grid stands for.
 
     Attributes
@@ -75,7 +83,7 @@ def parse_spec(text: str) -> Spec:
     return variants[0].spec
 
 
-def spec_variants(text: str) -> list[Variant]:
+def spec_variants(text: str) -> list[SpelledVariant]:
     """Parse a specification in which any value may be a list of alternatives, ``param=[value,...]``.
 
     Parameters
@@ -102,7 +110,7 @@ def spec_variants(text: str) -> list[Variant]:
     >>> [variant.text for variant in spec_variants("a[d=[b,c[n=1]],pfa=[1e-3,1e-4]]")]
     ['a[d=b,pfa=1e-3]', 'a[d=b,pfa=1e-4]', 'a[d=c[n=1],pfa=1e-3]', 'a[d=c[n=1],pfa=1e-4]']
     """
-    return [Variant(option.text, option.value) for option in _SpecParser(text).parse()]
+    return [SpelledVariant(option.text, option.value) for option in _SpecParser(text).parse()]
 
 
 def spell_spec(name: str, params: Mapping[str, Any]) -> str:

@@ -1,1 +1,3 @@
-"""Tables and figures of a run."""
+"""Reports: tables, figures and texts of runs, comparisons and images."""
+
+__all__ = ["comparisons", "drawing", "figures", "tables", "texts"]

@@ -13,7 +13,7 @@ from isacbench_algorithms.music2d_joint import Music2dJoint
 
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
-from isacbench.model.echo import Simulator, observe
+from isacbench.model.echo import Simulator, observe_echo
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
@@ -176,7 +176,7 @@ def test_a_diagnosis_shows_the_spectra_of_the_column_and_the_row(estimator):
 @pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 8.5), (Fft4d, 15.0)])
 def test_the_street_is_imaged_by_31_of_256_elements(estimator, limit_m):
     scenario = load_scenario("street")
-    cloud = estimator(integration="element").estimate(OneCross(observe(scenario, 10.0)))
+    cloud = estimator(integration="element").estimate(OneCross(observe_echo(scenario, 10.0)))
     found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < limit_m
     assert found.velocity_nmse < 2e-3

@@ -17,7 +17,7 @@ from isacbench.dsp.windows import Window
 from isacbench.errors import InputError
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
-from isacbench.model.echo import Simulator, observe
+from isacbench.model.echo import Simulator, observe_echo
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
@@ -329,7 +329,7 @@ def test_the_oracle_cannot_be_called_without_the_truth():
 @pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 6.5), (Fft4d, 15.0)])
 def test_the_street_is_imaged_at_full_size(estimator, limit_m):
     scenario = load_scenario("street")
-    cloud = estimator().estimate(observe(scenario, 10.0))
+    cloud = estimator().estimate(observe_echo(scenario, 10.0))
     found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < limit_m
     assert found.velocity_nmse < 2e-3

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.bench.cells.cell import Shot
+from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.radio_coordinates import DIMENSIONS, draw_place, gain_db, space_places
 from isacbench.bench.studies.efficiency_study import BOUNDS, ERRORS
-from isacbench.bench.studies.efficiency_study import measure as measure_error
-from isacbench.bench.studies.resolution_study import measure as measure_pair
+from isacbench.bench.studies.efficiency_study import measure_efficiency as measure_error
+from isacbench.bench.studies.resolution_study import measure_resolution as measure_pair
 from isacbench.bench.studies.resolution_study import pair
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
@@ -33,7 +33,7 @@ def image(scenario, estimator, gained_db, trial):
     """Shot of a scenario at an SNR after all gains of one unit scatterer."""
     snr_db = gained_db - gain_db(scenario)
     observation = Simulator(scenario).observe(snr_db, trial)
-    return Shot(scenario, observation, estimator, snr_db, estimator.estimate(observation))
+    return MeasuredImage(scenario, observation, estimator, snr_db, estimator.estimate(observation))
 
 
 def close_pairs(estimator, dimension, phase_deg, trials):

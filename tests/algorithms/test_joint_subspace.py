@@ -15,7 +15,7 @@ from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench.errors import InputError
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
-from isacbench.model.echo import Simulator, observe
+from isacbench.model.echo import Simulator, observe_echo
 from isacbench.model.frame import get_frame
 from isacbench.model.kernels import steering
 from isacbench.model.numerology import System
@@ -282,7 +282,7 @@ def test_row_and_column_music_takes_every_order(model_order):
 @BOTH
 def test_the_street_is_imaged_at_full_size(estimator):
     scenario = load_scenario("street")
-    cloud = estimator().estimate(observe(scenario, 10.0))
+    cloud = estimator().estimate(observe_echo(scenario, 10.0))
     found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < 11
     assert found.velocity_nmse < 2e-3

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from isacbench.dsp.cell_detection import detect_cells
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.model.echo import observe
+from isacbench.model.echo import observe_echo
 from isacbench.model.kernels import steering
 from isacbench.model.scenes.scenario import load_scenario
 
@@ -24,7 +24,7 @@ TOLERANCE_DB = 0.5
 @pytest.fixture(scope="module")
 def street():
     """Return the street at 10 dB."""
-    return observe(load_scenario("street"), 10.0)
+    return observe_echo(load_scenario("street"), 10.0)
 
 
 @pytest.fixture(scope="module")

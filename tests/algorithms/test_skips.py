@@ -12,7 +12,7 @@ from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench.dsp.cell_detection import detect_cells, power_map
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.array import VirtualArray
-from isacbench.model.echo import Simulator, observe
+from isacbench.model.echo import Simulator, observe_echo
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
@@ -64,7 +64,7 @@ def test_angles_of_detected_cells_are_those_of_all_cells_selected(crowd, estimat
 @pytest.fixture(scope="module")
 def tapered_street():
     """Return the tapered map of a street."""
-    observation = observe(load_scenario("street"), 10.0)
+    observation = observe_echo(load_scenario("street"), 10.0)
     return GatedMap(observation.cells, observation.gate).tapered("hann", "hann")
 
 

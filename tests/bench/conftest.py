@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.cell import Shot
+from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.radio_coordinates import space_places
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
@@ -38,7 +38,7 @@ def shoot():
     def make(scenario, places, snr_db=0.0):
         xyz, velocity = space_places(scenario, np.reshape(places, (-1, 4)))
         cloud = PointCloud(xyz, velocity, np.ones(len(velocity)))
-        return Shot(scenario, observation=None, estimator=None, snr_db=snr_db, cloud=cloud)
+        return MeasuredImage(scenario, observation=None, estimator=None, snr_db=snr_db, cloud=cloud)
 
     return make
 

@@ -11,14 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.record import CLOUD_KEYS, DRAW_COLUMNS, POINT_COLUMNS, Results
+from isacbench.bench.cells.record import CLOUD_KEYS, DRAW_COLUMNS, Results
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.store.csv_table import write_csv_table
 from isacbench.bench.store.run_store import Session, describe_run, write_manifest, write_results
 from isacbench.bench.suites.suite import Suite
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.figures.run_figures import draw_run
-from isacbench.report.tables.tables_by_kind import TABLES, write_tables
+from isacbench.report.tables.tables_by_kind import TABLES, write_run_tables
 
 SCORES = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m", "density", "velocity_nmse", "deviation"]
 SCORES += ["chamfer_m", "gospa_m", "time_estimate_s", "precision", "recall", "time_score_s"]
@@ -104,7 +105,7 @@ def test_a_million_rows_are_reported(tmp_path, n_snrs, n_trials, n_variants):
 
     timed("csv", write_csv_table, results.records, tmp_path / "results.csv")
     grids = timed("grids", TABLES["imaging"].grids, results.records)
-    timed("tables", write_tables, tmp_path, results.records)
+    timed("tables", write_run_tables, tmp_path, results.records)
     figures = timed("figures", draw_run, tmp_path)
     memory_mib = largest_memory_mib() - before_mib
     print(spent_s, f"{memory_mib:.0f} MiB beyond the tables")

@@ -9,11 +9,12 @@ import pytest
 
 from isacbench.bench.cells.record import Cell, Outcome, Record
 from isacbench.bench.run import runner
+from isacbench.bench.store.provenance import Made
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.workers.workbench import Made, Workbench
+from isacbench.bench.workers.workbench import Workbench
 from isacbench.model.cloud import PointCloud
 from isacbench.report.figures.run_figures import draw_run
-from isacbench.report.tables.tables_by_kind import write_tables
+from isacbench.report.tables.tables_by_kind import write_run_tables
 
 MAX_MEMORY_GIB = 4.0
 N_POINTS = 2
@@ -38,8 +39,8 @@ class Estimates:
         tick = time.perf_counter()
         for block in blocks:
             scene = job.plan.scenes[block.scene]
-            for index in block.contestants:
-                one = scene.contestants[index]
+            for index in block.entries:
+                one = scene.entries[index]
                 name, environment = bench.environment(one)
                 key = Cell(
                     job.suite.name,
@@ -86,7 +87,7 @@ def test_a_million_rows_are_written_resumed_and_reported(tmp_path, monkeypatch):
     assert estimates.time_s == 0, "cells were made again"
     assert resumed.records.equals(written.records)
     start = time.perf_counter()
-    write_tables(tmp_path / "run", resumed.records)
+    write_run_tables(tmp_path / "run", resumed.records)
     draw_run(tmp_path / "run")
     spent_s["reported"] = time.perf_counter() - start
     print({name: round(value, 1) for name, value in spent_s.items()}, f"{largest_memory_gib():.2f} GiB")

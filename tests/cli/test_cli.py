@@ -4,7 +4,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from itertools import islice
 from types import ModuleType
 
@@ -18,7 +17,7 @@ import isacbench
 from isacbench.bench.workers.local_workers import work_guarded, work_here
 from isacbench.cli import app
 from isacbench.cli.termination import Termination
-from isacbench.model.cloud_files.formats import read_cloud
+from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.figures.background_drawing import Aside
 
@@ -293,7 +292,7 @@ def test_image_writes_the_cloud_that_score_reads(cli, tmp_path, suffix):
     assert result.exit_code == 0, result.output
     assert "5 points" in result.stdout
     scores = json.loads(cli("score", "tiny.toml", out, "--json").stdout)
-    assert scores["n_estimated"] == len(read_cloud(tmp_path / out)) == 5
+    assert scores["n_estimated"] == len(PointCloud.read(tmp_path / out)) == 5
     assert f"deviation        {scores['deviation']:.6g}" in result.stdout
 
 
@@ -551,7 +550,7 @@ def test_a_process_runs_a_suite_with_a_plugin_found_on_its_path(plugins, tiny, t
         "image", "-s", "tiny.toml", "-e", "blob", "-o", "cloud.csv", cwd=tmp_path, env=environment
     )
     assert finished.returncode == 0, finished.stderr
-    assert len(read_cloud(tmp_path / "cloud.csv")) == 4
+    assert len(PointCloud.read(tmp_path / "cloud.csv")) == 4
 
 
 def test_help_imports_nothing_heavy(tmp_path):
@@ -562,14 +561,14 @@ def test_help_imports_nothing_heavy(tmp_path):
     assert not imported & HEAVY
 
 
-def test_help_takes_less_than_half_a_second(tmp_path):
-    def elapsed():
-        start = time.perf_counter()
-        module("--help", cwd=tmp_path)
-        return time.perf_counter() - start
-
-    # One of three: the machine may be busy with something else.
-    assert any(elapsed() < 0.5 for _ in range(3))
+def test_help_comes_without_the_packages_that_take_time_to_load(tmp_path):
+    program = (
+        "import sys; from isacbench.cli import app; app(['--help'], standalone_mode=False); "
+        "slow = {'numpy', 'scipy', 'pandas', 'matplotlib', 'pydantic', 'h5py'} & {*sys.modules}; "
+        "sys.exit(', '.join(slow) or 0)"
+    )
+    shown = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert (shown.returncode, shown.stderr) == (0, "")
 
 
 def test_the_public_names_are_all_there_and_load_on_first_use():

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from isacbench.cli import app
-from isacbench.model.cloud_files.formats import read_cloud
+from isacbench.model.cloud import PointCloud
 
 SCENARIO = """
 name = "corner"
@@ -66,7 +66,7 @@ def test_the_image_of_a_written_frame_is_that_of_the_simulation(scenario, frame,
     simulated = run("image", "-s", scenario, "--snr", 0, "-e", "music2d", "-o", clouds[1])
     assert recorded.exit_code == simulated.exit_code == 0, recorded.stderr
     assert " ms, reading, imports and tables included" in recorded.stdout
-    first, second = (read_cloud(path).to_array() for path in clouds)
+    first, second = (PointCloud.read(path).to_array() for path in clouds)
     assert len(first) == 3
     np.testing.assert_allclose(first, second, rtol=1e-5, atol=1e-4)
     # The same scores, a line each, to four digits.
@@ -170,6 +170,6 @@ def test_a_frame_and_an_image_may_be_free_of_noise(scenario, tmp_path):
     for source in (("--snr", "inf"), ("--cube", tmp_path / "frame.npy")):
         shown = run("image", "-s", scenario, "-e", "esprit2d", "-o", tmp_path / "cloud.csv", *source)
         assert shown.exit_code == 0, shown.stderr
-        cloud = read_cloud(tmp_path / "cloud.csv")
+        cloud = PointCloud.read(tmp_path / "cloud.csv")
         assert len(cloud) == 3
         np.testing.assert_allclose(np.sort(cloud.xyz[:, 0]), [4, 14, 25], atol=1e-6)

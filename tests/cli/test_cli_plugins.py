@@ -100,8 +100,8 @@ def suite(*estimators):
 
 
 def test_grids_of_a_suite_are_built_in_order(plugins):
-    contestants = build_estimators(suite("blob[n=[1,2],detector=[level,ca]]", "seer"))
-    assert [(c.name, getattr(c.plugin, "n", 0)) for c in contestants] == [
+    entries = build_estimators(suite("blob[n=[1,2],detector=[level,ca]]", "seer"))
+    assert [(c.name, getattr(c.plugin, "n", 0)) for c in entries] == [
         ("blob", 1), ("blob", 1), ("blob", 2), ("blob", 2), ("seer", 0)
     ]  # fmt: skip
 

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 import isacbench
 from isacbench.cli import app
 from isacbench.link.sensing.echo_waveform import observe_waveform
-from isacbench.model.cloud_files.formats import read_cloud
+from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import resource_grid
 from isacbench.model.scenes.scenario import load_scenario
 
@@ -27,7 +27,7 @@ def test_the_image_is_that_of_the_observation_through_the_same_signal(image, tin
         assert result.exit_code == 0, result.output
         observation = isacbench.observe(load_scenario(tiny), 15.0, **given)
         expected = isacbench.get_estimator("music2d").estimate(observation)
-        assert read_cloud("cloud.npy").to_array() == pytest.approx(expected.to_array())
+        assert PointCloud.read("cloud.npy").to_array() == pytest.approx(expected.to_array())
         assert ", ".join(["tiny", "music2d", "15 dB", *given.values()]) in result.output
 
 
@@ -62,7 +62,7 @@ def test_a_recorded_frame_is_sensed_with_its_prs(image, tiny):
     assert "frame.npy, tiny, music2d, prs" in result.output
     observation = isacbench.observe(scenario, float("inf"), sensing="prs")
     expected = isacbench.get_estimator("music2d").estimate(observation)
-    assert read_cloud("cloud.npy").to_array() == pytest.approx(expected.to_array(), rel=1e-6)
+    assert PointCloud.read("cloud.npy").to_array() == pytest.approx(expected.to_array(), rel=1e-6)
 
 
 def test_the_echo_may_pass_as_a_waveform(image, tiny):
@@ -71,4 +71,4 @@ def test_the_echo_may_pass_as_a_waveform(image, tiny):
     assert "tiny, music2d, 10 dB, prs, waveform" in result.output
     observation = observe_waveform(load_scenario(tiny), 10.0, sensing="prs")
     expected = isacbench.get_estimator("music2d").estimate(observation)
-    assert read_cloud("cloud.npy").to_array() == pytest.approx(expected.to_array())
+    assert PointCloud.read("cloud.npy").to_array() == pytest.approx(expected.to_array())

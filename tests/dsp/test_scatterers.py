@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scatterers import DUPLICATE_CELL, Scatterers, locate, merge_duplicates
+from isacbench.dsp.scatterers import DUPLICATE_CELL, LocatedScatterers, locate, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import clean_echo
@@ -66,7 +66,7 @@ def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dyna
 def scatterers(*rows):
     """Scatterers from rows of range bin, Doppler bin, u, w and power."""
     columns = np.array(rows, dtype=float).reshape(-1, 5).T
-    return Scatterers(*columns, np.full(len(rows), -1))
+    return LocatedScatterers(*columns, np.full(len(rows), -1))
 
 
 def rows_of(found):
@@ -170,7 +170,7 @@ def test_joined_scatterers_stand_in_order_with_their_families():
 
 
 def test_joining_none_changes_nothing():
-    some, none = with_families(2, -1), Scatterers.empty()
+    some, none = with_families(2, -1), LocatedScatterers.empty()
     assert len(none) == len(none.join(none)) == 0
     for joined in (some.join(none), none.join(some)):
         assert rows_of(joined) == rows_of(some)

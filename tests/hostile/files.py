@@ -398,7 +398,7 @@ CSV = {
 }
 
 CLOUDS = {".csv": CSV, ".npy": NPY, ".npz": NPZ, ".mat": MAT, ".ply": PLY}
-"""By extension: what `read_cloud` refuses beside `ANY`."""
+"""By extension: what `PointCloud.read` refuses beside `ANY`."""
 
 
 # toml

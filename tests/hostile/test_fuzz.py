@@ -14,7 +14,7 @@ from isacbench.bench.suites.suite import load_suite
 from isacbench.cubes import open_cube, read_grid
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.formats import read_cloud, read_points_csv, write_cloud
+from isacbench.model.cloud_files.point_files import read_points_csv
 from isacbench.model.scenes.scenario import load_scenario
 
 from ..cubes.samples import write_mat73
@@ -33,7 +33,7 @@ trials = 2
 
 def cloud_file(suffix):
     def write(path):
-        write_cloud(PointCloud.from_array(TABLE), path)
+        PointCloud.from_array(TABLE).write(path)
 
     return suffix, write
 
@@ -63,16 +63,16 @@ def cube_npz(save):
 
 
 SEEDS = {
-    "cloud csv": (read_cloud, *cloud_file(".csv")),
-    "cloud npy": (read_cloud, *cloud_file(".npy")),
-    "cloud npz": (read_cloud, *cloud_file(".npz")),
-    "cloud mat": (read_cloud, *cloud_file(".mat")),
-    "cloud ply": (read_cloud, *cloud_file(".ply")),
-    "cloud, compressed mat": (read_cloud, ".mat", mat(do_compression=True)),
-    "cloud, mat 7.3": (read_cloud, ".mat", lambda path: write_mat73(path, p=TABLE, compressed=True)),
-    "cloud, mat 4": (read_cloud, ".mat", mat(format="4")),
-    "cloud, compressed npz": (read_cloud, ".npz", lambda path: np.savez_compressed(path, p=TABLE)),
-    "cloud, binary ply": (read_cloud, ".ply", big_endian_ply),
+    "cloud csv": (PointCloud.read, *cloud_file(".csv")),
+    "cloud npy": (PointCloud.read, *cloud_file(".npy")),
+    "cloud npz": (PointCloud.read, *cloud_file(".npz")),
+    "cloud mat": (PointCloud.read, *cloud_file(".mat")),
+    "cloud ply": (PointCloud.read, *cloud_file(".ply")),
+    "cloud, compressed mat": (PointCloud.read, ".mat", mat(do_compression=True)),
+    "cloud, mat 7.3": (PointCloud.read, ".mat", lambda path: write_mat73(path, p=TABLE, compressed=True)),
+    "cloud, mat 4": (PointCloud.read, ".mat", mat(format="4")),
+    "cloud, compressed npz": (PointCloud.read, ".npz", lambda path: np.savez_compressed(path, p=TABLE)),
+    "cloud, binary ply": (PointCloud.read, ".ply", big_endian_ply),
     "points": (read_points_csv, ".csv", lambda path: path.write_text("x,y,z,v,amplitude\n1,2,3,4,5\n")),
     "suite": (load_suite, ".toml", lambda path: path.write_bytes(SUITE)),
     "grid npy": (read_grid, ".npy", lambda path: np.save(path, GRID)),

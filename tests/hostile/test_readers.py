@@ -17,7 +17,8 @@ from isacbench.cubes.formats import chunked, zarr_cubes
 from isacbench.files import checked_files, toml_files
 from isacbench.files.arrays import npy_files
 from isacbench.files.checked_files import binary_size
-from isacbench.model.cloud_files.formats import read_cloud, read_points_csv
+from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud_files.point_files import read_points_csv
 from isacbench.model.scenes import scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.local_files import PluginFile
@@ -25,7 +26,7 @@ from isacbench.plugins.local_files import PluginFile
 from .files import ANY, CLOUDS, CSV, CUBE, CUBES, GRID, TABLE, TOML, bomb
 
 SUFFIXES = {
-    read_cloud: ".csv",
+    PointCloud.read: ".csv",
     read_points_csv: ".csv",
     open_cube: ".npy",
     read_grid: ".npy",
@@ -70,7 +71,7 @@ def hostile(tmp_path):
 
 @pytest.mark.parametrize(("suffix", "write"), cases(CLOUDS))
 def test_no_hostile_file_is_a_cloud(refused, hostile, suffix, write):
-    refused(read_cloud, hostile(suffix, write))
+    refused(PointCloud.read, hostile(suffix, write))
 
 
 @pytest.mark.parametrize(("suffix", "write"), cases({".csv": CSV}))
@@ -100,7 +101,7 @@ def test_no_hostile_file_is_a_plugin(refused, hostile, name):
 
 
 @pytest.mark.parametrize(
-    "reader", [read_cloud, read_points_csv, open_cube, read_grid, load_scenario, load_suite]
+    "reader", [PointCloud.read, read_points_csv, open_cube, read_grid, load_scenario, load_suite]
 )
 @pytest.mark.parametrize("name", ["x" * 300, "a\0b", "../" * 2000 + "x", "\udcff"])
 def test_names_that_no_file_can_have_are_refused(refused, tmp_path, reader, name):
@@ -119,7 +120,7 @@ def test_numbers_of_any_type_and_order_are_read_right(tmp_path, dtype, order):
     np.save(tmp_path / "cloud.npy", np.asarray(TABLE, dtype=dtype, order=order))
     np.savez(tmp_path / "cloud.npz", cloud=np.asarray(TABLE, dtype=dtype, order=order))
     for name in ("cloud.npy", "cloud.npz"):
-        assert np.array_equal(read_cloud(tmp_path / name).to_array()[:, :4], TABLE)
+        assert np.array_equal(PointCloud.read(tmp_path / name).to_array()[:, :4], TABLE)
 
 
 @pytest.mark.parametrize("dtype", [">c8", "<c8", ">c16", "<c16"])
@@ -151,14 +152,14 @@ def test_a_byte_order_mark_is_no_part_of_the_text(tiny, suffix):
 def test_lines_end_as_they_do_anywhere(tmp_path, ends):
     path = tmp_path / "cloud.csv"
     path.write_bytes(ends.join(["x,y,z,v", "1,2,3,4", "", "5,6,7,8"]).encode())
-    assert read_cloud(path).to_array()[:, :4].tolist() == [[1, 2, 3, 4], [5, 6, 7, 8]]
+    assert PointCloud.read(path).to_array()[:, :4].tolist() == [[1, 2, 3, 4], [5, 6, 7, 8]]
 
 
 def test_what_is_no_text_is_told_with_its_byte_however_far_into_the_file(tmp_path, refused):
     path = tmp_path / "cloud.csv"
     good = b"x,y,z,v\n" + b"1,2,3,4\n" * 10_000
     path.write_bytes(good + b"\xff")
-    assert f"(byte {len(good)})" in refused(read_cloud, path)
+    assert f"(byte {len(good)})" in refused(PointCloud.read, path)
 
 
 def test_links_that_the_user_names_are_followed(tmp_path, tiny):
@@ -180,7 +181,7 @@ def test_other_members_of_an_archive_are_not_looked_at(tmp_path, bounded):
         with zipfile.ZipFile(tmp_path / "other.npz") as other:
             archive.writestr("cloud.npy", other.read("cloud.npy"))
     with bounded():
-        assert len(read_cloud(path)) == len(TABLE)
+        assert len(PointCloud.read(path)) == len(TABLE)
 
 
 def test_the_documentation_has_the_limits_that_hold():

@@ -18,7 +18,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import DRAW_COLUMNS
-from isacbench.bench.compare.matching import NotComparableError, read_run
+from isacbench.bench.compare.compared_run import read_run
+from isacbench.bench.compare.matching import NotComparableError
 from isacbench.bench.compare.regressions import compare_tables
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
@@ -32,7 +33,7 @@ from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures import run_figures
 from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.tables.run_tables import rich_table
-from isacbench.report.tables.tables_by_kind import grids_of, write_tables
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from .files import ANY, Trap, content, sparse
 
@@ -210,7 +211,7 @@ def test_nothing_is_written_through_a_link_out_of_the_folder(made, run_folder, b
         warnings.simplefilter("ignore")
         try:
             results = run_suite(made[0], out=run_folder)
-            write_tables(run_folder, results.records)
+            write_run_tables(run_folder, results.records)
             draw_run(run_folder, with_diagnoses=False)
         except InputError as error:
             told = str(error)
@@ -234,7 +235,7 @@ def test_what_cannot_be_replaced_is_told(made, run_folder, refused, name):
 
     def work(_path):
         results = run_suite(made[0], out=run_folder)
-        write_tables(run_folder, results.records)
+        write_run_tables(run_folder, results.records)
         draw_run(run_folder, with_diagnoses=False)
 
     refused(work, path)
@@ -254,7 +255,7 @@ def use(folder, base):
     results = read_results(folder)
     for grid in grids_of(results.records, results.suite.kind):
         rich_table(grid)
-    write_tables(folder, results.records, results.suite.kind)
+    write_run_tables(folder, results.records, results.suite.kind)
     comparison_grids(compare_tables(base, read_run(folder), [], 0.01))
     rescore(folder)
 
@@ -431,7 +432,7 @@ def without(*path):
     return change
 
 
-def another_contestant(manifest):
+def another_entry(manifest):
     manifest["scenes"][0]["contestants"] = [7]
 
 
@@ -443,8 +444,8 @@ def another_scenario(manifest):
     ("change", "told"),
     [
         (without("scenarios", "tiny"), "its rows name the scenarios ['tiny'], which its manifest does not"),
-        (without("estimators", 0), "contestant 0 of 'tiny'; allowed are indices of the 0 estimators"),
-        (another_contestant, "contestant 7 of 'tiny'; allowed are indices of the 1 estimators"),
+        (without("estimators", 0), "entry 0 of 'tiny'; allowed are indices of the 0 estimators"),
+        (another_entry, "entry 7 of 'tiny'; allowed are indices of the 1 estimators"),
         (without("scenes", 0, "contestants", 0), "scenes[0].contestants = []"),
     ],
 )

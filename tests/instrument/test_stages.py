@@ -7,7 +7,7 @@ import pytest
 
 from isacbench.errors import InputError
 from isacbench.instrument.stages import STAGES, StageClock, stage
-from isacbench.model.echo import observe
+from isacbench.model.echo import observe_echo
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.registry import get_estimator
 
@@ -138,7 +138,7 @@ MARKED = {
 
 @pytest.mark.parametrize("name", MARKED)
 def test_every_estimator_marks_the_stages_that_it_has(name, tiny):
-    observation = observe(load_scenario(tiny), snr_db=10)
+    observation = observe_echo(load_scenario(tiny), snr_db=10)
     estimator = get_estimator(name)
     with StageClock() as clock:
         cloud = estimator.estimate(observation)

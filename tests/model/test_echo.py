@@ -19,7 +19,7 @@ from isacbench.model.echo import (
     Simulator,
     central_phase,
     clean_echo,
-    observe,
+    observe_echo,
     random_stream,
     resource_grid,
     unit_noise,
@@ -316,7 +316,7 @@ def test_an_observation_scales_exactly_with_powers_of_two(make_scenario, exponen
 def test_noise_that_is_no_number_or_too_strong_is_refused(make_scenario, amplitude, snr_db):
     scenario = make_scenario(amplitude=[amplitude] * 3)
     with pytest.raises(InputError, match=r"snr_db = .*: allowed is -\d+ and more, infinity for no noise"):
-        observe(scenario, snr_db)
+        observe_echo(scenario, snr_db)
 
 
 @pytest.mark.parametrize("snr_db", [-80.0, 200.0, 3000.0, 1e300])
@@ -419,7 +419,7 @@ def test_without_noise_the_clean_echo_remains(make_scenario):
 
 
 def test_the_same_call_returns_the_same_bits_whatever_was_asked_before(make_scenario):
-    first = observe(make_scenario(), 5.0, trial=1, seed=2).cells
+    first = observe_echo(make_scenario(), 5.0, trial=1, seed=2).cells
     simulator = Simulator(make_scenario())
     simulator.observe(-20.0, trial=7, seed=0)
     np.testing.assert_array_equal(simulator.observe(5.0, trial=1, seed=2).cells, first)
@@ -503,7 +503,7 @@ def test_noise_is_the_same_for_every_frame_and_phase(make_scenario):
 @pytest.mark.parametrize(("name", "value"), [("trial", -1), ("seed", -1), ("trial", 1.5)])
 def test_draws_that_no_whole_number_tells_are_refused(make_scenario, name, value):
     with pytest.raises(InputError, match=f"^{name} = {value}: allowed is a whole number of 0 and more$"):
-        observe(make_scenario(), 0.0, **{name: value})
+        observe_echo(make_scenario(), 0.0, **{name: value})
 
 
 def test_every_purpose_has_a_stream_of_its_own_beside_the_noise():

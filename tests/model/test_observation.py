@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacbench.model.echo import observe
+from isacbench.model.echo import observe_echo
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.region import Region
 
@@ -17,7 +17,7 @@ FRAMES = ["panel", "paper"]
 @pytest.fixture(scope="module", params=FRAMES)
 def observation(request, make_scenario):
     """One observation in each frame."""
-    return observe(make_scenario(request.param), snr_db=10)
+    return observe_echo(make_scenario(request.param), snr_db=10)
 
 
 def detections(observation, xyz, speed_mps):

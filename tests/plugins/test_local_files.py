@@ -15,7 +15,7 @@ from isacbench.plugins.discovery import isolated_plugins
 from isacbench.plugins.registry import (
     PluginFile,
     build_estimator,
-    describe,
+    describe_plugin,
     distribution,
     estimator_names,
     get_detector,
@@ -85,7 +85,7 @@ def test_classes_that_a_file_defines_are_registered_beside_the_installed_ones(wr
 
 def test_a_local_plugin_is_described_with_its_file_as_its_package(write_plugin):
     load_plugin_file(write_plugin("local.py", LOCAL))
-    described = next(entry for entry in describe("estimator") if entry["name"] == "nothing")
+    described = next(entry for entry in describe_plugin("estimator") if entry["name"] == "nothing")
     assert described["package"] == distribution("detector", "half") == "local.py"
     assert described["description"] == "Sees nothing."
     assert described["parameters"]["size"] == {"type": "int", "default": 1}

@@ -9,7 +9,7 @@ from isacbench.plugins.registry import (
     build_estimator,
     build_estimators_of,
     canonical_params,
-    describe,
+    describe_plugin,
     detector_names,
     distribution,
     estimator_names,
@@ -145,7 +145,7 @@ def test_canonical_parameters_do_not_depend_on_how_a_default_was_spelled(plugins
 
 
 def test_descriptions_hold_one_line_the_types_the_defaults_and_the_package(plugins):
-    blob = next(entry for entry in describe("estimator") if entry["name"] == "blob")
+    blob = next(entry for entry in describe_plugin("estimator") if entry["name"] == "blob")
     assert blob["description"] == "Points around the middle of the region, spread by the noise."
     assert blob["parameters"]["n"] == {"type": "int", "default": 4}
     assert blob["parameters"]["detector"] == {

@@ -13,14 +13,14 @@ from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import TruthEstimator
 
 if TYPE_CHECKING:
-    from isacbench.bench.cells.record import Status
+    from isacbench.bench.cells.record import CellStatus
     from isacbench.model.observation import Observation
     from isacbench.model.scenes.scenario import Scenario
     from isacbench.plugins.contracts import Estimator
 
 __all__ = [
     "Measure",
-    "Shot",
+    "MeasuredImage",
     "describe_error",
     "estimate_cloud",
     "failed_by",
@@ -35,7 +35,7 @@ MAX_MESSAGE = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class MeasuredImage:
     """An image as a study measures it.
 
     Attributes
@@ -58,7 +58,7 @@ class Shot:
     cloud: PointCloud
 
 
-Measure = Callable[[Shot], Mapping[str, Any]]
+Measure = Callable[[MeasuredImage], Mapping[str, Any]]
 """What a study measures of an image beside its scores: further columns of the row."""
 
 
@@ -92,7 +92,7 @@ def run_cell(
         cloud = estimate_cloud(estimator, observation, truth)
         estimated = time.perf_counter()
         scores = score_image(scenario, cloud)
-        shot = Shot(scenario, observation, estimator, cell.snr_db, cloud)
+        shot = MeasuredImage(scenario, observation, estimator, cell.snr_db, cloud)
         extras = {} if measure is None else measure(shot)
     except KeyboardInterrupt:
         raise
@@ -123,7 +123,7 @@ def score_image(scenario: Scenario, cloud: PointCloud, metric: str = "paper") ->
 
 def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:
     """Row of a cell that an exception ended after a time; out of memory is killed, all else an error."""
-    status: Status = "killed" if isinstance(error, MemoryError) else "error"
+    status: CellStatus = "killed" if isinstance(error, MemoryError) else "error"
     return failure(cell, status, describe_error(error), n_true, time_s)
 
 
@@ -139,7 +139,7 @@ def describe_error(error: BaseException) -> str:
     return f"{type(error).__name__}: {message}" if message else type(error).__name__
 
 
-def failure(cell: Cell, status: Status, reason: str, n_true: int, time_s: float) -> Outcome:
+def failure(cell: Cell, status: CellStatus, reason: str, n_true: int, time_s: float) -> Outcome:
     """Row of a cell that failed after a time, with the reason."""
     record = Record(
         **vars(cell), status=status, reason=reason, n_true=n_true, n_estimated=0, time_estimate_s=time_s

@@ -12,7 +12,8 @@ import pandas as pd
 
 from isacbench.display import brief
 from isacbench.instrument.stages import STAGES
-from isacbench.model.cloud import POINT_COLUMNS, PointCloud
+from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,19 +26,18 @@ __all__ = [
     "CLOUD_KEYS",
     "COLUMNS",
     "DRAW_COLUMNS",
-    "POINT_COLUMNS",
     "PROVENANCE",
     "TIMES",
     "TIMING_COLUMNS",
     "Cell",
+    "CellStatus",
     "Outcome",
     "Record",
     "Results",
-    "Status",
     "typed",
 ]
 
-Status = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
+CellStatus = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
 
 CLOUD_KEYS = ["scenario", "estimator", "params", "snr_db", "trial"]
 DRAW_COLUMNS = ["scenario", "trial", *POINT_COLUMNS, "phase_rad"]
@@ -96,7 +96,7 @@ class Record(Cell):
         Name of the environment that made it; the manifest describes it.
     """
 
-    status: Status
+    status: CellStatus
     reason: str
     n_true: int
     n_estimated: int
@@ -121,7 +121,7 @@ COLUMNS = [field.name for field in dataclasses.fields(Record) if field.name not 
 """Columns of every table of results; a study appends its own."""
 
 TYPES = {field.name: str(field.type) for field in dataclasses.fields(Record)}
-KINDS = {"str": "str", "Status": "str", "int": "int64", "float": "float64", "bool": "bool"}
+KINDS = {"str": "str", "CellStatus": "str", "int": "int64", "float": "float64", "bool": "bool"}
 
 TIMING_COLUMNS: dict[str, float] = dict.fromkeys(
     [*(f"time_{name}_s" for name in STAGES), "time_spread_s", "peak_memory_mib"], math.nan

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from isacbench.bench.compare.matching import RunTable
+    from isacbench.bench.compare.compared_run import RunTable
 
 __all__ = [
     "find_pairs",

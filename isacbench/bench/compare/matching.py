@@ -12,15 +12,12 @@ from isacbench.bench.cells.record import CLOUD_KEYS
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.compare.estimator_pairs import with_partners
 from isacbench.bench.store.resume import differing_versions
-from isacbench.bench.store.run_store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
-from isacbench.bench.store.validation import require_described_scenarios, require_sound_records
 from isacbench.errors import InputError
-from isacbench.files.checked_files import is_there
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
+    from isacbench.bench.compare.compared_run import RunTable
     from isacbench.bench.plan.labels import Variant
 
 __all__ = [
@@ -28,19 +25,15 @@ __all__ = [
     "CURVE",
     "CellChanges",
     "NotComparableError",
-    "RunTable",
     "code_version",
     "incomparable",
     "machines",
     "pair_cells",
-    "read_run",
     "version_differences",
 ]
 
 CURVE = ["scenario", "estimator", "params"]
 CELL = CLOUD_KEYS
-COLUMNS = [*CELL, "status", "reason", "environment", "scenario_content", "timing"]
-SECTIONS = ["suite", "seed", "metric", "scenarios", "environments"]
 
 
 class NotComparableError(ValueError):
@@ -55,25 +48,6 @@ class NotComparableError(ValueError):
     def __init__(self, reasons: tuple[str, ...]) -> None:
         super().__init__("; ".join(reasons))
         self.reasons = reasons
-
-
-@dataclass(frozen=True, eq=False)
-class RunTable:
-    """What a comparison needs to know of a run.
-
-    Attributes
-    ----------
-    label : str
-        How messages call it: its folder.
-    records : DataFrame
-        One row a cell.
-    manifest : mapping of str to Any
-        As JSON has it.
-    """
-
-    label: str
-    records: pd.DataFrame
-    manifest: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,48 +79,6 @@ class CellChanges:
     missing: pd.DataFrame
     repaired: pd.DataFrame
     added: pd.DataFrame
-
-
-def read_run(folder: Path) -> RunTable:
-    """Read what a comparison needs from the folder of a run: ``results.parquet`` and ``manifest.json``.
-
-    Raises
-    ------
-    InputError
-        If the folder does not hold them, or they lack what tells runs apart.
-    """
-    manifest = read_manifest(folder)
-    if is_there(folder / JOURNAL):
-        raise InputError(
-            f"{folder}: the run has not come to its end; allowed is one that has, and the same "
-            "isacbench run into the folder goes on"
-        )
-    if not is_there(folder / RECORDS):
-        raise InputError(
-            f"{folder}: not the folder of a run, {RECORDS} missing; allowed is one that isacbench run wrote"
-        )
-    try:
-        records = read_table(folder / RECORDS)
-        require_sound_records(records)
-    except ValueError as error:
-        raise InputError(f"{folder}: damaged run: {error}") from error
-    _require(folder / MANIFEST, SECTIONS, manifest)
-    _require(folder / RECORDS, COLUMNS, records.columns)
-    _require(folder / MANIFEST, records["environment"].unique(), manifest["environments"])
-    try:
-        require_described_scenarios(records, manifest)
-    except ValueError as error:
-        raise InputError(f"{folder}: damaged run: {error}") from error
-    for name, described in manifest["scenarios"].items():
-        _require(
-            folder / MANIFEST, [f"scenarios.{name}.content"], {f"scenarios.{name}.{key}" for key in described}
-        )
-    repeated = records.duplicated(CELL)
-    if repeated.any():
-        raise InputError(
-            f"{folder / RECORDS}: {repeated.sum()} cells have more than one row; allowed is one a cell"
-        )
-    return RunTable(str(folder), records, manifest)
 
 
 def code_version(run: RunTable) -> str:
@@ -269,14 +201,6 @@ def machines(run: RunTable) -> dict[str, str]:
         return {name: f"{one['processor']}, {one['cores']} cores" for name, one in found.items()}
     except KeyError as error:
         raise InputError(f"{run.label}: an environment of the manifest lacks {error}") from error
-
-
-def _require(where: Path, wanted: Any, present: Any) -> None:
-    missing = [str(name) for name in wanted if name not in present]
-    if missing:
-        raise InputError(
-            f"{where}: {', '.join(missing)} missing; allowed is a run of this version: run it again"
-        )
 
 
 def _measured(base: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:

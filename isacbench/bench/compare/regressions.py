@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
+from isacbench.bench.compare.compared_run import RunTable, read_run
 from isacbench.bench.compare.comparison import Comparison
 from isacbench.bench.compare.estimator_pairs import (
     find_pairs,
@@ -23,16 +24,13 @@ from isacbench.bench.compare.matching import (
     CURVE,
     CellChanges,
     NotComparableError,
-    RunTable,
     code_version,
     incomparable,
     pair_cells,
-    read_run,
     version_differences,
 )
 from isacbench.bench.compare.score_table import PairedScores, curve_scores, point_scores, timed_alike
 from isacbench.bench.compare.statistics import (
-    CONFIDENCE,
     bootstrap_changes,
     holm,
     signed_rank_test,
@@ -40,6 +38,7 @@ from isacbench.bench.compare.statistics import (
     trials_needed,
 )
 from isacbench.bench.compare.tolerance import Tolerance, direction, is_time, merge_tolerances, parse_tolerance
+from isacbench.bench.studies.intervals import CONFIDENCE
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:

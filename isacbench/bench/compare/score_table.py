@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.compare.matching import CURVE, RunTable, machines
+from isacbench.bench.compare.compared_run import RunTable
+from isacbench.bench.compare.matching import CURVE, machines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
+from isacbench.bench.studies.intervals import CONFIDENCE
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
@@ -16,9 +18,8 @@ if TYPE_CHECKING:
     Integers = NDArray[np.int64]
 
 __all__ = [
-    "CONFIDENCE",
     "MIN_INTERVAL_TRIALS",
-    "POWER",
+    "TEST_POWER",
     "Changes",
     "SignedRank",
     "bootstrap_changes",
@@ -31,8 +32,7 @@ __all__ = [
 MAX_EXACT = 100
 """Differences up to which the null distribution is exact; beyond, its normal limit is."""
 
-CONFIDENCE = 0.95
-POWER = 0.8
+TEST_POWER = 0.8
 
 MIN_INTERVAL_TRIALS = 6
 """Fewest trials with an interval: no resampling of n trials leaves their range, which misses the middle of a
@@ -248,8 +248,8 @@ def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Flo
     attainable = np.exp2(-trials)
     # Wherever the level is attainable at all, what is under the root is positive.
     freedom = np.where(attainable > level, np.nan, SIGNED_RANK_EFFICIENCY * trials - quantile**2 / 2)
-    effect = (quantile + float(ndtri(POWER))) / np.sqrt(freedom)
-    equal_signs = ndtri(np.power(POWER, 1 / np.maximum(trials, 1)))
+    effect = (quantile + float(ndtri(TEST_POWER))) / np.sqrt(freedom)
+    equal_signs = ndtri(np.power(TEST_POWER, 1 / np.maximum(trials, 1)))
     effect = np.where(2 * attainable > level, np.maximum(effect, equal_signs), effect)
     return np.where(attainable > level, np.inf, effect * deviation)
 

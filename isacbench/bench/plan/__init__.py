@@ -1,1 +1,3 @@
 """The plan of a run: cells, blocks, and the job that other processes work on."""
+
+__all__ = ["job", "labels", "manifest_plan", "run_plan"]

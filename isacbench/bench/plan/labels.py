@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 from isacbench.errors import InputError
-from isacbench.plugins.discovery import Kind
+from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import parameter_defaults
 from isacbench.plugins.specifications import spell_spec, spell_value
 
@@ -20,7 +20,7 @@ Variant = tuple[str, str]
 Params = Mapping[str, Any]
 
 Defaults = tuple[dict[str, Any], dict[str, Any]]
-Known = Callable[[Kind, str], Defaults | None]
+Known = Callable[[PluginKind, str], Defaults | None]
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
@@ -59,7 +59,7 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     }
 
 
-def _defaults(kind: Kind, name: str) -> Defaults | None:
+def _defaults(kind: PluginKind, name: str) -> Defaults | None:
     """Defaults of a plugin, and what parameters meant that are missing; None where nobody knows them."""
     try:
         return parameter_defaults(kind, name)

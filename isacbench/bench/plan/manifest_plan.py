@@ -1,4 +1,4 @@
-"""The outline of a run: its plan as the manifest keeps it, where rows find their places without plugins."""
+"""The plan of a run as the manifest keeps it: rows find their places in it without plugins."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from isacbench.bench.plan.run_plan import Plan
-from isacbench.bench.studies.study import Contestant
+from isacbench.bench.studies.study import Entry
 
 if TYPE_CHECKING:
     from isacbench.bench.studies.study import Scene
 
 __all__ = ["OutlinedScene", "outline", "restore_plan"]
+
+ENTRIES = "contestants"
+"""Key of a scene's entries in a manifest, as version 0.1 wrote it."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +27,14 @@ class OutlinedScene:
     ----------
     name, content : str
     snr_db : sequence of float
-    contestants : sequence of Contestant
+    entries : sequence of Entry
         Without plugins.
     """
 
     name: str
     content: str
     snr_db: Sequence[float]
-    contestants: Sequence[Contestant[None]]
+    entries: Sequence[Entry[None]]
 
 
 def outline(plan: Plan) -> list[dict[str, Any]]:
@@ -41,15 +44,15 @@ def outline(plan: Plan) -> list[dict[str, Any]]:
     -------
     list of dict
         ``name``, ``content``, ``snr_db`` and ``contestants``, indices into
-        the plan's.
+        the plan's entries.
     """
-    index = {(one.name, one.params): number for number, one in enumerate(plan.contestants)}
+    index = {(one.name, one.params): number for number, one in enumerate(plan.entries)}
     return [
         {
             "name": scene.name,
             "content": scene.content,
             "snr_db": list(scene.snr_db),
-            "contestants": [index[one.name, one.params] for one in scene.contestants],
+            ENTRIES: [index[one.name, one.params] for one in scene.entries],
         }
         for scene in plan.scenes
     ]
@@ -68,8 +71,8 @@ def restore_plan(manifest: Mapping[str, Any]) -> Plan:
     KeyError
         If the manifest is older than outlines.
     """
-    contestants = [
-        Contestant(entry["name"], json.dumps(entry["params"], sort_keys=True, separators=(",", ":")), None)
+    entries = [
+        Entry(entry["name"], json.dumps(entry["params"], sort_keys=True, separators=(",", ":")), None)
         for entry in manifest["estimators"]
     ]
     scenes = [
@@ -77,7 +80,7 @@ def restore_plan(manifest: Mapping[str, Any]) -> Plan:
             scene["name"],
             scene["content"],
             tuple(scene["snr_db"]),
-            tuple(contestants[index] for index in scene["contestants"]),
+            tuple(entries[index] for index in scene[ENTRIES]),
         )
         for scene in manifest["scenes"]
     ]

@@ -22,7 +22,7 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from isacbench.bench.studies.study import Contestant, Scene
+    from isacbench.bench.studies.study import Entry, Scene
 
 __all__ = ["Block", "BlockQueue", "Plan", "Shard"]
 
@@ -36,14 +36,14 @@ class Block(NamedTuple):
         Index of the scene.
     trial : int
     snr_db : float
-    contestants : tuple of int
-        Indices into the scene's contestants, those that have not met it yet.
+    entries : tuple of int
+        Indices into the scene's entries, those that have not met it yet.
     """
 
     scene: int
     trial: int
     snr_db: float
-    contestants: tuple[int, ...]
+    entries: tuple[int, ...]
 
 
 class Shard(NamedTuple):
@@ -74,7 +74,7 @@ class Shard(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Every cell of a run: scene by scene, trial by trial, SNR by SNR, contestant by contestant.
+    """Every cell of a run: scene by scene, trial by trial, SNR by SNR, entry by entry.
 
     Attributes
     ----------
@@ -91,9 +91,9 @@ class Plan:
         return int(self._offsets[-1])
 
     @property
-    def contestants(self) -> list[Contestant[Any]]:
+    def entries(self) -> list[Entry[Any]]:
         """Everybody who takes part, once each."""
-        every = {(one.name, one.params): one for scene in self.scenes for one in scene.contestants}
+        every = {(one.name, one.params): one for scene in self.scenes for one in scene.entries}
         return list(every.values())
 
     def positions(self, keys: pd.DataFrame) -> NDArray[np.int64]:
@@ -121,11 +121,11 @@ class Plan:
         """Blocks of the cells that are marked, in the order of the table."""
         blocks = []
         for index, scene in enumerate(self.scenes):
-            shape = self.n_trials, len(scene.snr_db), len(scene.contestants)
+            shape = self.n_trials, len(scene.snr_db), len(scene.entries)
             marked = todo[self._offsets[index] : self._offsets[index + 1]].reshape(shape)
             for trial, at_snr in zip(*np.nonzero(marked.any(axis=2)), strict=True):
-                contestants = tuple(np.flatnonzero(marked[trial, at_snr]).tolist())
-                blocks.append(Block(index, int(trial), scene.snr_db[at_snr], contestants))
+                entries = tuple(np.flatnonzero(marked[trial, at_snr]).tolist())
+                blocks.append(Block(index, int(trial), scene.snr_db[at_snr], entries))
         return blocks
 
     def shard(self, shard: Shard) -> NDArray[np.bool_]:
@@ -135,12 +135,12 @@ class Plan:
         part = np.cumsum([before != after for before, after in pairwise([trials[0], *trials])])
         if part[-1] + 1 < shard.n:
             part = np.arange(len(blocks))
-        return np.repeat(part % shard.n == shard.k - 1, [len(block.contestants) for block in blocks])
+        return np.repeat(part % shard.n == shard.k - 1, [len(block.entries) for block in blocks])
 
     @cached_property
     def _offsets(self) -> NDArray[np.int64]:
         """Position of the first cell of every scene, and of the end."""
-        sizes = [self.n_trials * len(scene.snr_db) * len(scene.contestants) for scene in self.scenes]
+        sizes = [self.n_trials * len(scene.snr_db) * len(scene.entries) for scene in self.scenes]
         return np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
 
     def _positions_in(self, index: int, keys: pd.DataFrame) -> NDArray[np.int64]:
@@ -148,11 +148,11 @@ class Plan:
         at_snr = pd.Index(scene.snr_db, dtype=np.float64).get_indexer(
             pd.Index(keys["snr_db"], dtype=np.float64)
         )
-        variants = pd.MultiIndex.from_tuples([(one.name, one.params) for one in scene.contestants])
-        contestant = variants.get_indexer(pd.MultiIndex.from_frame(keys[["estimator", "params"]]))
+        variants = pd.MultiIndex.from_tuples([(one.name, one.params) for one in scene.entries])
+        entry = variants.get_indexer(pd.MultiIndex.from_frame(keys[["estimator", "params"]]))
         trial = keys["trial"].to_numpy()
-        known = (at_snr >= 0) & (contestant >= 0) & (trial >= 0) & (trial < self.n_trials)
-        inside = (trial * len(scene.snr_db) + at_snr) * len(scene.contestants) + contestant
+        known = (at_snr >= 0) & (entry >= 0) & (trial >= 0) & (trial < self.n_trials)
+        inside = (trial * len(scene.snr_db) + at_snr) * len(scene.entries) + entry
         return np.where(known, self._offsets[index] + inside, -1)
 
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.plan.run_plan import Plan
-    from isacbench.bench.suites.suite import Kind
+    from isacbench.bench.suites.suite import StudyKind
     from isacbench.model.scenes.scenario import Scenario
 
 __all__ = ["Gap", "Merged", "merge"]
@@ -87,7 +87,7 @@ class Merged:
         What is missing.
     """
 
-    kind: Kind
+    kind: StudyKind
     records: pd.DataFrame
     n_cells: int
     gaps: list[Gap]
@@ -375,8 +375,8 @@ def _gaps(plan: Plan, positions: NDArray[np.int64]) -> Iterator[Gap]:
     trials: dict[tuple[str, str, str], list[int]] = {}
     for block in plan.blocks(missing):
         scene = plan.scenes[block.scene]
-        for index in block.contestants:
-            one = scene.contestants[index]
+        for index in block.entries:
+            one = scene.entries[index]
             trials.setdefault((scene.name, one.name, one.params), []).append(block.trial)
     for key, found in trials.items():
         yield Gap(*key, len(found), tuple(dict.fromkeys(found)))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import Shot, score_image
+from isacbench.bench.cells.cell import MeasuredImage, score_image
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.store.observed_scenes import ObservedScenes, rows_by_trial
 from isacbench.bench.store.rows import Rows
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.cells.record import Results
-    from isacbench.bench.suites.suite import Kind
+    from isacbench.bench.suites.suite import StudyKind
 
 __all__ = ["Change", "Rescored", "rescore"]
 
@@ -76,7 +76,7 @@ class Rescored:
         Columns that differ.
     """
 
-    kind: Kind
+    kind: StudyKind
     records: pd.DataFrame
     n_scored: int
     n_changed: int
@@ -134,7 +134,7 @@ def _scored_again(folder: Path, results: Results) -> tuple[pd.DataFrame, list[in
         scene, chosen = observed.scenes[name], candidates[inside]
         scenario = observed.scenario(name, trial)
         for row, cloud in zip(chosen.tolist(), _clouds(rows.take(chosen)), strict=True):
-            shot = Shot(scenario, None, None, records["snr_db"].iloc[row], cloud)
+            shot = MeasuredImage(scenario, None, None, records["snr_db"].iloc[row], cloud)
             scored[row] = {**score_image(scenario, cloud), **_measured(scene, shot, columns)}
     return pd.DataFrame(list(scored.values()), index=list(scored)), list(scored)
 
@@ -149,7 +149,7 @@ def _require_clouds(folder: Path, rows: Rows, candidates: NDArray[np.intp]) -> N
         )
 
 
-def _measured(scene: ImagedScene, shot: Shot, columns: Mapping[str, Any]) -> dict[str, Any]:
+def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any]) -> dict[str, Any]:
     """All columns that a scene measures of a cloud; none where that takes more than the cloud."""
     found = {} if scene.measure is None else scene.measure(shot)
     if not found:
@@ -163,7 +163,7 @@ def _clouds(rows: Rows) -> Iterator[PointCloud]:
         yield PointCloud.from_array(points)
 
 
-def _compared(kind: Kind, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
+def _compared(kind: StudyKind, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
     differs = (old != new) & ~(old.isna() & new.isna())
     changes = []
     for name in new.columns[differs.any().to_numpy()]:

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block, Plan
-    from isacbench.bench.workers.workbench import Made
+    from isacbench.bench.store.provenance import Made
     from isacbench.plugins.contracts import Estimator
 
 __all__ = ["Execution", "Progress", "estimate_cloud", "run", "run_cell", "run_suite"]
@@ -374,7 +374,7 @@ def _work(
     progress: Progress | None,
 ) -> bool:
     """Put every outcome of blocks into the journal at once; whether an interrupt ended it early."""
-    n_cells = n_kept + sum(len(block.contestants) for block in blocks)
+    n_cells = n_kept + sum(len(block.entries) for block in blocks)
     try:
         for n_done, made in enumerate(outcomes, start=n_kept + 1):
             journal.append(made)

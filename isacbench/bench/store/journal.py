@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import COLUMNS, POINT_COLUMNS, PROVENANCE, TYPES
+from isacbench.bench.cells.record import COLUMNS, PROVENANCE, TYPES
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import cannot_be_written
 from isacbench.files.checked_files import open_own, require_file, require_inside
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,8 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from isacbench.bench.store.provenance import Environment
-    from isacbench.bench.workers.workbench import Made
+    from isacbench.bench.store.provenance import Environment, Made
 
 __all__ = ["Journal", "read_journal"]
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from isacbench.bench.cells.record import POINT_COLUMNS
 from isacbench.bench.studies.study import ImagedScene
 from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.errors import InputError
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.scene import Scatterers, warned_before
 
 if TYPE_CHECKING:

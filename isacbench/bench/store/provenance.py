@@ -8,7 +8,7 @@ import subprocess
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from threadpoolctl import threadpool_info
 
@@ -17,10 +17,12 @@ from isacbench.bench.suites.scenario_digest import digest
 from isacbench.plugins.plugin_versions import library_code, plugin_version
 
 if TYPE_CHECKING:
+    from isacbench.bench.cells.record import Outcome
     from isacbench.plugins.contracts import Detector, Estimator
 
 __all__ = [
     "Environment",
+    "Made",
     "blas_libraries",
     "code_digest",
     "environment_id",
@@ -149,3 +151,10 @@ def _processor() -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
+
+
+class Made(NamedTuple):
+    """An outcome, and the environment that made it, whose name the record has."""
+
+    outcome: Outcome
+    environment: Environment

@@ -146,7 +146,7 @@ def _refuse_others(
     if (positions < 0).any():
         first = records[positions < 0].iloc[0]
         variant = first["estimator"], first["params"]
-        labels = estimator_labels([variant, *((one.name, one.params) for one in plan.contestants)])
+        labels = estimator_labels([variant, *((one.name, one.params) for one in plan.entries)])
         raise InputError(
             f"it holds {np.sum(positions < 0)} cells that this run does not have, the first one "
             f"{labels[variant]} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
@@ -182,7 +182,7 @@ def _other_versions(stored: Rows, plan: Plan) -> Mask:
 
 def _with_environments(stored: Rows, plan: Plan) -> Rows:
     """Rows with the descriptions that this process knows itself, should the stored ones be damaged."""
-    known = [environment_of(one.plugin) for one in plan.contestants]
+    known = [environment_of(one.plugin) for one in plan.entries]
     named = {environment_id(environment): environment for environment in known}
     used = set(stored.records["environment"])
     here = {name: environment for name, environment in named.items() if name in used}
@@ -190,8 +190,8 @@ def _with_environments(stored: Rows, plan: Plan) -> Rows:
 
 
 def versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
-    """Versions that rows made by this process have, by name and parameters of the contestant."""
-    return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in plan.contestants}
+    """Versions that rows made by this process have, by name and parameters of the entry."""
+    return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in plan.entries}
 
 
 def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask, mix_versions: bool) -> None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, POINT_COLUMNS
+from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -17,15 +17,7 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 import isacbench
-from isacbench.bench.cells.record import (
-    CLOUD_KEYS,
-    COLUMNS,
-    DRAW_COLUMNS,
-    POINT_COLUMNS,
-    PROVENANCE,
-    Results,
-    typed,
-)
+from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, DRAW_COLUMNS, PROVENANCE, Results, typed
 from isacbench.bench.plan.manifest_plan import outline
 from isacbench.bench.store.csv_table import without_formulas, write_csv_table
 from isacbench.bench.store.journal import read_journal
@@ -57,6 +49,7 @@ from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
 from isacbench.files.toml_files import describe_mistake
 from isacbench.metrics.score import METRIC_VERSION
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.plugins.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
@@ -156,7 +149,7 @@ def describe_run(job: Job) -> dict[str, Any]:
         "metric": current_metric(),
         "estimators": [
             {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
-            for one in job.plan.contestants
+            for one in job.plan.entries
         ],
         "scenarios": {
             name: {**describe_scenario(scenario), "content": scenario_digest(scenario)}

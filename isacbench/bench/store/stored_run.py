@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS, Status
+from isacbench.bench.cells.record import CLOUD_KEYS, CellStatus
 from isacbench.bench.cells.statuses import SCORED, failed
 from isacbench.bench.store.observed_scenes import ObservedScenes
 from isacbench.bench.store.run_store import read_manifest, read_scenes, read_sound_rows
@@ -204,7 +204,7 @@ class StoredRun(Displayed):
         folder = shortened(str(self.folder), MOST_OF_A_PATH)
         names = rows["estimator"].unique()
         n_variants = len(rows[["estimator", "params"]].drop_duplicates())
-        statuses = [(status, int((rows["status"] == status).sum())) for status in get_args(Status)]
+        statuses = [(status, int((rows["status"] == status).sum())) for status in get_args(CellStatus)]
         return Description(
             f"StoredRun of {quoted(suite.get('name'))}: {counted(len(rows), 'row')} in {quoted(folder)}",
             {

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from isacbench.bench.cells.record import COLUMNS, TYPES, Status
+from isacbench.bench.cells.record import COLUMNS, TYPES, CellStatus
 from isacbench.errors import InputError
 from isacbench.files.escaping import quoted
 
@@ -103,12 +103,12 @@ class Manifest(_Part):
     @field_validator("scenes")
     @classmethod
     def _require_estimators(cls, scenes: list[_Scene], info: ValidationInfo) -> list[_Scene]:
-        """Refuse scenes whose contestants are not among the estimators."""
+        """Refuse scenes whose entries are not among the estimators."""
         n_estimators = len(info.data.get("estimators", ()))
         for scene in scenes:
             if max(scene.contestants) >= n_estimators:
                 raise ValueError(
-                    f"contestant {max(scene.contestants)} of {scene.name!r}; allowed are indices of the "
+                    f"entry {max(scene.contestants)} of {scene.name!r}; allowed are indices of the "
                     f"{n_estimators} estimators"
                 )
         return scenes
@@ -133,10 +133,10 @@ def require_sound_records(records: pd.DataFrame) -> None:
     if "snr_db" in records and not np.isfinite(records["snr_db"].to_numpy(dtype=np.float64)).all():
         raise ValueError("column snr_db: allowed are finite numbers")
     if "status" in records:
-        unknown = set(records["status"].unique()) - set(get_args(Status))
+        unknown = set(records["status"].unique()) - set(get_args(CellStatus))
         if unknown:
             raise ValueError(
-                f"column status: {quoted(unknown.pop())}; allowed are {', '.join(get_args(Status))}"
+                f"column status: {quoted(unknown.pop())}; allowed are {', '.join(get_args(CellStatus))}"
             )
     if "params" in records:
         for text in records["params"].unique():

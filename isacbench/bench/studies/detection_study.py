@@ -29,8 +29,8 @@ from isacbench.bench.cells.timing import Trial, timed
 from isacbench.bench.studies.imaging_study import require_scatterers
 from isacbench.bench.studies.intervals import mean_band, share_band
 from isacbench.bench.studies.medians import median_times
-from isacbench.bench.studies.power_maps import PowerMap, draw_map, near
-from isacbench.bench.studies.study import Contestant, ImagedScene, element_snrs_db, gained_snr_db
+from isacbench.bench.studies.power_maps import PowerMap, draw_power_map, near
+from isacbench.bench.studies.study import Entry, ImagedScene, element_snrs_db, gained_snr_db
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import InputError
 from isacbench.instrument.stages import stage
@@ -42,16 +42,16 @@ from isacbench.plugins.registry import canonical_params, get_detector, get_estim
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from isacbench.bench.cells.cell import Shot
-    from isacbench.bench.cells.record import Status
+    from isacbench.bench.cells.cell import MeasuredImage
+    from isacbench.bench.cells.record import CellStatus
     from isacbench.bench.studies.power_maps import MapName
     from isacbench.bench.studies.study import Scene
     from isacbench.bench.suites.suite import DetectionSuite
     from isacbench.model.scenes.scenario import Scenario
     from isacbench.plugins.contracts import Estimator
-    from isacbench.plugins.specifications import Variant
+    from isacbench.plugins.specifications import SpelledVariant
 
-__all__ = ["DetectorStudy", "MapScene", "count_cells", "summarise"]
+__all__ = ["DetectorStudy", "MapScene", "count_cells", "summarise_detection"]
 
 MAP_GAIN_DB = 10 * math.log10(System().processing_gain)
 """A target of a map stands for a unit scatterer in the range-Doppler map of one element (Table I)."""
@@ -90,7 +90,7 @@ class DetectorStudy:
 
 
 @dataclass(frozen=True, eq=False)
-class MapEncounter:
+class SharedMap:
     """A map that detectors test.
 
     Attributes
@@ -109,36 +109,34 @@ class MapEncounter:
     power: NDArray[np.float64]
     labels: Mapping[str, Any]
 
-    def meet(self, contestant: Contestant[Detector]) -> Outcome:
+    def meet(self, entry: Entry[Detector]) -> Outcome:
         """Let a detector test the map."""
-        outcome = _run_detector(contestant.cell(self.cell), contestant.plugin, self.drawn, self.power)
-        return outcome.labelled({**self.labels, **contestant.labels})
+        outcome = _run_detector(entry.cell(self.cell), entry.plugin, self.drawn, self.power)
+        return outcome.labelled({**self.labels, **entry.labels})
 
     def time_repeats(
-        self, contestant: Contestant[Detector], met: Outcome, n: int, before_each: Callable[[], None]
+        self, entry: Entry[Detector], met: Outcome, n: int, before_each: Callable[[], None]
     ) -> Outcome:
         """Let a detector test the map again and again."""
         masks: list[NDArray[np.bool_]] = []
 
         def detect(_: None) -> NDArray[np.bool_]:
             with stage("detection"):
-                return _mask(contestant.plugin.detect(self.power), self.power.shape)
+                return _mask(entry.plugin.detect(self.power), self.power.shape)
 
         def is_same(mask: NDArray[np.bool_]) -> bool:
             masks.append(mask)
             counts = _counts(mask, self.drawn.targets, self.drawn.clear)
             return np.array_equal(mask, masks[0]) and counts.items() <= met.extras.items()
 
-        outcome = timed(met, contestant.cell(self.cell), Trial(before_each, detect), n, is_same)
-        return outcome.labelled({**self.labels, **contestant.labels})
+        outcome = timed(met, entry.cell(self.cell), Trial(before_each, detect), n, is_same)
+        return outcome.labelled({**self.labels, **entry.labels})
 
-    def forfeit(
-        self, contestant: Contestant[Detector], status: Status, reason: str, time_s: float
-    ) -> Outcome:
+    def failure_row(self, entry: Entry[Detector], status: CellStatus, reason: str, time_s: float) -> Outcome:
         """Row of a detector that left no other trace."""
         n_targets = int(self.drawn.targets.sum())
-        outcome = failure(contestant.cell(self.cell), status, reason, n_targets, time_s)
-        return outcome.labelled({**self.labels, **contestant.labels})
+        outcome = failure(entry.cell(self.cell), status, reason, n_targets, time_s)
+        return outcome.labelled({**self.labels, **entry.labels})
 
     def digest(self) -> str:
         """Digest of the map."""
@@ -153,16 +151,14 @@ class MapScene:
     suite : DetectionSuite
     name : str
         Of the map.
-    contestants : sequence of Contestant
+    entries : sequence of Entry
         Detectors.
     """
 
-    def __init__(
-        self, suite: DetectionSuite, name: MapName, contestants: Sequence[Contestant[Detector]]
-    ) -> None:
+    def __init__(self, suite: DetectionSuite, name: MapName, entries: Sequence[Entry[Detector]]) -> None:
         self.name = name
         self.snr_db = element_snrs_db(suite, MAP_GAIN_DB)
-        self.contestants = contestants
+        self.entries = entries
         self._suite = suite
         self._map_name: MapName = name
         self._drawn: tuple[int, PowerMap] | None = None
@@ -170,18 +166,18 @@ class MapScene:
     @cached_property
     def content(self) -> str:
         """Digest of the first map drawn: of what no rounding changes."""
-        drawn = draw_map(self._map_name, 0, self._suite.seed)
+        drawn = draw_power_map(self._map_name, 0, self._suite.seed)
         bits = np.packbits([drawn.targets, drawn.clear, drawn.noise.real > 0, drawn.echo.real > 0])
         return digest([self._suite.kind, self.name, hashlib.sha256(bits.tobytes()).hexdigest()])
 
-    def observe(self, snr_db: float, trial: int) -> MapEncounter:
+    def observe(self, snr_db: float, trial: int) -> SharedMap:
         """Draw the map, for all detectors."""
         drawn, suite = self._draw(trial), self._suite
         target_snr_db = gained_snr_db(snr_db, MAP_GAIN_DB)
         power = drawn.power(target_snr_db)
         power.setflags(write=False)
         cell = Cell(suite.name, self.name, "", "", snr_db, trial, suite.seed, self.content)
-        return MapEncounter(cell, drawn, power, {"snr_gain_db": target_snr_db})
+        return SharedMap(cell, drawn, power, {"snr_gain_db": target_snr_db})
 
     def forget(self) -> None:
         """Let go of the map."""
@@ -193,11 +189,11 @@ class MapScene:
 
     def _draw(self, trial: int) -> PowerMap:
         if self._drawn is None or self._drawn[0] != trial:
-            self._drawn = trial, draw_map(self._map_name, trial, self._suite.seed)
+            self._drawn = trial, draw_power_map(self._map_name, trial, self._suite.seed)
         return self._drawn[1]
 
 
-def count_cells(shot: Shot) -> dict[str, int]:
+def count_cells(shot: MeasuredImage) -> dict[str, int]:
     """Count cells of the range-Doppler map that an estimator's detector tested.
 
     Parameters
@@ -226,7 +222,7 @@ def count_cells(shot: Shot) -> dict[str, int]:
     return _counts(mask, targets, ~near(targets, CLEAR_CELLS))
 
 
-def summarise(records: pd.DataFrame) -> pd.DataFrame:
+def summarise_detection(records: pd.DataFrame) -> pd.DataFrame:
     """Probabilities of detection and of false alarm, and the deviation of what was imaged.
 
     Parameters
@@ -265,35 +261,35 @@ def summarise(records: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
 
 
-def _variants(specs: Sequence[str]) -> list[Variant]:
+def _variants(specs: Sequence[str]) -> list[SpelledVariant]:
     """Specifications without grids."""
     return [variant for text in specs for variant in spec_variants(text)]
 
 
-def _alone(detectors: Sequence[Variant], rates: Sequence[float]) -> list[Contestant[Detector]]:
+def _alone(detectors: Sequence[SpelledVariant], rates: Sequence[float]) -> list[Entry[Detector]]:
     """Every detector at every nominal rate, at its own where none is given."""
-    contestants = []
+    entries = []
     for text, (name, params) in detectors:
         for rate in rates or [get_detector(name, **params).pfa]:
             detector = get_detector(name, **{**params, "pfa": rate})
             labels = {"detector": text, "pfa": detector.pfa}
-            contestants.append(Contestant(name, canonical_params(detector), detector, labels))
-    _refuse_repeats(contestants)
-    return contestants
+            entries.append(Entry(name, canonical_params(detector), detector, labels))
+    _refuse_repeats(entries)
+    return entries
 
 
-def _behind(detectors: Sequence[Variant], suite: DetectionSuite) -> list[Contestant[Estimator]]:
+def _behind(detectors: Sequence[SpelledVariant], suite: DetectionSuite) -> list[Entry[Estimator]]:
     """Every estimator behind every detector."""
-    contestants = []
+    entries = []
     for build in _builders(suite):
         for text, spec in detectors:
             detector = get_detector(spec.name, **spec.params)
             estimator = build(detector)
             own_pfa = getattr(estimator, "pfa", None)
             labels = {"detector": text, "pfa": detector.pfa if own_pfa is None else own_pfa}
-            contestants.append(Contestant(estimator.name, canonical_params(estimator), estimator, labels))
-    _refuse_repeats(contestants)
-    return contestants
+            entries.append(Entry(estimator.name, canonical_params(estimator), estimator, labels))
+    _refuse_repeats(entries)
+    return entries
 
 
 def _builders(suite: DetectionSuite) -> Iterator[Callable[[Detector], Estimator]]:
@@ -320,12 +316,12 @@ def _with_detector(estimator: Estimator, detector: Detector) -> Estimator:
     return cast("Estimator", dataclasses.replace(cast("Any", estimator), detector=detector))
 
 
-def _refuse_repeats(contestants: Sequence[Contestant[Any]]) -> None:
-    keys = [(contestant.name, contestant.params) for contestant in contestants]
-    for index, contestant in enumerate(contestants):
+def _refuse_repeats(entries: Sequence[Entry[Any]]) -> None:
+    keys = [(entry.name, entry.params) for entry in entries]
+    for index, entry in enumerate(entries):
         if keys[index] in keys[:index]:
             raise InputError(
-                f"detectors: {contestant.labels['detector']!r} repeats a detector with equal parameters"
+                f"detectors: {entry.labels['detector']!r} repeats a detector with equal parameters"
             )
 
 

@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from isacbench.bench.cells.cell import Shot
+    from isacbench.bench.cells.cell import MeasuredImage
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scenes.scenario import Scenario
 
     Floats = NDArray[np.float64]
 
-__all__ = ["Efficiency", "measure", "summarise"]
+__all__ = ["Efficiency", "measure_efficiency", "summarise_efficiency"]
 
 MARGIN_CELLS = 0.5
 """Rayleigh cells between a scatterer and the region's border: beyond it errors would be cut off."""
@@ -65,16 +65,18 @@ class Efficiency:
 
     def scenes(self, suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
         """One scatterer in the region of each scenario."""
-        contestants = build_estimators(suite)
+        entries = build_estimators(suite)
         scenes = []
         for scenario in scenarios.values():
             draw = partial(_draw, scenario, suite.seed)
             snr_db = element_snrs_db(suite, gain_db(draw(0)))
-            scenes.append(ImagedScene(suite, scenario, contestants, snr_db, draw=draw, measure=measure))
+            scenes.append(
+                ImagedScene(suite, scenario, entries, snr_db, draw=draw, measure=measure_efficiency)
+            )
         return scenes
 
 
-def measure(shot: Shot) -> dict[str, Any]:
+def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
     """Measure an image of one scatterer.
 
     Parameters
@@ -102,7 +104,7 @@ def measure(shot: Shot) -> dict[str, Any]:
     return measured
 
 
-def summarise(records: pd.DataFrame) -> pd.DataFrame:
+def summarise_efficiency(records: pd.DataFrame) -> pd.DataFrame:
     """Root mean square errors over the bound, of every estimator at every SNR.
 
     Parameters

@@ -14,20 +14,20 @@ if TYPE_CHECKING:
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scenes.scenario import Scenario
 
-__all__ = ["Imaging", "require_scatterers"]
+__all__ = ["ImagingStudy", "require_scatterers"]
 
 
-class Imaging:
+class ImagingStudy:
     """Deviation of the image of every scenario, over SNR."""
 
     columns: ClassVar[Mapping[str, Any]] = {}
 
     def scenes(self, suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
         """Return the scenarios themselves."""
-        contestants = build_estimators(suite)
+        entries = build_estimators(suite)
         require_scatterers(scenarios)
         return [
-            ImagedScene(suite, scenario, contestants, element_snrs_db(suite, gain_db(scenario)))
+            ImagedScene(suite, scenario, entries, element_snrs_db(suite, gain_db(scenario)))
             for scenario in scenarios.values()
         ]
 

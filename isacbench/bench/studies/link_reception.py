@@ -16,7 +16,7 @@ from isacbench.bench.cells.cell import failed_by, failure
 from isacbench.bench.cells.isolation import array_digest
 from isacbench.bench.cells.record import DRAW_COLUMNS, Cell, Outcome, Record
 from isacbench.bench.cells.timing import Trial, timed
-from isacbench.bench.studies.study import Contestant
+from isacbench.bench.studies.study import Entry
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import InputError, unknown_name
 from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, require_closed_form
@@ -30,7 +30,7 @@ from isacbench.plugins.registry import canonical_params, construct
 from isacbench.plugins.specifications import parse_spec
 
 if TYPE_CHECKING:
-    from isacbench.bench.cells.record import Status
+    from isacbench.bench.cells.record import CellStatus
     from isacbench.bench.suites.suite import LinkSuite
     from isacbench.link.reception.channel import Channel
     from isacbench.link.reception.receiver import Reception
@@ -82,38 +82,38 @@ class Arrival:
     channel: Channel
     labels: Mapping[str, Any]
 
-    def meet(self, contestant: Contestant[OneTap]) -> Outcome:
+    def meet(self, entry: Entry[OneTap]) -> Outcome:
         """Let a receiver receive the frame."""
-        cell = contestant.cell(self.cell)
+        cell = entry.cell(self.cell)
         start = time.perf_counter()
         try:
-            reception = self._receive(contestant.plugin)
+            reception = self._receive(entry.plugin)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             outcome = failed_by(error, cell, self.grid.bits.size, time.perf_counter() - start)
         else:
-            outcome = self._outcome(cell, contestant.plugin, reception, time.perf_counter() - start)
-        return outcome.labelled({**self.labels, **contestant.labels})
+            outcome = self._outcome(cell, entry.plugin, reception, time.perf_counter() - start)
+        return outcome.labelled({**self.labels, **entry.labels})
 
     def time_repeats(
-        self, contestant: Contestant[OneTap], met: Outcome, n: int, before_each: Callable[[], None]
+        self, entry: Entry[OneTap], met: Outcome, n: int, before_each: Callable[[], None]
     ) -> Outcome:
         """Let a receiver receive the frame again and again."""
 
         def receive_again(_: None) -> Reception:
-            return self._receive(contestant.plugin)
+            return self._receive(entry.plugin)
 
         def is_same(reception: Reception) -> bool:
             return bool(reception.n_bit_errors == met.extras["n_bit_errors"])
 
-        outcome = timed(met, contestant.cell(self.cell), Trial(before_each, receive_again), n, is_same)
-        return outcome.labelled({**self.labels, **contestant.labels})
+        outcome = timed(met, entry.cell(self.cell), Trial(before_each, receive_again), n, is_same)
+        return outcome.labelled({**self.labels, **entry.labels})
 
-    def forfeit(self, contestant: Contestant[OneTap], status: Status, reason: str, time_s: float) -> Outcome:
+    def failure_row(self, entry: Entry[OneTap], status: CellStatus, reason: str, time_s: float) -> Outcome:
         """Row of a receiver that left no other trace."""
-        outcome = failure(contestant.cell(self.cell), status, reason, self.grid.bits.size, time_s)
-        return outcome.labelled({**self.labels, **contestant.labels})
+        outcome = failure(entry.cell(self.cell), status, reason, self.grid.bits.size, time_s)
+        return outcome.labelled({**self.labels, **entry.labels})
 
     def digest(self) -> str:
         """Digest of the frame."""
@@ -162,7 +162,7 @@ class UserScene:
         Channel as the suite writes it.
     channel : Channel
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    contestants : sequence of Contestant
+    entries : sequence of Entry
         Receivers.
     """
 
@@ -173,11 +173,11 @@ class UserScene:
         text: str,
         channel: Channel,
         modulation: Modulation,
-        contestants: Sequence[Contestant[OneTap]],
+        entries: Sequence[Entry[OneTap]],
     ) -> None:
         self.name = f"user-{text}-{modulation}"
         self.snr_db = suite.snr_db or ()
-        self.contestants = contestants
+        self.entries = entries
         self._suite, self._system = suite, system
         self._channel, self._modulation = channel, modulation
         self._labels = {"channel": text, "modulation": modulation}
@@ -224,8 +224,8 @@ def build_channel(text: str) -> Channel:
     return channel
 
 
-def build_receiver(text: str) -> Contestant[OneTap]:
-    """Receiver that ``name[param=value,...]`` describes, as a contestant.
+def build_receiver(text: str) -> Entry[OneTap]:
+    """Receiver that ``name[param=value,...]`` describes, as an entry.
 
     Raises
     ------
@@ -236,14 +236,14 @@ def build_receiver(text: str) -> Contestant[OneTap]:
     if name != OneTap.name:
         raise unknown_name("receiver", name, [OneTap.name])
     receiver: OneTap = construct("receiver", name, OneTap, params)
-    return Contestant(name, canonical_params(receiver), receiver)
+    return Entry(name, canonical_params(receiver), receiver)
 
 
 def require_possible(
     suite: LinkSuite,
     system: System,
     channels: Mapping[str, Channel],
-    receivers: Sequence[Contestant[OneTap]],
+    receivers: Sequence[Entry[OneTap]],
 ) -> None:
     """Refuse before anything runs what would fail in every cell of a channel or a receiver.
 
@@ -256,7 +256,7 @@ def require_possible(
     system : System
     channels : mapping of str to Channel
         By what the suite writes.
-    receivers : sequence of Contestant
+    receivers : sequence of Entry
         In the order of the suite.
 
     Raises

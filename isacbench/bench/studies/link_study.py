@@ -25,7 +25,7 @@ from isacbench.bench.studies.imaging_study import require_scatterers
 from isacbench.bench.studies.intervals import mean_band, share_band
 from isacbench.bench.studies.link_reception import UserScene, build_channel, build_receiver, require_possible
 from isacbench.bench.studies.medians import median_times
-from isacbench.bench.studies.study import Contestant, ImagedScene, build_estimators, element_snrs_db
+from isacbench.bench.studies.study import Entry, ImagedScene, build_estimators, element_snrs_db
 from isacbench.errors import InputError
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.waveform.sent_signal import Signal
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
     from isacbench.model.scenes.scenario import Scenario
 
-__all__ = ["Link", "outside_interval", "signals_of", "summarise"]
+__all__ = ["Link", "outside_interval", "signals_of", "summarise_link"]
 
 
 def signals_of(suite: LinkSuite) -> dict[str, Signal]:
@@ -93,10 +93,10 @@ class Link:
             raise InputError(
                 "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array to gain by"
             )
-        contestants = build_estimators(suite)
+        entries = build_estimators(suite)
         require_scatterers(scenarios)
         scenes: list[Scene] = [
-            _sensed_scene(suite, scenario, name, signal, contestants)
+            _sensed_scene(suite, scenario, name, signal, entries)
             for scenario in scenarios.values()
             for name, signal in signals_of(suite).items()
         ]
@@ -117,7 +117,7 @@ def _sensed_scene(
     scenario: Scenario,
     name: str,
     signal: Signal,
-    contestants: Sequence[Contestant[Any]],
+    entries: Sequence[Entry[Any]],
 ) -> ImagedScene:
     """A scenario that is sensed with a signal; of the PRS alone the data's modulation does not matter."""
     labels = {
@@ -129,7 +129,7 @@ def _sensed_scene(
     return ImagedScene(
         suite,
         scenario,
-        contestants,
+        entries,
         element_snrs_db(suite, gain_db(scenario)),
         name=f"{scenario.name}-{name}",
         simulator=partial(SignalSimulator, signal=signal),
@@ -171,7 +171,7 @@ GROUP = [
 ]
 
 
-def summarise(records: pd.DataFrame) -> pd.DataFrame:
+def summarise_link(records: pd.DataFrame) -> pd.DataFrame:
     """Average the trials of every signal and estimator, and of every channel, modulation and receiver.
 
     Parameters
@@ -217,7 +217,7 @@ def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
     Parameters
     ----------
     summary : DataFrame
-        As `summarise` returns it.
+        As `summarise_link` returns it.
 
     Returns
     -------

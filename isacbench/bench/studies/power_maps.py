@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-__all__ = ["MAPS", "MapName", "PowerMap", "draw_map", "near"]
+__all__ = ["MAPS", "MapName", "PowerMap", "draw_power_map", "near"]
 
 SITE = 32
 """Cells of a site along range and along Doppler."""
@@ -86,7 +86,7 @@ class _Layout:
     clear: Mask
 
 
-def draw_map(name: MapName, trial: int, seed: int) -> PowerMap:
+def draw_power_map(name: MapName, trial: int, seed: int) -> PowerMap:
     """Draw a map.
 
     Parameters

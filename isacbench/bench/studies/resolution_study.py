@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from isacbench.bench.cells.cell import Shot
+    from isacbench.bench.cells.cell import MeasuredImage
     from isacbench.bench.cells.radio_coordinates import Dimension
     from isacbench.bench.suites.suite import ResolutionSuite
     from isacbench.model.scenes.scenario import Scenario
 
-__all__ = ["Resolution", "measure", "pair", "summarise"]
+__all__ = ["Resolution", "measure_resolution", "pair", "summarise_resolution"]
 
 MARGIN_CELLS = 0.5
 """Rayleigh cells between the farthest pair and the region's border."""
@@ -64,7 +64,7 @@ class Resolution:
 
     def scenes(self, suite: ResolutionSuite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
         """One scene a scenario, dimension, distance and relative phase."""
-        contestants = build_estimators(suite)
+        entries = build_estimators(suite)
         margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
         scenes = []
         for template in scenarios.values():
@@ -81,10 +81,10 @@ class Resolution:
                             ImagedScene(
                                 suite,
                                 renamed,
-                                contestants,
+                                entries,
                                 element_snrs_db(suite, gain_db(draw(0))),
                                 draw=draw,
-                                measure=partial(measure, dimension),
+                                measure=partial(measure_resolution, dimension),
                                 labels={
                                     "template": template.name,
                                     "dimension": dimension,
@@ -136,7 +136,7 @@ def pair(
         return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
 
 
-def measure(dimension: Dimension, shot: Shot) -> dict[str, Any]:
+def measure_resolution(dimension: Dimension, shot: MeasuredImage) -> dict[str, Any]:
     """Measure an image of two scatterers.
 
     Parameters
@@ -161,7 +161,7 @@ def measure(dimension: Dimension, shot: Shot) -> dict[str, Any]:
     return {"resolved": bool(found.all()), "n_false": len(shot.cloud) - int(found.sum())}
 
 
-def summarise(records: pd.DataFrame) -> pd.DataFrame:
+def summarise_resolution(records: pd.DataFrame) -> pd.DataFrame:
     """Probability of resolution of every estimator over the distance.
 
     Parameters

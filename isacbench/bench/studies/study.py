@@ -1,7 +1,7 @@
 """Studies: what a kind of suite makes of its scenarios, and what it measures beside the scores.
 
 A study expands a suite into scenes. A scene is what the column `scenario`
-names: it is drawn once a trial, observed at every SNR, and every contestant
+names: it is drawn once a trial, observed at every SNR, and every entry
 meets the same observation. The harness knows nothing else.
 """
 
@@ -29,17 +29,17 @@ from isacbench.plugins.registry import build_estimators_of, canonical_params
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.cell import Measure
-    from isacbench.bench.cells.record import Outcome, Status
+    from isacbench.bench.cells.record import CellStatus, Outcome
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
     from isacbench.model.scenes.scenario import Scenario
 
 __all__ = [
-    "Contestant",
-    "Encounter",
+    "Entry",
     "ImagedScene",
     "Scene",
+    "SharedObservation",
     "Study",
     "build_estimators",
     "element_snrs_db",
@@ -54,7 +54,7 @@ SuiteT = TypeVar("SuiteT", bound="Suite", contravariant=True)
 
 
 @dataclass(frozen=True)
-class Contestant(Generic[Plugin]):
+class Entry(Generic[Plugin]):
     """Who meets an observation.
 
     Attributes
@@ -87,18 +87,18 @@ class Scene(Protocol):
 
     @property
     def content(self) -> str:
-        """Digest of what its rows follow from beside contestant, SNR, trial and seed."""
+        """Digest of what its rows follow from beside entry, SNR, trial and seed."""
 
     @property
     def snr_db(self) -> Sequence[float]:
         """SNRs, per resource element and virtual element."""
 
     @property
-    def contestants(self) -> Sequence[Contestant[Any]]:
+    def entries(self) -> Sequence[Entry[Any]]:
         """Who meets every observation."""
 
-    def observe(self, snr_db: float, trial: int) -> Encounter:
-        """Observe once, for all contestants."""
+    def observe(self, snr_db: float, trial: int) -> SharedObservation:
+        """Observe once, for all entries."""
 
     def forget(self) -> None:
         """Let go of what was kept for further observations."""
@@ -107,25 +107,25 @@ class Scene(Protocol):
         """Scatterers that were drawn, a row each, with the columns of `Results.draws`."""
 
 
-class Encounter(Protocol):
-    """One observation, which every contestant of a scene meets."""
+class SharedObservation(Protocol):
+    """One observation, which every entry of a scene meets."""
 
-    def meet(self, contestant: Contestant[Any]) -> Outcome:
-        """Let a contestant have its try; whatever it raises becomes a row."""
+    def meet(self, entry: Entry[Any]) -> Outcome:
+        """Let an entry have its try; whatever it raises becomes a row."""
 
     def time_repeats(
-        self, contestant: Contestant[Any], met: Outcome, n: int, before_each: Callable[[], None]
+        self, entry: Entry[Any], met: Outcome, n: int, before_each: Callable[[], None]
     ) -> Outcome:
-        """Outcome of a contestant that has met the observation, with the times of `n` repeats.
+        """Outcome of an entry that has met the observation, with the times of `n` repeats.
 
         `before_each` is called before each of them.
         """
 
-    def forfeit(self, contestant: Contestant[Any], status: Status, reason: str, time_s: float) -> Outcome:
-        """Row of a contestant that left no other trace."""
+    def failure_row(self, entry: Entry[Any], status: CellStatus, reason: str, time_s: float) -> Outcome:
+        """Row of an entry that left no other trace."""
 
     def digest(self) -> str:
-        """Digest of what contestants are shown: another one as soon as one of them has changed it."""
+        """Digest of what entries are shown: another one as soon as one of them has changed it."""
 
 
 class Study(Protocol[SuiteT]):
@@ -146,7 +146,7 @@ class Study(Protocol[SuiteT]):
 
 
 @dataclass(frozen=True, eq=False)
-class ImageEncounter:
+class SharedImage:
     """An observation that estimators image.
 
     Attributes
@@ -168,14 +168,14 @@ class ImageEncounter:
     measure: Measure | None
     labels: Mapping[str, Any]
 
-    def meet(self, contestant: Contestant[Estimator]) -> Outcome:
+    def meet(self, entry: Entry[Estimator]) -> Outcome:
         """Let an estimator image the observation."""
-        cell = contestant.cell(self.cell)
-        outcome = run_cell(cell, self.scenario, self.observation, contestant.plugin, self.measure)
-        return outcome.labelled({**self.labels, **contestant.labels})
+        cell = entry.cell(self.cell)
+        outcome = run_cell(cell, self.scenario, self.observation, entry.plugin, self.measure)
+        return outcome.labelled({**self.labels, **entry.labels})
 
     def time_repeats(
-        self, contestant: Contestant[Estimator], met: Outcome, n: int, before_each: Callable[[], None]
+        self, entry: Entry[Estimator], met: Outcome, n: int, before_each: Callable[[], None]
     ) -> Outcome:
         """Let an estimator image the observation again and again, each time as if it had never been read."""
 
@@ -184,20 +184,18 @@ class ImageEncounter:
             return dataclasses.replace(self.observation)  # what an observation remembers is not passed on
 
         def estimate(observation: Observation) -> PointCloud:
-            return estimate_cloud(contestant.plugin, observation, self.scenario.truth)
+            return estimate_cloud(entry.plugin, observation, self.scenario.truth)
 
         def is_same(cloud: PointCloud) -> bool:
             return np.array_equal(cloud.to_array(), met.cloud.to_array())
 
-        outcome = timed(met, contestant.cell(self.cell), Trial(prepare, estimate), n, is_same)
-        return outcome.labelled({**self.labels, **contestant.labels})
+        outcome = timed(met, entry.cell(self.cell), Trial(prepare, estimate), n, is_same)
+        return outcome.labelled({**self.labels, **entry.labels})
 
-    def forfeit(
-        self, contestant: Contestant[Estimator], status: Status, reason: str, time_s: float
-    ) -> Outcome:
+    def failure_row(self, entry: Entry[Estimator], status: CellStatus, reason: str, time_s: float) -> Outcome:
         """Row of an estimator that left no other trace."""
-        outcome = failure(contestant.cell(self.cell), status, reason, len(self.scenario.truth), time_s)
-        return outcome.labelled({**self.labels, **contestant.labels})
+        outcome = failure(entry.cell(self.cell), status, reason, len(self.scenario.truth), time_s)
+        return outcome.labelled({**self.labels, **entry.labels})
 
     def digest(self) -> str:
         """Digest of the observation."""
@@ -223,7 +221,7 @@ class ImagedScene:
     suite : Suite
     scenario : Scenario
         The scene, or what draws have in common.
-    contestants : sequence of Contestant
+    entries : sequence of Entry
         Estimators.
     snr_db : sequence of float
     name : str, optional
@@ -249,7 +247,7 @@ class ImagedScene:
         self,
         suite: Suite,
         scenario: Scenario,
-        contestants: Sequence[Contestant[Estimator]],
+        entries: Sequence[Entry[Estimator]],
         snr_db: Sequence[float],
         *,
         name: str | None = None,
@@ -260,7 +258,7 @@ class ImagedScene:
     ) -> None:
         self.name = scenario.name if name is None else name
         self.snr_db = snr_db
-        self.contestants = contestants
+        self.entries = entries
         self._suite = suite
         self.template = scenario
         self._draw = draw
@@ -274,11 +272,11 @@ class ImagedScene:
         """Digest of the first scenario drawn, and of what the rows are labelled with."""
         return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self.labels)])
 
-    def observe(self, snr_db: float, trial: int) -> ImageEncounter:
+    def observe(self, snr_db: float, trial: int) -> SharedImage:
         """Observe once, for all estimators."""
         simulator, suite = self._simulator(trial), self._suite
         gained = gained_snr_db(snr_db, gain_db(simulator.scenario))
-        return ImageEncounter(
+        return SharedImage(
             cell=Cell(suite.name, self.name, "", "", snr_db, trial, suite.seed, self.content),
             scenario=simulator.scenario,
             observation=simulator.observe(snr_db, trial, suite.seed),
@@ -317,7 +315,7 @@ class ImagedScene:
         return self._observed[1]
 
 
-def build_estimators(suite: Suite) -> list[Contestant[Estimator]]:
+def build_estimators(suite: Suite) -> list[Entry[Estimator]]:
     """Estimators of a suite, every variant of its grids.
 
     Raises
@@ -325,14 +323,14 @@ def build_estimators(suite: Suite) -> list[Contestant[Estimator]]:
     InputError
         If one is unknown, or two have equal parameters.
     """
-    built: dict[tuple[str, str], Contestant[Estimator]] = {}
+    built: dict[tuple[str, str], Entry[Estimator]] = {}
     for spec in suite.estimators:
         one = suite.instances.get(spec)
         for variant, estimator in build_estimators_of(spec) if one is None else [(spec, one)]:
             key = estimator.name, canonical_params(estimator)
             if key in built:
                 raise InputError(f"estimators: {variant!r} repeats an estimator with equal parameters")
-            built[key] = Contestant(*key, estimator)
+            built[key] = Entry(*key, estimator)
     return list(built.values())
 
 

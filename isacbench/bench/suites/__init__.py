@@ -1,1 +1,3 @@
 """Suites, the catalogue of names, and the digests that scenarios are known by."""
+
+__all__ = ["catalogue", "scenario_digest", "suite"]

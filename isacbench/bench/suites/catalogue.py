@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from isacbench.bench.suites.suite import find_suite, suite_names
 from isacbench.files.toml_files import find_toml
 from isacbench.model.scenes.scenario import scenario_names
-from isacbench.plugins.registry import describe
+from isacbench.plugins.registry import describe_plugin
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,13 +21,13 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
     Returns
     -------
     dict of str to list of dict
-        ``estimators`` and ``detectors`` as `isacbench.plugins.registry.describe`
+        ``estimators`` and ``detectors`` as `isacbench.plugins.registry.describe_plugin`
         gives them; ``scenarios`` and ``suites`` with ``name`` and
         ``description``, the comment that their file starts with.
     """
     return {
-        "estimators": describe("estimator"),
-        "detectors": describe("detector"),
+        "estimators": describe_plugin("estimator"),
+        "detectors": describe_plugin("detector"),
         "scenarios": [
             {"name": name, "description": _first_comment(find_toml(name, "scenario"))}
             for name in scenario_names()

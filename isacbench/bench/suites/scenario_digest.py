@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from isacbench.added_fields import identity_fields
-from isacbench.bench.cells.record import POINT_COLUMNS
 from isacbench.model.array import VirtualArray
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.frame import PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region

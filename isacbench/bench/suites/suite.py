@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DetectionSuite",
-    "Kind",
     "LinkSuite",
     "ResolutionSuite",
+    "StudyKind",
     "Suite",
     "find_suite",
     "load_suite",
@@ -50,7 +50,7 @@ MAX_NAME = 200
 MAX_SNR_DB = 300.0
 """Beyond it, of either sign, double precision holds the noise alone or the echo alone."""
 
-Kind = Literal["imaging", "efficiency", "resolution", "detection", "link"]
+StudyKind = Literal["imaging", "efficiency", "resolution", "detection", "link"]
 
 Names = Annotated[tuple[str, ...], Field(min_length=1)]
 SnrDb = Annotated[float, Field(ge=-MAX_SNR_DB, le=MAX_SNR_DB)]
@@ -87,11 +87,11 @@ class Suite(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    KINDS: ClassVar[tuple[Kind, ...]] = ("imaging", "efficiency")
+    KINDS: ClassVar[tuple[StudyKind, ...]] = ("imaging", "efficiency")
 
     _instances: Instances = PrivateAttr(default_factory=Instances)
 
-    kind: Kind = "imaging"
+    kind: StudyKind = "imaging"
     name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
     scenarios: Names
     estimators: Names
@@ -102,7 +102,7 @@ class Suite(BaseModel):
 
     @field_validator("kind")
     @classmethod
-    def _refuse_other_kinds(cls, value: Kind) -> Kind:
+    def _refuse_other_kinds(cls, value: StudyKind) -> StudyKind:
         """Refuse a kind that has a class of its own."""
         if value not in cls.KINDS:
             raise ValueError(f"the class {cls.__name__} takes {' or '.join(map(repr, cls.KINDS))}")
@@ -193,9 +193,9 @@ class ResolutionSuite(Suite):
         Phases between the two at the centre of resource grid and array.
     """
 
-    KINDS: ClassVar[tuple[Kind, ...]] = ("resolution",)
+    KINDS: ClassVar[tuple[StudyKind, ...]] = ("resolution",)
 
-    kind: Kind = "resolution"
+    kind: StudyKind = "resolution"
     dimensions: Annotated[tuple[Dimension, ...], Field(min_length=1)] = get_args(Dimension)
     separations_cells: Annotated[tuple[Separation, ...], Field(min_length=1)]
     phases_deg: Annotated[tuple[Phase, ...], Field(min_length=1)] = (0.0,)
@@ -216,22 +216,22 @@ class DetectionSuite(Suite):
         Detectors as ``name[param=value,...]``: alone on the maps, and before
         every estimator on the scenarios.
     maps : tuple of str
-        Synthetic maps, see `isacbench.bench.studies.power_maps.draw_map`.
+        Synthetic maps, see `isacbench.bench.studies.power_maps.draw_power_map`.
     pfa : tuple of float
         Nominal probabilities of false alarm on the maps; none takes each
         detector's own.
     """
 
-    KINDS: ClassVar[tuple[Kind, ...]] = ("detection",)
+    KINDS: ClassVar[tuple[StudyKind, ...]] = ("detection",)
 
-    kind: Kind = "detection"
+    kind: StudyKind = "detection"
     detectors: Names
     maps: tuple[MapName, ...] = get_args(MapName)
     pfa: tuple[Pfa, ...] = ()
 
     @field_validator("detectors", "maps", "pfa")
     @classmethod
-    def _refuse_repeated_contestants(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _refuse_repeated_entries(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
         """Refuse a repeated entry, which would yield two rows with the same key."""
         return _unrepeated(values)
 
@@ -254,9 +254,9 @@ class LinkSuite(Suite):
         Of the user, likewise: ``one_tap``, see `isacbench.bench.studies.link_reception.OneTap`.
     """
 
-    KINDS: ClassVar[tuple[Kind, ...]] = ("link",)
+    KINDS: ClassVar[tuple[StudyKind, ...]] = ("link",)
 
-    kind: Kind = "link"
+    kind: StudyKind = "link"
     modulations: Annotated[tuple[Modulation, ...], Field(min_length=1)] = get_args(Modulation)
     sensing: Annotated[tuple[Sensing, ...], Field(min_length=1)] = get_args(Sensing)
     divisions: Annotated[tuple[Division, ...], Field(min_length=1)] = get_args(Division)
@@ -273,7 +273,7 @@ class LinkSuite(Suite):
 class _KindOnly(BaseModel):
     """The one key by which the others are told."""
 
-    kind: Kind = "imaging"
+    kind: StudyKind = "imaging"
 
 
 SUITES: tuple[type[Suite], ...] = (Suite, ResolutionSuite, DetectionSuite, LinkSuite)
@@ -370,7 +370,7 @@ def parse_snr(text: str) -> tuple[float, ...]:
         raise InputError(f"SNR {text!r}: {error}") from error
 
 
-def _suite_class(kind: Kind) -> type[Suite]:
+def _suite_class(kind: StudyKind) -> type[Suite]:
     return next(suite for suite in SUITES if kind in suite.KINDS)
 
 

@@ -19,7 +19,14 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.store.resume import versions_now
-from isacbench.bench.workers.cluster_worker import Batch, Order, UnfitWorkerError, check, stop, work
+from isacbench.bench.workers.cluster_worker import (
+    Batch,
+    UnfitWorkerError,
+    WorkOrder,
+    check_worker,
+    stop,
+    work,
+)
 from isacbench.bench.workers.workbench import Workbench
 from isacbench.errors import InputError
 
@@ -30,9 +37,9 @@ if TYPE_CHECKING:
 
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block
+    from isacbench.bench.store.provenance import Made
     from isacbench.bench.workers.cluster_worker import PackedOrder
     from isacbench.bench.workers.guarded_cells import Guard
-    from isacbench.bench.workers.workbench import Made
 
 __all__ = ["Backlog", "work_on_cluster"]
 
@@ -88,7 +95,7 @@ def work_on_cluster(
     if not blocks:
         nothing: tuple[Made, ...] = ()
         return (made for made in nothing)
-    order = Order(job, guard, versions_now(job.plan), mix_versions).pack()
+    order = WorkOrder(job, guard, versions_now(job.plan), mix_versions).pack()
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         cluster = stack.enter_context(_connected(address, order))
@@ -177,7 +184,7 @@ class _Cluster:
         InputError
             Naming workers that cannot, and why.
         """
-        answers = self._client.run(check, self._order, on_error="return")
+        answers = self._client.run(check_worker, self._order, on_error="return")
         faults = [f"worker {worker}: {_fault(error)}" for worker, error in answers.items() if error]
         if faults:
             raise InputError(_refusal(self._address, faults))
@@ -348,12 +355,12 @@ def _fault(error: Any) -> str:
 
 def _cells(piece: Sequence[Block]) -> list[Block]:
     """Blocks of one cell each."""
-    return [block._replace(contestants=(one,)) for block in piece for one in block.contestants]
+    return [block._replace(entries=(one,)) for block in piece for one in block.entries]
 
 
 def _killed(job: Job, block: Block) -> Iterator[Made]:
     """Rows of cells that nothing else is left of; what they would have observed is observed here."""
     workbench = Workbench(job)
     workbench.observe(block)
-    for contestant in block.contestants:
-        yield workbench.forfeit(contestant, "killed", "one Dask worker after the other died with it", 0.0)
+    for entry in block.entries:
+        yield workbench.failure_row(entry, "killed", "one Dask worker after the other died with it", 0.0)

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from isacbench.bench.plan.run_plan import Block
-    from isacbench.bench.workers.workbench import Made
+    from isacbench.bench.store.provenance import Made
 
-__all__ = ["Batch", "Lanes", "Order", "PackedOrder", "UnfitWorkerError", "check", "stop", "work"]
+__all__ = ["Batch", "Lanes", "PackedOrder", "UnfitWorkerError", "WorkOrder", "check_worker", "stop", "work"]
 
 BATCH_S = 2.0
 """What a worker that dies loses at most, bar the cell that it is at; long beside the cost of a task."""
@@ -45,7 +45,7 @@ class UnfitWorkerError(InputError):
 
 
 @dataclass(frozen=True)
-class Order:
+class WorkOrder:
     """What a run asks of every worker.
 
     Attributes
@@ -54,7 +54,7 @@ class Order:
     guard : Guard
         Limits of every cell.
     versions : mapping of (str, str) to Any
-        Versions that rows must have, by name and parameters of the contestant.
+        Versions that rows must have, by name and parameters of the entry.
     mix_versions : bool
         Whether rows of other versions will do.
     """
@@ -79,7 +79,7 @@ class Order:
         Raises
         ------
         InputError
-            Naming the first contestant that differs, what is there, and what
+            Naming the first entry that differs, what is there, and what
             is wanted.
         """
         for (name, params), wanted in self.versions.items():
@@ -103,9 +103,9 @@ class PackedOrder(NamedTuple):
     token: str
     content: bytes
 
-    def unpack(self) -> Order:
+    def unpack(self) -> WorkOrder:
         """Unpack it."""
-        order: Order = pickle.loads(zlib.decompress(self.content))
+        order: WorkOrder = pickle.loads(zlib.decompress(self.content))
         return order
 
 
@@ -243,7 +243,7 @@ def work(order: PackedOrder, blocks: Sequence[Block]) -> Batch:
     return Batch(made, ())
 
 
-async def check(order: PackedOrder) -> None:
+async def check_worker(order: PackedOrder) -> None:
     """Start a process as `work` does, beside the worker's tasks, and so find out whether it can.
 
     Raises
@@ -267,5 +267,5 @@ def _start(order: PackedOrder) -> None:
 def _without(n_done: int, blocks: Sequence[Block]) -> tuple[Block, ...]:
     """Blocks without the first cells of the first one."""
     first, *others = blocks
-    waiting = first.contestants[n_done:]
-    return (first._replace(contestants=waiting), *others) if waiting else tuple(others)
+    waiting = first.entries[n_done:]
+    return (first._replace(entries=waiting), *others) if waiting else tuple(others)

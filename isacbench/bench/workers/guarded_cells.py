@@ -23,9 +23,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import describe_error
+from isacbench.bench.store.provenance import Made
 from isacbench.bench.store.resume import versions_now
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.bench.workers.workbench import Made, Workbench, is_to_time
+from isacbench.bench.workers.workbench import Workbench, is_to_time
 from isacbench.errors import InputError, InputWarning
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
     from pebble import ProcessFuture
 
-    from isacbench.bench.cells.record import Status
+    from isacbench.bench.cells.record import CellStatus
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block
 
@@ -117,12 +118,12 @@ class Lane:
         self._process.stop()
 
     def versions(self) -> dict[tuple[str, str], Any]:
-        """Versions that rows of the process have, by name and parameters of the contestant.
+        """Versions that rows of the process have, by name and parameters of the entry.
 
         Raises
         ------
         InputError
-            If the process cannot have all contestants.
+            If the process cannot have all entries.
         """
         try:
             return self._process.call(_versions, timeout_s=self._guard.timeout_s)
@@ -158,26 +159,26 @@ class Lane:
                 return
             try:
                 answers.extend(self._schedule(step) for step in islice(waiting, len(answers), None))
-                if waiting[0].contestant is None:
+                if waiting[0].entry is None:
                     observed: list[Made] = self._process.answer(answers[0])
             except ProcessLostError as loss:
                 n_deaths += 1
                 if n_deaths == OBSERVE_ATTEMPTS:
                     raise self._unobservable(waiting[0].block, loss) from loss
                 answers.clear()
-                if waiting[0].contestant is not None:
+                if waiting[0].entry is not None:
                     waiting.appendleft(_observation(waiting[0].block, traces))
                 continue
             step, answer = waiting.popleft(), answers.popleft()
-            if step.contestant is None:
-                traces, n_deaths = dict(zip(step.block.contestants, observed, strict=True)), 0
+            if step.entry is None:
+                traces, n_deaths = dict(zip(step.block.entries, observed, strict=True)), 0
                 continue
-            trace = traces.pop(step.contestant)
-            made, has_observed = self._image(step.contestant, answer, trace, is_first=n_met == 0)
+            trace = traces.pop(step.entry)
+            made, has_observed = self._image(step.entry, answer, trace, is_first=n_met == 0)
             n_met = n_met + 1 if has_observed else 0
             if made is None:
                 answers.clear()
-                waiting.extendleft([step, _observation(step.block, (step.contestant, *traces))])
+                waiting.extendleft([step, _observation(step.block, (step.entry, *traces))])
                 continue
             yield made
             if not has_observed:
@@ -186,13 +187,13 @@ class Lane:
                     waiting.appendleft(_observation(step.block, traces))
 
     def _schedule(self, step: _Step) -> ProcessFuture[Any]:
-        if step.contestant is None:
+        if step.entry is None:
             return self._process.schedule(_observe, step.block)
         limits = self._guard
-        return self._process.schedule(_image, step.contestant, limits.memory_mib, timeout_s=limits.timeout_s)
+        return self._process.schedule(_image, step.entry, limits.memory_mib, timeout_s=limits.timeout_s)
 
     def _image(
-        self, contestant: int, answer: ProcessFuture[Any], trace: Made, is_first: bool
+        self, entry: int, answer: ProcessFuture[Any], trace: Made, is_first: bool
     ) -> tuple[Made | None, bool]:
         """Outcome of an image, and whether the process still has what it has observed.
 
@@ -203,7 +204,7 @@ class Lane:
         try:
             made: Made = self._process.answer(answer, self._guard.timeout_s)
             if is_to_time(made, self._repeats):
-                made = self._time_repeats(contestant, made)
+                made = self._time_repeats(entry, made)
         except CancelledError:
             raise
         except ProcessLostError as loss:
@@ -223,13 +224,13 @@ class Lane:
             return made, False
         return made, True
 
-    def _time_repeats(self, contestant: int, met: Made) -> Made:
+    def _time_repeats(self, entry: int, met: Made) -> Made:
         """Outcome of an image with the times of its repeats, which share their deadlines."""
         assert self._repeats is not None
         n, limits = self._repeats + 1, self._guard
         timeout_s = None if limits.timeout_s is None else n * limits.timeout_s
         try:
-            return self._process.call(_time_repeats, contestant, met, limits.memory_mib, timeout_s=timeout_s)
+            return self._process.call(_time_repeats, entry, met, limits.memory_mib, timeout_s=timeout_s)
         except ProcessLostError as loss:
             raise ProcessLostError(loss.status, f"{loss.reason}, in {n} repeats") from loss
 
@@ -246,22 +247,22 @@ class NothingObservedError(Exception):
 
 
 class _Step(NamedTuple):
-    """A call of the worker process: to observe a block, or to let a contestant image what was observed."""
+    """A call of the worker process: to observe a block, or to let an entry image what was observed."""
 
     block: Block
-    contestant: int | None
+    entry: int | None
 
 
 def _observation(block: Block, of: Iterable[int]) -> _Step:
-    """Step that observes a block once more, for some of its contestants."""
-    return _Step(block._replace(contestants=tuple(of)), None)
+    """Step that observes a block once more, for some of its entries."""
+    return _Step(block._replace(entries=tuple(of)), None)
 
 
 def _steps(block: Block) -> Iterator[_Step]:
-    return (_Step(block, contestant) for contestant in (None, *block.contestants))
+    return (_Step(block, entry) for entry in (None, *block.entries))
 
 
-def _lost(trace: Made, status: Status, reason: str, time_s: float) -> Made:
+def _lost(trace: Made, status: CellStatus, reason: str, time_s: float) -> Made:
     """Row of a cell whose outcome did not come back."""
     record = replace(trace.outcome.record, status=status, reason=reason, time_estimate_s=time_s)
     return trace._replace(outcome=replace(trace.outcome, record=record))
@@ -299,16 +300,16 @@ def _observe(block: Block) -> list[Made]:
     return _workbench.observe(block)
 
 
-def _image(contestant: int, memory_mib: float | None) -> Made:
-    return _limited(contestant, memory_mib, lambda workbench: workbench.image(contestant))
+def _image(entry: int, memory_mib: float | None) -> Made:
+    return _limited(entry, memory_mib, lambda workbench: workbench.image(entry))
 
 
-def _time_repeats(contestant: int, met: Made, memory_mib: float | None) -> Made:
-    return _limited(contestant, memory_mib, lambda workbench: workbench.time_repeats(contestant, met))
+def _time_repeats(entry: int, met: Made, memory_mib: float | None) -> Made:
+    return _limited(entry, memory_mib, lambda workbench: workbench.time_repeats(entry, met))
 
 
-def _limited(contestant: int, memory_mib: float | None, act: Callable[[Workbench], Made]) -> Made:
-    """Let a contestant act within its limits; whatever it does becomes a row."""
+def _limited(entry: int, memory_mib: float | None, act: Callable[[Workbench], Made]) -> Made:
+    """Let an entry act within its limits; whatever it does becomes a row."""
     if _workbench is None or not _workbench.has_observed:
         raise NothingObservedError
     start = time.perf_counter()
@@ -316,8 +317,8 @@ def _limited(contestant: int, memory_mib: float | None, act: Callable[[Workbench
         with _memory_limit(memory_mib):
             made = act(_workbench)
     except BaseException as error:  # such as KeyboardInterrupt, or no memory left to tell of no memory
-        status: Status = "killed" if isinstance(error, MemoryError) else "error"
-        made = _workbench.forfeit(contestant, status, describe_error(error), time.perf_counter() - start)
+        status: CellStatus = "killed" if isinstance(error, MemoryError) else "error"
+        made = _workbench.failure_row(entry, status, describe_error(error), time.perf_counter() - start)
         _workbench.start_over()
     finally:
         if os.getpid() != _process_id:

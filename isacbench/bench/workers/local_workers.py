@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.plan.run_plan import BlockQueue
+from isacbench.bench.store.provenance import Made
 from isacbench.bench.workers.guarded_cells import Guard, Lane
 from isacbench.bench.workers.process_server import start_process_server
-from isacbench.bench.workers.workbench import Made, Workbench
+from isacbench.bench.workers.workbench import Workbench
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence

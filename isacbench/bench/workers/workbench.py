@@ -5,31 +5,24 @@ from __future__ import annotations
 import pickle
 import time
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.cells.isolation import process_state_kept, seed_global_generators
 from isacbench.bench.cells.statuses import SCORED
-from isacbench.bench.store.provenance import environment_id, environment_of
+from isacbench.bench.store.provenance import Made, environment_id, environment_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from isacbench.bench.cells.record import Outcome, Status
+    from isacbench.bench.cells.record import CellStatus, Outcome
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block
     from isacbench.bench.store.provenance import Environment
-    from isacbench.bench.studies.study import Contestant, Encounter, Scene
+    from isacbench.bench.studies.study import Entry, Scene, SharedObservation
 
-__all__ = ["Made", "Workbench", "is_to_time"]
+__all__ = ["Workbench", "is_to_time"]
 
 CHANGED = "ValueError: it changed the observation, which is read-only and which others meet as well"
-
-
-class Made(NamedTuple):
-    """An outcome, and the environment that made it, whose name the record has."""
-
-    outcome: Outcome
-    environment: Environment
 
 
 def is_to_time(made: Made, repeats: int | None) -> bool:
@@ -55,14 +48,14 @@ class Workbench:
         self._scenes = self._fresh_scenes()
         self._scene: Scene | None = None
         self._block: Block | None = None
-        self._encounter: Encounter | None = None
+        self._shared: SharedObservation | None = None
         self._digest = ""
         self._environments: dict[tuple[str, str], tuple[str, Environment]] = {}
 
     @property
     def has_observed(self) -> bool:
         """Whether there is something to image."""
-        return self._encounter is not None
+        return self._shared is not None
 
     def observe(self, block: Block) -> list[Made]:
         """Observe what the cells of a block share.
@@ -76,50 +69,48 @@ class Workbench:
         scene = self._scenes[block.scene]
         if self._scene is not scene and self._scene is not None:
             self._scene.forget()
-        self._scene, self._block, self._encounter = scene, block, scene.observe(block.snr_db, block.trial)
-        self._digest = self._encounter.digest()
-        return [self.forfeit(contestant, "killed", "", 0.0) for contestant in block.contestants]
+        self._scene, self._block, self._shared = scene, block, scene.observe(block.snr_db, block.trial)
+        self._digest = self._shared.digest()
+        return [self.failure_row(entry, "killed", "", 0.0) for entry in block.entries]
 
-    def image(self, contestant: int) -> Made:
-        """Let a contestant of the scene that was observed last meet the observation.
+    def image(self, entry: int) -> Made:
+        """Let an entry of the scene that was observed last meet the observation.
 
-        A contestant that changes the observation, which is read-only, fails,
+        An entry that changes the observation, which is read-only, fails,
         and what it met is made anew for the others.
         """
-        assert self._encounter is not None
-        encounter = self._encounter
+        assert self._shared is not None
+        shared = self._shared
 
-        def meet(chosen: Contestant[Any], seed_generators: Callable[[], None]) -> Outcome:
+        def meet(chosen: Entry[Any], seed_generators: Callable[[], None]) -> Outcome:
             seed_generators()
-            return encounter.meet(chosen)
+            return shared.meet(chosen)
 
-        return self._watched(contestant, meet)
+        return self._watched(entry, meet)
 
-    def time_repeats(self, contestant: int, met: Made) -> Made:
-        """Time repeats of what a contestant of that scene has made of the observation."""
-        assert self._encounter is not None
+    def time_repeats(self, entry: int, met: Made) -> Made:
+        """Time repeats of what an entry of that scene has made of the observation."""
+        assert self._shared is not None
         assert self._repeats is not None
-        encounter, repeats = self._encounter, self._repeats
+        shared, repeats = self._shared, self._repeats
 
-        def meet_again(chosen: Contestant[Any], seed_generators: Callable[[], None]) -> Outcome:
-            return encounter.time_repeats(chosen, met.outcome, repeats, seed_generators)
+        def meet_again(chosen: Entry[Any], seed_generators: Callable[[], None]) -> Outcome:
+            return shared.time_repeats(chosen, met.outcome, repeats, seed_generators)
 
-        return self._watched(contestant, meet_again)
+        return self._watched(entry, meet_again)
 
-    def _watched(
-        self, contestant: int, act: Callable[[Contestant[Any], Callable[[], None]], Outcome]
-    ) -> Made:
-        """Let a contestant act; give it a function that seeds what generators all plugins share."""
+    def _watched(self, entry: int, act: Callable[[Entry[Any], Callable[[], None]], Outcome]) -> Made:
+        """Let an entry act; give it a function that seeds what generators all plugins share."""
         assert self._scene is not None
         assert self._block is not None
-        chosen = self._scene.contestants[contestant]
+        chosen = self._scene.entries[entry]
         key = self._scene.name, self._block.trial, self._block.snr_db, chosen.name, chosen.params
         start = time.perf_counter()
         with process_state_kept():
             outcome = act(chosen, partial(seed_global_generators, self._seed, *key))
         if self._is_unchanged():
             return self._made(outcome, chosen)
-        made = self.forfeit(contestant, "error", CHANGED, time.perf_counter() - start)
+        made = self.failure_row(entry, "error", CHANGED, time.perf_counter() - start)
         self.start_over()
         return made
 
@@ -129,33 +120,33 @@ class Workbench:
         self._scenes, self._scene = self._fresh_scenes(), None
         self.observe(self._block)
 
-    def forfeit(self, contestant: int, status: Status, reason: str, time_s: float) -> Made:
-        """Row of a contestant of the scene that was observed last, should it leave no other trace."""
+    def failure_row(self, entry: int, status: CellStatus, reason: str, time_s: float) -> Made:
+        """Row of an entry of the scene that was observed last, should it leave no other trace."""
         assert self._scene is not None
-        assert self._encounter is not None
-        chosen = self._scene.contestants[contestant]
-        return self._made(self._encounter.forfeit(chosen, status, reason, time_s), chosen)
+        assert self._shared is not None
+        chosen = self._scene.entries[entry]
+        return self._made(self._shared.failure_row(chosen, status, reason, time_s), chosen)
 
     def work(self, block: Block) -> Iterator[Made]:
         """Work off a block, without any guard."""
         self.observe(block)
-        for contestant in block.contestants:
-            made = self.image(contestant)
-            yield self.time_repeats(contestant, made) if is_to_time(made, self._repeats) else made
+        for entry in block.entries:
+            made = self.image(entry)
+            yield self.time_repeats(entry, made) if is_to_time(made, self._repeats) else made
 
-    def environment(self, contestant: Contestant[Any]) -> tuple[str, Environment]:
-        """Name and description of the environment in which a contestant runs here."""
-        key = contestant.name, contestant.params
+    def environment(self, entry: Entry[Any]) -> tuple[str, Environment]:
+        """Name and description of the environment in which an entry runs here."""
+        key = entry.name, entry.params
         if key not in self._environments:
-            environment = environment_of(contestant.plugin)
+            environment = environment_of(entry.plugin)
             self._environments[key] = environment_id(environment), environment
         return self._environments[key]
 
     def _is_unchanged(self) -> bool:
-        """Whether the next contestant is shown what the last one was."""
-        assert self._encounter is not None
+        """Whether the next entry is shown what the last one was."""
+        assert self._shared is not None
         try:
-            return self._encounter.digest() == self._digest
+            return self._shared.digest() == self._digest
         except Exception:  # an array may have become anything
             return False
 
@@ -163,6 +154,6 @@ class Workbench:
         job: Job = pickle.loads(self._job)
         return job.plan.scenes
 
-    def _made(self, outcome: Outcome, contestant: Contestant[Any]) -> Made:
-        name, environment = self.environment(contestant)
+    def _made(self, outcome: Outcome, entry: Entry[Any]) -> Made:
+        name, environment = self.environment(entry)
         return Made(outcome.made_by(name, timing=self._repeats is not None), environment)

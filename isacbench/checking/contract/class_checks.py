@@ -9,7 +9,7 @@ from typing import Any
 
 from isacbench.checking.contract.findings import BrokenContractError, Check
 from isacbench.errors import InputError
-from isacbench.plugins.discovery import Entry
+from isacbench.plugins.discovery import RegisteredPlugin
 from isacbench.plugins.local_files import METHODS
 from isacbench.plugins.registry import (
     canonical_params,
@@ -30,12 +30,12 @@ class PluginSubject:
 
     Parameters
     ----------
-    entry : Entry
+    entry : RegisteredPlugin
     plugin : object, optional
         Instance to look at instead.
     """
 
-    def __init__(self, entry: Entry, plugin: object = None) -> None:
+    def __init__(self, entry: RegisteredPlugin, plugin: object = None) -> None:
         self.entry = entry
         self._given = plugin
 

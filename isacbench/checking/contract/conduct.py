@@ -22,7 +22,7 @@ __all__ = [
     "refuse_prints",
     "refuse_warnings",
     "refuse_writes",
-    "timed",
+    "timed_call",
 ]
 
 SLOW_S = 10.0
@@ -137,7 +137,7 @@ def refuse_writes(act: Callable[[], object], what: str) -> None:
         raise BrokenContractError(f"writes to {what} ({error}): copy before changing") from error
 
 
-def timed(act: Callable[[], object], on: str) -> str:
+def timed_call(act: Callable[[], object], on: str) -> str:
     """Time a call.
 
     Raises

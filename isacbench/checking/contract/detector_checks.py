@@ -18,7 +18,7 @@ from isacbench.checking.contract.conduct import (
     refuse_prints,
     refuse_warnings,
     refuse_writes,
-    timed,
+    timed_call,
 )
 from isacbench.checking.contract.findings import BrokenContractError, Check
 from isacbench.errors import InputError
@@ -257,7 +257,7 @@ def _refuses_bad_maps(subject: DetectorSubject) -> str:
             continue
         raise BrokenContractError(
             f"takes a map with {what} cells without a word: refuse it, as "
-            "isacbench.dsp.cfar.map_checks.checked_power does"
+            "isacbench.dsp.cfar.checked_power does"
         )
     return ""
 
@@ -303,7 +303,7 @@ def _picks_listed_cells(subject: DetectorSubject) -> str:
 
 def _is_fast(subject: DetectorSubject) -> str:
     power = _noise(LARGE)
-    return timed(lambda: subject.detect(power), f"{LARGE[0]} x {LARGE[1]} cells")
+    return timed_call(lambda: subject.detect(power), f"{LARGE[0]} x {LARGE[1]} cells")
 
 
 TESTED = "detection"

@@ -19,7 +19,7 @@ from isacbench.checking.contract.conduct import (
     refuse_prints,
     refuse_warnings,
     refuse_writes,
-    timed,
+    timed_call,
 )
 from isacbench.checking.contract.findings import BrokenContractError, Check, DoubtfulError
 from isacbench.checking.contract.small_scenes import Shot
@@ -394,7 +394,7 @@ def _takes_other_arrays(subject: EstimatorSubject) -> str:
 def _is_fast(subject: EstimatorSubject) -> str:
     shot = small_scenes.ordinary()
     observation = shot.observation()
-    return timed(lambda: subject.look(shot, observation), "a small scene")
+    return timed_call(lambda: subject.look(shot, observation), "a small scene")
 
 
 IMAGED = "image"

@@ -16,7 +16,7 @@ from isacbench.display import Description, Displayed
 from isacbench.files.escaping import visible
 
 if TYPE_CHECKING:
-    from isacbench.plugins.discovery import Kind
+    from isacbench.plugins.discovery import PluginKind
 
 __all__ = [
     "BrokenContractError",
@@ -79,7 +79,7 @@ class PluginFindings:
         One a check, in the order in which they ran.
     """
 
-    kind: Kind
+    kind: PluginKind
     name: str
     package: str
     findings: tuple[Finding, ...]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.checking.contract import check_names, iterate_checks
+from isacbench.checking.contract.contract_check import check_names, iterate_checks
 from isacbench.checking.contract.findings import Finding
-from isacbench.plugins.discovery import Kind, local_plugins, register_plugin
+from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 
 __all__ = ["CHECK_TIMEOUT_S", "check_guarded"]
@@ -18,7 +18,7 @@ CHECK_TIMEOUT_S = 120.0
 LOSSES = {"timeout": "takes {}: does it hang?", "killed": "does not live through it: {}"}
 
 
-def check_guarded(kind: Kind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> list[Finding]:
+def check_guarded(kind: PluginKind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> list[Finding]:
     """Put a plugin through the contract as `check_plugin` does, whatever it does to its process.
 
     Parameters
@@ -51,7 +51,7 @@ def check_guarded(kind: Kind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> 
 _checks: Iterator[Finding] = iter(())
 
 
-def _start(kind: Kind, name: str, plugins: tuple[PluginFile, ...]) -> None:
+def _start(kind: PluginKind, name: str, plugins: tuple[PluginFile, ...]) -> None:
     global _checks
     for plugin in plugins:
         register_plugin(plugin)

@@ -7,13 +7,20 @@ from typing import Any, cast
 
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import quoted
-from isacbench.plugins.discovery import GROUPS, Entry, Kind, entries, entries_of, register_plugin
+from isacbench.plugins.discovery import (
+    GROUPS,
+    PluginKind,
+    RegisteredPlugin,
+    entries,
+    entries_of,
+    register_plugin,
+)
 from isacbench.plugins.local_files import METHODS, PluginFile
 
 __all__ = ["entries_of_class", "find_plugins"]
 
 
-def find_plugins(package_or_file: str) -> list[tuple[Kind, str]]:
+def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
     """Find every estimator and detector that a package or a file provides.
 
     Parameters
@@ -53,7 +60,7 @@ def find_plugins(package_or_file: str) -> list[tuple[Kind, str]]:
     return [(entry.kind, entry.name) for entry in found]
 
 
-def entries_of_class(plugin: type[Any]) -> list[Entry]:
+def entries_of_class(plugin: type[Any]) -> list[RegisteredPlugin]:
     """Describe a class as if it was registered under its own name.
 
     Parameters
@@ -63,7 +70,7 @@ def entries_of_class(plugin: type[Any]) -> list[Entry]:
 
     Returns
     -------
-    list of Entry
+    list of RegisteredPlugin
         One for each kind that it has the method of.
 
     Raises
@@ -80,14 +87,17 @@ def entries_of_class(plugin: type[Any]) -> list[Entry]:
             "and an instance of such a class"
         )
     target, module = f"{plugin.__module__}:{plugin.__qualname__}", plugin.__module__
-    return [Entry(cast("Kind", kind), name, target, module, None, lambda: plugin) for kind in kinds]
+    return [
+        RegisteredPlugin(cast("PluginKind", kind), name, target, module, None, lambda: plugin)
+        for kind in kinds
+    ]
 
 
-def _registered() -> list[Entry]:
+def _registered() -> list[RegisteredPlugin]:
     return [entry for kind in GROUPS for _, entry in sorted(entries(kind).items())]
 
 
-def _names(entry: Entry) -> set[str]:
+def _names(entry: RegisteredPlugin) -> set[str]:
     """Names by which an entry is asked for: its own, its distribution's in two spellings, its package's."""
     if entry.version is None:
         return {entry.name}

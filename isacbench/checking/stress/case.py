@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from isacbench.checking.stress.spaces import Space
-    from isacbench.plugins.discovery import Kind
+    from isacbench.plugins.discovery import PluginKind
     from isacbench.plugins.specifications import Spec
 
 __all__ = ["BrokenPromiseError", "Case", "NotApplicableError", "Promise", "Subject", "adapted"]
@@ -94,7 +94,7 @@ class Case(ABC, Generic[Subject]):
     """
 
     name: ClassVar[str]
-    kind: ClassVar[Kind]
+    kind: ClassVar[PluginKind]
     fixed: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
 
     def __post_init__(self) -> None:

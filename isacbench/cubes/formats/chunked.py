@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from isacbench.cubes.cube import Cube, Tile, require_cube, require_elements
 from isacbench.errors import InputError
+from isacbench.files.arrays.listing import as_complex, complex_dtype
 from isacbench.files.arrays.tiling import (
     ELEMENTS,
     SUBCARRIERS,
@@ -28,15 +29,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from isacbench.cubes.cube import ComplexArray
-    from isacbench.files.arrays.tiling import Indices
+    from isacbench.files.arrays.listing import as_complex, complex_dtype
+from isacbench.files.arrays.tiling import Indices
 
-__all__ = ["PAIRS", "ChunkedCube", "Stored", "as_complex", "complex_dtype", "require_chunk"]
+__all__ = ["ChunkedCube", "Stored", "require_chunk"]
 
 CHUNK_BYTES = 2**30
 """A chunk that any array may have, however small it is itself."""
-
-PAIRS = (("real", "imag"), ("r", "i"))
-"""Names of the two fields by which files without complex numbers spell them."""
 
 
 class Stored(NamedTuple):
@@ -175,37 +174,3 @@ def require_chunk(name: str, chunks: tuple[int, ...], dtype: np.dtype[Any], shap
             f"{name}: has chunks of {binary_size(takes)}; allowed are at most {binary_size(CHUNK_BYTES)}, or "
             "one that holds the whole array"
         )
-
-
-def complex_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """Complex type, in native byte order, of two real fields; other types as they are.
-
-    Examples
-    --------
-    >>> complex_dtype(np.dtype([("real", ">f4"), ("imag", ">f4")]))
-    dtype('complex64')
-    """
-    if dtype.names in PAIRS:
-        parts = {str(dtype[field].newbyteorder("=")) for field in dtype.names}
-        if parts == {"float32"}:
-            return np.dtype(np.complex64)
-        if parts == {"float64"}:
-            return np.dtype(np.complex128)
-    return dtype.newbyteorder("=") if dtype.kind == "c" else dtype
-
-
-def as_complex(values: NDArray[Any]) -> NDArray[Any]:
-    """Complex numbers of an array of two real fields; other arrays as they are.
-
-    Examples
-    --------
-    >>> as_complex(np.array([(1, 2)], dtype=[("real", "f4"), ("imag", "f4")]))
-    array([1.+2.j], dtype=complex64)
-    """
-    wanted = complex_dtype(values.dtype)
-    if values.dtype.names is None or wanted.kind != "c":
-        return values
-    real, imag = values.dtype.names
-    part = np.empty(0, wanted).real.dtype
-    packed = np.dtype([(real, part), (imag, part)])
-    return values.astype(packed, copy=False).view(wanted)

@@ -3,35 +3,21 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from isacbench.cubes.cube import describe
+from isacbench.cubes.cube import describe_array
 from isacbench.errors import InputError
-from isacbench.files.checked_files import binary_size, require_file
+from isacbench.files.checked_files import require_file
 from isacbench.files.escaping import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    import numpy as np
-
     from isacbench.cubes.cube import ComplexArray
+    from isacbench.files.arrays.listing import Listed
 
-__all__ = ["CUBE", "GRID", "Listed", "Role", "choose", "grid_beside", "parsing", "require_size", "too_large"]
-
-
-class Listed(NamedTuple):
-    """What a file says of an array that it holds.
-
-    Attributes
-    ----------
-    shape : tuple of int
-    dtype : dtype
-    """
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+__all__ = ["CUBE", "GRID", "Role", "choose", "grid_beside", "parsing", "require_size"]
 
 
 class Role(NamedTuple):
@@ -66,7 +52,7 @@ def choose(path: Path, arrays: Mapping[str, Listed], role: Role) -> str:
     fitting = [name for name, array in arrays.items() if len(array.shape) == role.axes]
     if len(fitting) == 1:
         return fitting[0]
-    found = ", ".join(f"{name} ({describe(*array)})" for name, array in arrays.items())
+    found = ", ".join(f"{name} ({describe_array(*array)})" for name, array in arrays.items())
     raise InputError(
         f"{path}: wanted is an array named {role.name!r}, or just one of {role.axes} axes; "
         f"it holds {found or 'no arrays'}"
@@ -131,9 +117,3 @@ def require_size(path: Path, wanted: int, what: str) -> None:
     size = require_file(path)
     if size < wanted:
         raise InputError(f"{path}: is truncated: {what} takes {wanted} bytes, the file has {size}")
-
-
-def too_large(path: Path, limit_bytes: int) -> InputError:
-    """Build the exception for a file whose arrays take more memory together than is allowed."""
-    allowed = binary_size(limit_bytes)
-    return InputError(f"{path}: its arrays take more than {allowed}, which is what is allowed")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import partial
-from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isacbench.cubes.cube import complex_grid, require_grid
-from isacbench.cubes.formats.chunked import ChunkedCube, Stored, as_complex, complex_dtype, require_chunk
-from isacbench.cubes.formats.cube_files import CUBE, GRID, Listed, choose, grid_beside
-from isacbench.errors import InputError
+from isacbench.cubes.formats.chunked import ChunkedCube, Stored, require_chunk
+from isacbench.cubes.formats.cube_files import CUBE, GRID, choose, grid_beside
+from isacbench.files.arrays.hdf5_datasets import MATLAB_ATTRIBUTE, require_filled, require_own
+from isacbench.files.arrays.listing import Listed, as_complex, complex_dtype
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,29 +23,7 @@ if TYPE_CHECKING:
 
     from isacbench.cubes.cube import ComplexArray
 
-__all__ = [
-    "MATLAB_ATTRIBUTE",
-    "dataset_cube",
-    "is_hdf5",
-    "open_hdf5",
-    "read_hdf5_grid",
-    "require_filled",
-    "require_own",
-]
-
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
-SIGNATURE_PLACES = (0, 512)
-"""Where it stands: at the beginning, or behind MATLAB's header."""
-
-MATLAB_ATTRIBUTE = "MATLAB_class"
-"""MATLAB writes it beside every array, and the array's axes in reverse."""
-
-
-def is_hdf5(path: Path) -> bool:
-    """Whether a file is HDF5, with or without a header of MATLAB's."""
-    with path.open("rb") as file:
-        head = file.read(SIGNATURE_PLACES[-1] + len(SIGNATURE))
-    return any(head[place:].startswith(SIGNATURE) for place in SIGNATURE_PLACES)
+__all__ = ["dataset_cube", "open_hdf5", "read_hdf5_grid"]
 
 
 def open_hdf5(path: Path, tile_bytes: int) -> ChunkedCube:
@@ -164,48 +142,3 @@ def _grid(name: str, dataset: h5py.Dataset) -> ComplexArray:
     require_chunk(name, dataset.chunks or (), dataset.dtype, dataset.shape)
     values = complex_grid(as_complex(dataset[:]))
     return np.ascontiguousarray(values.T) if MATLAB_ATTRIBUTE in dataset.attrs else values
-
-
-def require_own(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse numbers that lie in other files: HDF5 opens whatever they name, and gives zeros otherwise.
-
-    Parameters
-    ----------
-    name : str
-        What the message calls the dataset.
-    dataset : h5py.Dataset
-
-    Raises
-    ------
-    InputError
-        If its storage is external or virtual.
-    """
-    if dataset.is_virtual or dataset.external:
-        raise InputError(
-            f"{name}: keeps its numbers in other files; allowed is a file that holds them itself"
-        )
-
-
-def require_filled(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset of which parts were never written; HDF5 would give zeros for them.
-
-    Parameters
-    ----------
-    name : str
-        What the message calls the dataset.
-    dataset : h5py.Dataset
-
-    Raises
-    ------
-    InputError
-        With the numbers of chunks that were written and that there should be.
-    """
-    if dataset.is_virtual or dataset.external:
-        return
-    if dataset.chunks is None:
-        present, wanted = int(dataset.id.get_storage_size() > 0), int(dataset.size > 0)
-    else:
-        present = dataset.id.get_num_chunks()
-        wanted = prod(-(-length // part) for length, part in zip(dataset.shape, dataset.chunks, strict=True))
-    if present < wanted:
-        raise InputError(f"{name}: is not complete: {present} of {wanted} chunks were written")

@@ -10,8 +10,9 @@ import numpy as np
 
 from isacbench.cubes.cube import Cube, Tile, complex_grid, require_cube, require_elements, require_grid
 from isacbench.cubes.formats.cube_files import CUBE, GRID, choose, grid_beside
-from isacbench.cubes.formats.hdf5 import is_hdf5, open_hdf5, read_hdf5_grid
+from isacbench.cubes.formats.hdf5 import open_hdf5, read_hdf5_grid
 from isacbench.files.arrays import mat5
+from isacbench.files.arrays.hdf5_datasets import is_hdf5
 from isacbench.files.arrays.raw_arrays import raw_extents
 from isacbench.files.checked_files import GRID_BYTES
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isacbench.cubes.cube import complex_grid, describe, require_cube, require_grid
+from isacbench.cubes.cube import complex_grid, describe_array, require_cube, require_grid
 from isacbench.cubes.formats.cube_files import require_size
+from isacbench.cubes.formats.raw_cubes import RawCube
 from isacbench.files.arrays.mapped import MappedBytes
 from isacbench.files.arrays.npy_files import read_array, read_header
-from isacbench.files.arrays.raw_arrays import RawArray, RawCube
+from isacbench.files.arrays.raw_arrays import RawArray
 from isacbench.files.checked_files import GRID_BYTES
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def open_npy(path: Path, tile_bytes: int) -> RawCube:
     with path.open("rb") as file:
         header = read_header(file)
     shape = require_cube(str(path), header.shape, header.dtype)
-    require_size(path, header.end, describe(shape, header.dtype))
+    require_size(path, header.end, describe_array(shape, header.dtype))
     array = RawArray(MappedBytes(path), header.offset, shape, header.dtype, header.order)
     return RawCube(str(path), array, None, tile_bytes)
 
@@ -52,6 +53,6 @@ def read_npy_grid(path: Path) -> ComplexArray:
     with path.open("rb") as file:
         header = read_header(file)
         require_grid(str(path), header.shape, header.dtype)
-        require_size(path, header.end, describe(header.shape, header.dtype))
+        require_size(path, header.end, describe_array(header.shape, header.dtype))
         file.seek(0)
         return complex_grid(read_array(file, header.end, GRID_BYTES))

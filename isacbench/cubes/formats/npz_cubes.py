@@ -6,13 +6,15 @@ import struct
 import zipfile
 from typing import TYPE_CHECKING
 
-from isacbench.cubes.cube import complex_grid, describe, require_cube, require_grid
-from isacbench.cubes.formats.cube_files import CUBE, GRID, Listed, choose, grid_beside
+from isacbench.cubes.cube import complex_grid, describe_array, require_cube, require_grid
+from isacbench.cubes.formats.cube_files import CUBE, GRID, choose, grid_beside
+from isacbench.cubes.formats.raw_cubes import RawCube
 from isacbench.errors import InputError
 from isacbench.files.arrays.inflated import RAW_DEFLATE, InflatedBytes
+from isacbench.files.arrays.listing import Listed
 from isacbench.files.arrays.mapped import Bytes, MappedBytes
 from isacbench.files.arrays.npy_files import SUFFIX, Header, read_array, read_header
-from isacbench.files.arrays.raw_arrays import RawArray, RawCube
+from isacbench.files.arrays.raw_arrays import RawArray
 from isacbench.files.checked_files import GRID_BYTES
 
 if TYPE_CHECKING:
@@ -91,9 +93,9 @@ def _grid(path: Path, archive: zipfile.ZipFile, name: str) -> ComplexArray:
 def _require_whole(path: Path, name: str, header: Header, member: zipfile.ZipInfo) -> None:
     """Refuse an array that is shorter than its header says."""
     if member.file_size < header.end:
+        array = describe_array(header.shape, header.dtype)
         raise InputError(
-            f"{path}: {name} is truncated: {describe(header.shape, header.dtype)} takes {header.end} bytes, "
-            f"it has {member.file_size}"
+            f"{path}: {name} is truncated: {array} takes {header.end} bytes, it has {member.file_size}"
         )
 
 

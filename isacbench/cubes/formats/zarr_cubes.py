@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isacbench.cubes.cube import complex_grid, require_grid
-from isacbench.cubes.formats.chunked import ChunkedCube, Stored, as_complex, complex_dtype, require_chunk
-from isacbench.cubes.formats.cube_files import CUBE, GRID, Listed, choose, grid_beside
+from isacbench.cubes.formats.chunked import ChunkedCube, Stored, require_chunk
+from isacbench.cubes.formats.cube_files import CUBE, GRID, choose, grid_beside
 from isacbench.errors import InputError
+from isacbench.files.arrays.listing import Listed, as_complex, complex_dtype
 from isacbench.files.checked_files import require_file, require_inside
 
 if TYPE_CHECKING:

@@ -1,1 +1,12 @@
 """Directions of plane waves: apertures, subspaces, model orders, spectra and their peaks."""
+
+__all__ = [
+    "aperture",
+    "eigenpairs",
+    "esprit",
+    "line_subspaces",
+    "model_order",
+    "peaks",
+    "planar_subspaces",
+    "plane_waves",
+]

@@ -24,6 +24,9 @@ float64) whatever lies beside a cell, and a threshold is the largest float64
 not above factor times noise where that is no float64, so that masks do not
 depend on the unit of the map (`isacbench.dsp.cfar.map_scaling`).
 
+A detector of one's own returns a `Detection`, checks its map by `checked_power`, and finds factors
+in `isacbench.dsp.cfar.factors`.
+
 Cells under test: all of the map, or those of the list `cells`, with the same
 values to the last bit at a cost that follows the list.
 """
@@ -31,17 +34,37 @@ values to the last bit at a cost that follows the list.
 from __future__ import annotations
 
 from isacbench.dsp.cfar.cell_averaging import ca_cfar, goca_cfar, soca_cfar
-from isacbench.dsp.cfar.map_checks import Cells, CellsPerSide, Threshold, check_cells, check_threshold
+from isacbench.dsp.cfar.factors import check_looks, check_pfa
+from isacbench.dsp.cfar.map_checks import (
+    Cells,
+    CellsPerSide,
+    Threshold,
+    check_cells,
+    check_fraction,
+    check_threshold,
+    checked_axis,
+    checked_power,
+)
 from isacbench.dsp.cfar.order_statistic import os_cfar, os_mask
-from isacbench.dsp.cfar.sorted_means import osca_cfar, tm_cfar
+from isacbench.dsp.cfar.sorted_means import check_trim, osca_cfar, tm_cfar
+from isacbench.dsp.detection import Detection, Detector
 
 __all__ = [
     "Cells",
     "CellsPerSide",
+    "Detection",
+    "Detector",
     "Threshold",
     "ca_cfar",
     "check_cells",
+    "check_fraction",
+    "check_looks",
+    "check_pfa",
     "check_threshold",
+    "check_trim",
+    "checked_axis",
+    "checked_power",
+    "factors",
     "goca_cfar",
     "os_cfar",
     "os_mask",

@@ -12,7 +12,7 @@ from isacbench.dsp.cfar.factors.rate_roots import check_pfa
 from isacbench.dsp.cfar.map_checks import check_threshold, checked_axis, checked_list, spread
 from isacbench.dsp.cfar.map_scaling import ScaledMap
 from isacbench.dsp.cfar.training_cells import window_axes
-from isacbench.plugins.contracts import Detection
+from isacbench.dsp.detection import Detection
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

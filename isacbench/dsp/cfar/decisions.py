@@ -13,7 +13,7 @@ import numpy as np
 
 from isacbench.dsp.cfar.map_scaling import at_most_largest
 from isacbench.dsp.cfar.training_cells import ListedWindows, MapWindows
-from isacbench.plugins.contracts import Detection
+from isacbench.dsp.detection import Detection
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.dsp.cfar.map_checks import checked_extent
-from isacbench.plugins.contracts import Detection
+from isacbench.dsp.detection import Detection
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -21,7 +21,7 @@ from isacbench.dsp.cfar.map_checks import (
 )
 from isacbench.dsp.cfar.map_scaling import ScaledMap, unscaled_noise, unscaled_threshold
 from isacbench.dsp.cfar.training_cells import Axis, ListedWindows, window_axes
-from isacbench.plugins.contracts import Detection
+from isacbench.dsp.detection import Detection
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

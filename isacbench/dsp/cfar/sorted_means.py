@@ -24,8 +24,8 @@ from isacbench.dsp.cfar.map_checks import (
 )
 from isacbench.dsp.cfar.map_scaling import ScaledMap
 from isacbench.dsp.cfar.training_cells import ListedWindows, window_axes
+from isacbench.dsp.detection import Detection
 from isacbench.errors import InputError
-from isacbench.plugins.contracts import Detection
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,1 +1,11 @@
 """Scatterers fitted to a range-Doppler map: selected, refined and told apart together."""
+
+__all__ = [
+    "atom_fits",
+    "atoms",
+    "grating_lobes",
+    "joint_selection",
+    "maximum_likelihood",
+    "pursuit",
+    "variable_projection",
+]

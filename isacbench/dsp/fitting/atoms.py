@@ -29,7 +29,15 @@ from isacbench.model.kernels import dirichlet_slopes
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
 
-__all__ = ["N_COORDINATES", "AtomMap", "Correlations", "Line", "LineProducts", "Lines", "product_matrix"]
+__all__ = [
+    "N_COORDINATES",
+    "AtomFactors",
+    "AtomMap",
+    "Correlations",
+    "LineProducts",
+    "Lines",
+    "product_matrix",
+]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -47,7 +55,7 @@ STEERING_SAMPLES = 8
 """Steering vectors a Rayleigh cell from which their dimensions are found."""
 
 
-class Line(NamedTuple):
+class AtomFactors(NamedTuple):
     """Factors of n atoms along one coordinate and their derivatives by the place, each (n, size)."""
 
     value: Floats
@@ -55,7 +63,7 @@ class Line(NamedTuple):
     curvature: Floats
 
 
-Lines = tuple[Line, Line, Line, Line]
+Lines = tuple[AtomFactors, AtomFactors, AtomFactors, AtomFactors]
 """Factors of atoms along range, Doppler, u and w."""
 
 
@@ -181,7 +189,7 @@ class AtomMap:
         """Rayleigh cells along each coordinate after which an atom is the same but for its sign, (4,)."""
         return np.array([self.n_subcarriers, self.bursts.n_symbols, *self.array_shape], dtype=np.float64)
 
-    def line(self, places: Floats, axis: int) -> Line:
+    def line(self, places: Floats, axis: int) -> AtomFactors:
         """Factors of atoms along one coordinate.
 
         Parameters
@@ -198,9 +206,9 @@ class AtomMap:
         if axis < 2:
             bins = (self.range_bins, self.doppler_bins)[axis]
             value, slope, curvature = self._slopes(bins - places[:, None], axis)
-            return Line(value, -slope, curvature)
+            return AtomFactors(value, -slope, curvature)
         basis = self.bases[axis - 2]
-        return Line(*(factor @ basis for factor in _real_steering(len(basis), places)))
+        return AtomFactors(*(factor @ basis for factor in _real_steering(len(basis), places)))
 
     def _slopes(self, distance: Floats, axis: int) -> tuple[Floats, Floats, Floats]:
         """Kernel along range or Doppler, of unit energy over all bins, and its first two derivatives."""
@@ -346,12 +354,12 @@ def _mirror_transform(n: int) -> Complex:
     return transform
 
 
-def _real_steering(n: int, places: Floats) -> Line:
+def _real_steering(n: int, places: Floats) -> AtomFactors:
     """Unit-energy steering vectors (k, n) behind `_mirror_transform`, and their derivatives per cell."""
     rate = -2 * np.pi / n * (np.arange(n) - (n - 1) / 2)
     phase = np.multiply.outer(places, rate)
     cosine, sine = np.cos(phase) / np.sqrt(n), np.sin(phase) / np.sqrt(n)
-    return Line(cosine + sine, rate * (cosine - sine), -(rate**2) * (cosine + sine))
+    return AtomFactors(cosine + sine, rate * (cosine - sine), -(rate**2) * (cosine + sine))
 
 
 def _steering_basis(n: int, limits: Interval | None) -> Floats:

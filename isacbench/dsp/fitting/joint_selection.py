@@ -22,7 +22,7 @@ from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import redundant
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scatterers import Scatterers
+from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
 
@@ -122,13 +122,13 @@ class _Kernels:
 
 
 def select_jointly(
-    scatterers: Scatterers,
+    scatterers: LocatedScatterers,
     gated: GatedMap,
     system: System,
     min_power: float,
     dynamic_range_db: float,
     n_members: int = 0,
-) -> Scatterers:
+) -> LocatedScatterers:
     """Select the scatterers that explain the map together.
 
     In rounds, candidates that stand out from what the members leave
@@ -187,7 +187,7 @@ def select_jointly(
     return _at_best_lobes(chosen, gated, system) if gated.sees_lobes else chosen
 
 
-def _at_best_lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
+def _at_best_lobes(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> LocatedScatterers:
     """Scatterers at those of their grating lobes where the map, less all others' echoes, shows them most."""
     if not len(scatterers):
         return scatterers
@@ -201,7 +201,7 @@ def _at_best_lobes(scatterers: Scatterers, gated: GatedMap, system: System) -> S
     return replace(lobes.select(chosen), power=np.abs(amplitude) ** 2)
 
 
-def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> Scatterers:
+def refine_jointly(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> LocatedScatterers:
     """Move scatterers between bins to where the map, less all others' echoes, has them.
 
     Each Gauss-Newton step fits all amplitudes together, takes from every
@@ -244,7 +244,9 @@ def refine_jointly(scatterers: Scatterers, gated: GatedMap, system: System) -> S
     return replace(refined, power=np.abs(amplitude) ** 2)
 
 
-def explain_map(scatterers: Scatterers, gated: GatedMap, system: System, noise: float) -> Scatterers | None:
+def explain_map(
+    scatterers: LocatedScatterers, gated: GatedMap, system: System, noise: float
+) -> LocatedScatterers | None:
     """Move scatterers in all four coordinates to the least-squares fit, if that explains the map.
 
     A fit bends to whatever is not modelled, and in a crowd this is more than
@@ -290,19 +292,19 @@ def explain_map(scatterers: Scatterers, gated: GatedMap, system: System, noise: 
     return _placed(scatterers, fit, gated)
 
 
-def _placed(scatterers: Scatterers, fit: AtomFit, gated: GatedMap) -> Scatterers:
+def _placed(scatterers: LocatedScatterers, fit: AtomFit, gated: GatedMap) -> LocatedScatterers:
     """Scatterers at the places and with the power of their atoms."""
     cell_size = np.array([1.0, 1.0, 2 / gated.aperture.n_p, 2 / gated.aperture.n_q])
     range_bin, doppler_bin, u, w = (fit.places * cell_size).T
-    return Scatterers(range_bin, doppler_bin, u, w, fit.power / gated.n_elements, scatterers.family)
+    return LocatedScatterers(range_bin, doppler_bin, u, w, fit.power / gated.n_elements, scatterers.family)
 
 
-def _most_unexplained(scatterers: Scatterers, fit: AtomFit, gated: GatedMap, system: System) -> float:
+def _most_unexplained(scatterers: LocatedScatterers, fit: AtomFit, gated: GatedMap, system: System) -> float:
     """Largest mean power per element that the map holds beside all echoes, around any atom."""
     return float(_unexplained(_placed(scatterers, fit, gated), gated, system).max())
 
 
-def _unexplained(scatterers: Scatterers, gated: GatedMap, system: System) -> Floats:
+def _unexplained(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> Floats:
     """Mean power per element (n,) that the map holds beside all echoes, around each scatterer."""
     patches = _read_patches(scatterers, gated)
     kernels = _kernels(scatterers, patches, gated, system)
@@ -324,7 +326,7 @@ def _limited(place: Floats, start: Floats) -> Floats:
     return np.clip(place, start - MAX_SHIFT_BINS, start + MAX_SHIFT_BINS)
 
 
-def _read_patches(scatterers: Scatterers, gated: GatedMap) -> _Patches:
+def _read_patches(scatterers: LocatedScatterers, gated: GatedMap) -> _Patches:
     n, aperture = len(scatterers), gated.aperture
     rows = _around(scatterers.range_bin, gated.gate.range_bins, PATCH[0])
     columns = _around(scatterers.doppler_bin, gated.gate.doppler_bins, PATCH[1])
@@ -342,7 +344,7 @@ def _around(places: Floats, bins: NDArray[np.int64], n_side: int) -> NDArray[np.
     return around
 
 
-def _kernels(scatterers: Scatterers, patches: _Patches, gated: GatedMap, system: System) -> _Kernels:
+def _kernels(scatterers: LocatedScatterers, patches: _Patches, gated: GatedMap, system: System) -> _Kernels:
     gate, doppler = gated.gate, gated.doppler_kernel(system.n_symbols)
     along_range = dirichlet(gate.range_bins, scatterers.range_bin, system.n_subcarriers)
     along_doppler = doppler.response(gate.doppler_bins, scatterers.doppler_bin)
@@ -366,7 +368,7 @@ def _matched_filters(patches: _Patches, kernels: _Kernels) -> tuple[Complex, Com
     return matched / own, response / own[:, None]
 
 
-def _nearby(scatterers: Scatterers, doppler: SymbolBursts) -> NDArray[np.bool_]:
+def _nearby(scatterers: LocatedScatterers, doppler: SymbolBursts) -> NDArray[np.bool_]:
     """Pairs (n, n) close enough in range and Doppler to be held against each other."""
     range_bin, doppler_bin = scatterers.range_bin, scatterers.doppler_bin
     near: NDArray[np.bool_] = (np.abs(range_bin[:, None] - range_bin) < NEIGHBOURHOOD_BINS) & (
@@ -384,7 +386,7 @@ def _wins(candidate: Floats, competes: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return wins
 
 
-def _known_apart(scatterers: Scatterers) -> NDArray[np.bool_]:
+def _known_apart(scatterers: LocatedScatterers) -> NDArray[np.bool_]:
     """Pairs (n, n) of different scatterers of one family."""
     family = scatterers.family
     apart: NDArray[np.bool_] = (family[:, None] == family) & (family >= 0)
@@ -401,7 +403,7 @@ def _fit(matched: Complex, response: Complex, member: NDArray[np.bool_], loading
 
 
 def _gauss_newton(
-    scatterers: Scatterers,
+    scatterers: LocatedScatterers,
     amplitude: Complex,
     patches: _Patches,
     kernels: _Kernels,
@@ -437,7 +439,7 @@ def _gauss_newton(
 
 
 def _own_slopes(
-    scatterers: Scatterers, patches: _Patches, gated: GatedMap, system: System
+    scatterers: LocatedScatterers, patches: _Patches, gated: GatedMap, system: System
 ) -> tuple[Complex, Complex]:
     """Derivatives (n, r) and (n, d) of each scatterer's echo on its own patch with its place, per bin."""
     gate, n_subcarriers, n_symbols = gated.gate, system.n_subcarriers, system.n_symbols

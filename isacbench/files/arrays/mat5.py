@@ -18,9 +18,9 @@ from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from isacbench.cubes.formats.cube_files import Listed, too_large
 from isacbench.errors import InputError
 from isacbench.files.arrays.inflated import OUTPUT_BYTES, ZLIB, InflatedBytes
+from isacbench.files.arrays.listing import Listed, too_large
 from isacbench.files.arrays.mapped import Bytes, MappedBytes
 from isacbench.files.arrays.raw_arrays import RawArray
 

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.cubes.formats.chunked import complex_dtype
-from isacbench.cubes.formats.cube_files import Listed, too_large
-from isacbench.cubes.formats.hdf5 import MATLAB_ATTRIBUTE, require_filled, require_own
 from isacbench.errors import InputError
+from isacbench.files.arrays.hdf5_datasets import MATLAB_ATTRIBUTE, require_filled, require_own
+from isacbench.files.arrays.listing import Listed, complex_dtype, too_large
 from isacbench.files.escaping import quoted, shortened
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from isacbench.link.waveform.ofdm import Layout
+    from isacbench.link.waveform.ofdm import SymbolLayout
     from isacbench.link.waveform.qam import Modulation
     from isacbench.model.numerology import System
 
@@ -241,7 +241,9 @@ def path_interference(
     return Interference(gain.reshape(shape), power.reshape(shape))
 
 
-def _of_block(late: Floats, ratio: Floats, parts: Layout, n_previous: int | None) -> tuple[Complex, Floats]:
+def _of_block(
+    late: Floats, ratio: Floats, parts: SymbolLayout, n_previous: int | None
+) -> tuple[Complex, Floats]:
     """Useful gain and interference power (k,) of paths late by so many samples."""
     time = (np.arange(parts.n_useful) - (parts.n_useful - 1) / 2) / parts.n_useful
     turned = _window(late, parts, lag=0) * np.exp(2j * np.pi * np.multiply.outer(ratio, time))
@@ -255,7 +257,7 @@ def _of_block(late: Floats, ratio: Floats, parts: Layout, n_previous: int | None
     return useful, power
 
 
-def _window(late: Floats, parts: Layout, lag: int) -> Floats:
+def _window(late: Floats, parts: SymbolLayout, lag: int) -> Floats:
     """Transmit window (k, n_useful) of the symbol sent so many periods before."""
     since = np.arange(parts.n_useful) + lag * parts.n_symbol
     return transmit_window(parts, since - late[:, None])

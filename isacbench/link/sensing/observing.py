@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isacbench.model.echo import observe as observe_plainly
+from isacbench.model.echo import observe_echo as observe_plainly
 
 if TYPE_CHECKING:
     from isacbench.link.waveform.qam import Modulation

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.link.waveform.ofdm import Layout, layout
+from isacbench.link.waveform.ofdm import SymbolLayout, layout
 from isacbench.link.waveform.papr import symbol_papr_db
 from isacbench.link.waveform.power_spectrum import occupied_bandwidth_hz, out_of_band_db
 from isacbench.link.waveform.resource_grid import draw_grid
@@ -60,7 +60,7 @@ class WaveformMerits:
         The same of a waveform without a suffix.
     """
 
-    layout: Layout
+    layout: SymbolLayout
     sampling_rate_hz: float
     symbol_time_s: float
     prefix_s: float

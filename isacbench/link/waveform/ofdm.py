@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complex128]
 
-__all__ = ["Layout", "checked_grid", "demodulate", "layout", "modulate", "n_samples", "transmit_window"]
+__all__ = ["SymbolLayout", "checked_grid", "demodulate", "layout", "modulate", "n_samples", "transmit_window"]
 
 WHOLE = 1e-9
 """Largest distance of a prefix or suffix from whole samples, as a fraction of the useful part: rounding."""
@@ -28,7 +28,7 @@ CACHED_SAMPLES = 2**16
 
 
 @dataclass(frozen=True)
-class Layout:
+class SymbolLayout:
     """Samples that the parts of an OFDM symbol have.
 
     Attributes
@@ -52,7 +52,7 @@ class Layout:
         return self.n_prefix + self.n_useful
 
 
-def layout(system: System, oversampling: int = 1) -> Layout:
+def layout(system: System, oversampling: int = 1) -> SymbolLayout:
     """Count the samples of an OFDM symbol.
 
     Parameters
@@ -75,7 +75,7 @@ def layout(system: System, oversampling: int = 1) -> Layout:
     --------
     >>> from isacbench.model.numerology import System
     >>> layout(System())
-    Layout(n_useful=2048, n_prefix=512, n_suffix=64)
+    SymbolLayout(n_useful=2048, n_prefix=512, n_suffix=64)
     """
     require_count("oversampling", oversampling)
     n_useful = system.n_subcarriers * oversampling
@@ -86,7 +86,7 @@ def layout(system: System, oversampling: int = 1) -> Layout:
             f"cyclic_suffix_ratio = {system.cyclic_suffix_ratio!r}: allowed is up to cyclic_prefix_ratio"
             f" {system.cyclic_prefix_ratio!r}, because the suffix overlaps the next prefix"
         )
-    return Layout(n_useful, n_prefix, n_suffix)
+    return SymbolLayout(n_useful, n_prefix, n_suffix)
 
 
 def checked_grid(symbols: ArrayLike, system: System) -> Complex:
@@ -113,7 +113,7 @@ def checked_grid(symbols: ArrayLike, system: System) -> Complex:
     return grid
 
 
-def n_samples(layout: Layout, n_symbols: int) -> int:
+def n_samples(layout: SymbolLayout, n_symbols: int) -> int:
     """Count the samples of a frame, with the suffix of its last symbol.
 
     Parameters
@@ -127,13 +127,13 @@ def n_samples(layout: Layout, n_symbols: int) -> int:
 
     Examples
     --------
-    >>> n_samples(Layout(2048, 512, 64), 224)
+    >>> n_samples(SymbolLayout(2048, 512, 64), 224)
     573504
     """
     return n_symbols * layout.n_symbol + layout.n_suffix
 
 
-def transmit_window(layout: Layout, position: ArrayLike) -> NDArray[np.float64]:
+def transmit_window(layout: SymbolLayout, position: ArrayLike) -> NDArray[np.float64]:
     """Evaluate the window that a symbol is sent through.
 
     It rises as a raised cosine at the start of the prefix, over the length of
@@ -154,7 +154,7 @@ def transmit_window(layout: Layout, position: ArrayLike) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> transmit_window(Layout(8, 4, 2), [-4, -3, -2, 0, 8, 9, 10]).round(3).tolist()
+    >>> transmit_window(SymbolLayout(8, 4, 2), [-4, -3, -2, 0, 8, 9, 10]).round(3).tolist()
     [0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0]
     """
     position = np.asarray(position, dtype=np.float64)
@@ -275,13 +275,13 @@ def _require_finite(what: str, one_of_each: Complex) -> None:
         raise InputError(f"{what} values that are not finite: allowed are ordinary numbers")
 
 
-def _frame(waveform: Complex, parts: Layout, n_symbols: int) -> Complex:
+def _frame(waveform: Complex, parts: SymbolLayout, n_symbols: int) -> Complex:
     """View a waveform as symbols (n_symbols, n_symbol, *trailing), without the last suffix."""
     within = waveform[: n_symbols * parts.n_symbol]
     return within.reshape(n_symbols, parts.n_symbol, *waveform.shape[1:])
 
 
-def _write_bodies(by_symbol: Complex, frame: Complex, parts: Layout, amplitude: float) -> None:
+def _write_bodies(by_symbol: Complex, frame: Complex, parts: SymbolLayout, amplitude: float) -> None:
     """Write prefix and useful part of symbols (m, n_subcarriers) to (m, n_symbol), without the window."""
     useful = scipy.fft.ifft(by_symbol, parts.n_useful, axis=1, norm="ortho")
     if amplitude != 1:
@@ -291,7 +291,7 @@ def _write_bodies(by_symbol: Complex, frame: Complex, parts: Layout, amplitude: 
     frame[:, : parts.n_prefix] = useful[:, parts.n_useful - parts.n_prefix :]
 
 
-def _overlap(frame: Complex, tail: Complex, parts: Layout) -> None:
+def _overlap(frame: Complex, tail: Complex, parts: SymbolLayout) -> None:
     """Let prefixes rise while the suffixes of the symbols before them fall, the last into the tail."""
     n = parts.n_suffix
     rising = _rise(np.arange(n) / n) if n else np.empty(0)

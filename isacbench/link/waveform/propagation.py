@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from isacbench.link.waveform.ofdm import Layout
+    from isacbench.link.waveform.ofdm import SymbolLayout
     from isacbench.model.numerology import System
 
     Complex = NDArray[np.complex128]
@@ -117,7 +117,7 @@ def delay_samples(delay_s: ArrayLike, system: System) -> Floats:
     return samples
 
 
-def shown_lags(delay: ArrayLike, parts: Layout, n_before: int = 0) -> tuple[Floats, Floats]:
+def shown_lags(delay: ArrayLike, parts: SymbolLayout, n_before: int = 0) -> tuple[Floats, Floats]:
     """Find which symbols a receiver's window sees of late echoes.
 
     Parameters
@@ -137,8 +137,8 @@ def shown_lags(delay: ArrayLike, parts: Layout, n_before: int = 0) -> tuple[Floa
 
     Examples
     --------
-    >>> from isacbench.link.waveform.ofdm import Layout
-    >>> lowest, highest = shown_lags([0, 448, 449, 3000], Layout(2048, 512, 64))
+    >>> from isacbench.link.waveform.ofdm import SymbolLayout
+    >>> lowest, highest = shown_lags([0, 448, 449, 3000], SymbolLayout(2048, 512, 64))
     >>> lowest.tolist(), highest.tolist()
     ([0.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 1.0])
     """

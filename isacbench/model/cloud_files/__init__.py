@@ -1,1 +1,3 @@
 """Point clouds in files of several formats."""
+
+__all__ = ["point_files"]

@@ -1,4 +1,4 @@
-"""Point clouds as PLY files: ASCII written, ASCII and binary read."""
+"""Points as PLY files: ASCII written, ASCII and binary read."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from isacbench.errors import InputError
 from isacbench.files.escaping import shortened
-from isacbench.files.text_table import Line, check_finite, format_rows, parse_rows
-from isacbench.model.cloud import PointCloud
+from isacbench.files.text_table import TextLine, check_finite, format_rows, parse_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,8 +63,8 @@ class _Header:
     n_bytes: int
 
 
-def write_ply(cloud: PointCloud, path: Path) -> None:
-    """Write a cloud as ASCII PLY with the double properties x, y, z, v and power.
+def write_ply(points: Floats, path: Path) -> None:
+    """Write points (n, 5) as ASCII PLY with the double properties x, y, z, v and power.
 
     Raises
     ------
@@ -76,16 +75,16 @@ def write_ply(cloud: PointCloud, path: Path) -> None:
         "ply",
         "format ascii 1.0",
         "comment x y z in m, v in m/s and positive when approaching, power relative to a unit scatterer",
-        f"element vertex {len(cloud)}",
+        f"element vertex {len(points)}",
         *(f"property double {name}" for name in _PROPERTIES),
         "end_header",
     ]
-    rows = format_rows(cloud.to_array(), delimiter=" ")
+    rows = format_rows(points, delimiter=" ")
     path.write_text("\n".join([*header, *rows, ""]), encoding="ascii", newline="\n")
 
 
-def read_ply(path: Path) -> PointCloud:
-    """Read the vertices of a PLY file, ASCII or binary of either byte order.
+def read_ply(path: Path) -> Floats:
+    """Read the vertices of a PLY file, ASCII or binary of either byte order, as points (n, 4) or (n, 5).
 
     The element ``vertex`` needs the properties x, y, z and v (or velocity);
     power is optional and others are ignored, as are other elements.
@@ -103,8 +102,7 @@ def read_ply(path: Path) -> PointCloud:
     before, vertex = _split_at_vertex(path, header.elements)
     columns = _wanted_properties(path, vertex)
     values = (_binary_vertices if header.byte_order else _ascii_vertices)(path, data, header, before, vertex)
-    chosen = values[:, [list(vertex.codes).index(name) for name in columns]]
-    return PointCloud.from_array(chosen)
+    return values[:, [list(vertex.codes).index(name) for name in columns]]
 
 
 def _parse_header(path: Path, data: bytes) -> _Header:
@@ -179,13 +177,13 @@ def _ascii_vertices(
     return parse_rows(path, rows, list(vertex.codes), delimiter=None)
 
 
-def _text_lines(data: bytes, header: _Header) -> Iterator[Line]:
+def _text_lines(data: bytes, header: _Header) -> Iterator[TextLine]:
     """Lines below the header that are not blank."""
     file = BytesIO(data)
     file.seek(header.n_bytes)
     for number, line in enumerate(file, start=header.n_lines + 1):
         if line.strip():
-            yield Line(number, line.decode("latin-1"))
+            yield TextLine(number, line.decode("latin-1"))
 
 
 def _binary_vertices(

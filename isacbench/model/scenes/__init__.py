@@ -1,1 +1,3 @@
 """Scenario files and the objects that they name."""
+
+__all__ = ["scenario"]

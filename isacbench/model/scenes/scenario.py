@@ -13,7 +13,7 @@ from isacbench.errors import InputError
 from isacbench.files.checked_files import require_inside
 from isacbench.files.toml_files import builtin_names, find_toml, read_toml
 from isacbench.model.array import VirtualArray
-from isacbench.model.cloud_files.formats import read_points_csv
+from isacbench.model.cloud_files.point_files import read_points_csv
 from isacbench.model.frame import FrameName, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region

@@ -15,7 +15,7 @@ from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import shortened
 from isacbench.report.comparisons.words import wording
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
-from isacbench.report.drawing.style import Look, drawable, file_stems, save, styled
+from isacbench.report.drawing.style import LineLook, drawable, file_stems, save, styled
 from isacbench.report.figures.curves import axis_name
 from isacbench.report.tables.run_tables import mean_of_trials
 
@@ -39,8 +39,8 @@ TITLE_WIDTH = 42
 TITLE_SIZE = 8.0
 LEGEND_WIDTH = 80
 
-BASE = Look("base", "0.35", "s", "--", False)
-NEW = Look("new", "#0072B2", "o", "-", False)
+BASE = LineLook("base", "0.35", "s", "--", False)
+NEW = LineLook("new", "#0072B2", "o", "-", False)
 MARKS = {"regression": ("#D55E00", "o"), "improvement": ("#009E73", "D")}
 
 

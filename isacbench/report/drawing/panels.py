@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from isacbench.report.drawing.style import Look
+    from isacbench.report.drawing.style import LineLook
 
 __all__ = ["MAX_SNR_TICKS", "draw_line", "legend_lines", "panel_grid"]
 
@@ -74,7 +74,7 @@ def panel_grid(
     return figure, panels[:n_panels]
 
 
-def legend_lines(looks: Iterable[Look]) -> list[Line2D]:
+def legend_lines(looks: Iterable[LineLook]) -> list[Line2D]:
     """Legend entries of some looks."""
     return [
         Line2D([], [], color=look.colour, linestyle=look.line, marker=look.marker, label=look.label)
@@ -83,7 +83,13 @@ def legend_lines(looks: Iterable[Look]) -> list[Line2D]:
 
 
 def draw_line(
-    axes: Axes, look: Look, x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike, alpha: float = 0.15
+    axes: Axes,
+    look: LineLook,
+    x: ArrayLike,
+    y: ArrayLike,
+    low: ArrayLike,
+    high: ArrayLike,
+    alpha: float = 0.15,
 ) -> None:
     """Draw a curve inside its confidence band."""
     axes.plot(x, y, color=look.colour, linestyle=look.line, marker=look.marker)

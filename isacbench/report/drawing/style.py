@@ -39,7 +39,7 @@ __all__ = [
     "DPI",
     "THRESHOLD",
     "TRUE",
-    "Look",
+    "LineLook",
     "assign_looks",
     "counted",
     "drawable",
@@ -105,7 +105,7 @@ RC = {
 
 
 @dataclass(frozen=True)
-class Look:
+class LineLook:
     """How an estimator is drawn, the same in every figure of a run.
 
     Attributes
@@ -127,7 +127,7 @@ class Look:
     is_bound: bool
 
 
-def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict[Variant, Look]:
+def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict[Variant, LineLook]:
     """Give every estimator a look of its own.
 
     Parameters
@@ -148,15 +148,15 @@ def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict
     >>> [look.line for look in found.values()]
     ['-', '--']
     """
-    found: dict[Variant, Look] = {}
+    found: dict[Variant, LineLook] = {}
     n_competitors = 0
     for variant, label in labels.items():
         if variant[0] in bounds:
-            found[variant] = Look(f"{drawable(label)} (sees the truth)", BOUND_COLOUR, "", "--", True)
+            found[variant] = LineLook(f"{drawable(label)} (sees the truth)", BOUND_COLOUR, "", "--", True)
             continue
         turn, index = divmod(n_competitors, len(COLOURS))
         marker = MARKERS[(index + turn) % len(MARKERS)]
-        found[variant] = Look(drawable(label), COLOURS[index], marker, LINES[turn % len(LINES)], False)
+        found[variant] = LineLook(drawable(label), COLOURS[index], marker, LINES[turn % len(LINES)], False)
         n_competitors += 1
     return found
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.plan.labels import Variant
-    from isacbench.report.drawing.style import Look
+    from isacbench.report.drawing.style import LineLook
 
     Floats = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def axis_name(column: str) -> str:
 def draw_scores(
     summary: pd.DataFrame,
     scenario: str,
-    looks: Mapping[Variant, Look],
+    looks: Mapping[Variant, LineLook],
     radius_m: float,
 ) -> Figure:
     """Draw the deviation of one scenario, all that it is made of, and the scores beside it.
@@ -101,7 +101,7 @@ def draw_scores(
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.report.tables.run_tables.summarise` returns it.
+        As `isacbench.report.tables.run_tables.summarise_scores` returns it.
     scenario : str
         Its name.
     looks : mapping of (str, str) to Look
@@ -122,13 +122,13 @@ def draw_scores(
     return figure
 
 
-def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> Figure:
+def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figure:
     """Draw the deviation of every scenario, side by side on one scale.
 
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.report.tables.run_tables.summarise` returns it.
+        As `isacbench.report.tables.run_tables.summarise_scores` returns it.
     looks : mapping of (str, str) to Look
 
     Returns
@@ -158,7 +158,7 @@ def _by_variant(summary: pd.DataFrame) -> dict[Variant, pd.DataFrame]:
     return {(str(name), str(params)): rows for (name, params), rows in groups}
 
 
-def _legend(looks: Mapping[Variant, Look], rows: Mapping[Variant, pd.DataFrame]) -> list[Line2D]:
+def _legend(looks: Mapping[Variant, LineLook], rows: Mapping[Variant, pd.DataFrame]) -> list[Line2D]:
     """Legend entries of the estimators, which say what has no curve."""
     entries = []
     for variant, look in looks.items():
@@ -170,7 +170,7 @@ def _legend(looks: Mapping[Variant, Look], rows: Mapping[Variant, pd.DataFrame])
 
 
 def _draw_panel(
-    axes: Axes, panel: _Panel, looks: Mapping[Variant, Look], rows: Mapping[Variant, pd.DataFrame]
+    axes: Axes, panel: _Panel, looks: Mapping[Variant, LineLook], rows: Mapping[Variant, pd.DataFrame]
 ) -> None:
     """Draw one score of one scenario, every estimator that has it."""
     curves = [(look, _curve(rows.get(variant), panel.column)) for variant, look in looks.items()]

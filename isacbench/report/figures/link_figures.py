@@ -14,7 +14,7 @@ from isacbench.bench.plan.labels import estimator_labels
 from isacbench.link.waveform.qam import awgn_ber
 from isacbench.report.drawing.label_layout import place_labels
 from isacbench.report.drawing.panels import draw_line, legend_lines, panel_grid
-from isacbench.report.drawing.style import BOUND_COLOUR, COLOURS, Look, drawable
+from isacbench.report.drawing.style import BOUND_COLOUR, COLOURS, LineLook, drawable
 from isacbench.report.tables.link_tables import DIVISIONS, receiver_labels, signal_label, signals_of_part
 from isacbench.report.tables.run_tables import trials_and_band
 
@@ -32,8 +32,8 @@ __all__ = ["draw_link", "draw_trade"]
 
 MODULATION_COLOURS: dict[str, str] = dict(zip(("qpsk", "16qam", "64qam", "256qam"), COLOURS, strict=False))
 DIVISION_LINES: dict[str, LineStyle] = {"": "-", "reciprocal": "-", "matched": "--", "wiener": ":"}
-PRS_LOOK = Look(f"image, {signal_label(('prs', '', ''))}", BOUND_COLOUR, "D", "-.", is_bound=False)
-CLOSED_FORM = Look("closed form in white noise", "0.4", "", ":", is_bound=True)
+PRS_LOOK = LineLook(f"image, {signal_label(('prs', '', ''))}", BOUND_COLOUR, "D", "-.", is_bound=False)
+CLOSED_FORM = LineLook("closed form in white noise", "0.4", "", ":", is_bound=True)
 RECEIVER_LINES: tuple[LineStyle, ...] = ("-", "--", ":", "-.")
 
 LOWEST_BER = 1e-6
@@ -61,7 +61,7 @@ def draw_link(summary: pd.DataFrame, template: str) -> Figure:
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.bench.studies.link_study.summarise` returns it.
+        As `isacbench.bench.studies.link_study.summarise_link` returns it.
     template : str
         Name of the scenario.
 
@@ -107,7 +107,7 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.bench.studies.link_study.summarise` returns it.
+        As `isacbench.bench.studies.link_study.summarise_link` returns it.
     template : str
         Name of the scenario.
 
@@ -229,11 +229,11 @@ def _deviation_axis(axes: Axes, part: pd.DataFrame) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _signal_look(signal: Signal) -> Look:
+def _signal_look(signal: Signal) -> LineLook:
     sensing, modulation, division = signal
     if sensing == "prs":
         return PRS_LOOK
-    return Look(
+    return LineLook(
         _division_label(division),
         MODULATION_COLOURS[modulation],
         "o",
@@ -246,10 +246,12 @@ def _division_label(division: str) -> str:
     return f"image, {DIVISIONS.get(division, 'any')} division"
 
 
-def _receiver_looks(received: pd.DataFrame, colour: str = "0.4") -> list[Look]:
+def _receiver_looks(received: pd.DataFrame, colour: str = "0.4") -> list[LineLook]:
     """Looks of receivers, a line each."""
     return [
-        Look(f"bit errors, {name}", colour, "o", RECEIVER_LINES[index % len(RECEIVER_LINES)], is_bound=False)
+        LineLook(
+            f"bit errors, {name}", colour, "o", RECEIVER_LINES[index % len(RECEIVER_LINES)], is_bound=False
+        )
         for index, name in enumerate(receiver_labels(received).values())
     ]
 
@@ -262,13 +264,15 @@ def _legend(received: pd.DataFrame, sensed: pd.DataFrame) -> list[Line2D]:
 
 
 def _modulation_lines(modulations: Sequence[str]) -> list[Line2D]:
-    return legend_lines(Look(one.upper(), MODULATION_COLOURS[one], "o", "-", False) for one in modulations)
+    return legend_lines(
+        LineLook(one.upper(), MODULATION_COLOURS[one], "o", "-", False) for one in modulations
+    )
 
 
-def _sensing_lines(sensed: pd.DataFrame, prs_look: Look = PRS_LOOK) -> list[Line2D]:
+def _sensing_lines(sensed: pd.DataFrame, prs_look: LineLook = PRS_LOOK) -> list[Line2D]:
     """Lines of what is sensed with."""
     divisions = [one for one in dict.fromkeys(sensed["division"]) if one]
-    looks = [Look(_division_label(one), "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
+    looks = [LineLook(_division_label(one), "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
     return legend_lines([*looks, *([prs_look] if (sensed["sensing"] == "prs").any() else [])])
 
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from isacbench.report.drawing.style import Look
+    from isacbench.report.drawing.style import LineLook
 
 __all__ = ["MAX_PANELS", "draw_pareto", "draw_stages", "shown_snrs"]
 
@@ -174,7 +174,7 @@ def _is_numbered(part: pd.DataFrame) -> bool:
     return bool(part.groupby("estimator")["number"].nunique().max() > 1)
 
 
-def _legend(part: pd.DataFrame, looks: Mapping[str, Look]) -> list[Line2D]:
+def _legend(part: pd.DataFrame, looks: Mapping[str, LineLook]) -> list[Line2D]:
     """Entries of all estimators, by number if they have one, of the frontier, and of the marks that occur."""
     entries = [
         _entry(rows, looks[str(name)], _is_numbered(part))
@@ -188,7 +188,7 @@ def _legend(part: pd.DataFrame, looks: Mapping[str, Look]) -> list[Line2D]:
     return entries
 
 
-def _entry(rows: pd.DataFrame, look: Look, is_numbered: bool) -> Line2D:
+def _entry(rows: pd.DataFrame, look: LineLook, is_numbered: bool) -> Line2D:
     """Entry of one estimator with its parameters, which says if it has no score."""
     first = rows.iloc[0]
     label = look.label
@@ -239,7 +239,7 @@ def _reach(axes: Axes, axis: Literal["x", "y"], values: NDArray[np.float64]) -> 
     return float(low), float(high)
 
 
-def _draw_panel(axes: Axes, part: pd.DataFrame, looks: Mapping[str, Look], is_numbered: bool) -> None:
+def _draw_panel(axes: Axes, part: pd.DataFrame, looks: Mapping[str, LineLook], is_numbered: bool) -> None:
     """Draw the points of one SNR, the limits and the frontier."""
     for row in part[part["is_limit"] & part["deviation_mean"].notna()].to_dict("records"):
         look = looks[row["estimator"]]
@@ -256,7 +256,7 @@ def _draw_panel(axes: Axes, part: pd.DataFrame, looks: Mapping[str, Look], is_nu
     _draw_frontier(axes, drawn[drawn["is_on_frontier"]].sort_values("time_s"))
 
 
-def _draw_point(axes: Axes, row: Mapping[Hashable, Any], look: Look) -> None:
+def _draw_point(axes: Axes, row: Mapping[Hashable, Any], look: LineLook) -> None:
     """Draw a point and its intervals."""
     time_s, deviation, wins = row["time_s"], row["deviation_mean"], row["is_on_frontier"]
     alpha = 1.0 if wins else DOMINATED_ALPHA

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from isacbench.bench.cells.record import POINT_COLUMNS, Results
+from isacbench.bench.cells.record import Results
 from isacbench.bench.plan.labels import Variant, estimator_labels
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies import (
@@ -20,6 +20,7 @@ from isacbench.bench.studies.power_maps import MAPS
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import make_own_folder
 from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Diagnoser
 from isacbench.plugins.registry import build_estimators_of, canonical_params
@@ -46,7 +47,7 @@ from isacbench.report.figures.study_figures import (
     draw_roc,
 )
 from isacbench.report.tables.pareto import summarise_points, timed_rows
-from isacbench.report.tables.run_tables import HAUSDORFF_COLUMNS, batched, summarise
+from isacbench.report.tables.run_tables import HAUSDORFF_COLUMNS, batched, summarise_scores
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -55,10 +56,10 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from isacbench.bench.suites.suite import Kind
+    from isacbench.bench.suites.suite import StudyKind
     from isacbench.model.scenes.scenario import Scenario
     from isacbench.plugins.contracts import Estimator
-    from isacbench.report.drawing.style import Look
+    from isacbench.report.drawing.style import LineLook
 
 __all__ = ["draw_diagnoses", "draw_run"]
 
@@ -159,7 +160,7 @@ def _built(specs: Sequence[str]) -> Iterator[tuple[str, Estimator]]:
             warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=3)
 
 
-def _looks(results: Results) -> dict[Variant, Look]:
+def _looks(results: Results) -> dict[Variant, LineLook]:
     """Looks of the estimators of a run; one that is not installed is no limit to anybody's knowledge."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
@@ -175,7 +176,7 @@ def _imaging(results: Results) -> Iterator[Named]:
     return chain(_curves(results, looks), _tradeoffs(results, looks), _clouds(results, looks))
 
 
-def _tradeoffs(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+def _tradeoffs(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Named]:
     """Run time against error of every scenario, where the time counts."""
     rows = timed_rows(results.records)
     if rows.empty:
@@ -191,7 +192,7 @@ def _tradeoffs(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
 def _efficiency(results: Results) -> Iterator[Named]:
     """Errors and bounds of every scenario."""
     looks = _looks(results)
-    summary = efficiency_study.summarise(results.records)
+    summary = efficiency_study.summarise_efficiency(results.records)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
         yield f"efficiency-{stem}", draw_efficiency(summary, scenario, looks)
 
@@ -199,7 +200,7 @@ def _efficiency(results: Results) -> Iterator[Named]:
 def _resolution(results: Results) -> Iterator[Named]:
     """Probabilities of resolution of every template and SNR."""
     looks = _looks(results)
-    summary = resolution_study.summarise(results.records)
+    summary = resolution_study.summarise_resolution(results.records)
     several = summary["snr_gain_db"].nunique() > 1
     for template, stem in file_stems(summary["template"].unique()).items():
         part = summary[summary["template"] == template]
@@ -210,7 +211,7 @@ def _resolution(results: Results) -> Iterator[Named]:
 
 def _detection(results: Results) -> Iterator[Named]:
     """Detectors on the maps, and behind estimators on every scenario."""
-    summary = detection_study.summarise(results.records)
+    summary = detection_study.summarise_detection(results.records)
     on_maps = summary["scenario"].isin(list(MAPS))
     if on_maps.any():
         yield "maps", draw_maps(summary[on_maps])
@@ -221,7 +222,7 @@ def _detection(results: Results) -> Iterator[Named]:
 
 def _link(results: Results) -> Iterator[Named]:
     """Bit errors beside deviations of every scenario, and the trade between the two."""
-    summary = link_study.summarise(results.records)
+    summary = link_study.summarise_link(results.records)
     templates = [name for name in summary["template"].unique() if name]
     for template, stem in file_stems(templates).items():
         yield f"link-{stem}", draw_link(summary, template)
@@ -230,7 +231,7 @@ def _link(results: Results) -> Iterator[Named]:
             yield f"trade-{stem}", trade
 
 
-FIGURES: dict[Kind, Callable[[Results], Iterator[Named]]] = {
+FIGURES: dict[StudyKind, Callable[[Results], Iterator[Named]]] = {
     "imaging": _imaging,
     "efficiency": _efficiency,
     "resolution": _resolution,
@@ -239,16 +240,16 @@ FIGURES: dict[Kind, Callable[[Results], Iterator[Named]]] = {
 }
 
 
-def _curves(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Named]:
     """Scores over SNR, all scenarios together and each on its own."""
-    summary = summarise(results.records)
+    summary = summarise_scores(results.records)
     yield "deviation", draw_deviations(summary, looks)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
         radius_m = results.scenarios[scenario].radius_m
         yield f"curves-{stem}", draw_scores(summary, scenario, looks, radius_m)
 
 
-def _clouds(results: Results, looks: dict[Variant, Look]) -> Iterator[Named]:
+def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Named]:
     """Clouds of every scenario's first trial, a few estimators a figure."""
     # A run of limits alone still has clouds to show.
     candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
@@ -287,7 +288,7 @@ def _cloud_figure(
     scene: Scenario,
     records: pd.DataFrame,
     clouds: Mapping[Hashable, PointCloud],
-    looks: Mapping[Variant, Look],
+    looks: Mapping[Variant, LineLook],
 ) -> Figure:
     """Clouds of one trial of a scenario at a few SNRs."""
     rows = {

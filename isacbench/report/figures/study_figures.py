@@ -13,7 +13,7 @@ from isacbench.bench.cells.radio_coordinates import DIMENSIONS
 from isacbench.report.drawing.panels import draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import BOUND_COLOUR, assign_looks, drawable
 from isacbench.report.tables.run_tables import trials_and_band
-from isacbench.report.tables.study_tables import contestant_labels, reference_rate
+from isacbench.report.tables.study_tables import entry_labels, reference_rate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from isacbench.bench.plan.labels import Variant
-    from isacbench.report.drawing.style import Look
+    from isacbench.report.drawing.style import LineLook
 
 __all__ = ["draw_detection", "draw_efficiency", "draw_maps", "draw_resolution", "draw_roc"]
 
@@ -43,13 +43,13 @@ LOWEST_RATE_SHARE = 0.1
 """Share of one false alarm of all clear cells at which a count of none is drawn on a logarithmic axis."""
 
 
-def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, Look]) -> Figure:
+def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, LineLook]) -> Figure:
     """Draw errors beside the Cramér-Rao bound, their ratio, and what was missed and false, over SNR.
 
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.bench.studies.efficiency_study.summarise` returns it.
+        As `isacbench.bench.studies.efficiency_study.summarise_efficiency` returns it.
     scenario : str
         Its name.
     looks : mapping of (str, str) to Look
@@ -112,13 +112,13 @@ def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant
     return figure
 
 
-def draw_resolution(summary: pd.DataFrame, looks: Mapping[Variant, Look]) -> Figure:
+def draw_resolution(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figure:
     """Draw the probability that a pair is found over its distance, a panel a dimension.
 
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.bench.studies.resolution_study.summarise` returns it, of one template
+        As `isacbench.bench.studies.resolution_study.summarise_resolution` returns it, of one template
         and SNR.
     looks : mapping of (str, str) to Look
 
@@ -163,7 +163,7 @@ def draw_maps(summary: pd.DataFrame) -> Figure:
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.bench.studies.detection_study.summarise` returns it, of maps.
+        As `isacbench.bench.studies.detection_study.summarise_detection` returns it, of maps.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def draw_roc(summary: pd.DataFrame) -> Figure:
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.bench.studies.detection_study.summarise` returns it, of maps.
+        As `isacbench.bench.studies.detection_study.summarise_detection` returns it, of maps.
 
     Returns
     -------
@@ -238,13 +238,13 @@ def draw_detection(summary: pd.DataFrame) -> Figure:
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.bench.studies.detection_study.summarise` returns it, of one scenario.
+        As `isacbench.bench.studies.detection_study.summarise_detection` returns it, of one scenario.
 
     Returns
     -------
     Figure
     """
-    looks = assign_looks(contestant_labels(summary), bounds=())
+    looks = assign_looks(entry_labels(summary), bounds=())
     part = summary.sort_values("snr_db")
     title = (
         f"{drawable(part['scenario'].iloc[0])}: {', '.join(part['estimator'].unique())} behind each "
@@ -286,13 +286,13 @@ def _of(part: pd.DataFrame, variant: Variant) -> pd.DataFrame:
     return part[(part["estimator"] == variant[0]) & (part["params"] == variant[1])]
 
 
-def _detector_looks(summary: pd.DataFrame) -> dict[str, Look]:
+def _detector_looks(summary: pd.DataFrame) -> dict[str, LineLook]:
     """Looks of detectors by how the suite writes them, the same for every nominal rate."""
     texts = list(dict.fromkeys(summary["detector"]))
     return dict(zip(texts, assign_looks({(text, ""): text for text in texts}, ()).values(), strict=True))
 
 
-def _draw_rates(axes: Axes, part: pd.DataFrame, looks: Mapping[str, Look], name: str) -> None:
+def _draw_rates(axes: Axes, part: pd.DataFrame, looks: Mapping[str, LineLook], name: str) -> None:
     """Draw a probability over SNR, every detector, inside its band."""
     part = part.sort_values("snr_gain_db")
     for text, look in looks.items():

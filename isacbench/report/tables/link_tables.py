@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.plan.labels import Variant, estimator_labels
-from isacbench.bench.studies.link_study import outside_interval, summarise
+from isacbench.bench.studies.link_study import outside_interval, summarise_link
 from isacbench.bench.studies.medians import TIME, median_times
 from isacbench.report.drawing.style import counted
 from isacbench.report.tables.run_tables import Grid, batched, milliseconds, trials_and_band
@@ -30,7 +30,7 @@ KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
 
 def link_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out deviations, one table a scenario and estimator, and bit error rates, one a channel."""
-    summary = summarise(records)
+    summary = summarise_link(records)
     of_user = summary["channel"] != ""
     times_s = median_times(records, IMAGED)[f"{TIME}_median"]
     return _sensed(summary[~of_user], times_s) + _received(summary[of_user])

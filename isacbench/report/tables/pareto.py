@@ -29,8 +29,8 @@ __all__ = [
     "find_limits",
     "paired_numbers",
     "pareto_frontier",
-    "summarise",
     "summarise_points",
+    "summarise_times",
     "timed_rows",
 ]
 
@@ -113,7 +113,7 @@ def find_limits(records: pd.DataFrame) -> set[str]:
     return limits
 
 
-def summarise(records: pd.DataFrame) -> pd.DataFrame:
+def summarise_times(records: pd.DataFrame) -> pd.DataFrame:
     """Points as `summarise_points` has them, limits found by name; empty where nothing was timed."""
     rows = timed_rows(records)
     return pd.DataFrame() if rows.empty else summarise_points(rows, find_limits(rows))
@@ -169,7 +169,7 @@ def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataF
     rows = timed_rows(records)
     columns = ["estimator", "params"]
     labels = estimator_labels(zip(*(records[name] for name in columns), strict=True))
-    points = run_tables.summarise(rows)
+    points = run_tables.summarise_scores(rows)
     variants = list(zip(*(points[name] for name in columns), strict=True))
     points["number"] = [1 + list(labels).index(variant) for variant in variants]
     points["label"] = [labels[variant] for variant in variants]

@@ -28,7 +28,7 @@ __all__ = [
     "mean_of_trials",
     "milliseconds",
     "rich_table",
-    "summarise",
+    "summarise_scores",
     "trials_and_band",
 ]
 
@@ -84,7 +84,7 @@ class Grid(NamedTuple):
     spare: Sequence[Sequence[int]] = ()
 
 
-def summarise(records: pd.DataFrame) -> pd.DataFrame:
+def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
     """Average the trials of every scenario, estimator and SNR.
 
     Parameters
@@ -173,7 +173,7 @@ def grids(records: pd.DataFrame) -> list[Grid]:
         One a scenario, or more where the estimators are too many for the
         width of a terminal.
     """
-    summary = summarise(records)
+    summary = summarise_scores(records)
     times_s = median_times(records, ["scenario", "estimator", "params"])[f"{TIME}_median"]
     labels = estimator_labels(zip(records["estimator"], records["params"], strict=True))
     found = []

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.labels import Variant
 
 __all__ = [
-    "contestant_labels",
     "detection_grids",
     "efficiency_grids",
+    "entry_labels",
     "reference_rate",
     "resolution_grids",
-    "variants_of",
+    "variants_in",
 ]
 
 PAIRS_A_TABLE = 5
@@ -33,17 +33,17 @@ REFERENCE_PFA = 1e-3
 """Nominal rate whose numbers a table shows, where it was run: the paper's."""
 
 
-def variants_of(table: pd.DataFrame) -> list[Variant]:
+def variants_in(table: pd.DataFrame) -> list[Variant]:
     """Names and parameters of a table's estimators, in order."""
     return list(dict.fromkeys(zip(table["estimator"], table["params"], strict=True)))
 
 
 def efficiency_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out errors over the bound, one table a scenario and estimator."""
-    summary = efficiency_study.summarise(records)
+    summary = efficiency_study.summarise_efficiency(records)
     curve = ["scenario", "estimator", "params"]
     times_s = median_times(records, curve)[f"{TIME}_median"]
-    labels = estimator_labels(variants_of(summary))
+    labels = estimator_labels(variants_in(summary))
     found = []
     for (scenario, name, params), part in summary.groupby(curve, sort=False):
         rows = []
@@ -65,17 +65,17 @@ def efficiency_grids(records: pd.DataFrame) -> list[Grid]:
 
 def resolution_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out the share of pairs that were found, estimators over dimension and distance."""
-    summary = resolution_study.summarise(records)
+    summary = resolution_study.summarise_resolution(records)
     place = ["template", "snr_gain_db"]
     times_s = median_times(records, [*place, "estimator", "params"])[f"{TIME}_median"]
-    labels = estimator_labels(variants_of(summary))
+    labels = estimator_labels(variants_in(summary))
     found = []
     for (template, snr_gain_db), part in summary.groupby(place, sort=False):
         title = (
             f"{template}, {snr_gain_db:.4g} dB after gain: share of pairs found, over all relative phases / "
             "at the worst one"
         )
-        for variants in batched(variants_of(part), PAIRS_A_TABLE):
+        for variants in batched(variants_in(part), PAIRS_A_TABLE):
             header = ["pairs: differ in", "distance: cells", *(labels[variant] for variant in variants)]
             rows: list[list[str]] = []
             # A dimension is named where its rows start.
@@ -91,12 +91,12 @@ def resolution_grids(records: pd.DataFrame) -> list[Grid]:
 
 def detection_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out probabilities of detection and of false alarm, detectors over SNR; deviations where imaged."""
-    summary = detection_study.summarise(records)
+    summary = detection_study.summarise_detection(records)
     found = []
     for scenario, whole in summary.groupby("scenario", sort=False):
         is_map = scenario in MAPS
         part = whole[whole["pfa"] == reference_rate(whole["pfa"])] if is_map else whole
-        labels = contestant_labels(part)
+        labels = entry_labels(part)
         if is_map:
             title = f"{scenario}: P_d and P_fa of a nominal {part['pfa'].iloc[0]:g}"
         else:
@@ -112,7 +112,7 @@ def detection_grids(records: pd.DataFrame) -> list[Grid]:
     return found
 
 
-def contestant_labels(part: pd.DataFrame) -> dict[Variant, str]:
+def entry_labels(part: pd.DataFrame) -> dict[Variant, str]:
     """Label what ran on one map or scenario by its detector, and by its estimator if there are several."""
     several = part["estimator"].nunique() > 1 and not part["scenario"].isin(list(MAPS)).any()
     columns = zip(part["estimator"], part["params"], part["detector"], strict=True)

@@ -23,9 +23,9 @@ from isacbench.report.tables.stage_tables import is_timed, stage_grids, summaris
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from isacbench.bench.suites.suite import Kind
+    from isacbench.bench.suites.suite import StudyKind
 
-__all__ = ["TABLES", "TIMED_TABLES", "Tables", "grids_of", "write_tables"]
+__all__ = ["TABLES", "TIMED_TABLES", "Tables", "grids_of", "write_run_tables"]
 
 
 class Tables(NamedTuple):
@@ -35,22 +35,22 @@ class Tables(NamedTuple):
     grids: Callable[[pd.DataFrame], list[Grid]]
 
 
-TABLES: dict[Kind, Tables] = {
-    "imaging": Tables(run_tables.summarise, run_tables.grids),
-    "efficiency": Tables(efficiency_study.summarise, study_tables.efficiency_grids),
-    "resolution": Tables(resolution_study.summarise, study_tables.resolution_grids),
-    "detection": Tables(detection_study.summarise, study_tables.detection_grids),
-    "link": Tables(link_study.summarise, link_tables.link_grids),
+TABLES: dict[StudyKind, Tables] = {
+    "imaging": Tables(run_tables.summarise_scores, run_tables.grids),
+    "efficiency": Tables(efficiency_study.summarise_efficiency, study_tables.efficiency_grids),
+    "resolution": Tables(resolution_study.summarise_resolution, study_tables.resolution_grids),
+    "detection": Tables(detection_study.summarise_detection, study_tables.detection_grids),
+    "link": Tables(link_study.summarise_link, link_tables.link_grids),
 }
 
 ALL_TIMED = {"stages": Tables(summarise_stages, stage_grids)}
 IMAGES_TIMED = {
     # Every point, as the figure of the frontier has it, which people look at.
-    "pareto": Tables(pareto.summarise, lambda _: []),
+    "pareto": Tables(pareto.summarise_times, lambda _: []),
     "budgets": Tables(budgets.summarise_budgets, budgets.budget_grids),
 }
 
-TIMED_TABLES: dict[Kind, dict[str, Tables]] = {
+TIMED_TABLES: dict[StudyKind, dict[str, Tables]] = {
     "imaging": ALL_TIMED | IMAGES_TIMED,
     "efficiency": ALL_TIMED,
     "resolution": ALL_TIMED,
@@ -60,12 +60,12 @@ TIMED_TABLES: dict[Kind, dict[str, Tables]] = {
 """What is made beside the summary where any row is timed, by the stem of its files."""
 
 
-def grids_of(records: pd.DataFrame, kind: Kind = "imaging") -> list[Grid]:
+def grids_of(records: pd.DataFrame, kind: StudyKind = "imaging") -> list[Grid]:
     """All tables of a run for people: those of its kind, and where it was timed those of its times."""
     return [grid for made in _by_stem(records, kind).values() for grid in made.grids(records)]
 
 
-def write_tables(folder: Path, records: pd.DataFrame, kind: Kind = "imaging") -> list[Path]:
+def write_run_tables(folder: Path, records: pd.DataFrame, kind: StudyKind = "imaging") -> list[Path]:
     """Write ``summary.csv`` and ``summary.md`` into the folder of a run, and what is made of times.
 
     ``summary.md`` ends with the reasons of failed cells, if there are any.
@@ -105,7 +105,7 @@ def _csv(summary: pd.DataFrame) -> str:
     return "" if summary.empty else without_formulas(summary).to_csv(index=False)
 
 
-def _by_stem(records: pd.DataFrame, kind: Kind) -> dict[str, Tables]:
+def _by_stem(records: pd.DataFrame, kind: StudyKind) -> dict[str, Tables]:
     """Tables that there are, by the stem of their files."""
     return {"summary": TABLES[kind], **(TIMED_TABLES[kind] if is_timed(records) else {})}
 

@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.isolation import array_digest, process_state_kept, seed_global_generators
-from isacbench.bench.studies.study import ImageEncounter
-from isacbench.model.echo import observe
+from isacbench.bench.studies.study import SharedImage
+from isacbench.model.echo import observe_echo
 from isacbench.model.frame import PaperFrame
 from isacbench.model.scenes.scenario import load_scenario
 
@@ -170,19 +170,19 @@ def test_other_signs_change_the_digest(n):
 )
 def test_the_digest_of_an_observation_sees_the_last_digit_of_all_that_is_known(tiny, part, change):
     scenario = load_scenario(tiny)
-    encounter = ImageEncounter(None, scenario, observe(scenario, 0), None, {})
-    before = encounter.digest()
-    assert encounter.digest() == before
-    changed = copy.copy(getattr(encounter.observation, part))
+    shared = SharedImage(None, scenario, observe_echo(scenario, 0), None, {})
+    before = shared.digest()
+    assert shared.digest() == before
+    changed = copy.copy(getattr(shared.observation, part))
     for name, value in change.items():
         object.__setattr__(changed, name, value)
-    object.__setattr__(encounter.observation, part, changed)
-    assert encounter.digest() != before
+    object.__setattr__(shared.observation, part, changed)
+    assert shared.digest() != before
 
 
 @pytest.mark.parametrize("other", [PaperFrame(), None])
 def test_the_digest_of_an_observation_sees_another_type(tiny, other):
-    encounter = ImageEncounter(None, None, observe(load_scenario(tiny), 0), None, {})
-    before = encounter.digest()
-    object.__setattr__(encounter.observation, "frame", other)
-    assert encounter.digest() != before
+    shared = SharedImage(None, None, observe_echo(load_scenario(tiny), 0), None, {})
+    before = shared.digest()
+    object.__setattr__(shared.observation, "frame", other)
+    assert shared.digest() != before

@@ -2,14 +2,14 @@ from typing import get_args
 
 import pandas as pd
 
-from isacbench.bench.cells.record import Status
+from isacbench.bench.cells.record import CellStatus
 from isacbench.bench.cells.statuses import SCORED, failed
 
 FAILURES = ["error", "timeout", "killed", "skipped"]
 
 
 def test_every_status_but_those_with_a_score_is_a_failure():
-    assert set(get_args(Status)) == {*SCORED, *FAILURES}
+    assert set(get_args(CellStatus)) == {*SCORED, *FAILURES}
     records = pd.DataFrame({"status": [*SCORED, *FAILURES]})
     assert failed(records).tolist() == [False, False, True, True, True, True]
 

@@ -2,8 +2,8 @@ import json
 
 import pytest
 
+from isacbench.bench.compare.compared_run import RunTable
 from isacbench.bench.compare.estimator_pairs import find_variant, parse_map
-from isacbench.bench.compare.matching import RunTable
 from isacbench.errors import InputError
 from isacbench.plugins.specifications import spell_spec
 

@@ -1,6 +1,6 @@
 import pytest
 
-from isacbench.bench.compare.matching import read_run
+from isacbench.bench.compare.compared_run import read_run
 from isacbench.bench.compare.regressions import compare_tables
 from isacbench.errors import InputError
 

@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import binom, wilcoxon
 
 from isacbench import compare
-from isacbench.bench.compare.matching import NotComparableError, RunTable, read_run
+from isacbench.bench.compare.compared_run import RunTable, read_run
+from isacbench.bench.compare.matching import NotComparableError
 from isacbench.bench.compare.regressions import compare_tables, share_level
 from isacbench.bench.compare.tolerance import Tolerance, parse_tolerance
 from isacbench.errors import InputError

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.bench.plan.run_plan import BlockQueue, Plan, Shard
-from isacbench.bench.studies.study import Contestant
+from isacbench.bench.studies.study import Entry
 from isacbench.errors import InputError
 
 
@@ -20,7 +20,7 @@ class Scene:
 
     name: str
     snr_db: list[float]
-    contestants: list[Contestant]
+    entries: list[Entry]
 
 
 @st.composite
@@ -35,7 +35,7 @@ def plans(draw):
                 st.tuples(st.sampled_from("ab"), st.text(max_size=2)), min_size=1, max_size=4, unique=True
             )
         )
-        scenes.append(Scene(name, snr_db, [Contestant(*key, plugin=None) for key in keys]))
+        scenes.append(Scene(name, snr_db, [Entry(*key, plugin=None) for key in keys]))
     return Plan(scenes, draw(st.integers(1, 4)))
 
 
@@ -47,7 +47,7 @@ def every_cell(plan):
             for scene in plan.scenes
             for trial in range(plan.n_trials)
             for snr_db in scene.snr_db
-            for one in scene.contestants
+            for one in scene.entries
         ],
         columns=["scenario", "estimator", "params", "snr_db", "trial"],
     )
@@ -55,11 +55,7 @@ def every_cell(plan):
 
 def cells_of(plan, blocks):
     """Keys of the cells of blocks."""
-    return [
-        (block.scene, block.trial, block.snr_db, contestant)
-        for block in blocks
-        for contestant in block.contestants
-    ]
+    return [(block.scene, block.trial, block.snr_db, entry) for block in blocks for entry in block.entries]
 
 
 def marks(plan, data):
@@ -109,7 +105,7 @@ def test_blocks_hold_the_marked_cells_each_once_and_in_order(plan, data):
     blocks = plan.blocks(todo)
     everything = cells_of(plan, plan.blocks(np.ones(plan.n_cells, dtype=np.bool_)))
     assert cells_of(plan, blocks) == [cell for cell, marked in zip(everything, todo, strict=True) if marked]
-    assert all(block.contestants for block in blocks)
+    assert all(block.entries for block in blocks)
     assert len({block[:3] for block in blocks}) == len(blocks)
 
 

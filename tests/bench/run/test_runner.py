@@ -11,7 +11,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.score import METRICS, score
 from isacbench.model.cloud import PointCloud
-from isacbench.model.echo import observe
+from isacbench.model.echo import observe_echo
 from isacbench.model.scenes.scenario import load_scenario
 
 PINNED = [
@@ -103,7 +103,7 @@ def test_a_declaration_of_no_need_hides_the_truth(tiny):
             return PointCloud.empty()
 
     scenario = load_scenario(tiny)
-    assert len(estimate_cloud(Modest(), observe(scenario, 0), scenario.truth)) == 0
+    assert len(estimate_cloud(Modest(), observe_echo(scenario, 0), scenario.truth)) == 0
 
 
 def test_a_failure_is_a_row_with_its_reason_and_spares_the_others(suite):
@@ -219,6 +219,6 @@ def test_a_cell_is_a_function_of_its_arguments(tiny):
 
     scenario = load_scenario(tiny)
     cell = Cell("suite", "tiny", "echoing", "{}", 0.0, 0, 0, "content")
-    outcome = run_cell(cell, scenario, observe(scenario, 0), Echoing())
+    outcome = run_cell(cell, scenario, observe_echo(scenario, 0), Echoing())
     assert (outcome.record.n_true, outcome.record.n_estimated, len(outcome.cloud)) == (3, 1, 1)
     assert outcome.record.status == "ok"

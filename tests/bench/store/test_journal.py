@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import COLUMNS, Outcome, Record
 from isacbench.bench.store.journal import Journal, read_journal
-from isacbench.bench.workers.workbench import Made
+from isacbench.bench.store.provenance import Made
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 

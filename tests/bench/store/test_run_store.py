@@ -12,7 +12,7 @@ from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
 from isacbench.errors import InputError
 from isacbench.metrics.score import score
-from isacbench.model.echo import observe
+from isacbench.model.echo import observe_echo
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,9 @@ def test_stored_scenarios_are_observed_exactly_as_the_first_time(written):
     results, folder = written
     again = read_results(folder)
     for name, scenario in results.scenarios.items():
-        np.testing.assert_array_equal(observe(again.scenarios[name], 0).cells, observe(scenario, 0).cells)
+        np.testing.assert_array_equal(
+            observe_echo(again.scenarios[name], 0).cells, observe_echo(scenario, 0).cells
+        )
 
 
 def test_the_csv_holds_the_same_rows(written):

@@ -5,14 +5,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.cell import Shot
+from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.run.runner import run
-from isacbench.bench.studies.detection_study import MAP_GAIN_DB, count_cells, summarise
-from isacbench.bench.studies.power_maps import draw_map
+from isacbench.bench.studies.detection_study import MAP_GAIN_DB, count_cells, summarise_detection
+from isacbench.bench.studies.power_maps import draw_power_map
 from isacbench.bench.suites.suite import DetectionSuite
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.model.echo import observe
+from isacbench.model.echo import observe_echo
 from isacbench.plugins.contracts import Detection, Diagnosis
 from isacbench.plugins.registry import get_detector
 
@@ -78,7 +78,7 @@ def test_maps_meet_every_detector_at_every_rate_and_scenarios_the_estimators_beh
 
 def test_a_row_of_a_map_counts_what_the_detector_marks(suite):
     row = run(suite, snr_db=[20 - MAP_GAIN_DB]).query("estimator == 'ca' and pfa == 0.01").iloc[0]
-    drawn = draw_map("homogeneous", 0, 0)
+    drawn = draw_power_map("homogeneous", 0, 0)
     mask = get_detector("ca", training=2, pfa=0.01).detect(drawn.power(20.0)).mask
     assert row["snr_gain_db"] == pytest.approx(20)
     assert row["n_estimated"] == mask.sum()
@@ -111,7 +111,7 @@ def test_a_detector_that_fails_is_a_row_with_its_reason(suite, plugins, kind, re
     assert on_map.loc["bad", "reason"] == reason
     assert on_map.loc["bad", "n_targets"] == 0
     assert on_map.loc["level", "status"] == "ok"
-    summary = summarise(records).set_index(["scenario", "detector"])
+    summary = summarise_detection(records).set_index(["scenario", "detector"])
     assert summary.loc[("homogeneous", f"bad[kind={kind}]"), "n_failed"] == 1
 
 
@@ -145,10 +145,10 @@ def test_cells_of_an_image_are_counted_nearest_to_scatterers_and_far_from_all_of
     bins = np.array([[25.2, 1.3], [28.4, -2.4]])
     places = [[r * system.range_bin_m, v * system.velocity_bin_mps, 0.0, 0.0] for r, v in bins]
     scenario = put(room, places)
-    observation = observe(scenario, 0.0)
+    observation = observe_echo(scenario, 0.0)
     # Nearest to the first, beside the second, far from both, and just not far.
     shower = Shower([(25, 1), (28, -3), (25, 9), (25, 4)])
-    counts = count_cells(Shot(scenario, observation, shower, 0.0, PointCloud.empty()))
+    counts = count_cells(MeasuredImage(scenario, observation, shower, 0.0, PointCloud.empty()))
     rows, columns = observation.gate.shape
     far = sum(
         all(max(abs(row - r), abs(column - v)) > 3 for r, v in ((25, 1), (28, -2)))
@@ -160,7 +160,7 @@ def test_cells_of_an_image_are_counted_nearest_to_scatterers_and_far_from_all_of
 
 
 def test_an_estimator_that_does_not_show_its_map_has_nothing_counted(suite):
-    summary = summarise(run(suite))
+    summary = summarise_detection(run(suite))
     imaged = summary[summary["scenario"] == "tiny"]
     assert (imaged["n_targets"] == 0).all()
     assert imaged["pd"].isna().all()
@@ -169,13 +169,13 @@ def test_an_estimator_that_does_not_show_its_map_has_nothing_counted(suite):
 
 def test_the_summary_pools_the_counts_of_trials(suite):
     records = run(suite.replace(trials=2))
-    summary = summarise(records)
+    summary = summarise_detection(records)
     row = summary[(summary["estimator"] == "ca") & (summary["pfa"] == 1e-2)].iloc[0]
     part = records[(records["params"] == row["params"]) & (records["snr_db"] == row["snr_db"])]
     assert row["n_cells"] == len(part) == 2
     assert row["pd"] == part["n_hits"].sum() / part["n_targets"].sum()
     assert math.isnan(row["pd_low"])
-    often = summarise(pd.concat([records] * 3, ignore_index=True)).loc[row.name]
+    often = summarise_detection(pd.concat([records] * 3, ignore_index=True)).loc[row.name]
     assert often["pd_low"] < row["pd"] == often["pd"] < often["pd_high"]
     assert row["pfa_measured"] == part["n_false"].sum() / part["n_clear"].sum()
     assert math.isnan(row["deviation_mean"])
@@ -184,10 +184,10 @@ def test_the_summary_pools_the_counts_of_trials(suite):
 @pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
 def test_the_summary_counts_failures_of_every_kind(suite, failure):
     records = run(suite.replace(trials=2))
-    assert not summarise(records)["n_failed"].any()
+    assert not summarise_detection(records)["n_failed"].any()
     struck = records["detector"] == "ca"
     records.loc[struck & (records["trial"] == 1), "status"] = failure
-    summary = summarise(records)
+    summary = summarise_detection(records)
     assert (summary["n_failed"] == summary["detector"].eq("ca")).all()
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from isacbench.bench.cells.radio_coordinates import draw_place, radio_places, rayleigh_cells
 from isacbench.bench.run.runner import run, run_suite
-from isacbench.bench.studies.efficiency_study import measure, summarise
+from isacbench.bench.studies.efficiency_study import measure_efficiency, summarise_efficiency
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
 
@@ -30,7 +30,7 @@ def suite(plugins, room_file):
 def test_the_error_is_that_of_the_nearest_point_and_the_others_are_false(room, put, shoot):
     cells = rayleigh_cells(room)
     shifts = np.array([[0.3, -0.2, 0.1, 0.4], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 1.5, 0.0]])
-    measured = measure(shoot(put(room, PLACE), PLACE + shifts * cells))
+    measured = measure_efficiency(shoot(put(room, PLACE), PLACE + shifts * cells))
     assert measured["hit"]
     assert measured["n_false"] == 2
     np.testing.assert_allclose([measured[name] for name in ERRORS], shifts[0] * cells, atol=1e-9)
@@ -41,20 +41,20 @@ def test_a_point_beyond_one_rayleigh_cell_in_any_dimension_is_a_miss_and_false(r
     for cells, hit in ((0.98, True), (1.02, False)):
         place = PLACE.copy()
         place[index] += cells * rayleigh_cells(room)[index]
-        measured = measure(shoot(put(room, PLACE), place))
+        measured = measure_efficiency(shoot(put(room, PLACE), place))
         assert measured["hit"] == hit
         assert measured["n_false"] == (not hit)
         assert ("error_u" in measured) == hit
 
 
 def test_an_empty_image_is_a_miss_without_false_points(room, put, shoot):
-    measured = measure(shoot(put(room, PLACE), np.empty((0, 4))))
+    measured = measure_efficiency(shoot(put(room, PLACE), np.empty((0, 4))))
     assert (measured["hit"], measured["n_false"]) == (False, 0)
 
 
 def test_bounds_are_those_of_single_tones_in_rayleigh_cells(room, put, shoot):
     snr_db = -20.0
-    measured = measure(shoot(put(room, PLACE), PLACE, snr_db))
+    measured = measure_efficiency(shoot(put(room, PLACE), PLACE, snr_db))
     gained = 10 ** (snr_db / 10) * 255 * 127 * 81
     for name, n, cell in zip(BOUNDS, (255, 127, 9, 9), rayleigh_cells(room), strict=True):
         expected = cell * math.sqrt(3 / (2 * math.pi**2 * gained * (1 - 1 / n**2)))
@@ -97,7 +97,7 @@ def test_who_sees_the_truth_hits_without_error(suite):
 
 def test_a_failure_is_neither_a_hit_nor_a_miss(suite):
     records = run(suite, estimators=["trouble", "trouble[kind=empty]"])
-    summary = summarise(records).set_index(["params", "snr_gain_db"])
+    summary = summarise_efficiency(records).set_index(["params", "snr_gain_db"])
     assert summary["n_trials"].tolist() == [3] * 4
     assert summary.xs('{"kind":"raise"}')["n_failed"].tolist() == [3, 3]
     assert summary.xs('{"kind":"raise"}')["n_misses"].tolist() == [0, 0]
@@ -121,7 +121,7 @@ def test_the_summary_takes_errors_of_hits_alone(failure):
         **{name: [3.0, -4.0, math.nan, math.nan] for name in ERRORS},
         **{name: [2.0, 2.0, 2.0, math.nan] for name in BOUNDS},
     }
-    (row,) = summarise(pd.DataFrame(rows)).to_dict("records")
+    (row,) = summarise_efficiency(pd.DataFrame(rows)).to_dict("records")
     assert row["ratio_u"] == pytest.approx(math.sqrt(12.5) / 2)
     assert row["rmse_range_m"] == pytest.approx(math.sqrt(12.5))
     assert row["bound_w"] == 2.0
@@ -133,7 +133,7 @@ def test_the_summary_takes_errors_of_hits_alone(failure):
 @pytest.mark.slow
 def test_an_efficient_estimate_of_range_meets_the_bound_on_the_built_in_scenario():
     records = run("efficiency", estimators=["fft4d"], snr_db=[-45.7], trials=100)
-    (row,) = summarise(records).to_dict("records")
+    (row,) = summarise_efficiency(records).to_dict("records")
     assert row["n_misses"] == 0
     assert row["ratio_range_low"] < 1.05
     assert row["ratio_range_high"] > 0.95

@@ -9,7 +9,7 @@ import pytest
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.run.runner import run
-from isacbench.bench.studies.link_study import Link, outside_interval, signals_of, summarise
+from isacbench.bench.studies.link_study import Link, outside_interval, signals_of, summarise_link
 from isacbench.bench.suites.suite import LinkSuite, Suite
 from isacbench.errors import InputError
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol
@@ -89,12 +89,12 @@ def test_rates_fall_with_errors_from_what_the_prs_leaves(suite):
 
 def test_the_summary_pools_bits_and_averages_deviations(suite):
     records = run(suite)
-    summary = summarise(records)
+    summary = summarise_link(records)
     received = summary.query("channel == 'awgn' and modulation == 'qpsk' and snr_db == 0")
     rows = records.query("channel == 'awgn' and modulation == 'qpsk' and snr_db == 0")
     assert received["n_bits"].sum() == rows["n_bits"].sum()
     assert received[["ber_low", "ber_high"]].isna().all(axis=None)
-    often = summarise(pd.concat([records] * 3, ignore_index=True)).loc[received.index]
+    often = summarise_link(pd.concat([records] * 3, ignore_index=True)).loc[received.index]
     assert ((often["ber_low"] < received["ber"]) & (received["ber"] < often["ber_high"])).all()
     assert (received["ber"] == received["n_bit_errors"] / received["n_bits"]).all()
     one = summary.query("scenario == 'tiny-prs' and snr_db == 60")
@@ -104,7 +104,7 @@ def test_the_summary_pools_bits_and_averages_deviations(suite):
 
 
 def test_counts_of_errors_lie_within_the_family_wise_interval_and_others_are_told(suite):
-    summary = summarise(run(suite))
+    summary = summarise_link(run(suite))
     outside = outside_interval(summary)
     assert len(outside) == 2 * 2 * 2
     assert not outside.any()

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.studies.power_maps import MAPS, SITE, draw_map, near
+from isacbench.bench.studies.power_maps import MAPS, SITE, draw_power_map, near
 from isacbench.plugins.registry import get_detector
 
 N_SITES = 128
@@ -11,7 +11,7 @@ N_SITES = 128
 
 @pytest.fixture(scope="module")
 def maps():
-    return {name: draw_map(name, 0, 0) for name in MAPS}
+    return {name: draw_power_map(name, 0, 0) for name in MAPS}
 
 
 @given(
@@ -92,11 +92,11 @@ def test_the_snr_scales_the_echo_and_leaves_the_noise(maps):
 
 
 def test_a_map_follows_from_name_trial_and_seed():
-    first = draw_map("interferers", 1, 2)
-    again = draw_map("interferers", 1, 2)
+    first = draw_power_map("interferers", 1, 2)
+    again = draw_power_map("interferers", 1, 2)
     np.testing.assert_array_equal(first.noise, again.noise)
     np.testing.assert_array_equal(first.echo, again.echo)
-    for other in (draw_map("interferers", 0, 2), draw_map("interferers", 1, 0)):
+    for other in (draw_power_map("interferers", 0, 2), draw_power_map("interferers", 1, 0)):
         assert not np.array_equal(first.noise, other.noise)
         assert not np.array_equal(first.echo != 0, other.echo != 0)
 
@@ -106,7 +106,7 @@ def test_cell_averaging_on_the_homogeneous_map_detects_as_often_as_its_closed_fo
     detector, snr = get_detector("ca", pfa=1e-3), 10 ** (snr_db / 10)
     hits, false, targets, clear = 0, 0, 0, 0
     for trial in range(6):
-        drawn = draw_map("homogeneous", trial, 0)
+        drawn = draw_power_map("homogeneous", trial, 0)
         mask = detector.detect(drawn.power(snr_db)).mask
         hits, targets = hits + (mask & drawn.targets).sum(), targets + drawn.targets.sum()
         false, clear = false + (mask & drawn.clear).sum(), clear + drawn.clear.sum()

@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from isacbench.bench.cells.radio_coordinates import DIMENSIONS, draw_place, radio_places, rayleigh_cells
 from isacbench.bench.run.runner import run, run_suite
-from isacbench.bench.studies.resolution_study import Resolution, measure, pair, summarise
+from isacbench.bench.studies.resolution_study import (
+    Resolution,
+    measure_resolution,
+    pair,
+    summarise_resolution,
+)
 from isacbench.bench.suites.suite import ResolutionSuite
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
@@ -69,7 +74,7 @@ def test_a_pair_differs_in_one_dimension_alone_around_its_centre(room, dimension
 def image(room, shoot, shifts, dimension="u", separation=0.5):
     """Measure an image whose points lie at shifts, in cells, from the centre of a pair."""
     scenario = pair(room, "pair", CENTRE, dimension, separation, 0.0)
-    return measure(dimension, shoot(scenario, CENTRE + np.array(shifts) * rayleigh_cells(room)))
+    return measure_resolution(dimension, shoot(scenario, CENTRE + np.array(shifts) * rayleigh_cells(room)))
 
 
 def test_a_pair_is_found_where_each_has_a_point_within_half_their_distance(room, shoot):
@@ -141,7 +146,7 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase(fai
         for phase_deg, found in ((0.0, [1, 0]), (90.0, [0, 0]), (180.0, [1, 1]))
         for trial, resolved in enumerate(map(bool, found))
     ]
-    (row,) = summarise(pd.DataFrame(rows)).to_dict("records")
+    (row,) = summarise_resolution(pd.DataFrame(rows)).to_dict("records")
     assert row["resolved"] == 0.5
     assert (row["resolved_worst"], row["worst_phase_deg"]) == (0.0, 90.0)
     assert row["resolved_in_phase"] == 0.5
@@ -149,7 +154,11 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase(fai
     assert row["n_trials"] == 2
     assert math.isnan(row["resolved_low"])
     often = pd.concat([pd.DataFrame(rows).assign(trial=trial) for trial in range(5)])
-    assert summarise(often)["resolved_low"].item() < 0.5 < summarise(often)["resolved_high"].item()
+    assert (
+        summarise_resolution(often)["resolved_low"].item()
+        < 0.5
+        < summarise_resolution(often)["resolved_high"].item()
+    )
 
 
 def test_a_region_too_small_for_the_farthest_pair_is_refused_before_anything_runs(suite, tmp_path):

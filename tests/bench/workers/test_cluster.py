@@ -24,7 +24,7 @@ from isacbench.bench.run.runner import Execution, run, run_suite
 from isacbench.bench.store.resume import versions_now
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.workers.cluster import Backlog
-from isacbench.bench.workers.cluster_worker import Lanes, Order
+from isacbench.bench.workers.cluster_worker import Lanes, WorkOrder
 from isacbench.bench.workers.guarded_cells import Guard
 from isacbench.cli import app
 from isacbench.errors import InputError
@@ -423,7 +423,7 @@ def test_a_backlog_gives_every_hand_a_piece_as_long_as_there_are_blocks(n_blocks
 @pytest.fixture
 def order(suite):
     job = load_job(suite)
-    return Order(job, Guard(), versions_now(job.plan))
+    return WorkOrder(job, Guard(), versions_now(job.plan))
 
 
 def test_an_order_survives_its_journey(order):

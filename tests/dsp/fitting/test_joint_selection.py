@@ -16,7 +16,7 @@ from isacbench.dsp.fitting.joint_selection import (
     select_jointly,
 )
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scatterers import Scatterers
+from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import clean_echo
 from isacbench.model.frame import PanelFrame
@@ -71,7 +71,7 @@ def gated_map(rows, noise_power=0.0, seed=0):
 def scatterers(rows, family=-1):
     """Candidates from rows of range bin, Doppler bin, u and w, whatever follows; power unknown."""
     rows = np.asarray(rows, dtype=float)
-    return Scatterers(*rows[:, :4].T, np.ones(len(rows)), np.broadcast_to(family, len(rows)).copy())
+    return LocatedScatterers(*rows[:, :4].T, np.ones(len(rows)), np.broadcast_to(family, len(rows)).copy())
 
 
 def places(found):

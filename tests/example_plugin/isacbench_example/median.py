@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from scipy.special import gammainccinv, gammaincinv
 
+from isacbench.dsp.cfar import checked_power
 from isacbench.dsp.cfar.factors import check_pfa
-from isacbench.dsp.cfar.map_checks import checked_power
 from isacbench.plugins.contracts import Detection
 
 if TYPE_CHECKING:

@@ -4,7 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.link.waveform.ofdm import Layout, demodulate, layout, modulate, n_samples, transmit_window
+from isacbench.link.waveform.ofdm import (
+    SymbolLayout,
+    demodulate,
+    layout,
+    modulate,
+    n_samples,
+    transmit_window,
+)
 from isacbench.model.numerology import System
 
 
@@ -93,7 +100,7 @@ def test_windows_of_successive_symbols_sum_to_one(system, place_in_64ths):
 
 
 def test_the_window_falls_as_the_complement_of_its_rise():
-    parts = Layout(64, 16, 8)
+    parts = SymbolLayout(64, 16, 8)
     place = np.linspace(0, 8, 101)
     rise, fall = transmit_window(parts, place - 16), transmit_window(parts, place + 64)
     np.testing.assert_allclose(rise + fall, 1, atol=1e-15)
@@ -177,14 +184,14 @@ def test_parts_of_no_whole_samples_are_refused(sizes, ratio):
 
 
 def test_a_ratio_that_doubles_cannot_hold_is_taken_for_what_it_means():
-    assert layout(System(n_subcarriers=30, cyclic_prefix_ratio=1 / 3, cyclic_suffix_ratio=0.1)) == Layout(
-        30, 10, 3
-    )
+    assert layout(
+        System(n_subcarriers=30, cyclic_prefix_ratio=1 / 3, cyclic_suffix_ratio=0.1)
+    ) == SymbolLayout(30, 10, 3)
 
 
 def test_oversampling_may_make_samples_whole():
     system = System(n_subcarriers=16, cyclic_prefix_ratio=1 / 4, cyclic_suffix_ratio=1 / 32)
-    assert layout(system, 2) == Layout(32, 8, 1)
+    assert layout(system, 2) == SymbolLayout(32, 8, 1)
 
 
 def test_a_suffix_longer_than_the_prefix_is_refused():

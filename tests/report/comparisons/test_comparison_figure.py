@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from isacbench.bench.compare.matching import RunTable
+from isacbench.bench.compare.compared_run import RunTable
 from isacbench.bench.compare.regressions import compare_tables
 from isacbench.bench.compare.tolerance import parse_tolerance
 from isacbench.errors import InputError

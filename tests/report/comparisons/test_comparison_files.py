@@ -4,7 +4,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from isacbench.bench.compare.matching import RunTable
+from isacbench.bench.compare.compared_run import RunTable
 from isacbench.bench.compare.regressions import compare_tables
 from isacbench.report.comparisons.junit import comparison_junit, incomparable_junit
 from isacbench.report.comparisons.markdown import MAX_CHARACTERS, comparison_markdown, incomparable_markdown

@@ -16,7 +16,7 @@ from isacbench.report.tables.budgets import (
     summarise_budgets,
 )
 from isacbench.report.tables.run_tables import rich_table
-from isacbench.report.tables.tables_by_kind import grids_of, write_tables
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 positive = st.floats(1e-6, 1e4)
 alternatives = st.lists(st.tuples(st.integers(1, 6), st.integers(0, 6)), min_size=1, max_size=10)
@@ -142,7 +142,7 @@ def test_each_scenario_and_snr_has_its_table(timed):
 
 def test_tables_of_budgets_are_written_where_times_count_and_go_where_they_do_not(timed, tmp_path):
     rows = timed(a=(0.01, 1.0), b=(0.3, 0.5))
-    paths = write_tables(tmp_path, rows)
+    paths = write_run_tables(tmp_path, rows)
     assert [path.name for path in paths] == [
         "summary.csv",
         "summary.md",
@@ -155,7 +155,7 @@ def test_tables_of_budgets_are_written_where_times_count_and_go_where_they_do_no
     assert len(pd.read_csv(tmp_path / "pareto.csv")) == 2
     assert pd.read_csv(tmp_path / "budgets.csv")["label"].tolist() == ["a"] * 5 + ["b"]
     assert (tmp_path / "budgets.md").read_text(encoding="utf-8").startswith("**street, 10 dB")
-    write_tables(tmp_path, rows.assign(timing=False))
+    write_run_tables(tmp_path, rows.assign(timing=False))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["summary.csv", "summary.md"]
 
 

@@ -8,8 +8,8 @@ from isacbench.errors import InputError
 from isacbench.report.tables.pareto import (
     find_limits,
     pareto_frontier,
-    summarise,
     summarise_points,
+    summarise_times,
     timed_rows,
 )
 
@@ -125,8 +125,8 @@ def test_rows_whose_time_does_not_count_make_no_points(timed):
     rows = timed(a=(0.01, 1.0), b=(0.02, 2.0))
     rows["timing"] = rows["estimator"] == "b"
     assert timed_rows(rows)["estimator"].unique().tolist() == ["b"]
-    assert summarise(rows)["estimator"].tolist() == ["b"]
-    assert summarise(rows.assign(timing=False)).empty
+    assert summarise_times(rows)["estimator"].tolist() == ["b"]
+    assert summarise_times(rows.assign(timing=False)).empty
     # Failures of a run that timed nothing are none of a timed one.
     assert timed_rows(rows.assign(timing=False, status="error")).empty
 

@@ -9,8 +9,8 @@ from rich.console import Console
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
-from isacbench.report.tables.run_tables import grids, rich_table, summarise
-from isacbench.report.tables.tables_by_kind import write_tables
+from isacbench.report.tables.run_tables import grids, rich_table, summarise_scores
+from isacbench.report.tables.tables_by_kind import write_run_tables
 
 N_TRIALS = 5
 
@@ -28,7 +28,7 @@ def records(plugins, tiny):
 
 
 def test_means_and_student_bands_are_those_of_the_trials(records):
-    summary = summarise(records)
+    summary = summarise_scores(records)
     row = summary[(summary["estimator"] == "blob") & (summary["snr_db"] == 0)].iloc[0]
     part = records[(records["params"] == row["params"]) & (records["snr_db"] == 0)]
     values = part.loc[part["estimator"] == "blob", "deviation"]
@@ -38,13 +38,13 @@ def test_means_and_student_bands_are_those_of_the_trials(records):
 
 
 def test_the_hausdorff_sum_is_the_sum_of_its_three_components(records):
-    summary = summarise(records)
+    summary = summarise_scores(records)
     parts = summary[["hausdorff_xy_m_mean", "hausdorff_xz_m_mean", "hausdorff_yz_m_mean"]]
     np.testing.assert_allclose(summary["hausdorff_sum_m_mean"], parts.sum(axis=1, skipna=False))
 
 
 def test_what_did_not_work_is_counted_and_failures_have_no_mean(records):
-    summary = summarise(records)
+    summary = summarise_scores(records)
     failed = summary[summary["n_failed"] > 0]
     assert failed["estimator"].tolist() == ["trouble", "trouble"]
     assert (failed["n_failed"] == N_TRIALS).all()
@@ -60,7 +60,7 @@ def test_a_failure_among_others_is_left_out_of_their_mean(records, failure):
     first = records.index[(records["estimator"] == "blob") & (records["snr_db"] == 0)][0]
     records.loc[first, "status"] = failure
     records.loc[first, "deviation"] = np.nan
-    summary = summarise(records)
+    summary = summarise_scores(records)
     assert summary["n_failed"].max() == N_TRIALS
     assert summary["deviation_mean"].notna().sum() == 6
     assert any("(1 failed)" in cell for row in grids(records)[0].rows for cell in row)
@@ -68,7 +68,7 @@ def test_a_failure_among_others_is_left_out_of_their_mean(records, failure):
 
 def test_fewer_than_five_trials_have_a_mean_and_no_band_and_the_title_says_so(records):
     few = records[(records["trial"] < 4) & (records["estimator"] == "blob")]
-    summary = summarise(few)
+    summary = summarise_scores(few)
     assert summary["deviation_mean"].notna().all()
     assert summary["deviation_band"].isna().all()
     (grid,) = grids(few)
@@ -132,7 +132,7 @@ def test_gospa_precision_and_recall_are_in_the_file_and_in_a_terminal_as_far_as_
     assert shown == [[], ["GOSPA"], ["GOSPA", "precision", "recall"]]
     assert max(len(line) for line in printed(two).splitlines()) <= 100
     row = dict(zip(one.header, one.rows[1], strict=True))
-    mean = summarise(records).query("estimator == 'blob' and snr_db == 0").iloc[1]
+    mean = summarise_scores(records).query("estimator == 'blob' and snr_db == 0").iloc[1]
     assert (row["GOSPA [m]"], row["recall"]) == (f"{mean['gospa_m_mean']:.2f}", f"{mean['recall_mean']:.2f}")
 
 
@@ -141,7 +141,7 @@ def test_brackets_survive_in_the_terminal(records):
 
 
 def test_tables_are_written_and_replaced(records, tmp_path):
-    paths = write_tables(tmp_path, records)
+    paths = write_run_tables(tmp_path, records)
     assert [path.name for path in paths] == ["summary.csv", "summary.md"]
     assert len(pd.read_csv(paths[0])) == 8
     lines = paths[1].read_text(encoding="utf-8").splitlines()
@@ -149,4 +149,4 @@ def test_tables_are_written_and_replaced(records, tmp_path):
     assert lines[2].startswith("| SNR [dB] | blob[n=4]: deviation |")
     assert f"**{2 * N_TRIALS} of {8 * N_TRIALS} cells failed**" in lines
     assert "| ZeroDivisionError: no luck | error | trouble[kind=raise] | tiny | 10 |" in lines
-    assert write_tables(tmp_path, records) == paths
+    assert write_run_tables(tmp_path, records) == paths

@@ -3,9 +3,9 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMING_COLUMNS
-from isacbench.report.tables.run_tables import grids, summarise
+from isacbench.report.tables.run_tables import grids, summarise_scores
 from isacbench.report.tables.stage_tables import is_timed, stage_grids, summarise_stages
-from isacbench.report.tables.tables_by_kind import grids_of, write_tables
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_every_table_of_a_run_shows_the_same_median_time(records):
     records.loc[records["trial"] == 2, "timing"] = records["snr_db"] != records["snr_db"].iloc[0]
     (summary, _), (street, _) = grids(records), stage_grids(records)
     assert summary.rows[-1][1] == f"{float(street.rows[0][2]):.1f}"
-    at_each_snr = summarise(records)
+    at_each_snr = summarise_scores(records)
     medians = summarise_stages(records).merge(at_each_snr, on=["scenario", "estimator", "params", "snr_db"])
     assert (medians["time_estimate_s_median_x"] == medians["time_estimate_s_median_y"]).all()
 
@@ -85,7 +85,7 @@ def test_scenes_of_one_template_share_a_table(records):
 
 
 def test_tables_of_stages_are_written_and_shown_beside_the_others_where_a_run_was_timed(records, tmp_path):
-    paths = write_tables(tmp_path, records)
+    paths = write_run_tables(tmp_path, records)
     assert [path.name for path in paths][:4] == ["summary.csv", "summary.md", "stages.csv", "stages.md"]
     written = pd.read_csv(tmp_path / "stages.csv")
     pd.testing.assert_frame_equal(written, summarise_stages(records).reset_index(drop=True))
@@ -97,5 +97,5 @@ def test_tables_of_stages_are_written_and_shown_beside_the_others_where_a_run_wa
 def test_a_run_that_was_not_timed_has_no_tables_of_stages(records, tmp_path):
     ordinary = records.drop(columns=[*TIMING_COLUMNS]).assign(timing=False)
     assert not is_timed(ordinary)
-    assert [path.name for path in write_tables(tmp_path, ordinary)] == ["summary.csv", "summary.md"]
+    assert [path.name for path in write_run_tables(tmp_path, ordinary)] == ["summary.csv", "summary.md"]
     assert grids_of(ordinary) == grids(ordinary)

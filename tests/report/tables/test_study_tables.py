@@ -10,7 +10,7 @@ from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
 from isacbench.report.tables.failures import failure_grids
 from isacbench.report.tables.run_tables import rich_table
-from isacbench.report.tables.tables_by_kind import TABLES, write_tables
+from isacbench.report.tables.tables_by_kind import TABLES, write_run_tables
 
 WIDTH = 100
 COMMON = {"name": "test", "trials": 2}
@@ -132,7 +132,7 @@ def test_detection_has_a_table_a_map_at_the_papers_rate_and_one_a_scenario(rows_
 @pytest.mark.parametrize("kind", KINDS)
 def test_summaries_are_written_as_csv_and_markdown(rows_of, tmp_path, kind):
     records = rows_of(kind)
-    paths = write_tables(tmp_path, records, kind)
+    paths = write_run_tables(tmp_path, records, kind)
     summary = pd.read_csv(paths[0])
     assert len(summary) == len(TABLES[kind].summarise(records))
     assert isinstance(json.loads(summary["params"].iloc[0]), dict)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from isacbench.model.cloud import PointCloud
-from isacbench.model.echo import observe
+from isacbench.model.echo import observe_echo
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import Detection
@@ -28,7 +28,7 @@ def lone():
 
 @pytest.fixture(scope="module")
 def single(lone):
-    return observe(lone, snr_db=0)
+    return observe_echo(lone, snr_db=0)
 
 
 def png_of(shown):

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.plugins.contracts import Detector
-    from isacbench.plugins.discovery import Kind
+    from isacbench.plugins.discovery import PluginKind
 
-__all__ = ["SHAPE", "DetectorCase", "white_noise"]
+__all__ = ["SHAPE", "DetectorCase", "white_noise_map"]
 
 SHAPE = 13, 17
 """Of an ordinary map: primes, and larger than the windows by default."""
@@ -27,7 +27,7 @@ SHAPE = 13, 17
 class DetectorCase(Case[TestedMap]):
     """A power map, and parameters that the detector takes for it."""
 
-    kind: ClassVar[Kind] = "detector"
+    kind: ClassVar[PluginKind] = "detector"
 
     @abstractmethod
     def power(self, seed: int) -> NDArray[np.float64]:
@@ -48,7 +48,7 @@ class DetectorCase(Case[TestedMap]):
         return TestedMap(adapted(plugin, self.parameters()), self.power(seed), self.n_looks())
 
 
-def white_noise(shape: tuple[int, ...], seed: int, looks: int = 1) -> NDArray[np.float64]:
+def white_noise_map(shape: tuple[int, ...], seed: int, looks: int = 1) -> NDArray[np.float64]:
     """Power of white noise of mean 1, averaged over looks.
 
     Parameters

@@ -12,7 +12,7 @@ from isacbench.checking.stress.promises.image_promises import Imaging
 if TYPE_CHECKING:
     from isacbench.checking.contract.small_scenes import Shot
     from isacbench.plugins.contracts import Estimator
-    from isacbench.plugins.discovery import Kind
+    from isacbench.plugins.discovery import PluginKind
 
 __all__ = ["EstimatorCase"]
 
@@ -21,7 +21,7 @@ __all__ = ["EstimatorCase"]
 class EstimatorCase(Case[Imaging]):
     """A scene, and parameters that the estimator takes for it."""
 
-    kind: ClassVar[Kind] = "estimator"
+    kind: ClassVar[PluginKind] = "estimator"
 
     @abstractmethod
     def shot(self, seed: int) -> Shot:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.plugins.contracts import Estimator
-    from isacbench.plugins.discovery import Kind
+    from isacbench.plugins.discovery import PluginKind
 
 __all__ = ["Ladder", "SnrLadder"]
 
@@ -93,7 +93,7 @@ class SnrLadder(Case[Ladder]):
     """One resolved echo, or three, at rising SNR: the error falls, within its confidence interval."""
 
     name: ClassVar[str] = "ladder"
-    kind: ClassVar[Kind] = "estimator"
+    kind: ClassVar[PluginKind] = "estimator"
     fixed: ClassVar = ({"echoes": "one"}, {"echoes": "three"}, {"echoes": "three", "from_db": 20.0})
 
     from_db: float = real(-40.0, 100.0, START_DB)

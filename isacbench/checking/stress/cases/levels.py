@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.promises.image_promises import Imaging
     from isacbench.plugins.contracts import Estimator
 
-__all__ = ["Amplitude", "DynamicRange", "Precision", "Snr"]
+__all__ = ["Amplitude", "DynamicRange", "SinglePrecision", "Snr"]
 
 CLEAR_DB = 60.0
 """SNR from which noise is no excuse for a false point, or for a wrong power."""
@@ -127,7 +127,7 @@ class DynamicRange(EstimatorCase):
 
 
 @dataclass(frozen=True)
-class Precision(EstimatorCase):
+class SinglePrecision(EstimatorCase):
     """Resolved echoes in single precision, stage by stage."""
 
     name: ClassVar[str] = "single_precision"

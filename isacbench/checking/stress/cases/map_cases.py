@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from isacbench.checking.stress.cases.detector_case import SHAPE, DetectorCase, white_noise
+from isacbench.checking.stress.cases.detector_case import SHAPE, DetectorCase, white_noise_map
 from isacbench.checking.stress.promises.map_promises import (
-    EVERY,
-    INVARIANT,
+    EVERY_MAP,
     KNOWN_FACTOR,
     KNOWN_NOISE,
+    MAP_INVARIANT,
+    MAP_SINGLE_PRECISION,
+    MAP_TWO_POWER_SCALE,
     NOTHING,
     RATE_ORDER,
     REFUSED,
-    SINGLE_PRECISION,
     SMALLEST,
-    TWO_POWER_SCALE,
 )
 from isacbench.checking.stress.spaces import choice, real, whole
 
@@ -50,11 +50,11 @@ class MapLevel(DetectorCase):
     @property
     def promises(self) -> tuple[Promise[TestedMap], ...]:
         """All that holds of noise."""
-        return *EVERY, *INVARIANT, KNOWN_NOISE, SINGLE_PRECISION
+        return *EVERY_MAP, *MAP_INVARIANT, KNOWN_NOISE, MAP_SINGLE_PRECISION
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Scale noise and echoes."""
-        power = np.minimum(white_noise(SHAPE, seed), 15.0)
+        power = np.minimum(white_noise_map(SHAPE, seed), 15.0)
         power[5, 7], power[12, 0], power[0, 16] = 100.0, 40.0, 20.0
         scaled: NDArray[np.float64] = power * 10.0**self.exponent
         return scaled
@@ -77,7 +77,7 @@ class MapRange(DetectorCase):
     @property
     def promises(self) -> tuple[Promise[TestedMap], ...]:
         """A strong cell leaves the noise of others alone."""
-        return *EVERY, *INVARIANT, KNOWN_NOISE
+        return *EVERY_MAP, *MAP_INVARIANT, KNOWN_NOISE
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Make some cells strong."""
@@ -92,7 +92,7 @@ class MapRange(DetectorCase):
             case "any":
                 share = np.random.default_rng([seed, 1]).random(SHAPE)
         decades = self.range_db / 10
-        power: NDArray[np.float64] = white_noise(SHAPE, seed) * 10.0 ** (decades * share - decades / 2)
+        power: NDArray[np.float64] = white_noise_map(SHAPE, seed) * 10.0 ** (decades * share - decades / 2)
         return power
 
 
@@ -110,7 +110,7 @@ class ConstantMap(DetectorCase):
     @property
     def promises(self) -> tuple[Promise[TestedMap], ...]:
         """Nothing stands out."""
-        return *EVERY, TWO_POWER_SCALE, KNOWN_NOISE, NOTHING
+        return *EVERY_MAP, MAP_TWO_POWER_SCALE, KNOWN_NOISE, NOTHING
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Fill a map."""
@@ -143,7 +143,7 @@ class BlankMap(DetectorCase):
     def promises(self) -> tuple[Promise[TestedMap], ...]:
         """Nothing stands out where all is the same."""
         nothing = (NOTHING,) if self.filled in ("zeros", "smallest", "largest") else ()
-        return *EVERY, *nothing, TWO_POWER_SCALE, KNOWN_NOISE
+        return *EVERY_MAP, *nothing, MAP_TWO_POWER_SCALE, KNOWN_NOISE
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Fill a map."""
@@ -199,7 +199,7 @@ class MapWindow(DetectorCase):
         """Tested where the window fits, refused where it does not."""
         n_window = 2 * (self.training + self.guard) + 1
         sides = (self.length,) if self.n_axes == 1 else (self.length, self.width)
-        return (*EVERY, KNOWN_NOISE) if n_window <= min(sides) else (REFUSED,)
+        return (*EVERY_MAP, KNOWN_NOISE) if n_window <= min(sides) else (REFUSED,)
 
     def parameters(self) -> Mapping[str, Any]:
         """The window."""
@@ -208,7 +208,7 @@ class MapWindow(DetectorCase):
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Draw a map of that size."""
-        return white_noise((self.length, self.width, self.DEPTH)[: self.n_axes], seed)
+        return white_noise_map((self.length, self.width, self.DEPTH)[: self.n_axes], seed)
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class Rate(DetectorCase):
     @property
     def promises(self) -> tuple[Promise[TestedMap], ...]:
         """Thresholds keep the rate, and rise as it falls."""
-        return *EVERY, *INVARIANT, KNOWN_FACTOR, RATE_ORDER
+        return *EVERY_MAP, *MAP_INVARIANT, KNOWN_FACTOR, RATE_ORDER
 
     def parameters(self) -> Mapping[str, Any]:
         """Rate and kind of factor."""
@@ -254,6 +254,6 @@ class Rate(DetectorCase):
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Draw noise of that many looks, and an echo in a corner that half of the windows do not reach."""
-        power = white_noise((9, 11), seed, self.looks)
+        power = white_noise_map((9, 11), seed, self.looks)
         power[0, 0] = self.ECHO
         return power

@@ -28,21 +28,21 @@ if TYPE_CHECKING:
     Power = NDArray[np.floating[Any]]
 
 __all__ = [
-    "ANY_SCALE",
-    "EVERY",
-    "FINITE",
-    "INVARIANT",
+    "EVERY_MAP",
     "KNOWN_FACTOR",
     "KNOWN_NOISE",
-    "LAYOUT",
     "LISTED",
+    "MAP_ANY_SCALE",
+    "MAP_FINITE",
+    "MAP_INVARIANT",
+    "MAP_LAYOUT",
+    "MAP_REPEAT",
+    "MAP_SINGLE_PRECISION",
+    "MAP_TWO_POWER_SCALE",
     "NOTHING",
     "RATE_ORDER",
     "REFUSED",
-    "REPEAT",
-    "SINGLE_PRECISION",
     "TURNED",
-    "TWO_POWER_SCALE",
     "TestedMap",
 ]
 
@@ -291,22 +291,22 @@ def _promise(name: str, bound: float, drift: Callable[[TestedMap], float]) -> Pr
     return Promise(name, bound, drift)
 
 
-FINITE = _promise("finite", 0.0, _finite)
-REPEAT = _promise("repeat", 0.0, _repeats)
+MAP_FINITE = _promise("finite", 0.0, _finite)
+MAP_REPEAT = _promise("repeat", 0.0, _repeats)
 LISTED = _promise("listed cells", EXACT, _listed)
-LAYOUT = _promise("memory order", EXACT, _layout)
-TWO_POWER_SCALE = _promise("scale by powers of two", 0.0, _two_power_scale)
-ANY_SCALE = _promise("scale", 1e-10, _any_scale)
+MAP_LAYOUT = _promise("memory order", EXACT, _layout)
+MAP_TWO_POWER_SCALE = _promise("scale by powers of two", 0.0, _two_power_scale)
+MAP_ANY_SCALE = _promise("scale", 1e-10, _any_scale)
 KNOWN_NOISE = _promise("known noise", EXACT, _known_noise)
 KNOWN_FACTOR = _promise("known factor", RATE, _known_factor)
 NOTHING = _promise("nothing detected", 0.0, _nothing)
-SINGLE_PRECISION = _promise("single precision", 2.0**-23, _single_precision)
+MAP_SINGLE_PRECISION = _promise("single precision", 2.0**-23, _single_precision)
 TURNED = _promise("turned", EXACT, _turned)
 RATE_ORDER = _promise("order of rates", 0.0, _rate_order)
 REFUSED = _promise("refused", 0.0, _refused)
 
-EVERY = FINITE, REPEAT, LISTED, LAYOUT
+EVERY_MAP = MAP_FINITE, MAP_REPEAT, LISTED, MAP_LAYOUT
 """What holds of every map."""
 
-INVARIANT = TWO_POWER_SCALE, ANY_SCALE, TURNED
+MAP_INVARIANT = MAP_TWO_POWER_SCALE, MAP_ANY_SCALE, TURNED
 """What holds where nothing is left to a tie."""

@@ -15,12 +15,12 @@ from isacbench.files.escaping import visible
 if TYPE_CHECKING:
     from isacbench.checking.stress.case import Case
 
-__all__ = ["BROKEN", "Outcome", "Verdict", "examine"]
+__all__ = ["BROKEN", "CaseOutcome", "Verdict", "examine"]
 
-Outcome = Literal["ok", "refused", "skipped", "failed", "timeout", "killed"]
+CaseOutcome = Literal["ok", "refused", "skipped", "failed", "timeout", "killed"]
 """Refused: an `InputError` where that is a proper answer; skipped: says nothing about this plugin."""
 
-BROKEN: frozenset[Outcome] = frozenset({"failed", "timeout", "killed"})
+BROKEN: frozenset[CaseOutcome] = frozenset({"failed", "timeout", "killed"})
 """Outcomes that are findings."""
 
 
@@ -40,7 +40,7 @@ class Verdict(NamedTuple):
     """
 
     promise: str
-    outcome: Outcome
+    outcome: CaseOutcome
     drift: float
     bound: float
     time_s: float
@@ -104,12 +104,12 @@ def _verdict(promise: Promise[Any], subject: Any, may_refuse: bool) -> Verdict:
         KeyboardInterrupt,
     ) as error:  # of the plugin: nobody else is in its process
         return _unmeasured(promise.name, "failed", start, raised_at(error))
-    outcome: Outcome = "ok" if drift <= promise.bound else "failed"
+    outcome: CaseOutcome = "ok" if drift <= promise.bound else "failed"
     message = "" if outcome == "ok" else f"off by {drift:.2g}, allowed are {promise.bound:.2g}"
     return Verdict(promise.name, outcome, drift, promise.bound, time.perf_counter() - start, message)
 
 
-def _unmeasured(promise: str, outcome: Outcome, start: float, message: str) -> Verdict:
+def _unmeasured(promise: str, outcome: CaseOutcome, start: float, message: str) -> Verdict:
     return Verdict(
         promise, outcome, float("nan"), float("nan"), time.perf_counter() - start, visible(message)
     )

@@ -8,7 +8,7 @@ from isacbench.checking.stress.cases.blanks import Blank
 from isacbench.checking.stress.cases.crowds import Close, Coherent, Crowd, Nothing, Pair, Spread
 from isacbench.checking.stress.cases.digits import NextBeam, OpenedRange, Unseparated
 from isacbench.checking.stress.cases.ladders import SnrLadder
-from isacbench.checking.stress.cases.levels import Amplitude, DynamicRange, Precision, Snr
+from isacbench.checking.stress.cases.levels import Amplitude, DynamicRange, SinglePrecision, Snr
 from isacbench.checking.stress.cases.map_cases import (
     BlankMap,
     ConstantMap,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence, Set
 
     from isacbench.checking.stress.case import Case
-    from isacbench.plugins.discovery import Kind
+    from isacbench.plugins.discovery import PluginKind
 
 __all__ = ["FAMILIES", "families_of", "find_cases", "find_families", "require_kind", "table_of"]
 
@@ -64,7 +64,7 @@ FAMILIES: dict[str, type[Case[Any]]] = {
         Frames,
         FalseAlarms,
         DetectorWindow,
-        Precision,
+        SinglePrecision,
         Chunks,
         SnrLadder,
         MapLevel,
@@ -78,12 +78,12 @@ FAMILIES: dict[str, type[Case[Any]]] = {
 """Families by name, in the order of the table."""
 
 
-def families_of(kind: Kind) -> list[type[Case[Any]]]:
+def families_of(kind: PluginKind) -> list[type[Case[Any]]]:
     """Families that are meant for estimators, or for detectors."""
     return [family for family in FAMILIES.values() if family.kind == kind]
 
 
-def table_of(kind: Kind) -> list[Case[Any]]:
+def table_of(kind: PluginKind) -> list[Case[Any]]:
     """Cases of the fixed table that are meant for estimators, or for detectors."""
     return [case for family in families_of(kind) for case in family.table()]
 
@@ -120,7 +120,7 @@ def find_cases(text: str) -> list[Case[Any]]:
     return [family.of(spec)] if "[" in text else family.table()
 
 
-def find_families(names: Sequence[str], kinds: Set[Kind]) -> list[type[Case[Any]]]:
+def find_families(names: Sequence[str], kinds: Set[PluginKind]) -> list[type[Case[Any]]]:
     """Families by name, all where there are no names.
 
     Parameters
@@ -148,7 +148,7 @@ def find_families(names: Sequence[str], kinds: Set[Kind]) -> list[type[Case[Any]
     ]
 
 
-def require_kind(text: str, family: type[Case[Any]], kinds: Set[Kind]) -> None:
+def require_kind(text: str, family: type[Case[Any]], kinds: Set[PluginKind]) -> None:
     """Refuse a case that is meant for none of the kinds.
 
     Raises

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from isacbench.checking.stress.case import Case
-    from isacbench.checking.stress.runs.examining import Outcome
-    from isacbench.plugins.discovery import Kind
+    from isacbench.checking.stress.runs.examining import CaseOutcome
+    from isacbench.plugins.discovery import PluginKind
     from isacbench.plugins.local_files import PluginFile
 
 __all__ = ["TIMEOUT_S", "Examined", "Examiner", "Examiners", "Target", "Task", "find_targets", "tasks_of"]
@@ -51,7 +51,7 @@ class Target(NamedTuple):
         Canonical JSON of all parameters.
     """
 
-    kind: Kind
+    kind: PluginKind
     spec: str
     params: str
 
@@ -92,7 +92,7 @@ class Examined(NamedTuple):
         return max(self.verdicts, key=lambda verdict: verdict.severity)
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> CaseOutcome:
         """Outcome of the whole case."""
         return self.worst.outcome if self.is_broken else self.verdicts[0].outcome
 
@@ -116,7 +116,7 @@ class Examined(NamedTuple):
         )
 
 
-def find_targets(kind: Kind, specs: Sequence[str]) -> list[Target]:
+def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
     """Targets that specifications stand for, grids included.
 
     Raises
@@ -130,7 +130,7 @@ def find_targets(kind: Kind, specs: Sequence[str]) -> list[Target]:
     return list(dict.fromkeys(found))
 
 
-def _built(kind: Kind, text: str) -> list[tuple[str, Any]]:
+def _built(kind: PluginKind, text: str) -> list[tuple[str, Any]]:
     if kind == "estimator":
         return list(build_estimators_of(text))
     return [(one, get_detector(spec.name, **spec.params)) for one, spec in spec_variants(text)]
@@ -232,7 +232,7 @@ class Examiners:
 
 # What follows runs in the process.
 
-_plugins: dict[tuple[Kind, str], Any] = {}
+_plugins: dict[tuple[PluginKind, str], Any] = {}
 
 
 def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
@@ -241,7 +241,7 @@ def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
         register_plugin(plugin)
 
 
-def _examine(kind: Kind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
+def _examine(kind: PluginKind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
     if (kind, spec) not in _plugins:
         [(_, _plugins[kind, spec])] = _built(kind, spec)
     [case] = find_cases(case_spec)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from isacbench.checking.stress.runs.stress_runs import Examined
 
-__all__ = ["PROMISES", "TABLE", "case_table", "open_stress_folder", "promise_table", "write_tables"]
+__all__ = ["PROMISES", "TABLE", "case_table", "open_stress_folder", "promise_table", "write_stress_tables"]
 
 KEY = ["kind", "case", "estimator", "params", "seed"]
 CASE_COLUMNS = [*KEY, "outcome", "promise", "drift", "bound", "time_s", "message", "reproduce"]
@@ -73,7 +73,7 @@ def _key(one: Examined) -> dict[str, Any]:
     }
 
 
-def write_tables(folder: Path, examined: Sequence[Examined], *, timeout_s: float) -> list[Path]:
+def write_stress_tables(folder: Path, examined: Sequence[Examined], *, timeout_s: float) -> list[Path]:
     """Write both tables, and what made them, in place of older ones.
 
     Returns

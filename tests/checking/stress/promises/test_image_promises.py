@@ -150,7 +150,7 @@ def test_what_follows_a_broken_first_promise_is_not_looked_at():
 
 def test_an_exception_is_told_with_its_place():
     (verdict,) = examine(Snr(100.0), Twisted("raises"))
-    assert verdict.message.startswith("raises ZeroDivisionError: no luck (test_promises.py, line ")
+    assert verdict.message.startswith("raises ZeroDivisionError: no luck (test_image_promises.py, line ")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from isacbench.checking.stress.runs.stress_table import (
     case_table,
     open_stress_folder,
     promise_table,
-    write_tables,
+    write_stress_tables,
 )
 from isacbench.cli import app
 from isacbench.errors import InputError
@@ -110,7 +110,7 @@ def test_cases_of_the_other_kind_are_refused():
 def test_tables_are_written_and_read_back(tmp_path):
     found = _examined(["oracle"], ["snr"])
     with open_stress_folder(tmp_path / "new") as folder:
-        write_tables(folder, found, timeout_s=1.0)
+        write_stress_tables(folder, found, timeout_s=1.0)
     cases = pd.read_csv(tmp_path / "new" / TABLE, keep_default_na=False)
     assert cases["case"].tolist() == [one.task.case.spec for one in found]
     assert cases["drift"].astype(float).tolist() == [one.worst.drift for one in found]
@@ -213,4 +213,4 @@ def test_hypothesis_is_imported_by_the_search_alone():
     package = Path(isacbench.__file__).parent
     imports = re.compile(r"^\s*(from|import) hypothesis\b", re.MULTILINE)
     importing = [path for path in package.rglob("*.py") if imports.search(path.read_text(encoding="utf-8"))]
-    assert importing == [package / "stress" / "search.py"]
+    assert importing == [package / "checking" / "stress" / "runs" / "random_search.py"]

@@ -18,7 +18,7 @@ from scipy.io import loadmat, savemat
 
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.formats import read_cloud, read_points_csv, write_cloud
+from isacbench.model.cloud_files.point_files import read_points_csv
 
 from ...cubes.samples import put_mat73, write_mat73
 
@@ -30,7 +30,7 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 def refusal(path: Path) -> str:
     """Message with which a file is refused, less its path."""
     with pytest.raises(InputError) as refused:
-        read_cloud(path)
+        PointCloud.read(path)
     message = str(refused.value)
     assert message.startswith(f"{path}: ")
     return message.removeprefix(f"{path}: ")
@@ -52,8 +52,8 @@ def test_a_round_trip_returns_the_same_doubles(suffix: str, table: np.ndarray) -
     cloud = PointCloud.from_array(table)
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"cloud.{suffix}"
-        write_cloud(cloud, path)
-        found = read_cloud(path).to_array()
+        cloud.write(path)
+        found = PointCloud.read(path).to_array()
     assert np.array_equal(found, table)
     assert np.array_equal(np.signbit(found), np.signbit(table))
 
@@ -61,21 +61,21 @@ def test_a_round_trip_returns_the_same_doubles(suffix: str, table: np.ndarray) -
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_writing_overwrites_and_takes_upper_case_and_strings(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"CLOUD.{suffix.upper()}"
-    write_cloud(PointCloud.from_array(np.ones((50, 5))), path)
-    write_cloud(PointCloud.from_array(TABLE), str(path))
-    assert np.array_equal(read_cloud(str(path)).to_array(), TABLE)
+    PointCloud.from_array(np.ones((50, 5))).write(path)
+    PointCloud.from_array(TABLE).write(str(path))
+    assert np.array_equal(PointCloud.read(str(path)).to_array(), TABLE)
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
 
 
 def test_written_csv_has_the_header_and_short_numbers(tmp_path: Path) -> None:
     path = tmp_path / "cloud.csv"
-    write_cloud(PointCloud.from_array(TABLE[:1]), path)
+    PointCloud.from_array(TABLE[:1]).write(path)
     assert path.read_bytes() == b"x,y,z,v,power\n1.0,2.0,3.0,4.0,0.5\n"
 
 
 def test_written_mat_and_npz_name_their_arrays(tmp_path: Path) -> None:
     for suffix, load in (("mat", loadmat), ("npz", np.load)):
-        write_cloud(PointCloud.from_array(TABLE), tmp_path / f"cloud.{suffix}")
+        PointCloud.from_array(TABLE).write(tmp_path / f"cloud.{suffix}")
         found = load(tmp_path / f"cloud.{suffix}")
         assert np.array_equal(found["xyz"], TABLE[:, :3])
         assert np.array_equal(found["velocity"].ravel(), TABLE[:, 3])
@@ -91,7 +91,7 @@ def test_another_extension_is_refused_with_the_allowed_ones(tmp_path: Path, name
     found = f"extension {path.suffix!r}" if path.suffix else "no extension"
     assert refusal(path) == f"has {found}; a cloud takes .csv, .npy, .npz, .mat, .ply"
     with pytest.raises(InputError, match=r"a cloud takes \.csv, \.npy, \.npz, \.mat, \.ply"):
-        write_cloud(PointCloud.empty(), path)
+        PointCloud.empty().write(path)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -101,24 +101,24 @@ def test_a_missing_file_and_a_directory_are_refused(tmp_path: Path, suffix: str)
     path.mkdir()
     assert refusal(path) == "is a directory, not a file"
     with pytest.raises(InputError, match="cannot be written: Is a directory"):
-        write_cloud(PointCloud.empty(), path)
+        PointCloud.empty().write(path)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_a_folder_that_does_not_exist_cannot_be_written_to(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(InputError, match="cannot be written: No such file or directory"):
-        write_cloud(PointCloud.empty(), tmp_path / "nowhere" / f"cloud.{suffix}")
+        PointCloud.empty().write(tmp_path / "nowhere" / f"cloud.{suffix}")
 
 
 @pytest.mark.parametrize("suffix", ["npy", "npz", "mat"])
 def test_a_binary_file_cut_off_anywhere_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"cloud.{suffix}"
-    write_cloud(PointCloud.from_array(TABLE), path)
+    PointCloud.from_array(TABLE).write(path)
     data = path.read_bytes()
     for length in range(0, len(data), 3):
         path.write_bytes(data[:length])
         with pytest.raises(InputError):
-            read_cloud(path)
+            PointCloud.read(path)
 
 
 @pytest.mark.parametrize("suffix", ["npy", "npz", "mat"])
@@ -151,12 +151,12 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path, suffix: str) -> None:
     ],
 )
 def test_csv_is_read_with_and_without_header_and_power(tmp_path: Path, text: str) -> None:
-    found = read_cloud(text_file(tmp_path, "cloud.csv", text)).to_array()
+    found = PointCloud.read(text_file(tmp_path, "cloud.csv", text)).to_array()
     assert found.tolist() == [[1, 2, 3, 4, 1], [5, 6, 7, 8, 1]]
 
 
 def test_a_csv_of_a_header_alone_is_an_empty_cloud(tmp_path: Path) -> None:
-    assert len(read_cloud(text_file(tmp_path, "cloud.csv", "x,y,z,v,power\n"))) == 0
+    assert len(PointCloud.read(text_file(tmp_path, "cloud.csv", "x,y,z,v,power\n"))) == 0
 
 
 TAKES = "the file takes the columns x, y, z, v and optionally power"
@@ -250,7 +250,7 @@ def test_a_missing_points_file_is_refused(tmp_path: Path) -> None:
 )
 def test_an_npy_of_any_real_table_is_read(tmp_path: Path, array: np.ndarray) -> None:
     np.save(tmp_path / "cloud.npy", array)
-    found = read_cloud(tmp_path / "cloud.npy").to_array()
+    found = PointCloud.read(tmp_path / "cloud.npy").to_array()
     assert np.array_equal(found[:, : array.shape[1]], array)
     assert array.shape[1] == 5 or (found[:, 4] == 1).all()
 
@@ -318,24 +318,24 @@ def save(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Path]:
 def test_npz_and_mat_are_read_as_parts_or_as_the_only_table(
     save: Callable[..., Path], named: dict[str, Any]
 ) -> None:
-    assert np.array_equal(read_cloud(save(**named)).to_array(), TABLE)
+    assert np.array_equal(PointCloud.read(save(**named)).to_array(), TABLE)
 
 
 def test_npz_and_mat_without_power_have_power_one(save: Callable[..., Path]) -> None:
     for named in ({"p": TABLE[:, :4]}, {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3]}):
-        found = read_cloud(save(**named)).to_array()
+        found = PointCloud.read(save(**named)).to_array()
         assert np.array_equal(found, np.column_stack([TABLE[:, :4], [1, 1]]))
 
 
 @pytest.mark.parametrize("dtype", ["f4", "i4", "u2", "i8", "u1"])
 def test_npz_and_mat_of_other_classes_than_double_are_read(save: Callable[..., Path], dtype: str) -> None:
     table = np.arange(12, dtype=dtype).reshape(3, 4)
-    assert np.array_equal(read_cloud(save(table=table)).to_array()[:, :4], table)
+    assert np.array_equal(PointCloud.read(save(table=table)).to_array()[:, :4], table)
 
 
 @pytest.mark.parametrize("columns", [4, 5])
 def test_npz_and_mat_of_no_points_are_an_empty_cloud(save: Callable[..., Path], columns: int) -> None:
-    assert len(read_cloud(save(table=np.empty((0, columns))))) == 0
+    assert len(PointCloud.read(save(table=np.empty((0, columns))))) == 0
 
 
 ARRAYS = (
@@ -400,7 +400,7 @@ def test_a_mat73_of_other_variables_than_numbers_names_their_classes(tmp_path: P
 def test_a_mat73_of_another_program_is_read_in_the_order_of_its_file(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "cloud.mat", "w") as file:
         file["cloud"] = TABLE
-    assert np.array_equal(read_cloud(tmp_path / "cloud.mat").to_array(), TABLE)
+    assert np.array_equal(PointCloud.read(tmp_path / "cloud.mat").to_array(), TABLE)
 
 
 # ply
@@ -428,7 +428,7 @@ def ply_bytes(order: str, rows: np.ndarray, extra: str = "") -> bytes:
 def test_a_foreign_binary_ply_is_read(tmp_path: Path, order: str) -> None:
     path = tmp_path / "cloud.ply"
     path.write_bytes(ply_bytes(order, TABLE))
-    assert np.array_equal(read_cloud(path).to_array(), np.column_stack([TABLE[:, :4], [1, 1]]))
+    assert np.array_equal(PointCloud.read(path).to_array(), np.column_stack([TABLE[:, :4], [1, 1]]))
 
 
 def test_a_foreign_ascii_ply_is_read(tmp_path: Path) -> None:
@@ -441,7 +441,7 @@ def test_a_foreign_ascii_ply_is_read(tmp_path: Path) -> None:
     )
     path = tmp_path / "cloud.ply"
     path.write_bytes(text.encode())
-    assert read_cloud(path).to_array().tolist() == [[1, 2, 3, 4, 0.5], [5, 6, 7, 8, 2]]
+    assert PointCloud.read(path).to_array().tolist() == [[1, 2, 3, 4, 0.5], [5, 6, 7, 8, 2]]
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
@@ -452,7 +452,7 @@ def test_a_binary_ply_cut_off_is_refused(tmp_path: Path, order: str) -> None:
     for length in range(whole):
         path.write_bytes(data[:length])
         with pytest.raises(InputError):
-            read_cloud(path)
+            PointCloud.read(path)
     path.write_bytes(data[: whole - 1])
     assert refusal(path) == "is truncated: 1 of 2 vertices"
 

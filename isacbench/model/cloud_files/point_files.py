@@ -13,17 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
+from isacbench.files.arrays import mat5, mat73
+from isacbench.files.arrays.hdf5_datasets import is_hdf5
 from isacbench.files.arrays.npy_files import read_array, read_members
 from isacbench.files.checked_files import CLOUD_BYTES, require_file, require_writable
 from isacbench.files.escaping import quoted, shortened
-from isacbench.files.text_table import Line, check_finite, format_rows, is_number, parse_rows, read_lines
-from isacbench.model.cloud import POINT_COLUMNS, PointCloud
+from isacbench.files.text_table import TextLine, check_finite, format_rows, is_number, parse_rows, read_lines
 from isacbench.model.cloud_files.ply import read_ply, write_ply
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-__all__ = ["Points", "read_cloud", "read_points_csv", "write_cloud"]
+__all__ = ["POINT_COLUMNS", "Points", "read_point_table", "read_points_csv", "write_point_table"]
+
+POINT_COLUMNS = ["x", "y", "z", "v", "power"]
+"""Columns of a cloud in tables and csv files: positions in m, radial velocity in m/s, power."""
+
 
 Floats = NDArray[np.float64]
 T = TypeVar("T")
@@ -55,8 +60,8 @@ class Points(NamedTuple):
     amplitude: Floats
 
 
-def read_cloud(path: str | Path) -> PointCloud:
-    r"""Read a point cloud.
+def read_point_table(path: str | Path) -> Floats:
+    r"""Read the points of a cloud; `isacbench.model.cloud.PointCloud.read` makes a cloud of them.
 
     Parameters
     ----------
@@ -75,8 +80,8 @@ def read_cloud(path: str | Path) -> PointCloud:
 
     Returns
     -------
-    PointCloud
-        Possibly without points.
+    ndarray of float64, shape (n, 4) or (n, 5)
+        Columns x, y, z in m, v in m/s and, where the file has it, power; n may be 0.
 
     Raises
     ------
@@ -90,8 +95,8 @@ def read_cloud(path: str | Path) -> PointCloud:
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "cloud.csv"
     >>> _ = path.write_text("x,y,z,v\n1,2,3,4\n")
-    >>> read_cloud(path).to_array().tolist()
-    [[1.0, 2.0, 3.0, 4.0, 1.0]]
+    >>> read_point_table(path).tolist()
+    [[1.0, 2.0, 3.0, 4.0]]
     """
     path = Path(path)
     read = _by_extension(path, _READERS)
@@ -99,13 +104,13 @@ def read_cloud(path: str | Path) -> PointCloud:
     return read(path)
 
 
-def write_cloud(cloud: PointCloud, path: str | Path) -> None:
-    """Write a point cloud, so that reading it returns the same doubles.
+def write_point_table(points: Floats, path: str | Path) -> None:
+    """Write the points of a cloud, so that reading them returns the same doubles.
 
     Parameters
     ----------
-    cloud : PointCloud
-        Any number of points.
+    points : ndarray of float64, shape (n, 5)
+        Columns x, y, z in m, v in m/s and power; any number of rows.
     path : str or Path
         File to write, or to overwrite; its extension, one of csv, npy, npz,
         mat and ply, decides the format.
@@ -120,7 +125,7 @@ def write_cloud(cloud: PointCloud, path: str | Path) -> None:
     _refuse_folder(path, "cannot be written: Is a directory")
     require_writable(path)
     try:
-        write(cloud, path)
+        write(points, path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
@@ -176,7 +181,7 @@ def _refuse_folder(path: Path, reason: str) -> None:
             raise InputError(f"{path}: {reason}")
 
 
-def _csv_lines(path: Path) -> tuple[Line, Iterator[Line]]:
+def _csv_lines(path: Path) -> tuple[TextLine, Iterator[TextLine]]:
     """First line of a csv file, and the others."""
     lines = read_lines(path)
     first = next(lines, None)
@@ -185,7 +190,7 @@ def _csv_lines(path: Path) -> tuple[Line, Iterator[Line]]:
     return first, lines
 
 
-def _header_columns(path: Path, header: Line, allowed: Sequence[str]) -> list[str]:
+def _header_columns(path: Path, header: TextLine, allowed: Sequence[str]) -> list[str]:
     """Column names of a header that must hold x, y, z and v, may hold the rest, and nothing else."""
     columns = [name.strip() for name in header.text.split(",")]
     place = f"{path}: row {header.number}"
@@ -201,12 +206,12 @@ def _header_columns(path: Path, header: Line, allowed: Sequence[str]) -> list[st
     return columns
 
 
-def _csv_columns(path: Path, rows: Iterable[Line], columns: Sequence[str]) -> dict[str, Floats]:
+def _csv_columns(path: Path, rows: Iterable[TextLine], columns: Sequence[str]) -> dict[str, Floats]:
     """Columns of the rows of a csv file by name."""
     return dict(zip(columns, parse_rows(path, rows, columns, delimiter=",").T, strict=True))
 
 
-def _read_csv(path: Path) -> PointCloud:
+def _read_csv(path: Path) -> Floats:
     first, others = _csv_lines(path)
     fields = first.text.split(",")
     if any(map(is_number, fields)):
@@ -216,13 +221,13 @@ def _read_csv(path: Path) -> PointCloud:
                 f"4 or 5 ({', '.join(_CLOUD)})"
             )
         rows = chain([first], others)
-        return PointCloud.from_array(parse_rows(path, rows, _CLOUD[: len(fields)], delimiter=","))
+        return parse_rows(path, rows, _CLOUD[: len(fields)], delimiter=",")
     table = _csv_columns(path, others, _header_columns(path, first, _CLOUD))
-    return PointCloud.from_array(np.column_stack([table[name] for name in _CLOUD if name in table]))
+    return np.column_stack([table[name] for name in _CLOUD if name in table])
 
 
-def _write_csv(cloud: PointCloud, path: Path) -> None:
-    rows = format_rows(cloud.to_array(), delimiter=",")
+def _write_csv(points: Floats, path: Path) -> None:
+    rows = format_rows(points, delimiter=",")
     path.write_text("\n".join([",".join(_CLOUD), *rows, ""]), encoding="ascii", newline="\n")
 
 
@@ -237,43 +242,40 @@ def _parsing(path: Path, kind: str) -> Iterator[None]:
         raise InputError(f"{path}: cannot be read as {kind}: {shortened(str(error))}") from error
 
 
-def _read_npy(path: Path) -> PointCloud:
+def _read_npy(path: Path) -> Floats:
     with _parsing(path, "npy"), path.open("rb") as file:
         array = read_array(file, path.stat().st_size, CLOUD_BYTES)
     if not _is_table(array):
         raise InputError(f"{path}: takes real numbers of shape (n, 4) or (n, 5), not {_describe(array)}")
-    return _cloud_from_table(path, array)
+    return _points_of_table(path, array)
 
 
-def _write_npy(cloud: PointCloud, path: Path) -> None:
+def _write_npy(points: Floats, path: Path) -> None:
     # An open file, because numpy appends the extension to a path that ends in .NPY.
     with path.open("wb") as file:
-        np.save(file, cloud.to_array())
+        np.save(file, points)
 
 
-def _read_npz(path: Path) -> PointCloud:
+def _read_npz(path: Path) -> Floats:
     with _parsing(path, "npz"), zipfile.ZipFile(path) as archive:
         arrays = read_members(archive, path, CLOUD_BYTES)
-    return _cloud_from_arrays(path, arrays)
+    return _points_of_arrays(path, arrays)
 
 
-def _write_npz(cloud: PointCloud, path: Path) -> None:
+def _write_npz(points: Floats, path: Path) -> None:
     with path.open("wb") as file:
-        np.savez(file, xyz=cloud.xyz, velocity=cloud.velocity, power=cloud.power)
+        np.savez(file, xyz=points[:, :3], velocity=points[:, 3], power=points[:, 4])
 
 
-def _read_mat(path: Path) -> PointCloud:
+def _read_mat(path: Path) -> Floats:
     with _parsing(path, "mat"):
         arrays = _arrays_of_mat(path)
-    return _cloud_from_arrays(path, arrays)
+    return _points_of_arrays(path, arrays)
 
 
 def _arrays_of_mat(path: Path) -> Mapping[str, Any]:
     """Arrays of numbers of a mat file by name, and descriptions of its other variables."""
-    from isacbench.cubes.formats import hdf5  # which know of models
-    from isacbench.files.arrays import mat73
-
-    if hdf5.is_hdf5(path):
+    if is_hdf5(path):
         return mat73.read_arrays(path, CLOUD_BYTES)
     return _arrays_of_mat4(path) if _is_mat4(path) else _arrays_of_mat5(path)
 
@@ -310,8 +312,6 @@ def _require_mat4_to_fit(path: Path) -> None:
 
 def _arrays_of_mat5(path: Path) -> dict[str, Any]:
     """Arrays of numbers, and what is said of all others: cells in cells in cells are not looked into."""
-    from isacbench.files.arrays import mat5  # which knows of models
-
     found = mat5.list_arrays(path)
     numbers = {name: array for name, array in found.items() if array.listed.dtype.kind in "fiu"}
     mat5.require_at_most(path, numbers, CLOUD_BYTES)
@@ -319,19 +319,19 @@ def _arrays_of_mat5(path: Path) -> dict[str, Any]:
     return {**listed, **{name: mat5.read_numbers(path, array) for name, array in numbers.items()}}
 
 
-def _write_mat(cloud: PointCloud, path: Path) -> None:
+def _write_mat(points: Floats, path: Path) -> None:
     from scipy.io import savemat
 
     # xyz last: a file cut off between two arrays, which the parser accepts, then lacks what it cannot lack.
-    arrays = {"power": cloud.power, "velocity": cloud.velocity, "xyz": cloud.xyz}
+    arrays = {"power": points[:, 4], "velocity": points[:, 3], "xyz": points[:, :3]}
     path.open("wb").close()  # Says why a file cannot be written, which savemat does not.
     savemat(path, arrays, appendmat=False, oned_as="column")
 
 
-def _cloud_from_arrays(path: Path, arrays: Mapping[str, Any]) -> PointCloud:
-    """Build a cloud from named arrays: xyz, velocity and power, or the only table among them."""
+def _points_of_arrays(path: Path, arrays: Mapping[str, Any]) -> Floats:
+    """Build points from named arrays: xyz, velocity and power, or the only table among them."""
     if "xyz" in arrays or "velocity" in arrays:
-        return _cloud_from_parts(path, arrays)
+        return _points_of_parts(path, arrays)
     tables = [name for name, array in arrays.items() if _is_table(array)]
     if len(tables) != 1:
         held = ", ".join(f"{name} ({_describe(array)})" for name, array in arrays.items()) or "nothing"
@@ -341,11 +341,11 @@ def _cloud_from_arrays(path: Path, arrays: Mapping[str, Any]) -> PointCloud:
             f"{path}: takes xyz (n, 3) and velocity (n), optionally power (n), "
             f"or exactly one array of shape (n, 4) or (n, 5); {found}"
         )
-    return _cloud_from_table(path, arrays[tables[0]])
+    return _points_of_table(path, arrays[tables[0]])
 
 
-def _cloud_from_parts(path: Path, arrays: Mapping[str, Any]) -> PointCloud:
-    """Build a cloud from the arrays xyz, velocity and, if there, power."""
+def _points_of_parts(path: Path, arrays: Mapping[str, Any]) -> Floats:
+    """Build points from the arrays xyz, velocity and, if there, power."""
     for name in ("xyz", "velocity"):
         if name not in arrays:
             raise InputError(f"{path}: has no array {name}, but takes both xyz (n, 3) and velocity (n)")
@@ -362,14 +362,14 @@ def _cloud_from_parts(path: Path, arrays: Mapping[str, Any]) -> PointCloud:
                     f"{path}: {name} takes {len(xyz)} real numbers, one a row of xyz, not {_describe(part)}"
                 )
             parts.append(part.ravel())
-    return _cloud_from_table(path, np.column_stack(parts))
+    return _points_of_table(path, np.column_stack(parts))
 
 
-def _cloud_from_table(path: Path, array: NDArray[Any]) -> PointCloud:
-    """Build a cloud from an array (n, 4) or (n, 5) of real numbers, rows counted from 1 in messages."""
+def _points_of_table(path: Path, array: NDArray[Any]) -> Floats:
+    """Build points from an array (n, 4) or (n, 5) of real numbers, rows counted from 1 in messages."""
     values = array.astype(np.float64, copy=False)
     check_finite(path, values, _CLOUD[: values.shape[1]], range(1, len(values) + 1))
-    return PointCloud.from_array(values)
+    return values
 
 
 def _is_real(value: Any) -> bool:
@@ -387,14 +387,14 @@ def _describe(value: Any) -> str:
     return f"{value.dtype} of shape {value.shape}" if hasattr(value, "dtype") else str(value)
 
 
-_READERS: dict[str, Callable[[Path], PointCloud]] = {
+_READERS: dict[str, Callable[[Path], Floats]] = {
     ".csv": _read_csv,
     ".npy": _read_npy,
     ".npz": _read_npz,
     ".mat": _read_mat,
     ".ply": read_ply,
 }
-_WRITERS: dict[str, Callable[[PointCloud, Path], None]] = {
+_WRITERS: dict[str, Callable[[Floats, Path], None]] = {
     ".csv": _write_csv,
     ".npy": _write_npy,
     ".npz": _write_npz,
