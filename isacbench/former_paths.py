@@ -1,0 +1,68 @@
+"""Import paths of version 0.1, which plugins use: each gives the module at its present place."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["PRESENT", "FormerPaths", "present_path"]
+
+PRESENT = {
+    "isacbench.contracts": "isacbench.plugins.contracts",
+    "isacbench.stages": "isacbench.instrument.stages",
+    "isacbench.dsp.cfar_checks": "isacbench.dsp.cfar",
+    "isacbench.dsp.thresholds": "isacbench.dsp.cfar.factors",
+    "isacbench.conformance": "isacbench.checking.contract",
+    "isacbench.conformance.scenes": "isacbench.checking.contract.small_scenes",
+    "isacbench.stress": "isacbench.checking.stress",
+    "isacbench.stress.case": "isacbench.checking.stress.case",
+    "isacbench.stress.detecting": "isacbench.checking.stress.cases.detector_case",
+    "isacbench.stress.estimating": "isacbench.checking.stress.cases.estimator_case",
+    "isacbench.stress.families": "isacbench.checking.stress.runs.families",
+    "isacbench.stress.imaging": "isacbench.checking.stress.promises.image_promises",
+    "isacbench.stress.shots": "isacbench.checking.stress.cases.resolved_shots",
+    "isacbench.stress.spaces": "isacbench.checking.stress.spaces",
+}
+"""Present path of a module by the path that CONTRIBUTING named in version 0.1."""
+
+
+def present_path(module: str) -> str:
+    """Path at which a module lies now.
+
+    Parameters
+    ----------
+    module : str
+        Dotted name, of version 0.1 or later.
+
+    Returns
+    -------
+    str
+        The same name where the module has not moved.
+
+    Examples
+    --------
+    >>> present_path("isacbench.contracts"), present_path("numpy")
+    ('isacbench.plugins.contracts', 'numpy')
+    """
+    return PRESENT.get(module, module)
+
+
+class FormerPaths(MetaPathFinder, Loader):
+    """Importer of modules by their former paths: the module itself, not a second copy of it."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Claim the paths of `PRESENT`, and no other."""
+        return ModuleSpec(fullname, self, is_package=True) if fullname in PRESENT else None
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Put the module at the present path in the place of the one that the import began with."""
+        sys.modules[module.__name__] = import_module(PRESENT[module.__name__])

@@ -1,0 +1,266 @@
+"""The house keeps its order: which package imports which, and that each name has one place."""
+
+import ast
+import re
+from collections import Counter, defaultdict
+from graphlib import CycleError, TopologicalSorter
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from isacbench.former_paths import PRESENT
+
+ROOT = Path(__file__).parent.parent
+
+BASE = {"errors", "choices", "cores", "added_fields", "former_paths"}
+LAYERS = {  # each may import what is named beside it, and nothing else
+    **{module: set() for module in BASE},
+    "files": BASE,
+    "display": {*BASE, "files"},
+    "instrument": BASE,
+    "model": {*BASE, "files", "display"},
+    "metrics": {*BASE, "model"},
+    "dsp": {*BASE, "files", "display", "instrument", "model"},
+    "plugins": {*BASE, "files", "display", "model", "dsp"},
+    "link": {*BASE, "display", "model", "dsp"},
+    "cubes": {*BASE, "files", "model", "dsp", "plugins", "link"},
+    "bench": {*BASE, "files", "display", "instrument", "model", "metrics", "dsp", "plugins", "link"},
+    "checking": {
+        *BASE,
+        *("files", "display", "instrument", "model", "metrics", "dsp", "plugins", "cubes", "bench"),
+    },
+    "report": {
+        *BASE,
+        *(
+            "files",
+            "display",
+            "instrument",
+            "model",
+            "metrics",
+            "plugins",
+            "link",
+            "cubes",
+            "bench",
+            "checking",
+        ),
+    },
+    "cli": {
+        *BASE,
+        *(
+            "files",
+            "instrument",
+            "model",
+            "metrics",
+            "plugins",
+            "link",
+            "cubes",
+            "bench",
+            "checking",
+            "report",
+        ),
+    },
+}
+ALGORITHMS = {*BASE, "instrument", "model", "dsp", "plugins"}
+
+MOST_MODULES = 14
+
+
+def module_name(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = ("isacbench_algorithms", *parts[1:]) if parts[0] == "algorithms" else parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {
+    module_name(path): path
+    for folder in ("isacbench", "algorithms")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+}
+TREES = {name: ast.parse(path.read_text("utf-8")) for name, path in FILES.items()}
+ROOMS = {name for name, path in FILES.items() if path.name == "__init__.py"}
+
+
+def imports(module):
+    """Modules that a module imports, and the names taken from them, wherever the statement stands."""
+    package = module if module in ROOMS else module.rpartition(".")[0]
+    for node in ast.walk(TREES[module]):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, None) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            source = ".".join([*above, *([node.module] if node.module else [])])
+            for alias in node.names:
+                inner = f"{source}.{alias.name}"
+                yield (inner, None) if inner in FILES else (source, alias.name)
+
+
+IMPORTS = {
+    name: [(source, taken) for source, taken in imports(name) if source in FILES and source != name]
+    for name in FILES
+}
+
+
+def exported(room):
+    for node in TREES[room].body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
+            return set(ast.literal_eval(node.value))
+    return set()
+
+
+def package_of(module):
+    first, _, rest = module.partition(".")
+    return rest.partition(".")[0] if first == "isacbench" else first
+
+
+def test_packages_import_only_what_lies_below_them():
+    allowed = {**LAYERS, "isacbench_algorithms": ALGORITHMS, "__main__": {"cli"}}
+    offences = [
+        f"{module} imports {source}"
+        for module, found in IMPORTS.items()
+        if module != "isacbench"  # which names the public names of all
+        for source, _ in found
+        if package_of(source) not in {package_of(module), ""} | allowed[package_of(module)]
+    ]
+    assert not offences
+    order = TopologicalSorter(LAYERS)
+    order.prepare()  # raises where the layers themselves go in a circle
+
+
+def test_no_imports_go_in_a_circle():
+    graph = {
+        name: {source for source, _ in found if source != "isacbench"} for name, found in IMPORTS.items()
+    }
+    for room in ROOMS - {"isacbench"}:  # a room runs before its modules; only what it imports makes a circle
+        graph[room] = {source for source, _ in IMPORTS[room]}
+    graph["isacbench"] = set()
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_others_reach_into_no_module_that_a_room_keeps_for_itself():
+    offences = []
+    for module, found in IMPORTS.items():
+        for source, taken in found:
+            room, _, leaf = source.rpartition(".")
+            if source in ROOMS or room in {"", "isacbench"}:
+                if taken is not None and source in ROOMS - {"isacbench"} and taken not in exported(source):
+                    offences.append(f"{module} takes {taken} from {source}, which does not name it")
+                continue
+            owner = room.rpartition(".")[0]
+            inside = f"{module}.".startswith(f"{room}.") or module.rpartition(".")[0] == owner
+            if not inside and leaf not in exported(room):
+                offences.append(f"{module} imports {source}, which {room} keeps for itself")
+    assert not offences
+
+
+def test_rooms_name_what_exists():
+    for room in ROOMS - {"isacbench", "isacbench_algorithms"}:
+        bound = {name for _, name in IMPORTS[room]} | {
+            node.name for node in TREES[room].body if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        }
+        for name in exported(room):
+            assert name in bound or f"{room}.{name}" in FILES, f"{room} names {name}"
+
+
+def test_a_folder_has_few_modules():
+    counts = Counter(name.rpartition(".")[0] for name in FILES if name not in ROOMS)
+    assert {folder: n for folder, n in counts.items() if n > MOST_MODULES} == {}
+
+
+def test_no_file_name_is_there_twice():
+    names = Counter(path.name for path in FILES.values() if path.name != "__init__.py")
+    names += Counter(f"{room.rpartition('.')[2]}.py" for room in ROOMS)
+    assert [name for name, n in names.items() if n > 1] == []
+
+
+def test_no_public_name_is_defined_twice():
+    places = defaultdict(list)
+    for module, tree in TREES.items():
+        if module in ROOMS:
+            continue
+        public = exported(module)
+        for node in tree.body:
+            names = {getattr(node, "name", None)}
+            if isinstance(node, ast.Assign | ast.AnnAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                names = {getattr(target, "id", None) for target in targets}
+            for name in names & public:
+                places[name].append(module)
+    assert {name: modules for name, modules in places.items() if len(modules) > 1} == {}
+
+
+DOTTED = re.compile(r"(?<![\w./-])(?:isacbench|isacbench_algorithms)(?:\.\w+)+")
+SLASHED = re.compile(r"(?<![\w./-])(?:isacbench|algorithms|tests)/[\w/]+\.py\b")
+
+NO_MODULES = {
+    *("isacbench.estimators", "isacbench.detectors"),  # groups of entry points
+    "isacbench.before",  # a key of metadata
+    *("isacbench_algorithms.strongest", "algorithms/strongest.py"),  # the reader's, in CONTRIBUTING
+}
+
+
+def written_paths():
+    """Texts that name modules: code, its strings and docstrings, documents and settings."""
+    for pattern in (
+        "isacbench/**/*.py",
+        "algorithms/*.py",
+        "docs/*.md",
+        "docs/scripts/*.py",
+        "*.md",
+        "pyproject.toml",
+    ):
+        for path in sorted(ROOT.glob(pattern)):
+            if path.name != "CHANGELOG.md":
+                yield path, path.read_text("utf-8")
+
+
+def resolves(dotted):
+    """Whether a dotted name is a module, or an attribute of one."""
+    parts = dotted.split(".")
+    for n in range(len(parts), 0, -1):
+        module = ".".join(parts[:n])
+        if module in FILES:
+            if n == len(parts):
+                return True
+            words = ("name", "id", "attr", "arg")
+            names = {getattr(node, word, None) for node in ast.walk(TREES[module]) for word in words}
+            return parts[n] in names | exported(module) | {"__version__", "__file__", "__path__"}
+    return False
+
+
+def test_paths_that_are_written_down_exist():
+    wrong = []
+    for path, text in written_paths():
+        if path.name == "former_paths.py":
+            continue
+        for found in DOTTED.findall(text):
+            if found not in NO_MODULES and not resolves(found):
+                wrong.append(f"{path.relative_to(ROOT)}: {found}")
+        wrong += [
+            f"{path.relative_to(ROOT)}: {found}"
+            for found in SLASHED.findall(text)
+            if found not in NO_MODULES and not (ROOT / found).is_file()
+        ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize(("former", "present"), PRESENT.items())
+def test_import_paths_of_the_first_version_give_the_module_at_its_present_place(former, present):
+    from importlib import import_module
+
+    assert import_module(former) is import_module(present)
+    assert import_module(present).__spec__.name == present
+    assert find_spec(present).origin is not None
+
+
+def test_the_architecture_page_draws_every_room_and_no_other():
+    text = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    drawing = text.partition("## The rooms")[2].partition("##")[0]
+    drawn, above = set(), []
+    for indent, name in re.findall(r"^ {4}( *)([a-z_]+)/ ", drawing, re.MULTILINE):
+        above = [*above[: len(indent) // 2], name]
+        drawn.add(".".join(above))
+    assert {room for room in drawn if room.startswith("isacbench")} == ROOMS - {"isacbench_algorithms"}
