@@ -17,7 +17,7 @@ from isacbench.dsp.model_order import noise_edge, noise_order
 from isacbench.dsp.peaks import line_peaks
 from isacbench.dsp.planewaves import pair_directions
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scatterers import locate, merge_duplicates
+from isacbench.dsp.scatterers import locate_waves, merge_duplicates
 from isacbench.dsp.subspace import music_null_spectrum, real_steering, smoothed_covariance
 from isacbench.dsp.subspace2d import leading_eigenpairs, planar_covariance
 from isacbench.model.array import VirtualArray
@@ -185,14 +185,14 @@ class Scene:
     def located(self):
         """Candidates that the plane waves are."""
         windows = self.estimator.range_window, self.estimator.doppler_window
-        return locate(
+        located = locate_waves(
             self.waves,
             self.tapered,
             self.detected.bins,
             windows,
-            (3.0, 1.0),
             self.estimator.local_dynamic_range_db,
         )
+        return located.at_home(3.0, 1.0)
 
     @cached_property
     def candidates(self):
