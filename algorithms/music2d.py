@@ -273,8 +273,11 @@ class Music2d(CellwiseEstimator):
         rounding = pairs.rounding[:, None]
         eigenvalues = np.maximum(pairs.values, rounding)
         if self.model_order == "noise":
-            largest_noise = noise * _largest_of_noise(n_sensors, n_snapshots, n_subarray)
-            order = noise_order(eigenvalues, np.maximum(largest_noise, rounding))
+            if n_snapshots > 1:
+                edge = noise_edge(n_subarray, 2 * n_snapshots)
+            else:  # the subarrays of one snapshot are not independent, and too few for the law of many
+                edge = smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)
+            order = noise_order(eigenvalues, np.maximum(noise * edge, rounding))
         elif self.model_order == "eigenvalue_cfar":
             order = eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
         else:
@@ -295,11 +298,3 @@ def _sampled_null(n_subarray: int, step: float) -> float:
     """
     offset = np.pi * POLE_OFFSET * step
     return float(max(offset**2 * (n_subarray**2 - 1) / 12, SMALLEST_NULL))
-
-
-def _largest_of_noise(n_sensors: int, n_snapshots: int, n_subarray: int) -> float:
-    """Largest eigenvalue, of a smoothed covariance, that noise of unit power is expected to have."""
-    if n_snapshots > 1:
-        return noise_edge(n_subarray, 2 * n_snapshots)
-    # The subarrays of one snapshot are not independent, and too few for the law of many.
-    return smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,14 @@ class Scatterers:
 
     def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Scatterers:
         """Those that a mask or an index array picks."""
-        return Scatterers(*(values[keep] for values in self._columns()))
+        return Scatterers(
+            self.range_bin[keep],
+            self.doppler_bin[keep],
+            self.u[keep],
+            self.w[keep],
+            self.power[keep],
+            self.family[keep],
+        )
 
     @property
     def next_family(self) -> int:
@@ -78,8 +85,14 @@ class Scatterers:
     def join(self, others: Scatterers) -> Scatterers:
         """These and others behind them, whose families are numbered on from these."""
         family = np.where(others.family >= 0, others.family + self.next_family, -1)
-        pairs = zip(self._columns(), replace(others, family=family)._columns(), strict=True)
-        return Scatterers(*(np.concatenate(pair) for pair in pairs))
+        return Scatterers(
+            np.concatenate([self.range_bin, others.range_bin]),
+            np.concatenate([self.doppler_bin, others.doppler_bin]),
+            np.concatenate([self.u, others.u]),
+            np.concatenate([self.w, others.w]),
+            np.concatenate([self.power, others.power]),
+            np.concatenate([self.family, family]),
+        )
 
     def interleaved(self, step_bins: float) -> Scatterers:
         """These, and behind them candidates without power a step nearer and a step farther than each.
@@ -97,9 +110,6 @@ class Scatterers:
             for step in (-step_bins, step_bins)
         ]
         return self.join(shifted[0]).join(shifted[1])
-
-    def _columns(self) -> tuple[NDArray[Any], ...]:
-        return tuple(getattr(self, field.name) for field in fields(self))
 
 
 class Located(NamedTuple):
@@ -185,7 +195,9 @@ def locate_waves(
     snapshots = np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
     amplitudes = waves.amplitudes(snapshots, tapered.aperture)
     levels = np.abs(amplitudes)
-    weakest = _strongest_nearby(levels[0], index, tapered.gate.shape) * 10 ** (-dynamic_range_db / 20)
+    strongest = np.zeros(tapered.gate.shape)
+    strongest[index] = levels[0].max(axis=1, initial=0)
+    weakest = maximum_filter(strongest, size=5)[index][:, None] * 10 ** (-dynamic_range_db / 20)
     kept = waves.found & (levels[0] > 0) & (levels[0] >= weakest)
     if one_doppler:
         own, _, _, faster, slower = levels
@@ -235,14 +247,6 @@ def _is_one_echo(profile: NDArray[np.complex128], offset: Floats, window: Window
     energy = np.sum(np.abs(model) ** 2, axis=-1) * np.sum(np.abs(profile) ** 2, axis=-1)
     one: NDArray[np.bool_] = explained >= ONE_ECHO * energy
     return one
-
-
-def _strongest_nearby(amplitude: Floats, index: Bins, shape: tuple[int, int]) -> Floats:
-    """Strongest amplitude of each cell's 5 x 5 neighbourhood, shape (n, 1)."""
-    strongest = np.zeros(shape)
-    strongest[index] = amplitude.max(axis=1, initial=0)
-    nearby: Floats = maximum_filter(strongest, size=5)[index]
-    return nearby[:, None]
 
 
 def merge_duplicates(scatterers: Scatterers) -> Scatterers:
