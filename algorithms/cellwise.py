@@ -97,6 +97,9 @@ class CellwiseEstimator(ABC):
         those that explain the map together and refines them together; "none"
         makes all of them points. An estimator with several readings then
         merges the candidates of all of them.
+    detection_window : {"hann", "rect", "soft", "hamming", "blackman"}
+        Taper of the map that cells are detected on, along range and Doppler.
+        Its sidelobes must not look like echoes.
 
     Raises
     ------
@@ -119,6 +122,7 @@ class CellwiseEstimator(ABC):
     local_dynamic_range_db: float = 16.5
     precision: CellPrecision = "double"
     explain: Literal["joint", "none"] = added_field("joint", before="joint")
+    detection_window: Window = added_field("hann", before="hann")  # noqa: RUF009, a field
 
     own_cell_test = staticmethod(chain.own_cell_test)
     merge = staticmethod(chain.merge_scatterers)
@@ -131,6 +135,8 @@ class CellwiseEstimator(ABC):
             require(getattr(self, name) > 0, name, getattr(self, name), "above 0")
         require(self.precision in ("double", "single"), "precision", self.precision, "single or double")
         require(self.explain in get_args(Explanation), "explain", self.explain, "joint or none")
+        windows, window = get_args(Window), self.detection_window
+        require(window in windows, "detection_window", window, f"one of {', '.join(windows)}")
         self.cell_detector()
 
     @property

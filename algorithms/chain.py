@@ -1,9 +1,8 @@
 """Stages that cell-by-cell estimators share, one function a stage, in the order in which an image needs them.
 
 1. `read_map` reads the range-Doppler map.
-2. `detect` finds the cells that hold echoes, on a Hann-tapered map, whose
-   sidelobes are low, by a CFAR detector on one element or on the array's
-   average power.
+2. `detect` finds the cells that hold echoes, on a map tapered for low
+   sidelobes, by a CFAR detector on one element or on the array's average power.
 3. `read_cells` takes the snapshots of those cells, tapered less, for
    resolution. In them the estimator finds plane waves by its own method.
 4. `locate` gives plane waves a place in range and Doppler.
@@ -67,8 +66,6 @@ __all__ = [
 ]
 
 Snapshots = NDArray[np.complexfloating[Any, Any]]
-
-DETECTION_WINDOW: Window = "hann"
 
 ROUNDING_UNITS = 4
 """Last digits of the strongest cell that sums over a few of them lose: noise, where there is no other."""
@@ -239,16 +236,16 @@ def detect(rdm: ReadMap, estimator: CellwiseEstimator) -> Detected:
     ----------
     rdm : ReadMap
     estimator : CellwiseEstimator
-        Its `cell_detector`, `integration`, `dynamic_range_db` and `angle_pfa`
-        count.
+        Its `detection_window`, `cell_detector`, `integration`,
+        `dynamic_range_db` and `angle_pfa` count.
 
     Returns
     -------
     Detected
     """
     with stage("detection"):
-        gated = rdm.detection
-        tapered = gated.tapered(DETECTION_WINDOW, gated.doppler_taper(DETECTION_WINDOW))
+        gated, window = rdm.detection, estimator.detection_window
+        tapered = gated.tapered(window, gated.doppler_taper(window))
         cells = detect_cells(
             tapered, estimator.cell_detector(), estimator.integration, estimator.dynamic_range_db
         )

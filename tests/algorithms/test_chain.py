@@ -239,6 +239,17 @@ def test_another_explanation_is_refused_with_what_is_allowed(estimator):
 
 
 @ALL
+def test_the_map_of_the_detection_is_tapered_as_asked_for(estimator):
+    tapered, plain = (estimator(detection_window=window).diagnose(crowd()) for window in ("hann", "rect"))
+    assert np.array_equal(tapered.power, estimator().diagnose(crowd()).power)
+    # Sidelobes are what a taper is for: without it the weakest cells of a crowd are stronger.
+    assert np.median(plain.power) > np.median(tapered.power)
+    assert "detection_window" not in identity_fields(estimator())
+    with pytest.raises(InputError, match="detection_window = 'flat': allowed is one of rect, soft"):
+        estimator(detection_window="flat")
+
+
+@ALL
 def test_without_echoes_there_are_no_points(estimator):
     empty = simulator(0).observe(np.inf)
     for explain in ("joint", "none"):
