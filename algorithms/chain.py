@@ -67,7 +67,7 @@ __all__ = [
 
 Snapshots = NDArray[np.complexfloating[Any, Any]]
 
-ROUNDING_UNITS = 4
+LAST_DIGITS_LOST = 4
 """Last digits of the strongest cell that sums over a few of them lose: noise, where there is no other."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
@@ -250,7 +250,7 @@ def detect(rdm: ReadMap, estimator: CellwiseEstimator) -> Detected:
             tapered, estimator.cell_detector(), estimator.integration, estimator.dynamic_range_db
         )
         last_digit = float(np.finfo(rdm.directions.cells.dtype).eps)
-        rounding = (ROUNDING_UNITS * last_digit) ** 2 * float(cells.power.max())
+        rounding = (LAST_DIGITS_LOST * last_digit) ** 2 * float(cells.power.max())
         white = min(max(white_noise(gated), rounding), cells.floor)
         min_power = -np.log(estimator.angle_pfa) * cells.floor / rdm.selection.n_elements
         return Detected(cells, tapered.gate, Levels(white, cells.floor, min_power))

@@ -209,7 +209,7 @@ class Fft4d(CellwiseEstimator):
             spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
             power = spectra.real**2 + spectra.imag**2
         # Only local maxima can be peaks, so that nothing else needs a test.
-        peaks = _local_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
+        peaks = _spectral_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
         passed = _passed(power, peaks, detect_listed(self.angle_detector, power, 1, peaks).mask)
         if not self._shows_a_wave(snapshots.shape[1:], shape):
             passed[_strongest(power, peaks)] = True
@@ -249,7 +249,7 @@ class Fft4d(CellwiseEstimator):
             spectra = scipy.fft.fftshift(scipy.fft.ifft(lines, axis.cosine.size, norm="forward"), axes=1)
             # A plane of one column, for which peaks are the same thing.
             power = (spectra.real**2 + spectra.imag**2)[:, :, None]
-        peaks = _local_maxima(power, self._strong(power, axis.inside[:, None]))
+        peaks = _spectral_maxima(power, self._strong(power, axis.inside[:, None]))
         passed = _passed(power, peaks, detect_listed(self.line_detector, power[:, :, 0], 1, peaks[:2]).mask)
         place, _, found = plane_peaks(power, passed, self.max_sources)
         return _FourierSpectra(axis.cosine, power[:, :, 0], Peaks(axis.at(place), found))
@@ -302,7 +302,7 @@ def _passed(power: NDArray[np.float64], cells: Cells, mask: NDArray[np.bool_]) -
     return passed
 
 
-def _local_maxima(power: NDArray[np.float64], cells: Cells) -> Cells:
+def _spectral_maxima(power: NDArray[np.float64], cells: Cells) -> Cells:
     """Those of the listed cells of periodic spectra (n, g, h) that no neighbour exceeds."""
     spectrum, row, column = cells
     n_rows, n_columns = power.shape[1:]

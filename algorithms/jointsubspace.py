@@ -13,7 +13,7 @@ The detected cells are read three times (`isacbench_algorithms.chain`):
    search as fine as the first invents ghosts. Three neighbouring range cells
    behind low sidelobes give one covariance, whose order is tested against the
    leakage of the strongest cells.
-3. The same on single cells, for what the second look has left unexplained.
+3. The same on single cells, for what the second reading has left unexplained.
 
 If the scatterers selected from all three explain the map down to the noise,
 they are moved together in range, velocity, u and w to the least-squares fit,

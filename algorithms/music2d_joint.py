@@ -165,13 +165,13 @@ class Music2dJoint(JointSubspaceEstimator):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Samples over the directions that the region spans, and one beyond to either side."""
         u, w = (
-            _samples(limits, 4 / (n * self.samples_per_lobe))
+            _cosine_samples(limits, 4 / (n * self.samples_per_lobe))
             for limits, n in zip(observation.cosine_limits, subarray, strict=True)
         )
         return u, w
 
 
-def _samples(limits: tuple[float, float], widest: float) -> NDArray[np.float64]:
+def _cosine_samples(limits: tuple[float, float], widest: float) -> NDArray[np.float64]:
     """Equidistant samples at most so far apart, from one before the lower limit to one behind the upper."""
     n_steps = max(int(np.ceil((limits[1] - limits[0]) / widest)), 1)
     step = (limits[1] - limits[0]) / n_steps or widest

@@ -254,8 +254,8 @@ class Nomp4d:
         -------
         PointCloud
         """
-        seen = _read(observation)  # 2D-FFT, beams towards the region
-        noise = _noise(seen, self.pfa)  # of Doppler bins that no speed of the region reaches
+        seen = _read_beams(observation)  # 2D-FFT, beams towards the region
+        noise = _noise_levels(seen, self.pfa)  # of Doppler bins that no speed of the region reaches
         pursued = _Pursued.nothing()
         for n_rounds in range(self.max_rounds):
             residual = _residual(seen, pursued)
@@ -322,7 +322,7 @@ class Nomp4d:
         """Move all atoms, each in its box, and drop those that explain nothing of their own."""
         if not len(atoms.places):
             return atoms, None
-        atoms = _at_best_lobes(atom_map, gate, atoms)
+        atoms = _atoms_at_best_lobes(atom_map, gate, atoms)
         fit = refine_atoms(atom_map, atoms.places, n_steps)
         kept = _without_last_digits(fit.places, atoms.places)
         boxed = np.clip(kept, atoms.origins - BOX_CELLS, atoms.origins + BOX_CELLS)
@@ -347,7 +347,7 @@ class Nomp4d:
         return strongest * 10 ** (-self.local_dynamic_range_db / 10)
 
 
-def _read(observation: Observation) -> _Seen:
+def _read_beams(observation: Observation) -> _Seen:
     """Read the range-Doppler map, and look at it through beams towards the region's directions."""
     with stage("rdm"):
         exponent = amplitude_exponent(observation.cells)
@@ -360,7 +360,7 @@ def _read(observation: Observation) -> _Seen:
     return _Seen(observation, space, white, float(np.ldexp(1.0, exponent)))
 
 
-def _noise(seen: _Seen, pfa: float) -> _Noise:
+def _noise_levels(seen: _Seen, pfa: float) -> _Noise:
     """Levels that noise alone exceeds in a share `pfa` of the images."""
     n_independent = seen.space.n_independent
     return _Noise(
@@ -397,7 +397,7 @@ def _without_last_digits(places: Floats, starts: Floats) -> Floats:
     return np.where(moves, np.rint(places / PLACE_CELLS) * PLACE_CELLS, places)
 
 
-def _at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:
+def _atoms_at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:
     """Atoms, and their boxes, at those of their grating lobes where the map shows them most."""
     if atom_map.bursts.is_whole_frame:
         return atoms
