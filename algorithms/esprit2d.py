@@ -13,12 +13,12 @@ For every detected range-Doppler cell:
    directions together. In crowds, a cell is solved with fewer sources until
    all lie where the region is (`isacbench_algorithms.jointsubspace`).
 
-What the cells show is then explained jointly (`isacbench_algorithms.cellwise`).
+What the cells show is then explained jointly (`isacbench_algorithms.chain`).
 
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them and k
 sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the subspaces,
 n (L M k² + k³) for the directions, and n (k P Q + k³) a step of the refinement,
-in each of three looks; then m (15 P Q + m²) for m candidates.
+in each of three readings; then m (15 P Q + m²) for m candidates.
 
 Fails where the second eigenvalue drowns: two equal echoes in phase at the
 middle of the array and d Rayleigh cells apart leave one of about d⁴ / 20 of
@@ -42,8 +42,10 @@ from numpy.typing import NDArray
 
 from isacbench.dsp.angles.esprit import unitary_esprit
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
+from .chain import detect, explain, locate, read_cells, read_map
 from .jointsubspace import JointSubspaceEstimator, Subspaces
 
 __all__ = ["Esprit2d"]
@@ -59,7 +61,7 @@ class Esprit2d(JointSubspaceEstimator):
         See `isacbench_algorithms.jointsubspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
 
     Raises
@@ -78,6 +80,28 @@ class Esprit2d(JointSubspaceEstimator):
     name: ClassVar[str] = "esprit2d"
 
     subarray_fraction: float = 0.625
+
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        PointCloud
+        """
+        rdm = read_map(observation, self)  # 2D-FFT
+        detected = detect(rdm, self)  # OSCA-CFAR
+        seen = []
+        for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
+            cells = read_cells(rdm, detected, reading)
+            waves = self.plane_waves(observation, cells)  # ESPRIT, maximum likelihood in resolved cells
+            located = locate(cells, waves, self)  # range and velocity
+            seen.append(self.merge(self.own_cell_test(located)))
+        found = explain(rdm, detected.levels, seen, self)  # joint selection, one reading after the other; fit
+        return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Directions of all cells, those of one order together."""

@@ -5,7 +5,7 @@ detected cell is zero-padded and transformed over both array axes. Local maxima
 of the angular power spectrum inside the region's directions that pass a 2-D
 CA-CFAR are plane waves; on arrays of so few elements that a lone wave would
 fail that test, the highest alone. What the cells show is then explained
-jointly (`isacbench_algorithms.cellwise`), exactly as for the other cell-by-cell
+jointly (`isacbench_algorithms.chain`), exactly as for the other cell-by-cell
 estimators.
 
 With ``integration="element"`` one row and one column are transformed, each
@@ -43,17 +43,19 @@ from isacbench.dsp.cell_detection import detect_listed
 from isacbench.dsp.cfar import Cells
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
+from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
-from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
+from .cellwise import CellPrecision, CellwiseEstimator
+from .chain import CellSnapshots, Snapshots, detect, explain, locate, read_cells, read_map
 from .detectors import CaCfar
 
 __all__ = ["Fft4d"]
 
 
-class _Axis(NamedTuple):
+class _CosineAxis(NamedTuple):
     """Cosines of a transform's samples, ascending, and which of them lie where the region is."""
 
     cosine: NDArray[np.float64]
@@ -65,7 +67,7 @@ class _Axis(NamedTuple):
         return cosine
 
 
-class _LineSpectra(NamedTuple):
+class _FourierSpectra(NamedTuple):
     """Power spectra (n, g) of lines of sensors, the cosines of their samples, and the peaks that pass."""
 
     cosine: NDArray[np.float64]
@@ -101,7 +103,7 @@ class Fft4d(CellwiseEstimator):
         Below the strongest source of a cell, what is taken for its sidelobes.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
 
     Raises
@@ -113,7 +115,7 @@ class Fft4d(CellwiseEstimator):
     name: ClassVar[str] = "fft4d"
     separable: ClassVar[bool] = True
 
-    precision: Precision = "single"
+    precision: CellPrecision = "single"
     angle_points: int = 48
     angle_detector: Detector = field(
         default_factory=lambda: CaCfar(pfa=1e-3, training=(0, 4, 4), guard=(0, 3, 3))
@@ -127,39 +129,66 @@ class Fft4d(CellwiseEstimator):
         limit_db = self.angle_dynamic_range_db
         require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
 
-    def plane_waves(
-        self,
-        observation: Observation,
-        look: Look,
-        snapshots: Snapshots,
-        levels: Levels,
-        min_power: float,
-    ) -> PlaneWaves:
-        """Local maxima of the angular power spectra inside the directions of the region."""
-        aperture = self.aperture(observation)
-        if not isinstance(aperture, Cross):
-            return self._angle_spectra(observation, middle(snapshots)).waves
-        along_u, along_w = self._line_spectra(observation, aperture, middle(snapshots))
-        return pair_directions(
-            middle(snapshots),
-            aperture,
-            along_u.peaks,
-            along_w.peaks,
-            min_power,
-            self.angle_dynamic_range_db,
-            self.max_sources,
-        )
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation.
 
-    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
-        """Cuts along u and along w through the maximum of one cell's angular spectrum, in dB below it.
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        PointCloud
+        """
+        rdm = read_map(observation, self)  # FFT over subcarriers and symbols
+        detected = detect(rdm, self)  # OSCA-CFAR
+        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        if not len(cells):
+            return PointCloud.empty()
+        waves = self.plane_waves(observation, cells)  # FFT over rows and columns, CA-CFAR
+        located = locate(cells, waves, self)  # range and velocity
+        candidates = self.merge(self.own_cell_test(located))
+        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        return self.to_cloud(rdm, found)
+
+    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find local maxima of the angular power spectra inside the directions of the region.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+            One row a cell.
+        """
+        with stage("peaks"):
+            aperture = self.aperture(observation)
+            if not isinstance(aperture, Cross):
+                return self._angle_spectra(observation, cells.own).waves
+            along_u, along_w = self._line_spectra(observation, aperture, cells.own)
+            return pair_directions(
+                cells.own,
+                aperture,
+                along_u.peaks,
+                along_w.peaks,
+                cells.levels.min_power,
+                self.angle_dynamic_range_db,
+                self.max_sources,
+            )
+
+    def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
+        """Cuts along u and along w through the maximum of the first cell's angular spectrum, in dB below it.
 
         Of a row and a column, the spectrum of each.
         """
         aperture = self.aperture(observation)
         if isinstance(aperture, Cross):
-            along_u, along_w = self._line_spectra(observation, aperture, middle(snapshots))
+            along_u, along_w = self._line_spectra(observation, aperture, cells.own)
             return self._shown(along_u, "u"), self._shown(along_w, "w")
-        found = self._angle_spectra(observation, middle(snapshots))
+        found = self._angle_spectra(observation, cells.own)
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
         strongest = found.power[0].max()
         level_db = _level_db(found.power[0], strongest)
@@ -180,7 +209,7 @@ class Fft4d(CellwiseEstimator):
             spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
             power = spectra.real**2 + spectra.imag**2
         # Only local maxima can be peaks, so that nothing else needs a test.
-        peaks = _local_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
+        peaks = _spectral_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
         passed = _passed(power, peaks, detect_listed(self.angle_detector, power, 1, peaks).mask)
         if not self._shows_a_wave(snapshots.shape[1:], shape):
             passed[_strongest(power, peaks)] = True
@@ -208,28 +237,28 @@ class Fft4d(CellwiseEstimator):
 
     def _line_spectra(
         self, observation: Observation, aperture: Cross, snapshots: Snapshots
-    ) -> tuple[_LineSpectra, _LineSpectra]:
+    ) -> tuple[_FourierSpectra, _FourierSpectra]:
         along_u, along_w = (lines[:, :, 0] for lines in aperture.lines(snapshots))
         u_limits, w_limits = observation.cosine_limits
         return self._line_spectrum(along_u, u_limits), self._line_spectrum(along_w, w_limits)
 
-    def _line_spectrum(self, lines: Snapshots, limits: Interval) -> _LineSpectra:
+    def _line_spectrum(self, lines: Snapshots, limits: Interval) -> _FourierSpectra:
         """Spectra along the sensors of lines (n, sensors)."""
         axis = self._axis(lines.shape[1], limits)
         with stage("spectrum"):
             spectra = scipy.fft.fftshift(scipy.fft.ifft(lines, axis.cosine.size, norm="forward"), axes=1)
             # A plane of one column, for which peaks are the same thing.
             power = (spectra.real**2 + spectra.imag**2)[:, :, None]
-        peaks = _local_maxima(power, self._strong(power, axis.inside[:, None]))
+        peaks = _spectral_maxima(power, self._strong(power, axis.inside[:, None]))
         passed = _passed(power, peaks, detect_listed(self.line_detector, power[:, :, 0], 1, peaks[:2]).mask)
         place, _, found = plane_peaks(power, passed, self.max_sources)
-        return _LineSpectra(axis.cosine, power[:, :, 0], Peaks(axis.at(place), found))
+        return _FourierSpectra(axis.cosine, power[:, :, 0], Peaks(axis.at(place), found))
 
-    def _axis(self, n_sensors: int, limits: Interval) -> _Axis:
+    def _axis(self, n_sensors: int, limits: Interval) -> _CosineAxis:
         n_points = max(self.angle_points, 2 * n_sensors)
         cosine = 2 * scipy.fft.fftshift(scipy.fft.fftfreq(n_points))
         lower, upper = limits
-        return _Axis(cosine, (cosine >= lower - 2 / n_points) & (cosine <= upper + 2 / n_points))
+        return _CosineAxis(cosine, (cosine >= lower - 2 / n_points) & (cosine <= upper + 2 / n_points))
 
     def _strong(self, power: NDArray[np.float64], inside: NDArray[np.bool_]) -> Cells:
         """Samples of spectra (n, g, h) that are no sidelobes, as `numpy.nonzero` gives them."""
@@ -237,7 +266,7 @@ class Fft4d(CellwiseEstimator):
         strong: Cells = np.nonzero((power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)) & inside)
         return strong
 
-    def _shown(self, line: _LineSpectra, label: Literal["u", "w"]) -> Spectrum:
+    def _shown(self, line: _FourierSpectra, label: Literal["u", "w"]) -> Spectrum:
         """First of the spectra in dB below its maximum."""
         strongest = line.power[0].max()
         threshold = self.line_detector.detect(line.power).threshold[0]
@@ -273,7 +302,7 @@ def _passed(power: NDArray[np.float64], cells: Cells, mask: NDArray[np.bool_]) -
     return passed
 
 
-def _local_maxima(power: NDArray[np.float64], cells: Cells) -> Cells:
+def _spectral_maxima(power: NDArray[np.float64], cells: Cells) -> Cells:
     """Those of the listed cells of periodic spectra (n, g, h) that no neighbour exceeds."""
     spectrum, row, column = cells
     n_rows, n_columns = power.shape[1:]

@@ -1,6 +1,6 @@
 """What `music2d_joint` and `esprit2d` share: planar subspaces, resolved cells, and crowds.
 
-The detected cells are looked at three times (`isacbench_algorithms.cellwise`):
+The detected cells are read three times (`isacbench_algorithms.chain`):
 
 1. *Resolved cells.* All subarrays of a cell's P x Q snapshot, forwards and
    backwards, give one real covariance, whose largest eigenvectors span the
@@ -13,7 +13,7 @@ The detected cells are looked at three times (`isacbench_algorithms.cellwise`):
    search as fine as the first invents ghosts. Three neighbouring range cells
    behind low sidelobes give one covariance, whose order is tested against the
    leakage of the strongest cells.
-3. The same on single cells, for what the second look has left unexplained.
+3. The same on single cells, for what the second reading has left unexplained.
 
 If the scatterers selected from all three explain the map down to the noise,
 they are moved together in range, velocity, u and w to the least-squares fit,
@@ -44,23 +44,20 @@ from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
-from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scatterers import LocatedScatterers, merge_duplicates
+from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.errors import require
 from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage
 from isacbench.model.kernels import steering
-from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
-from .cellwise import CellwiseEstimator, Levels, Look, Snapshots, middle
+from .cellwise import CellwiseEstimator
+from .chain import CellSnapshots, Levels, Reading, ReadMap, Snapshots
 
 __all__ = ["JointSubspaceEstimator", "Subspaces"]
 
-_Axis = Literal["u", "w"]
-
-CROWD_LOOK = Look("hamming", "soft", range_cells=3, one_doppler=True)
+CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
 
 LEAST_NOISE = 1e-8
@@ -78,7 +75,7 @@ INTERLEAVED_BINS = 0.5
 INTERLEAVED_DYNAMIC_RANGE_DB = 23.0
 """Least local dynamic range among interleaved scatterers, which share the directions of selected ones."""
 
-MOST_UNEXPLAINED = 1.5
+MOST_LEFT_OF_CELL = 1.5
 """Of white noise: what plane waves may leave of a cell that they explain. 256 elements scatter by 0.06."""
 
 LEAST_EXPLAINED = 10**1.8
@@ -121,7 +118,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`. `max_sources` is
         also the largest dimension of a signal subspace.
-    dynamic_range_db, local_dynamic_range_db, precision
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
 
     Raises
@@ -143,59 +140,104 @@ class JointSubspaceEstimator(CellwiseEstimator):
         require(self.model_order in orders, "model_order", self.model_order, f"one of {', '.join(orders)}")
         require(self.polish >= 0, "polish", self.polish, "0 and more")
 
-    def plane_waves(
-        self,
-        observation: Observation,
-        look: Look,
-        snapshots: Snapshots,
-        levels: Levels,
-        min_power: float,
-    ) -> PlaneWaves:
-        """Directions down to the noise in a look at resolved cells, and those of crowds in others."""
-        cells, plane = middle(snapshots), self.aperture(observation)
-        if look.resolved_only:
-            with stage("subspace"):
-                subspaces = self.subspaces(cells[:, None], levels.white)
-            waves = self.directions(observation, subspaces)
-            if self.polish:
-                with stage("refinement"):
-                    data = cells[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
-                    waves = resolve_directions(data, waves, levels.white, self.angle_pfa, self.polish)
-            unexplained = waves.unexplained(cells, plane)
-            resolved = unexplained < MOST_UNEXPLAINED * levels.white
-            resolved &= np.mean(np.abs(cells) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
-        else:
-            with stage("subspace"):
-                subspaces = self.subspaces(snapshots, levels.floor)
-            waves = self.crowd_directions(observation, subspaces)
-            resolved = np.zeros(len(cells), dtype=np.bool_)
-        power = np.abs(waves.amplitudes(cells[None], plane)[0]) ** 2
-        strongest = power.max(axis=1, keepdims=True, initial=0)
-        found = waves.found & (power > min_power)
-        found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
-        found &= (np.abs(waves.u) <= 1) & (np.abs(waves.w) <= 1) & (waves.u**2 + waves.w**2 <= 1)
-        if look.resolved_only:
-            found &= resolved[:, None]
-        return PlaneWaves(waves.u, waves.w, found, resolved)
+    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find directions down to the noise in a reading of resolved cells, and those of crowds in others.
 
-    def looks(self) -> tuple[Look, ...]:
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+            One row a cell.
+        """
+        with stage("peaks"):
+            if cells.reading.resolved_only:
+                waves = self.resolved_waves(observation, cells)
+            else:
+                waves = self.crowd_waves(observation, cells)
+            power = np.abs(waves.amplitudes(cells.own[None], self.aperture(observation))[0]) ** 2
+            strongest = power.max(axis=1, keepdims=True, initial=0)
+            found = waves.found & (power > cells.levels.min_power)
+            found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
+            found &= (np.abs(waves.u) <= 1) & (np.abs(waves.w) <= 1) & (waves.u**2 + waves.w**2 <= 1)
+            if cells.reading.resolved_only and waves.resolved is not None:
+                found &= waves.resolved[:, None]
+            return replace(waves, found=found)
+
+    def resolved_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find directions in cells whose sources can be told apart, by maximum likelihood in the end.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+            Resolved are the cells that it explains down to the noise.
+        """
+        white, snapshots = cells.levels.white, cells.own
+        with stage("subspace"):
+            subspaces = self.subspaces(snapshots[:, None], white)
+        waves = self.directions(observation, subspaces)
+        if self.polish:
+            with stage("refinement"):
+                data = snapshots[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
+                waves = resolve_directions(data, waves, white, self.angle_pfa, self.polish)
+        unexplained = waves.unexplained(snapshots, self.aperture(observation))
+        resolved = unexplained < MOST_LEFT_OF_CELL * white
+        resolved &= np.mean(np.abs(snapshots) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
+        return replace(waves, resolved=resolved)
+
+    def crowd_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find directions in cells that may hold more sources than can be told apart.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+        """
+        with stage("subspace"):
+            subspaces = self.subspaces(cells.snapshots, cells.levels.floor)
+        waves = self.crowd_directions(observation, subspaces)
+        return replace(waves, resolved=np.zeros(len(cells), dtype=np.bool_))
+
+    def readings(self) -> tuple[Reading, ...]:
         """Resolved cells first, then crowds: means of three range cells, then single cells."""
-        single = Look(self.range_window, self.doppler_window)
-        return replace(single, resolved_only=True), CROWD_LOOK, replace(single, one_doppler=True)
+        single = Reading(self.range_window, self.doppler_window)
+        return replace(single, resolved_only=True), CROWDS, replace(single, one_doppler=True)
 
-    def refine(
-        self, chosen: LocatedScatterers, gated: GatedMap, system: System, levels: Levels, min_power: float
-    ) -> LocatedScatterers:
-        """Refine in all coordinates where that explains the map; else fill in crowds first."""
+    def refine(self, rdm: ReadMap, levels: Levels, chosen: LocatedScatterers) -> LocatedScatterers:
+        """Refine in all coordinates where that explains the map; else fill in crowds first.
+
+        Parameters
+        ----------
+        rdm : ReadMap
+        levels : Levels
+        chosen : LocatedScatterers
+
+        Returns
+        -------
+        LocatedScatterers
+        """
+        gated, system = rdm.selection, rdm.observation.system
         least_noise = max(LEAST_NOISE * levels.floor, FIT_ROUNDING * float(chosen.power.max(initial=0.0)))
         explained = explain_map(chosen, gated, system, max(levels.white, least_noise))
         if explained is not None:
             return explained
         dynamic_range_db = max(INTERLEAVED_DYNAMIC_RANGE_DB, self.local_dynamic_range_db)
         for _ in range(INTERLEAVINGS):
-            dense = merge_duplicates(chosen.interleaved(INTERLEAVED_BINS))
-            chosen = select_jointly(dense, gated, system, min_power, dynamic_range_db)
-        return merge_duplicates(refine_jointly(chosen, gated, system))
+            dense = self.merge(chosen.interleaved(INTERLEAVED_BINS))
+            chosen = select_jointly(dense, gated, system, levels.min_power, dynamic_range_db)
+        return self.merge(refine_jointly(chosen, gated, system))
 
     @abstractmethod
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
@@ -227,10 +269,10 @@ class JointSubspaceEstimator(CellwiseEstimator):
             One row a cell.
         """
 
-    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
+    def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """Cuts of the array's power along u and along w through the strongest plane wave, in dB below it."""
-        waves = self.plane_waves(observation, self.looks()[-1], snapshots, levels, 0.0)
-        snapshot = middle(snapshots)
+        waves = self.all_waves(observation, cells)
+        snapshot = cells.own
         power = np.abs(waves.amplitudes(snapshot[None], self.aperture(observation))[0, 0])
         strongest = int(power.argmax())
         towards_u = steering(snapshot.shape[1], waves.u[0, strongest]).conj()
@@ -241,7 +283,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             line: NDArray[np.complex128],
             limits: tuple[float, float],
             places: NDArray[np.float64],
-            label: _Axis,
+            label: Literal["u", "w"],
         ) -> Spectrum:
             cosine = np.linspace(*limits, SPECTRUM_POINTS)
             power_db = 20 * np.log10(np.abs(steering(line.size, cosine).conj() @ line))
@@ -252,6 +294,10 @@ class JointSubspaceEstimator(CellwiseEstimator):
             cut(snapshot[0] @ towards_w, u_limits, waves.u, "u"),
             cut(towards_u @ snapshot[0], w_limits, waves.w, "w"),
         )
+
+    def all_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Plane waves of any power, which a diagnosis shows."""
+        return self.plane_waves(observation, replace(cells, levels=cells.levels._replace(min_power=0.0)))
 
     def subspaces(self, snapshots: Snapshots, noise: float) -> Subspaces:
         """Signal subspaces of snapshots (n, s, P, Q) in noise of a power per element."""

@@ -12,7 +12,7 @@ For every detected range-Doppler cell:
 3. The joint response of all elements that are read tells sources from ghosts
    among the intersections.
 
-What the cells show is then explained jointly (`isacbench_algorithms.cellwise`).
+What the cells show is then explained jointly (`isacbench_algorithms.chain`).
 
 Differences from the paper, each measured in ``docs/errata.md``: thresholds
 follow from P_fa; the order statistic of OSCA runs along Doppler; leakage of
@@ -41,8 +41,9 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.angles.eigenpairs import separated_order
+from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
 from isacbench.dsp.angles.line_subspaces import (
+    SMALLEST_NULL,
     line_eigenpairs,
     music_null_minima,
     music_null_spectrum,
@@ -61,13 +62,16 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.errors import require
 from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage
+from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
+from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
-from .cellwise import CellwiseEstimator, Levels, Look, Precision, Snapshots, middle
+from .cellwise import CellPrecision, CellwiseEstimator
+from .chain import CellSnapshots, Snapshots, detect, explain, locate, read_cells, read_map
 from .detectors import CaCfar
 
-__all__ = ["Music2d"]
+__all__ = ["Music2d", "MusicSpectra"]
 
 MIN_GRID_POINTS = 65
 """Samples that the default window of the spectrum's CFAR needs."""
@@ -75,16 +79,23 @@ MIN_GRID_POINTS = 65
 SINGLE_LINE_PFA = 1e-2
 """Chance that the noise of one line of sensors looks like another source; the pairing has yet to pass it."""
 
-SMALLEST_NULL = 1e-15
-"""Squared distance from the signal subspace, relative, below which there is only rounding."""
-
-
 POLE_OFFSET = 1 / 4
 """Samples between a source and the sample next to it that spectra make no difference of."""
 
 
-class _LineSpectra(NamedTuple):
-    """MUSIC spectra (n, g) of n cells along one direction cosine, their test, and the peaks that pass."""
+class MusicSpectra(NamedTuple):
+    """MUSIC spectra of n cells along one direction cosine, their test, and the peaks that pass.
+
+    Attributes
+    ----------
+    cosine : ndarray of float64, shape (g,)
+    spectra : ndarray of float64, shape (n, g)
+        1 in an empty direction.
+    detection : Detection
+        What the CFAR detector says of the spectra.
+    peaks : Peaks
+        Direction cosines of the peaks that pass.
+    """
 
     cosine: NDArray[np.float64]
     spectra: NDArray[np.float64]
@@ -121,7 +132,7 @@ class Music2d(CellwiseEstimator):
         Of peaks in a stack of spectra (cells, grid).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
 
     Raises
@@ -140,7 +151,7 @@ class Music2d(CellwiseEstimator):
     name: ClassVar[str] = "music2d"
     separable: ClassVar[bool] = True
 
-    precision: Precision = "single"
+    precision: CellPrecision = "single"
     subarray_fraction: float = 0.625
     grid_points: int = 201
     model_order: ModelOrder = "noise"
@@ -159,68 +170,114 @@ class Music2d(CellwiseEstimator):
         require(points >= MIN_GRID_POINTS, "grid_points", points, f"{MIN_GRID_POINTS} and more")
         require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
 
-    def plane_waves(
-        self,
-        observation: Observation,
-        look: Look,
-        snapshots: Snapshots,
-        levels: Levels,
-        min_power: float,
-    ) -> PlaneWaves:
-        """Pair the peaks of the row and the column spectra by the joint response of the array."""
-        along_u, along_w = self._line_spectra(observation, middle(snapshots), levels.floor)
-        return pair_directions(
-            middle(snapshots),
-            self.aperture(observation),
-            along_u.peaks,
-            along_w.peaks,
-            min_power,
-            self.dynamic_range_db,
-            self.max_sources,
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        PointCloud
+        """
+        rdm = read_map(observation, self)  # 2D-FFT
+        detected = detect(rdm, self)  # OSCA-CFAR
+        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        if not len(cells):
+            return PointCloud.empty()
+        waves = self.plane_waves(observation, cells)  # MUSIC along rows and columns, CA-CFAR, pairing
+        located = locate(cells, waves, self)  # range and velocity
+        candidates = self.merge(self.own_cell_test(located))
+        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        return self.to_cloud(rdm, found)
+
+    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Pair the peaks of the row and the column spectra by the joint response of the array.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+            One row a cell.
+        """
+        u_limits, w_limits = observation.cosine_limits
+        aperture, levels = self.aperture(observation), cells.levels
+        columns, rows = aperture.lines(cells.own.astype(self.dtype_in("subspace"), copy=False))
+        with stage("peaks"):
+            along_u = self.line_music(columns, u_limits, levels.floor)
+            along_w = self.line_music(rows, w_limits, levels.floor)
+            return pair_directions(
+                cells.own,
+                aperture,
+                along_u.peaks,
+                along_w.peaks,
+                levels.min_power,
+                self.dynamic_range_db,
+                self.max_sources,
+            )
+
+    def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
+        """MUSIC spectra of the first cell over u and over w."""
+        u_limits, w_limits = observation.cosine_limits
+        columns, rows = self.aperture(observation).lines(
+            cells.own.astype(self.dtype_in("subspace"), copy=False)
+        )
+        return (
+            self.line_music(columns, u_limits, cells.levels.floor).first("u"),
+            self.line_music(rows, w_limits, cells.levels.floor).first("w"),
         )
 
-    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
-        """MUSIC spectra of one cell over u and over w."""
-        along_u, along_w = self._line_spectra(observation, middle(snapshots), levels.floor)
-        return along_u.first("u"), along_w.first("w")
+    def line_music(self, lines: Snapshots, limits: Interval, noise: float) -> MusicSpectra:
+        """MUSIC along the sensors of lines: subspaces, spectra, their CFAR test, and peaks off the grid.
 
-    def _line_spectra(
-        self, observation: Observation, snapshots: Snapshots, noise: float
-    ) -> tuple[_LineSpectra, _LineSpectra]:
-        u_limits, w_limits = observation.cosine_limits
-        lines = snapshots.astype(self.dtype_in("subspace"), copy=False)
-        along_u, along_w = self.aperture(observation).lines(lines)
-        return self._music(along_u, u_limits, noise), self._music(along_w, w_limits, noise)
+        Parameters
+        ----------
+        lines : ndarray of complex, shape (n, sensors, snapshots)
+            Of n cells.
+        limits : (float, float)
+            Direction cosines that the region spans.
+        noise : float
+            Power per element.
 
-    def _music(self, lines: Snapshots, limits: tuple[float, float], noise: float) -> _LineSpectra:
-        """MUSIC along the sensors of lines (n, sensors, snapshots)."""
-        with stage("subspace"):
-            eigenvectors, order = self._subspaces(lines, noise)
-        n_subarray = eigenvectors.shape[1]
+        Returns
+        -------
+        MusicSpectra
+        """
+        n_subarray = max(2, round(self.subarray_fraction * lines.shape[1]))
         step = (limits[1] - limits[0]) / (self.grid_points - 1)
         cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
+        with stage("subspace"):
+            pairs = line_eigenpairs(lines, n_subarray)
+            order = self._order(pairs, lines.shape, noise)
         with stage("spectrum"):
-            null = music_null_spectrum(eigenvectors, order, real_steering(n_subarray, cosine))
+            null = music_null_spectrum(pairs.vectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)
         detection = self.spectrum_detector.detect(spectra)
         # A parabola fits a null, and not the pole that its reciprocal is.
         peaks = line_peaks(-null, cosine, order, detection.mask)
-        place = music_null_minima(eigenvectors, order, peaks.place, peaks.found, step)
-        return _LineSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
+        place = music_null_minima(pairs.vectors, order, peaks.place, peaks.found, step)
+        return MusicSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
 
-    def _subspaces(self, lines: Snapshots, noise: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Eigenvectors (n, L, L) of lines (n, sensors, snapshots), strongest first; how many are signal.
+    def _order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> NDArray[np.int64]:
+        """Dimension (n,) of the signal subspaces of lines (n, sensors, snapshots).
 
-        None where rounding has the choice among all of them.
+        0 where rounding has the choice among all eigenvectors.
         """
-        n_sensors, n_snapshots = lines.shape[1:]
-        n_subarray = max(2, round(self.subarray_fraction * n_sensors))
-        pairs = line_eigenpairs(lines, n_subarray)
+        _, n_sensors, n_snapshots = shape
+        n_subarray = pairs.vectors.shape[1]
         rounding = pairs.rounding[:, None]
         eigenvalues = np.maximum(pairs.values, rounding)
         if self.model_order == "noise":
-            largest_noise = noise * _largest_of_noise(n_sensors, n_snapshots, n_subarray)
-            order = noise_order(eigenvalues, np.maximum(largest_noise, rounding))
+            if n_snapshots > 1:
+                edge = noise_edge(n_subarray, 2 * n_snapshots)
+            else:  # the subarrays of one snapshot are not independent, and too few for the law of many
+                edge = smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)
+            order = noise_order(eigenvalues, np.maximum(noise * edge, rounding))
         elif self.model_order == "eigenvalue_cfar":
             order = eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
         else:
@@ -230,7 +287,7 @@ class Music2d(CellwiseEstimator):
         order = np.minimum(order, self.max_order)
         separated = separated_order(pairs.rotation, order)
         remark("unseparated", int(np.count_nonzero(separated < order)), order.size)
-        return pairs.vectors, separated
+        return separated
 
 
 def _sampled_null(n_subarray: int, step: float) -> float:
@@ -241,11 +298,3 @@ def _sampled_null(n_subarray: int, step: float) -> float:
     """
     offset = np.pi * POLE_OFFSET * step
     return float(max(offset**2 * (n_subarray**2 - 1) / 12, SMALLEST_NULL))
-
-
-def _largest_of_noise(n_sensors: int, n_snapshots: int, n_subarray: int) -> float:
-    """Largest eigenvalue, of a smoothed covariance, that noise of unit power is expected to have."""
-    if n_snapshots > 1:
-        return noise_edge(n_subarray, 2 * n_snapshots)
-    # The subarrays of one snapshot are not independent, and too few for the law of many.
-    return smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)

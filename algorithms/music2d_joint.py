@@ -13,7 +13,7 @@ For every detected range-Doppler cell:
 4. There, maximum likelihood on the whole snapshot refines the directions
    together. In crowds, the nulls are taken as they are.
 
-What the cells show is then explained jointly (`isacbench_algorithms.cellwise`).
+What the cells show is then explained jointly (`isacbench_algorithms.chain`).
 
 A CFAR over the spectrum, as the paper has one, is left out: the reciprocal of
 a null is no power of noise, and the order says how many nulls count.
@@ -21,7 +21,7 @@ a null is no power of noise, and the order says how many nulls count.
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them, g x h
 grid points and k sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the
 subspaces, n k h L (M + g) for the spectra, and n (k P Q + k³) a step of the
-refinement, in each of three looks; then m (15 P Q + m²) for m candidates.
+refinement, in each of three readings; then m (15 P Q + m²) for m candidates.
 
 Fails where the second eigenvalue drowns: two equal echoes in phase at the
 middle of the array and d Rayleigh cells apart leave one of about d⁴ / 20 of
@@ -43,13 +43,15 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
 from isacbench.dsp.angles.planar_subspaces import Nulls, null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.errors import require
+from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
-from .cellwise import Levels, Snapshots
+from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
 from .jointsubspace import JointSubspaceEstimator, Subspaces
 
 __all__ = ["Music2dJoint"]
@@ -60,9 +62,6 @@ SAMPLES_PER_LOBE = 16
 FIRST_SPLIT = 0.5
 """Rayleigh cells of the array between the parts of a split null, at first: sources much farther apart
 have nulls of their own, and from outside the refinement closes in on those nearer."""
-
-SMALLEST_NULL = 1e-15
-"""Squared distance from the signal subspace, relative, below which there is only rounding."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class Music2dJoint(JointSubspaceEstimator):
         See `isacbench_algorithms.jointsubspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
 
     Raises
@@ -101,6 +100,28 @@ class Music2dJoint(JointSubspaceEstimator):
         super().__post_init__()
         require(self.samples_per_lobe >= 4, "samples_per_lobe", self.samples_per_lobe, "4 and more")
 
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        PointCloud
+        """
+        rdm = read_map(observation, self)  # 2D-FFT
+        detected = detect(rdm, self)  # OSCA-CFAR
+        seen = []
+        for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
+            cells = read_cells(rdm, detected, reading)
+            waves = self.plane_waves(observation, cells)  # joint MUSIC, maximum likelihood in resolved cells
+            located = locate(cells, waves, self)  # range and velocity
+            seen.append(self.merge(self.own_cell_test(located)))
+        found = explain(rdm, detected.levels, seen, self)  # joint selection, one reading after the other; fit
+        return self.to_cloud(rdm, found)
+
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Nulls of the joint spectra, split where a cell has fewer than sources."""
         basis, order = subspaces
@@ -114,16 +135,15 @@ class Music2dJoint(JointSubspaceEstimator):
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
         return PlaneWaves(nulls.u, nulls.w, nulls.found)
 
-    def spectra(self, observation: Observation, snapshots: Snapshots, levels: Levels) -> tuple[Spectrum, ...]:
-        """Cuts of one cell's joint spectrum through its deepest null, in dB above an empty direction."""
-        basis, order = self.subspaces(snapshots, levels.white)
+    def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
+        """Cuts of the first cell's joint spectrum through its deepest null, in dB over an empty direction."""
+        basis, order = self.subspaces(cells.snapshots, cells.levels.white)
         n_sensors = basis.shape[1] * basis.shape[2]
         grid = self._grid(observation, basis.shape[1:3])
         nulls = null_minima(basis, *grid, order)
-        waves = self.plane_waves(observation, self.looks()[-1], snapshots, levels, 0.0)
+        waves = self.all_waves(observation, cells)
         if not nulls.found[0].any():
             return ()
-        u, w = grid
 
         def cut(
             cosine: NDArray[np.float64],
@@ -145,13 +165,13 @@ class Music2dJoint(JointSubspaceEstimator):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Samples over the directions that the region spans, and one beyond to either side."""
         u, w = (
-            _samples(limits, 4 / (n * self.samples_per_lobe))
+            _cosine_samples(limits, 4 / (n * self.samples_per_lobe))
             for limits, n in zip(observation.cosine_limits, subarray, strict=True)
         )
         return u, w
 
 
-def _samples(limits: tuple[float, float], widest: float) -> NDArray[np.float64]:
+def _cosine_samples(limits: tuple[float, float], widest: float) -> NDArray[np.float64]:
     """Equidistant samples at most so far apart, from one before the lower limit to one behind the upper."""
     n_steps = max(int(np.ceil((limits[1] - limits[0]) / widest)), 1)
     step = (limits[1] - limits[0]) / n_steps or widest

@@ -40,6 +40,7 @@ feature extraction", IEEE Trans. SP 44 (1996): RELAX.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import prod
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -118,7 +119,10 @@ MOVING_CELLS, PLACE_CELLS = 0.01, 2.0**-12
 """Move in a round from which an atom has not settled, and the lattice that it is put on then."""
 
 STEPS, LAST_STEPS = 2, 3
-"""Newton steps in a round, and in each of two at the end."""
+"""Newton steps in a round, and in each of the last ones."""
+
+LAST_ROUNDS = 2
+"""Rounds without moves at the end."""
 
 
 class _Atoms(NamedTuple):
@@ -139,6 +143,12 @@ class _Moves(NamedTuple):
     centres: Floats
     offsets: Floats
 
+    @classmethod
+    def none(cls) -> _Moves:
+        """No moves."""
+        places = np.empty((0, N_COORDINATES))
+        return cls(places, np.empty(0, dtype=np.int64), places, places)
+
     @property
     def number(self) -> int:
         return len(self.added) + len(self.split)
@@ -149,6 +159,42 @@ class _Moves(NamedTuple):
         kept[self.split] = False
         new = np.concatenate([self.centres - self.offsets, self.centres + self.offsets, self.added])
         return _Atoms(*(np.concatenate([old[kept], new]) for old in atoms))
+
+
+class _Seen(NamedTuple):
+    """An observation through beams, and the amplitude that is 1 there."""
+
+    observation: Observation
+    space: BeamSpace
+    white: float
+    unit: float
+
+
+class _Noise(NamedTuple):
+    """Noise of an element, threshold of a new atom's energy, and the highest that noise has off the grid."""
+
+    power: float
+    threshold: float
+    highest: float
+
+
+class _Pursued(NamedTuple):
+    """Atoms, their fit if there are any, and the places (n, 4) of new atoms and of splits that failed."""
+
+    atoms: _Atoms
+    fit: AtomFit | None
+    hopeless: Floats
+    unsplit: Floats
+
+    @classmethod
+    def nothing(cls) -> _Pursued:
+        """No atoms."""
+        places = np.empty((0, N_COORDINATES))
+        return cls(_Atoms(places, places), None, places, places)
+
+    @property
+    def number(self) -> int:
+        return len(self.atoms.places)
 
 
 @dataclass(frozen=True)
@@ -208,100 +254,75 @@ class Nomp4d:
         -------
         PointCloud
         """
-        with stage("rdm"):
-            exponent = amplitude_exponent(observation.cells)
-            gated = GatedMap.of(observation, in_unit(observation.cells, exponent))
-            atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
-        with stage("detection"):
-            noise = white_noise(gated)
-        fit = self._pursue(atom_map, observation, noise)
-        if fit is None:
-            return PointCloud.empty()
-        with stage("peaks"):
-            range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
-            unit_power = fit.power / (gated.n_elements * observation.system.processing_gain)
-            unit = float(np.ldexp(1.0, exponent))
-            unit_power *= unit
-            unit_power *= unit
-            return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
-
-    def _pursue(self, atom_map: AtomMap, observation: Observation, noise: float) -> AtomFit | None:
-        """Make moves until none is left, then refine; None where nothing was found."""
-        with stage("spectrum"):
-            space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
-        level = noise * np.log(space.n_independent / self.pfa)
-        least = noise * noise_maximum(space.n_independent, self.pfa)
-        atoms = _Atoms(np.empty((0, N_COORDINATES)), np.empty((0, N_COORDINATES)))
-        fit: AtomFit | None = None
-        hopeless = unsplit = np.empty((0, N_COORDINATES))
+        seen = _read_beams(observation)  # 2D-FFT, beams towards the region
+        noise = _noise_levels(seen, self.pfa)  # of Doppler bins that no speed of the region reaches
+        pursued = _Pursued.nothing()
         for n_rounds in range(self.max_rounds):
-            with stage("spectrum"):
-                residual = space.residual(fit)
-            if n_rounds == ROUNDS_TO_EXPLAIN and _mostly_unexplained(space, residual, least):
+            residual = _residual(seen, pursued)
+            if n_rounds == ROUNDS_TO_EXPLAIN and _mostly_unexplained(seen.space, residual, noise.highest):
                 break
-            with stage("peaks"):
-                atoms = _released(space, residual, atoms, fit, noise)
-                moves = self._moves(space, residual, fit, level, observation.gate, hopeless, unsplit)
+            moves = self._moves(seen, residual, pursued, noise)  # new atoms, and atoms that become two
             if not moves.number:
                 break
-            before = atoms
-            with stage("refinement"):
-                atoms, fit = self._settle(atom_map, observation.gate, moves.made(atoms), STEPS, least, noise)
-            unsplit = np.concatenate([unsplit, moves.centres[~_is_pair(moves.centres, atoms.places)]])
-            if len(before.places) + moves.number >= self.max_scatterers:
+            n_sought = pursued.number + moves.number
+            pursued = self._pursue(seen, residual, pursued, moves, noise)  # joint Newton steps, pruning
+            if n_sought >= self.max_scatterers:
                 break
-            if len(atoms.places) == len(before.places) and not _is_pair(moves.centres, atoms.places).any():
-                hopeless = np.concatenate([hopeless, moves.added])
-        for _ in range(2):
-            with stage("spectrum"):
-                residual = space.residual(fit)
-            with stage("refinement"):
-                atoms = _released(space, residual, atoms, fit, noise)
-                atoms, fit = self._settle(atom_map, observation.gate, atoms, LAST_STEPS, least, noise)
-        return fit
+        for _ in range(LAST_ROUNDS):
+            pursued = self._pursue(seen, _residual(seen, pursued), pursued, _Moves.none(), noise)
+        return _to_cloud(seen, pursued)
 
-    def _moves(
-        self,
-        space: BeamSpace,
-        residual: Complex,
-        fit: AtomFit | None,
-        level: float,
-        gate: Gate,
-        hopeless: Floats,
-        unsplit: Floats,
-    ) -> _Moves:
+    def _pursue(
+        self, seen: _Seen, residual: Complex, pursued: _Pursued, moves: _Moves, noise: _Noise
+    ) -> _Pursued:
+        """Make the moves of a round, or none, settle all atoms, and remember the moves that failed."""
+        with stage("refinement"):
+            n_steps = STEPS if moves.number else LAST_STEPS
+            start = moves.made(_released(seen.space, residual, pursued.atoms, pursued.fit, noise.power))
+            atoms, fit = self._settle(seen.space.atom_map, seen.observation.gate, start, n_steps, noise)
+            is_pair = _is_pair(moves.centres, atoms.places)
+            unsplit = np.concatenate([pursued.unsplit, moves.centres[~is_pair]])
+            hopeless = pursued.hopeless
+            if len(atoms.places) == pursued.number and not is_pair.any():
+                hopeless = np.concatenate([hopeless, moves.added])
+            return _Pursued(atoms, fit, hopeless, unsplit)
+
+    def _moves(self, seen: _Seen, residual: Complex, pursued: _Pursued, noise: _Noise) -> _Moves:
         """Best moves, one in a neighbourhood, none of those that failed."""
-        places, gain = space.peaks(residual, level)
-        eligible = _reachable(places, gate) & ~_near(places, hopeless, HOPELESS_CELLS)
-        if fit is not None:
-            eligible &= gain > self._weakest(strongest_around(places, fit, space.atom_map.bursts))
-        order = descending(gain)
-        movable = eligible[order]
-        bursts = space.atom_map.bursts
-        left = _no_images(places, gain, order[movable], order[~movable], bursts)[:MOST_LEFT]
-        clear = _clear_of_sidelobes(places, gain, order[movable], left, bursts)
-        places, gain = places[clear], gain[clear]
-        n_new = len(places)
-        offsets = np.zeros_like(places)
-        if fit is not None:
-            around = space.mean_around(residual, fit.places)
-            splits = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * level)
-            allowed = ~_near(fit.places, unsplit, TABOO_CELLS)
-            places = np.concatenate([places, fit.places])
-            offsets = np.concatenate([offsets, splits.offsets])
-            gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
-        room = max(self.max_scatterers - (0 if fit is None else len(fit)), 0)
-        chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map, room)
-        split = chosen[chosen >= n_new]
-        return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
+        space, fit = seen.space, pursued.fit
+        with stage("peaks"):
+            places, gain = space.peaks(residual, noise.threshold)
+            eligible = _reachable(places, seen.observation.gate)
+            eligible &= ~_near(places, pursued.hopeless, HOPELESS_CELLS)
+            if fit is not None:
+                eligible &= gain > self._weakest(strongest_around(places, fit, space.atom_map.bursts))
+            order = descending(gain)
+            movable = eligible[order]
+            bursts = space.atom_map.bursts
+            left = _no_images(places, gain, order[movable], order[~movable], bursts)[:MOST_LEFT]
+            clear = _clear_of_sidelobes(places, gain, order[movable], left, bursts)
+            places, gain = places[clear], gain[clear]
+            n_new = len(places)
+            offsets = np.zeros_like(places)
+            if fit is not None:
+                around = space.mean_around(residual, fit.places)
+                splits = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * noise.threshold)
+                allowed = ~_near(fit.places, pursued.unsplit, TABOO_CELLS)
+                places = np.concatenate([places, fit.places])
+                offsets = np.concatenate([offsets, splits.offsets])
+                gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
+            room = max(self.max_scatterers - (0 if fit is None else len(fit)), 0)
+            chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map, room)
+            split = chosen[chosen >= n_new]
+            return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 
     def _settle(
-        self, atom_map: AtomMap, gate: Gate, atoms: _Atoms, n_steps: int, least: float, noise: float
+        self, atom_map: AtomMap, gate: Gate, atoms: _Atoms, n_steps: int, noise: _Noise
     ) -> tuple[_Atoms, AtomFit | None]:
         """Move all atoms, each in its box, and drop those that explain nothing of their own."""
         if not len(atoms.places):
             return atoms, None
-        atoms = _at_best_lobes(atom_map, gate, atoms)
+        atoms = _atoms_at_best_lobes(atom_map, gate, atoms)
         fit = refine_atoms(atom_map, atoms.places, n_steps)
         kept = _without_last_digits(fit.places, atoms.places)
         boxed = np.clip(kept, atoms.origins - BOX_CELLS, atoms.origins + BOX_CELLS)
@@ -310,10 +331,10 @@ class Nomp4d:
         while True:
             places = fit.places
             strongest = strongest_around(places, fit, atom_map.bursts)
-            weak = fit.power < np.maximum(least, self._weakest(strongest))
+            weak = fit.power < np.maximum(noise.highest, self._weakest(strongest))
             weak |= np.any(np.abs(places[:, 2:] * atom_map.cell_size[2:]) > 1, axis=1)
             if not weak.any():
-                weak, places = redundant(fit, noise)
+                weak, places = redundant(fit, noise.power)
             atoms = _Atoms(places, atoms.origins).select(~weak)
             if not len(atoms.places):
                 return atoms, None
@@ -326,6 +347,46 @@ class Nomp4d:
         return strongest * 10 ** (-self.local_dynamic_range_db / 10)
 
 
+def _read_beams(observation: Observation) -> _Seen:
+    """Read the range-Doppler map, and look at it through beams towards the region's directions."""
+    with stage("rdm"):
+        exponent = amplitude_exponent(observation.cells)
+        gated = GatedMap.of(observation, in_unit(observation.cells, exponent))
+        atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
+    with stage("detection"):
+        white = white_noise(gated)
+    with stage("spectrum"):
+        space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
+    return _Seen(observation, space, white, float(np.ldexp(1.0, exponent)))
+
+
+def _noise_levels(seen: _Seen, pfa: float) -> _Noise:
+    """Levels that noise alone exceeds in a share `pfa` of the images."""
+    n_independent = seen.space.n_independent
+    return _Noise(
+        seen.white, seen.white * np.log(n_independent / pfa), seen.white * noise_maximum(n_independent, pfa)
+    )
+
+
+def _residual(seen: _Seen, pursued: _Pursued) -> Complex:
+    """Outputs of the beams less the echoes of all atoms."""
+    with stage("spectrum"):
+        return seen.space.residual(pursued.fit)
+
+
+def _to_cloud(seen: _Seen, pursued: _Pursued) -> PointCloud:
+    """Points at the places of the atoms, with their powers."""
+    fit, observation = pursued.fit, seen.observation
+    if fit is None:
+        return PointCloud.empty()
+    with stage("peaks"):
+        range_bin, doppler_bin, u, w = (fit.places * seen.space.atom_map.cell_size).T
+        n_elements = prod(observation.array.shape)
+        # Unit by unit: its square may overflow where the power does not.
+        unit_power = fit.power / (n_elements * observation.system.processing_gain) * seen.unit * seen.unit
+        return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
+
+
 def _without_last_digits(places: Floats, starts: Floats) -> Floats:
     """Places (n, 4), of atoms that still move without the digits that rounding would decide.
 
@@ -336,7 +397,7 @@ def _without_last_digits(places: Floats, starts: Floats) -> Floats:
     return np.where(moves, np.rint(places / PLACE_CELLS) * PLACE_CELLS, places)
 
 
-def _at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:
+def _atoms_at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:
     """Atoms, and their boxes, at those of their grating lobes where the map shows them most."""
     if atom_map.bursts.is_whole_frame:
         return atoms

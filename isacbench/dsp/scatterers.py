@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.stable_order import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin
 
-__all__ = ["LocatedScatterers", "locate", "merge_duplicates"]
+__all__ = ["Located", "LocatedScatterers", "locate_waves", "merge_duplicates"]
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +68,14 @@ class LocatedScatterers:
 
     def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> LocatedScatterers:
         """Those that a mask or an index array picks."""
-        return LocatedScatterers(*(values[keep] for values in self._columns()))
+        return LocatedScatterers(
+            self.range_bin[keep],
+            self.doppler_bin[keep],
+            self.u[keep],
+            self.w[keep],
+            self.power[keep],
+            self.family[keep],
+        )
 
     @property
     def next_family(self) -> int:
@@ -76,9 +83,16 @@ class LocatedScatterers:
         return int(self.family.max(initial=-1)) + 1
 
     def join(self, others: LocatedScatterers) -> LocatedScatterers:
-        """These and others behind them."""
-        pairs = zip(self._columns(), others._columns(), strict=True)
-        return LocatedScatterers(*(np.concatenate(pair) for pair in pairs))
+        """These and others behind them, whose families are numbered on from these."""
+        family = np.where(others.family >= 0, others.family + self.next_family, -1)
+        return LocatedScatterers(
+            np.concatenate([self.range_bin, others.range_bin]),
+            np.concatenate([self.doppler_bin, others.doppler_bin]),
+            np.concatenate([self.u, others.u]),
+            np.concatenate([self.w, others.w]),
+            np.concatenate([self.power, others.power]),
+            np.concatenate([self.family, family]),
+        )
 
     def interleaved(self, step_bins: float) -> LocatedScatterers:
         """These, and behind them candidates without power a step nearer and a step farther than each.
@@ -97,20 +111,57 @@ class LocatedScatterers:
         ]
         return self.join(shifted[0]).join(shifted[1])
 
-    def _columns(self) -> tuple[NDArray[Any], ...]:
-        return tuple(getattr(self, field.name) for field in fields(self))
+
+class Located(NamedTuple):
+    """Scatterers at the places of plane waves, and how strong they are in the cells around.
+
+    Attributes
+    ----------
+    scatterers : LocatedScatterers
+        n of them.
+    along_range : ndarray of float64, shape (n, 3)
+        Amplitude in the next nearer range cell, in their own, and in the next
+        farther one.
+    along_doppler : ndarray of float64, shape (n, 3)
+        Amplitude in the next slower Doppler cell, in their own, and in the next
+        faster one.
+    """
+
+    scatterers: LocatedScatterers
+    along_range: Floats
+    along_doppler: Floats
+
+    def at_home(self, range_excess: float, doppler_excess: float) -> LocatedScatterers:
+        """Scatterers that pass the own-cell test.
+
+        Parameters
+        ----------
+        range_excess, doppler_excess : float
+            How much stronger than in its own cell a plane wave may be in the
+            next one, along range and along Doppler. 1 keeps local maxima only,
+            which breaks up lines of scatterers.
+
+        Returns
+        -------
+        LocatedScatterers
+        """
+        nearer, own, farther = self.along_range.T
+        slower, _, faster = self.along_doppler.T
+        # Halfway between two cells an echo is at home in both, not in neither.
+        level = (1 + 10.0**-TIE_DIGITS) * own
+        home = np.maximum(farther, nearer) <= range_excess * level
+        home &= np.maximum(faster, slower) <= doppler_excess * level
+        return self.scatterers.select(home)
 
 
-def locate(
+def locate_waves(
     waves: PlaneWaves,
     tapered: GatedMap,
     bins: Bins,
     windows: tuple[Window, Window],
-    own_cell_excess: tuple[float, float],
     dynamic_range_db: float,
-    first_family: int = 0,
     one_doppler: bool = False,
-) -> LocatedScatterers:
+) -> Located:
     """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
 
     The amplitudes in two neighbouring bins place a scatterer between them.
@@ -128,51 +179,47 @@ def locate(
         map's edge.
     windows : (Window, Window)
         That the map is tapered with along range and along Doppler.
-    own_cell_excess : (float, float)
-        Own-cell test: how much stronger than in its own cell a plane wave
-        may be in the next one, along range and along Doppler. 1 keeps local
-        maxima only, which breaks up lines of scatterers.
     dynamic_range_db : float
         How far below the strongest plane wave of the 5 x 5 cells around it
         another may lie.
-    first_family : int, default 0
-        Family of the first cell.
     one_doppler : bool, default False
         Whether a plane wave must look like one echo along Doppler. One
         between two movers, which the direction of neither fits, does not.
 
     Returns
     -------
-    Scatterers
+    Located
     """
     rows, columns = index = tapered.index(bins)
     steps = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
     snapshots = np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
     amplitudes = waves.amplitudes(snapshots, tapered.aperture)
-    own, farther, nearer, faster, slower = np.abs(amplitudes)
-    weakest = _strongest_nearby(own, index, tapered.gate.shape) * 10 ** (-dynamic_range_db / 20)
-    kept = waves.found & (own > 0) & (own >= weakest)
-    # Halfway between two cells an echo is at home in both, not in neither.
-    level = (1 + 10.0**-TIE_DIGITS) * own
-    kept &= np.maximum(farther, nearer) <= own_cell_excess[0] * level
-    kept &= np.maximum(faster, slower) <= own_cell_excess[1] * level
+    levels = np.abs(amplitudes)
+    strongest = np.zeros(tapered.gate.shape)
+    strongest[index] = levels[0].max(axis=1, initial=0)
+    weakest = maximum_filter(strongest, size=5)[index][:, None] * 10 ** (-dynamic_range_db / 20)
+    kept = waves.found & (levels[0] > 0) & (levels[0] >= weakest)
     if one_doppler:
+        own, _, _, faster, slower = levels
         profile = np.stack([amplitudes[4], amplitudes[0], amplitudes[3]], axis=-1)
         kept &= _is_one_echo(profile, _offset(own, faster, slower, windows[1]), windows[1])
-    range_offset = _offset(own[kept], farther[kept], nearer[kept], windows[0])
+    own, farther, nearer, faster, slower = levels[:, kept]
+    range_offset = _offset(own, farther, nearer, windows[0])
     profile = np.stack([amplitudes[2][kept], amplitudes[0][kept], amplitudes[1][kept]], axis=-1)
     range_offset[~_is_one_echo(profile, range_offset, windows[0])] = 0
-    family = np.full(len(own), -1)
-    if waves.resolved is not None:
-        family[waves.resolved] = first_family + np.flatnonzero(waves.resolved)
-    doppler_offset = _doppler_offset(own[kept], faster[kept], slower[kept], windows[1], tapered.bursts)
-    return LocatedScatterers(
-        np.broadcast_to(bins[0][:, None], own.shape)[kept] + range_offset,
-        np.broadcast_to(bins[1][:, None], own.shape)[kept] + doppler_offset,
+    doppler_offset = _doppler_offset(own, faster, slower, windows[1], tapered.bursts)
+    resolved = np.zeros(len(kept), dtype=np.bool_) if waves.resolved is None else waves.resolved
+    cell = np.nonzero(kept)[0]
+    scatterers = LocatedScatterers(
+        bins[0][cell] + range_offset,
+        bins[1][cell] + doppler_offset,
         waves.u[kept],
         waves.w[kept],
-        own[kept] ** 2,
-        np.broadcast_to(family[:, None], own.shape)[kept],
+        own**2,
+        np.where(resolved[cell], cell, -1),
+    )
+    return Located(
+        scatterers, np.stack([nearer, own, farther], axis=1), np.stack([slower, own, faster], axis=1)
     )
 
 
@@ -200,14 +247,6 @@ def _is_one_echo(profile: NDArray[np.complex128], offset: Floats, window: Window
     energy = np.sum(np.abs(model) ** 2, axis=-1) * np.sum(np.abs(profile) ** 2, axis=-1)
     one: NDArray[np.bool_] = explained >= ONE_ECHO * energy
     return one
-
-
-def _strongest_nearby(amplitude: Floats, index: Bins, shape: tuple[int, int]) -> Floats:
-    """Strongest amplitude of each cell's 5 x 5 neighbourhood, shape (n, 1)."""
-    strongest = np.zeros(shape)
-    strongest[index] = amplitude.max(axis=1, initial=0)
-    nearby: Floats = maximum_filter(strongest, size=5)[index]
-    return nearby[:, None]
 
 
 def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:

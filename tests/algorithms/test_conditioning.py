@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from isacbench_algorithms.cellwise import Levels
+from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
@@ -141,10 +141,11 @@ def test_an_element_that_answers_alone_has_no_direction_and_says_so(method):
     # Two equal eigenvalues, between which an order of one cuts.
     snapshots = np.zeros((1, 1, 8, 8), dtype=np.complex128)
     snapshots[0, 0, 0, 0] = 1
-    levels = Levels(1e-30, 1e-3)
+    levels = Levels(1e-30, 1e-3, 1e-12)
     one = method(max_order=1, subarray_fraction=1.0) if method is Music2d else method(max_sources=1)
     with Remarks() as remarks:
-        waves = one.plane_waves(observe([FIRST], (8, 8)), one.looks()[-1], snapshots, levels, 1e-12)
+        cells = CellSnapshots(one.readings()[-1], None, None, snapshots, levels)
+        waves = one.plane_waves(observe([FIRST], (8, 8)), cells)
     assert not waves.found.any()
     assert remarks.counts["unseparated"].n == remarks.counts["unseparated"].of > 0
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from isacbench_algorithms.cellwise import Levels
+from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
@@ -31,9 +31,9 @@ BASE_M = np.array([15.0, 100.0, 20.0])
 XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0]])
 VELOCITY = np.array([0.0, 13.3, -8.1, 20.0])
 RAYLEIGH = 2 / 16
-RESOLVED, CROWD, SINGLE = Esprit2d().looks()
+RESOLVED, CROWD, SINGLE = Esprit2d().readings()
 # A cell is resolved only where it stands 18 dB above the noise of an element, 42 dB after 256 of them.
-LOOKS = pytest.mark.parametrize(("look", "gain_db"), [(RESOLVED, 45.0), (CROWD, 40.0), (SINGLE, 40.0)])
+READINGS = pytest.mark.parametrize(("reading", "gain_db"), [(RESOLVED, 45.0), (CROWD, 40.0), (SINGLE, 40.0)])
 
 
 def simulator(region=REGION, xyz=XYZ, velocity=VELOCITY, elements=(8, 8)):
@@ -66,7 +66,13 @@ def noise(n, n_p=16, n_q=16, seed=0):
     return (rng.standard_normal((n, n_p, n_q)) + 1j * rng.standard_normal((n, n_p, n_q))) / np.sqrt(2)
 
 
-def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), seed=0, look=RESOLVED):
+def waves_in(estimator, reading, snapshots, levels):
+    """Waves found in snapshots (n, s, P, Q), as one reading takes them."""
+    cells = CellSnapshots(reading, None, None, snapshots, levels)
+    return estimator.plane_waves(everywhere(*snapshots.shape[2:]), cells)
+
+
+def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), seed=0, reading=RESOLVED):
     """Waves found in n snapshots of equal ones: phases at the middle, gain after all elements."""
     n_p, n_q = shape
     u, w = np.array(u), np.array(w)
@@ -77,8 +83,10 @@ def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), 
     # Strongest cells 28 dB above the floor, as a detector has it.
     floor = max(1.0, np.mean(np.abs(clean) ** 2) * 10**-2.8)
     min_power = -np.log(estimator.angle_pfa) * floor / (n_p * n_q)
-    snapshots = (clean + noise(n * look.range_cells, n_p, n_q, seed)).reshape(n, look.range_cells, n_p, n_q)
-    return estimator.plane_waves(everywhere(n_p, n_q), look, snapshots, Levels(1.0, floor), min_power)
+    snapshots = (clean + noise(n * reading.range_cells, n_p, n_q, seed)).reshape(
+        n, reading.range_cells, n_p, n_q
+    )
+    return waves_in(estimator, reading, snapshots, Levels(1.0, floor, min_power))
 
 
 def misses(waves, u, w, tolerance):
@@ -144,14 +152,14 @@ def test_coherent_sources_are_found_without_ghosts(estimator, u, w, opposite):
 
 
 @pytest.mark.parametrize("place", [(0.98, 0.05), (-0.98, 0.05), (0.05, 0.98)])
-@LOOKS
-def test_esprit_needs_no_margin_at_the_edge_of_the_visible_region(place, look, gain_db):
-    waves = plane_waves(Esprit2d(), [place[0]], [place[1]], gain_db=gain_db, n=20, look=look)
+@READINGS
+def test_esprit_needs_no_margin_at_the_edge_of_the_visible_region(place, reading, gain_db):
+    waves = plane_waves(Esprit2d(), [place[0]], [place[1]], gain_db=gain_db, n=20, reading=reading)
     assert misses(waves, [place[0]], [place[1]], 0.01) == 0
 
 
 @BOTH
-@LOOKS
+@READINGS
 @settings(deadline=None, max_examples=8)
 @given(
     shift=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
@@ -159,29 +167,29 @@ def test_esprit_needs_no_margin_at_the_edge_of_the_visible_region(place, look, g
     phase=st.floats(0, 2 * np.pi),
 )
 def test_directions_follow_a_shift_and_not_the_order_of_sources(
-    estimator, look, gain_db, shift, distance, phase
+    estimator, reading, gain_db, shift, distance, phase
 ):
     u, w = np.array([0.0, distance[0]]), np.array([0.0, distance[1]])
     for order in (slice(None), slice(None, None, -1)):
         places = (u + shift[0])[order], (w + shift[1])[order]
-        waves = plane_waves(estimator(), *places, np.array([0, phase])[order], gain_db, look=look)
+        waves = plane_waves(estimator(), *places, np.array([0, phase])[order], gain_db, reading=reading)
         assert misses(waves, u + shift[0], w + shift[1], 0.01) == 0
 
 
 @BOTH
-@pytest.mark.parametrize("look", [RESOLVED, CROWD, SINGLE])
+@pytest.mark.parametrize("reading", [RESOLVED, CROWD, SINGLE])
 @pytest.mark.parametrize("model_order", ["noise", "mdl", "aic"])
-def test_every_order_finds_strong_separate_sources(estimator, model_order, look):
+def test_every_order_finds_strong_separate_sources(estimator, model_order, reading):
     u, w = [-0.5, 0.0, 0.5], [0.3, -0.4, 0.1]
-    waves = plane_waves(estimator(model_order=model_order), u, w, [0, 1, 2], n=20, look=look)
+    waves = plane_waves(estimator(model_order=model_order), u, w, [0, 1, 2], n=20, reading=reading)
     assert misses(waves, u, w, 0.01) == 0
 
 
 @BOTH
-@LOOKS
-def test_the_eigenvalue_cfar_finds_the_strongest_of_them(estimator, look, gain_db):
+@READINGS
+def test_the_eigenvalue_cfar_finds_the_strongest_of_them(estimator, reading, gain_db):
     waves = plane_waves(
-        estimator(model_order="eigenvalue_cfar"), [0.3], [-0.2], gain_db=gain_db, n=10, look=look
+        estimator(model_order="eigenvalue_cfar"), [0.3], [-0.2], gain_db=gain_db, n=10, reading=reading
     )
     assert misses(waves, [0.3], [-0.2], 0.01) == 0
 
@@ -205,19 +213,19 @@ def test_small_arrays_serve_and_orders_stay_within_what_they_can_tell(estimator,
 @pytest.mark.parametrize("polish", [0, 10])
 def test_no_cells_and_one_cell(estimator, polish):
     method = estimator(polish=polish)
-    for look in method.looks():
-        none = noise(0).reshape(0, look.range_cells, 16, 16)
-        assert len(method.plane_waves(everywhere(), look, none, Levels(1.0, 1.0), 0.1).found) == 0
-        waves = plane_waves(method, [0.3], [-0.2], look=look)
+    for reading in method.readings():
+        none = noise(0).reshape(0, reading.range_cells, 16, 16)
+        assert len(waves_in(method, reading, none, Levels(1.0, 1.0, 0.1)).found) == 0
+        waves = plane_waves(method, [0.3], [-0.2], reading=reading)
         assert misses(waves, [0.3], [-0.2], 0.01) == 0
 
 
 @BOTH
 def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
     method = estimator()
-    for look in method.looks():
-        snapshots = noise(100 * look.range_cells).reshape(100, look.range_cells, 16, 16)
-        waves = method.plane_waves(everywhere(), look, snapshots, Levels(1.0, 1.0), -np.log(1e-5) / 256)
+    for reading in method.readings():
+        snapshots = noise(100 * reading.range_cells).reshape(100, reading.range_cells, 16, 16)
+        waves = waves_in(method, reading, snapshots, Levels(1.0, 1.0, -np.log(1e-5) / 256))
         assert waves.found.sum() <= 3
 
 

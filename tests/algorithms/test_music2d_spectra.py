@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from isacbench_algorithms.cellwise import Levels
+from isacbench_algorithms.chain import CellSnapshots, Levels, Reading
 from isacbench_algorithms.music2d import Music2d
 from scipy.optimize import minimize_scalar
 
@@ -119,7 +119,10 @@ def distance_deg(some, others):
 
 def spectra_of(observation, snapshot, noise):
     """Spectra of one cell along u and along w."""
-    return Music2d().spectra(observation, snapshot[None, None], Levels(noise, noise))
+    cells = CellSnapshots(
+        Reading("rect", "soft"), None, None, snapshot[None, None], Levels(noise, noise, 0.0)
+    )
+    return Music2d().spectra(observation, cells)
 
 
 def margin_db(spectrum, places):

@@ -75,9 +75,9 @@ def test_every_stage_reads_cells_in_the_precision_it_declares(estimator, monkeyp
     seen = {}
     plane_waves = estimator.plane_waves
 
-    def spied(self, observed, look, snapshots, *others):
-        seen["directions"] = snapshots.dtype
-        return plane_waves(self, observed, look, snapshots, *others)
+    def spied(self, observed, cells):
+        seen["directions"] = cells.snapshots.dtype
+        return plane_waves(self, observed, cells)
 
     monkeypatch.setattr(estimator, "plane_waves", spied)
     for precision in ("single", "double"):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from isacbench_algorithms.cellwise import Levels
+from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
@@ -41,13 +41,13 @@ def test_angles_of_detected_cells_are_those_of_all_cells_selected(crowd, estimat
     gated = GatedMap(crowd.cells, crowd.gate)
     detector = estimator.cell_detector()
     detected = detect_cells(gated.tapered("hann", "hann"), detector, "noncoherent", DYNAMIC_RANGE_DB)
-    levels = Levels(detected.floor, detected.floor)
-    # The first look reads single cells.
-    look = estimator.looks()[0]
-    tapered = gated.tapered(look.range_window, look.doppler_window)
+    levels = Levels(detected.floor, detected.floor, 0.0)
+    # The first reading takes single cells.
+    reading = estimator.readings()[0]
+    tapered = gated.tapered(reading.range_window, reading.doppler_window)
 
     def waves_of(snapshots):
-        return estimator.plane_waves(crowd, look, snapshots[:, None], levels, 0.0)
+        return estimator.plane_waves(crowd, CellSnapshots(reading, None, None, snapshots[:, None], levels))
 
     rows, columns = tapered.index(detected.bins)
     alone = waves_of(tapered.cells[rows, columns])

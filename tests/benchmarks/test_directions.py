@@ -1,6 +1,7 @@
 """What the directions of all detected cells cost, step by step."""
 
 import numpy as np
+from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
@@ -59,10 +60,9 @@ def angle_power(scene):
 
 
 def test_angle_fft(benchmark, scene):
-    estimator, levels = Fft4d(), None
-    look = estimator.looks()[0]
-    snapshots = scene.snapshots[:, None]
-    waves = benchmark(estimator.plane_waves, scene.observation, look, snapshots, levels, 0.0)
+    estimator, levels = Fft4d(), Levels(0.0, 0.0, 0.0)
+    cells = CellSnapshots(estimator.readings()[0], None, None, scene.snapshots[:, None], levels)
+    waves = benchmark(estimator.plane_waves, scene.observation, cells)
     assert waves.found.any(axis=1).mean() > 0.5
 
 

@@ -1,11 +1,15 @@
 """One test a row of the errata table: what the paper prints is wrong as said, and what is done instead."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from isacbench_algorithms.detectors import CaCfar, OscaCfar
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 
+from isacbench.bench.suites.suite import load_suite
 from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steering, smoothed_covariance
 from isacbench.dsp.angles.model_order import eigenvalue_cfar_order, noise_order
 from isacbench.dsp.cfar.factors import ca_factor, ca_rate, osca_factor, osca_rate, paper_factor
@@ -20,7 +24,9 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.registry import build_estimator
 
+DOCS = Path(__file__).parent.parent / "docs"
 BASE_M = np.array([0.0, 100.0, 0.0])
 SYSTEM = System(n_subcarriers=256, n_symbols=64, coherent_phase=False)
 
@@ -173,6 +179,43 @@ def test_row_times_column_spectrum():
     cloud = Music2d().estimate(simulator.observe(20.0))
     assert len(cloud) == 3
     np.testing.assert_allclose(np.sort(cloud.xyz[:, 0]), scenario.scatterers.xyz[:, 0], atol=0.5)
+
+
+def test_points_of_the_image():
+    # Half a bin between the cells, so that both of them show it in either dimension.
+    scenario = scene([18.5, 26.5], [1.0, -3.0], [0.1, 0.1], [0.1, 0.2], [1.0, 1.0])
+    observation = Simulator(scenario).observe(20.0)
+
+    class AsPrinted(Music2d):
+        def own_cell_test(self, located):
+            return located.scatterers
+
+        def merge(self, scatterers):
+            return scatterers
+
+    assert len(AsPrinted(explain="none").estimate(observation)) > 2
+    assert len(Music2d().estimate(observation)) == 2
+
+
+def test_the_paper_as_printed():
+    suite = load_suite("printed")
+    printed = build_estimator(suite.estimators[0])
+    assert (printed.name, printed.detector) == ("music2d", OscaCfar(threshold="paper"))
+    assert (printed.integration, printed.model_order, printed.explain) == (
+        "element",
+        "eigenvalue_cfar",
+        "none",
+    )
+    assert {printed.range_window, printed.doppler_window, printed.detection_window} == {"rect"}
+    for document in ("errata", "estimators"):
+        text = (DOCS / f"{document}.md").read_text(encoding="utf-8")
+        assert suite.estimators[0] in re.sub(r",\s+", ",", text)
+    # A third of the map passes the printed test in noise; of that no point is left.
+    noise = Simulator(scene([24], [1], [0.1], [0.1], [1.0])).observe(-60.0)
+    assert printed.diagnose(noise).detection.mask.mean() == pytest.approx(0.32, abs=0.05)
+    assert len(printed.estimate(noise)) == 0
+    seen = Simulator(scene([24], [1], [0.1], [0.1], [1.0])).observe(20.0)
+    assert len(printed.estimate(seen)) >= 1
 
 
 def test_velocity_nmse():

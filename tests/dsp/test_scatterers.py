@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scatterers import DUPLICATE_CELL, LocatedScatterers, locate, merge_duplicates
+from isacbench.dsp.scatterers import DUPLICATE_CELL, LocatedScatterers, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import clean_echo
@@ -18,7 +18,7 @@ from isacbench.model.frame import PanelFrame
 from isacbench.model.gate import build_gate
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers as SceneScatterers
+from isacbench.model.scene import LocatedScatterers as SceneScatterers
 from isacbench.model.scene import Scenario
 
 SYSTEM = System(n_subcarriers=256, n_symbols=64)
@@ -60,7 +60,8 @@ def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dyna
     """Locate one wave a cell."""
     bins = tuple(np.array(part) for part in cells)
     tapered = gated.tapered("rect", window)
-    return locate(waves_in(bins, u, w), tapered, bins, ("rect", window), excess, dynamic_range_db)
+    found = locate_waves(waves_in(bins, u, w), tapered, bins, ("rect", window), dynamic_range_db)
+    return found.at_home(*excess)
 
 
 def scatterers(*rows):
@@ -110,8 +111,8 @@ def test_along_range_the_next_cell_may_be_stronger_as_far_as_allowed():
 def test_a_scatterer_alone_between_range_bins_is_placed_there(window, offset):
     gated = gated_map([35 + offset], [1.2], [0.05], [0.15], [1.0])
     tapered, bins = gated.tapered(window, "soft"), (np.array([35]), np.array([1]))
-    found = locate(waves_in(bins, 0.05, 0.15), tapered, bins, (window, "soft"), (3.0, 1.0), 16.5)
-    assert found.range_bin == pytest.approx([35 + offset], abs=2e-3)
+    found = locate_waves(waves_in(bins, 0.05, 0.15), tapered, bins, (window, "soft"), 16.5)
+    assert found.scatterers.range_bin == pytest.approx([35 + offset], abs=2e-3)
 
 
 def test_among_others_a_scatterer_is_left_in_the_middle_of_its_range_bin():
@@ -136,36 +137,35 @@ def test_what_is_no_plane_wave_is_no_scatterer():
     gated = gated_map([33], [0], [0.05], [0.15], [1.0])
     bins = (np.array([33]), np.array([0]))
     waves = PlaneWaves(np.full((1, 2), 0.05), np.full((1, 2), 0.15), np.array([[True, False]]))
-    assert len(locate(waves, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0)) == 1
+    assert len(locate_waves(waves, gated, bins, ("rect", "rect"), 20.0).scatterers) == 1
     none = PlaneWaves(waves.u, waves.w, np.zeros((1, 2), dtype=bool))
-    assert len(locate(none, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0)) == 0
+    assert len(locate_waves(none, gated, bins, ("rect", "rect"), 20.0).scatterers) == 0
 
 
-@pytest.mark.parametrize("first_family", [0, 5])
-def test_waves_of_a_resolved_cell_are_one_family_and_those_of_others_none(first_family):
+def test_waves_of_a_resolved_cell_are_one_family_and_those_of_others_none():
     gated = gated_map([33, 33, 36, 39], [0] * 4, [-0.1, 0.1, 0.05, 0.0], [0.1, 0.2, 0.1, 0.2], [1.0] * 4)
     bins = (np.array([33, 36, 39]), np.zeros(3, dtype=int))
     u, w = np.array([[-0.1, 0.1], [0.05, 0], [0, 0]]), np.array([[0.1, 0.2], [0.1, 0], [0.2, 0]])
     found = np.array([[True, True], [True, False], [True, False]])
     waves = PlaneWaves(u, w, found, np.array([True, False, True]))
-    places = locate(waves, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0, first_family)
-    assert places.family.tolist() == [first_family, first_family, -1, first_family + 2]
+    places = locate_waves(waves, gated, bins, ("rect", "rect"), 20.0).scatterers
+    assert places.family.tolist() == [0, 0, -1, 2]
     unseen = PlaneWaves(u, w, found)
-    assert set(locate(unseen, gated, bins, ("rect", "rect"), (3.0, 1.0), 20.0).family) == {-1}
+    assert set(locate_waves(unseen, gated, bins, ("rect", "rect"), 20.0).scatterers.family) == {-1}
 
 
 def with_families(*family):
-    """Scatterers a range bin apart."""
+    """LocatedScatterers a range bin apart."""
     rows = scatterers(*((30.0 + i, 1, 0.1, 0.2, 4.0 + i) for i in range(len(family))))
     return replace(rows, family=np.array(family, dtype=np.int64))
 
 
-def test_joined_scatterers_stand_in_order_with_their_families():
-    first, second = with_families(0, -1), with_families(3)
+def test_joined_scatterers_stand_in_order_and_families_are_numbered_on():
+    first, second = with_families(0, -1), with_families(3, -1, 0)
     joined = first.join(second)
-    assert joined.range_bin.tolist() == [30.0, 31.0, 30.0]
-    assert joined.power.tolist() == [4.0, 5.0, 4.0]
-    assert joined.family.tolist() == [0, -1, 3]
+    assert joined.range_bin.tolist() == [30.0, 31.0, 30.0, 31.0, 32.0]
+    assert joined.power.tolist() == [4.0, 5.0, 4.0, 5.0, 6.0]
+    assert joined.family.tolist() == [0, -1, 4, -1, 1]
     assert joined.family.dtype == np.int64
 
 

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, pairs_of_covariance, pairs_of_data
 
 __all__ = [
+    "SMALLEST_NULL",
     "line_eigenpairs",
     "music_null_minima",
     "music_null_spectrum",
@@ -37,6 +38,9 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float64]
+
+SMALLEST_NULL = 1e-15
+"""Squared distance from the signal subspace, relative, below which there is only rounding."""
 
 NEWTON_STEPS = 3
 """From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""

@@ -11,7 +11,7 @@ one column and one row of the array are read, those of u and w add instead.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,6 @@ from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 __all__ = ["explain_map", "refine_jointly", "select_jointly"]
 
@@ -78,6 +75,9 @@ LEAST_RESOLVED = 0.5
 
 FEW = 16
 """... unless there are so few that it costs next to nothing."""
+
+SLOPE_STEP_BINS = 1e-4
+"""Step of central differences: their error of 1e-8 is far below what a Gauss-Newton step needs."""
 
 MAX_SHIFT_BINS = 0.5
 """Farthest that the refinement moves a scatterer."""
@@ -140,7 +140,7 @@ def select_jointly(
 
     Parameters
     ----------
-    scatterers : Scatterers
+    scatterers : LocatedScatterers
         Candidates.
     gated : GatedMap
         Without tapers.
@@ -154,7 +154,7 @@ def select_jointly(
 
     Returns
     -------
-    Scatterers
+    LocatedScatterers
         With the powers of the joint fit.
     """
     if not len(scatterers):
@@ -210,14 +210,14 @@ def refine_jointly(scatterers: LocatedScatterers, gated: GatedMap, system: Syste
 
     Parameters
     ----------
-    scatterers : Scatterers
+    scatterers : LocatedScatterers
     gated : GatedMap
         Without tapers.
     system : System
 
     Returns
     -------
-    Scatterers
+    LocatedScatterers
         Moved by at most half a bin in range and in Doppler.
 
     References
@@ -232,12 +232,15 @@ def refine_jointly(scatterers: LocatedScatterers, gated: GatedMap, system: Syste
     everyone = np.ones(len(scatterers), dtype=np.bool_)
     kernels = _kernels(refined, patches, gated, system)
     amplitude = _fit(*_matched_filters(patches, kernels), everyone)
+    range_limits = scatterers.range_bin - MAX_SHIFT_BINS, scatterers.range_bin + MAX_SHIFT_BINS
+    doppler_limits = scatterers.doppler_bin - MAX_SHIFT_BINS, scatterers.doppler_bin + MAX_SHIFT_BINS
     for _ in range(REFINEMENTS):
         range_step, doppler_step = _gauss_newton(refined, amplitude, patches, kernels, gated, system)
+        range_bin, doppler_bin = refined.range_bin + range_step, refined.doppler_bin + doppler_step
         refined = replace(
             refined,
-            range_bin=_limited(refined.range_bin + range_step, scatterers.range_bin),
-            doppler_bin=_limited(refined.doppler_bin + doppler_step, scatterers.doppler_bin),
+            range_bin=np.clip(range_bin, *range_limits),
+            doppler_bin=np.clip(doppler_bin, *doppler_limits),
         )
         kernels = _kernels(refined, patches, gated, system)
         amplitude = _fit(*_matched_filters(patches, kernels), everyone)
@@ -254,7 +257,7 @@ def explain_map(
 
     Parameters
     ----------
-    scatterers : Scatterers
+    scatterers : LocatedScatterers
     gated : GatedMap
         Without tapers.
     system : System
@@ -263,7 +266,7 @@ def explain_map(
 
     Returns
     -------
-    Scatterers or None
+    LocatedScatterers or None
         Without those that noise does not tell from another. None where the map
         holds more than any places of these scatterers explain.
     """
@@ -320,10 +323,6 @@ def _echoes(kernels: _Kernels, shares: Complex) -> Complex:
     """What scatterers leave on all patches (n, r, d), each with its share (n, n) of the patch's direction."""
     echoes: Complex = (kernels.along_range * shares[:, None, :]) @ kernels.along_doppler.transpose(0, 2, 1)
     return echoes
-
-
-def _limited(place: Floats, start: Floats) -> Floats:
-    return np.clip(place, start - MAX_SHIFT_BINS, start + MAX_SHIFT_BINS)
 
 
 def _read_patches(scatterers: LocatedScatterers, gated: GatedMap) -> _Patches:
@@ -442,23 +441,14 @@ def _own_slopes(
     scatterers: LocatedScatterers, patches: _Patches, gated: GatedMap, system: System
 ) -> tuple[Complex, Complex]:
     """Derivatives (n, r) and (n, d) of each scatterer's echo on its own patch with its place, per bin."""
-    gate, n_subcarriers, n_symbols = gated.gate, system.n_subcarriers, system.n_symbols
-    doppler = gated.doppler_kernel(n_symbols)
-    range_slope = _slope(
-        lambda places: dirichlet(gate.range_bins, places, n_subcarriers), scatterers.range_bin, n_subcarriers
-    )
-    doppler_slope = _slope(
-        lambda places: doppler.response(gate.doppler_bins, places), scatterers.doppler_bin, n_symbols
-    )
+    n_subcarriers, n_symbols = system.n_subcarriers, system.n_symbols
+    range_bins, doppler_bins = gated.gate.range_bins, gated.gate.doppler_bins
+    doppler, step = gated.doppler_kernel(n_symbols), SLOPE_STEP_BINS
+    nearer, farther = scatterers.range_bin - step, scatterers.range_bin + step
+    range_rise = dirichlet(range_bins, farther, n_subcarriers) - dirichlet(range_bins, nearer, n_subcarriers)
+    slower, faster = scatterers.doppler_bin - step, scatterers.doppler_bin + step
+    doppler_rise = doppler.response(doppler_bins, faster) - doppler.response(doppler_bins, slower)
     return (
-        np.take_along_axis(range_slope, patches.rows, axis=1),
-        np.take_along_axis(doppler_slope, patches.columns, axis=1),
+        np.take_along_axis(range_rise.T / (2 * step * np.sqrt(n_subcarriers)), patches.rows, axis=1),
+        np.take_along_axis(doppler_rise.T / (2 * step * np.sqrt(n_symbols)), patches.columns, axis=1),
     )
-
-
-def _slope(kernel: Callable[[Floats], Complex], places: Floats, n: int) -> Complex:
-    """Derivative (n, bins) of unit-peak echoes with their place, by a central difference."""
-    step = 1e-4  # truncation error 1e-8, far below what a Gauss-Newton step needs
-    difference = kernel(places + step) - kernel(places - step)
-    slope: Complex = difference.T / (2 * step * np.sqrt(n))
-    return slope

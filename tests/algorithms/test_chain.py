@@ -1,0 +1,266 @@
+"""The chain of a cell-by-cell estimator: its stages in order, the exchange of each, the depth of calls."""
+
+import inspect
+import re
+import sys
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from isacbench_algorithms.cellwise import CellwiseEstimator
+from isacbench_algorithms.detectors import CaCfar
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
+from isacbench_algorithms.nomp4d import Nomp4d
+from isacbench_algorithms.oracle import Oracle
+
+from isacbench import PointCloud, get_estimator
+from isacbench.added_fields import identity_fields
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.errors import InputError
+from isacbench.instrument.stages import STAGES, StageClock
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
+
+CELLWISE = [Fft4d, Music2d, Music2dJoint, Esprit2d]
+ALL = pytest.mark.parametrize("estimator", CELLWISE, ids=lambda e: e.name)
+DOCUMENT = Path(__file__).parents[2] / "docs" / "estimators.md"
+MOST_CALLS = 4
+"""From `Music2d.estimate` to the eigendecomposition, which is one of them."""
+
+
+def simulator(n_scatterers):
+    """Simulator of scatterers at random in front of an 8 x 8 array, of three speeds."""
+    rng = np.random.default_rng(0)
+    region = Region((0.0, 20.0), (0.0, 25.0), (0.0, 8.0), (-15.0, 15.0))
+    xyz = region.lower_m + region.size_m * rng.random((n_scatterers, 3))
+    return Simulator(
+        Scenario(
+            name="crowd",
+            system=System(n_subcarriers=256, n_symbols=56),
+            array=VirtualArray((2, 2), (4, 4), 4, 1),
+            frame=get_frame("panel"),
+            base_station_m=np.array([10.0, 60.0, 15.0]),
+            region=region,
+            scatterers=Scatterers(xyz, rng.choice([-10.0, 0.0, 10.0], n_scatterers), np.ones(n_scatterers)),
+        )
+    )
+
+
+@cache
+def crowd():
+    """A crowd of 120, many to a cell, 10 dB."""
+    return simulator(120).observe(10.0)
+
+
+@cache
+def image(estimator, **params):
+    """Cloud of the crowd."""
+    return estimator(**params).estimate(crowd())
+
+
+def is_same(some, others):
+    """Tell whether two clouds are equal in every bit."""
+    return np.array_equal(some.to_array(), others.to_array())
+
+
+@pytest.mark.parametrize("estimator", [*CELLWISE, Nomp4d, Oracle], ids=lambda e: e.name)
+def test_an_estimator_says_in_its_own_file_which_stages_it_has_in_which_order(estimator):
+    assert "estimate" in vars(estimator)
+    source = inspect.getsource(estimator.estimate)
+    assert "with stage(" not in source
+    if issubclass(estimator, CellwiseEstimator):
+        stages = ["read_map", "detect", "read_cells", "plane_waves", "locate", "own_cell_test", "merge"]
+        stages = [*stages, "explain", "to_cloud"]
+        places = [source.index(f"{name}(") for name in stages if name not in ("own_cell_test", "merge")]
+        assert places == sorted(places)
+        assert "self.merge(self.own_cell_test(located))" in source
+
+
+@ALL
+def test_every_stage_of_a_cellwise_estimator_has_its_time(estimator):
+    with StageClock() as clock:
+        estimator().estimate(crowd())
+    without = {Fft4d: {"subspace"}, Esprit2d: {"spectrum"}}
+    assert set(STAGES) - set(clock.seconds) == without.get(estimator, set())
+
+
+def test_from_the_paper_s_estimator_to_its_eigendecomposition_there_are_at_most_four_calls():
+    eigendecompositions = []
+
+    def profile(frame, event, argument):
+        if event == "call" and frame.f_code.co_name == "eigh":
+            calls = []
+            while (frame := frame.f_back) is not None:
+                if frame.f_globals["__name__"].startswith("isacbench"):
+                    calls.append(frame.f_code.co_name)
+            if "plane_waves" in calls:
+                eigendecompositions.append(calls)
+
+    crowd()
+    sys.setprofile(profile)
+    try:
+        Music2d().estimate(crowd())
+    finally:
+        sys.setprofile(None)
+    assert len(eigendecompositions) == 2  # of columns, and of rows
+    for calls in eigendecompositions:
+        assert calls[-1] == "estimate"
+        # Those between, and the one of the eigendecomposition itself.
+        assert len(calls[:-1]) + 1 <= MOST_CALLS
+
+
+@ALL
+def test_the_detector_is_exchanged_by_an_argument(estimator):
+    few = estimator(detector=CaCfar(pfa=1e-9)).diagnose(crowd()).detection.mask
+    assert 0 < few.sum() < estimator().diagnose(crowd()).detection.mask.sum()
+
+
+@ALL
+def test_plane_waves_are_exchanged_by_one_method(estimator):
+    class Ahead(estimator):
+        def plane_waves(self, observation, cells):
+            u, w = (np.full((len(cells), 1), np.mean(limits)) for limits in observation.cosine_limits)
+            return PlaneWaves(u, w, np.ones(u.shape, dtype=bool))
+
+    cloud = Ahead(explain="none").estimate(crowd())
+    assert len(cloud)
+    u, w = crowd().frame.direction_cosines(cloud.xyz - crowd().base_station_m)
+    middle = np.mean(crowd().cosine_limits, axis=1)
+    np.testing.assert_allclose(np.stack([u, w], axis=1), np.tile(middle, (len(cloud), 1)), atol=1e-9)
+
+
+@ALL
+def test_the_own_cell_test_is_exchanged_by_one_method(estimator):
+    class Everywhere(estimator):
+        def own_cell_test(self, located):
+            return located.scatterers
+
+    assert len(Everywhere(explain="none").estimate(crowd())) > len(image(estimator, explain="none"))
+
+
+@ALL
+def test_merging_is_exchanged_by_one_method(estimator):
+    class SeenTwice(estimator):
+        def own_cell_test(self, located):
+            home = super().own_cell_test(located)
+            return home.join(home)
+
+    class Unmerged(SeenTwice):
+        def merge(self, scatterers):
+            return scatterers
+
+    merged, unmerged = (one(explain="none").estimate(crowd()) for one in (SeenTwice, Unmerged))
+    assert is_same(merged, image(estimator, explain="none"))
+    assert len(unmerged) >= 2 * len(merged)
+
+
+@ALL
+def test_the_selection_is_exchanged_by_one_method(estimator):
+    class Unrefined(estimator):
+        def refine(self, rdm, levels, chosen):
+            return self.merge(chosen)
+
+    class KeepsAll(Unrefined):
+        def select(self, rdm, levels, candidates, members):
+            return members.join(candidates)
+
+    assert is_same(KeepsAll().estimate(crowd()), image(estimator, explain="none"))
+    assert not is_same(KeepsAll().estimate(crowd()), Unrefined().estimate(crowd()))
+
+
+@ALL
+def test_the_refinement_is_exchanged_by_one_method(estimator):
+    class Unrefined(estimator):
+        def refine(self, rdm, levels, chosen):
+            return chosen
+
+    assert not is_same(Unrefined().estimate(crowd()), image(estimator))
+
+
+@ALL
+def test_the_cloud_is_exchanged_by_one_method(estimator):
+    class Nothing(estimator):
+        def to_cloud(self, rdm, found):
+            return PointCloud.empty()
+
+    assert len(image(estimator)) > len(Nothing().estimate(crowd())) == 0
+
+
+@ALL
+def test_without_explanation_the_candidates_become_the_cloud(estimator):
+    candidates = []
+
+    class Told(estimator):
+        def merge(self, scatterers):
+            merged = super().merge(scatterers)
+            candidates.append(merged)
+            return merged
+
+    cloud = Told(explain="none").estimate(crowd())
+    assert is_same(cloud, image(estimator, explain="none"))
+    # Those of all readings, merged, less what lies beyond the region.
+    assert 0 < len(cloud) <= len(candidates[-1]) <= sum(map(len, candidates[:-1]))
+    assert not is_same(cloud, image(estimator))
+
+
+@ALL
+def test_without_explanation_no_two_points_are_one_scatterer(estimator):
+    observation, cloud = crowd(), image(estimator, explain="none")
+    u, w = observation.frame.direction_cosines(cloud.xyz - observation.base_station_m)
+    range_m = np.linalg.norm(cloud.xyz - observation.base_station_m, axis=1)
+    system = observation.system
+    points = np.column_stack(
+        [range_m / system.range_bin_m, cloud.velocity / system.velocity_bin_mps, u, w]
+    ) / [0.3, 0.3, 0.01, 0.01]
+    apart = np.abs(points[:, None] - points).max(axis=2)
+    assert apart[np.triu_indices(len(cloud), 1)].min() > 1 - 1e-9
+
+
+@ALL
+def test_the_explanation_is_no_part_of_an_estimator_s_identity_until_it_is_left_out(estimator):
+    assert "explain" not in identity_fields(estimator())
+    assert identity_fields(estimator(explain="none"))["explain"] == "none"
+    assert get_estimator(estimator.name, explain="none") == estimator(explain="none")
+
+
+@ALL
+def test_another_explanation_is_refused_with_what_is_allowed(estimator):
+    with pytest.raises(InputError, match=r"explain = 'some': allowed is joint or none"):
+        estimator(explain="some")
+
+
+@ALL
+def test_the_map_of_the_detection_is_tapered_as_asked_for(estimator):
+    tapered, plain = (estimator(detection_window=window).diagnose(crowd()) for window in ("hann", "rect"))
+    assert np.array_equal(tapered.power, estimator().diagnose(crowd()).power)
+    # Sidelobes are what a taper is for: without it the weakest cells of a crowd are stronger.
+    assert np.median(plain.power) > np.median(tapered.power)
+    assert "detection_window" not in identity_fields(estimator())
+    with pytest.raises(InputError, match="detection_window = 'flat': allowed is one of rect, soft"):
+        estimator(detection_window="flat")
+
+
+@ALL
+def test_without_echoes_there_are_no_points(estimator):
+    empty = simulator(0).observe(np.inf)
+    for explain in ("joint", "none"):
+        assert len(estimator(explain=explain).estimate(empty)) == 0
+
+
+def test_the_examples_of_the_documentation_run(monkeypatch):
+    script = ModuleType("script")
+    monkeypatch.setitem(sys.modules, "script", script)
+    examples = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert examples
+    for example in examples:
+        exec(example, vars(script))
+    assert len(script.cloud)
