@@ -26,7 +26,7 @@ from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.registry import build_estimator
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 BASE_M = np.array([0.0, 100.0, 0.0])
 SYSTEM = System(n_subcarriers=256, n_symbols=64, coherent_phase=False)
 

@@ -18,7 +18,7 @@ from isacbench.model.frame import PanelFrame
 from isacbench.model.gate import build_gate
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import LocatedScatterers as SceneScatterers
+from isacbench.model.scene import Scatterers as SceneScatterers
 from isacbench.model.scene import Scenario
 
 SYSTEM = System(n_subcarriers=256, n_symbols=64)
