@@ -46,7 +46,6 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
@@ -56,11 +55,17 @@ from isacbench.dsp.fitting.pursuit import (
     descending,
     noise_maximum,
     redundant,
-    sidelobe_energy,
-    sidelobe_envelope,
     split_gains,
     strongest_around,
-    unwrapped,
+)
+from isacbench.dsp.fitting.pursuit_moves import (
+    MOST_LEFT,
+    are_near,
+    became_pairs,
+    choose_moves,
+    clear_of_sidelobes,
+    reachable_places,
+    without_images,
 )
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scaling import amplitude_exponent, in_unit
@@ -76,38 +81,20 @@ __all__ = ["Nomp4d"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-ROUND_RANGE_DB = 6.0
-"""How far below the best move others may lie that are made in the same round."""
-
-APART_CELLS = 1.0
-"""Distance of moves of one round."""
-
-SPLIT_PREFERENCE = 2.0
-"""A split gains from what is left near the atom; a new atom there would only be the first of two."""
-
 SPLIT_CERTAINTY = 3.0
 """Gain of a split over the threshold of a new atom: it is the best of many."""
 
 TABOO_CELLS = 0.15
 """How near to a split that failed another is not tried."""
 
-PAIR_CELLS = 0.8
-"""How far from the atom that was split the two are looked for."""
-
 HOPELESS_CELLS = 0.3
-"""The same of a new atom, where a whole round changed nothing."""
+"""How near to a new atom that changed nothing in a whole round another is not tried."""
 
 BOX_CELLS = 0.5
 """Farthest that an atom moves from where it came in, unless little is left around it."""
 
 CALM, CALM_NOISE = 1e-3, 3.0
 """Residual around an atom, relative to it or to the noise, below which it is not bent to a crowd."""
-
-MOST_LEFT = 64
-"""Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
-
-LOOKED_AT = 1024
-"""Peaks that are held against those at a time, the strongest first."""
 
 ROUNDS_TO_EXPLAIN = 2
 """Rounds in which all peaks within 12 dB of the strongest become atoms: of echoes these explain most."""
@@ -280,7 +267,7 @@ class Nomp4d:
             n_steps = STEPS if moves.number else LAST_STEPS
             start = moves.made(_released(seen.space, residual, pursued.atoms, pursued.fit, noise.power))
             atoms, fit = self._settle(seen.space.atom_map, seen.observation.gate, start, n_steps, noise)
-            is_pair = _is_pair(moves.centres, atoms.places)
+            is_pair = became_pairs(moves.centres, atoms.places)
             unsplit = np.concatenate([pursued.unsplit, moves.centres[~is_pair]])
             hopeless = pursued.hopeless
             if len(atoms.places) == pursued.number and not is_pair.any():
@@ -292,27 +279,27 @@ class Nomp4d:
         space, fit = seen.space, pursued.fit
         with stage("peaks"):
             places, gain = space.peaks(residual, noise.threshold)
-            eligible = _reachable(places, seen.observation.gate)
-            eligible &= ~_near(places, pursued.hopeless, HOPELESS_CELLS)
+            eligible = reachable_places(places, seen.observation.gate)
+            eligible &= ~are_near(places, pursued.hopeless, HOPELESS_CELLS)
             if fit is not None:
                 eligible &= gain > self._weakest(strongest_around(places, fit, space.atom_map.bursts))
             order = descending(gain)
             movable = eligible[order]
             bursts = space.atom_map.bursts
-            left = _no_images(places, gain, order[movable], order[~movable], bursts)[:MOST_LEFT]
-            clear = _clear_of_sidelobes(places, gain, order[movable], left, bursts)
+            left = without_images(places, gain, order[movable], order[~movable], bursts)[:MOST_LEFT]
+            clear = clear_of_sidelobes(places, gain, order[movable], left, bursts)
             places, gain = places[clear], gain[clear]
             n_new = len(places)
             offsets = np.zeros_like(places)
             if fit is not None:
                 around = space.mean_around(residual, fit.places)
                 splits = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * noise.threshold)
-                allowed = ~_near(fit.places, pursued.unsplit, TABOO_CELLS)
+                allowed = ~are_near(fit.places, pursued.unsplit, TABOO_CELLS)
                 places = np.concatenate([places, fit.places])
                 offsets = np.concatenate([offsets, splits.offsets])
                 gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
             room = max(self.max_scatterers - (0 if fit is None else len(fit)), 0)
-            chosen = _choose(places, gain, np.arange(len(places)) < n_new, space.atom_map, room)
+            chosen = choose_moves(places, gain, np.arange(len(places)) < n_new, space.atom_map, room)
             split = chosen[chosen >= n_new]
             return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
 
@@ -414,17 +401,6 @@ def _atoms_at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms
     return _Atoms(moved, atoms.origins + moved - atoms.places)
 
 
-def _reachable(places: Floats, gate: Gate) -> NDArray[np.bool_]:
-    """Which places (n, 4) lie within a bin of the ranges and speeds of the region."""
-    inside = np.ones(len(places), dtype=np.bool_)
-    for axis, bins, reach in (
-        (0, gate.range_bins, gate.reachable_range),
-        (1, gate.doppler_bins, gate.reachable_doppler),
-    ):
-        inside &= (places[:, axis] >= bins[reach.start] - 1) & (places[:, axis] <= bins[reach.stop - 1] + 1)
-    return inside
-
-
 def _released(
     space: BeamSpace, residual: Complex, atoms: _Atoms, fit: AtomFit | None, noise: float
 ) -> _Atoms:
@@ -436,57 +412,6 @@ def _released(
     return _Atoms(atoms.places, np.where(calm[:, None], atoms.places, atoms.origins))
 
 
-def _clear_of_sidelobes(
-    places: Floats,
-    gain: Floats,
-    candidates: NDArray[np.int64],
-    left: NDArray[np.int64],
-    bursts: SymbolBursts,
-) -> NDArray[np.int64]:
-    """Candidates, by descending gain, that are no sidelobes of the peaks that no move explains and that stay.
-
-    Only those within the range of a round: weaker ones would have to wait in any case.
-    """
-    clear: list[NDArray[np.int64]] = []
-    best = 0.0
-    for part in np.split(candidates, range(LOOKED_AT, len(candidates), LOOKED_AT)):
-        if part.size and gain[part[0]] < best * 10 ** (-ROUND_RANGE_DB / 10):
-            break
-        part = part[gain[part] >= sidelobe_energy(places[part], places[left], gain[left], bursts)]
-        best = max(best, float(gain[part].max(initial=0)))
-        clear.append(part)
-    return np.concatenate(clear)
-
-
-def _no_images(
-    places: Floats,
-    gain: Floats,
-    candidates: NDArray[np.int64],
-    left: NDArray[np.int64],
-    bursts: SymbolBursts,
-) -> NDArray[np.int64]:
-    """Of the peaks that stay those that are no grating lobes of the best candidate moves."""
-    if bursts.is_whole_frame:
-        return left
-    left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
-    distance = places[left][:, None] - places[best]
-    lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
-    kept: NDArray[np.int64] = left[gain[left] > lobes]
-    return kept
-
-
-def _near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
-    """Which places (n, 4) have one of the others (m, 4) nearer along every coordinate."""
-    near: NDArray[np.bool_] = np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
-    return near
-
-
-def _is_pair(centres: Floats, places: Floats) -> NDArray[np.bool_]:
-    """Which places that were split have two atoms around them."""
-    around: NDArray[np.int64] = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
-    return around >= 2
-
-
 def _mostly_unexplained(space: BeamSpace, residual: Complex, least: float) -> bool:
     """Whether more than half of what the beams hold is left, and noise is not the reason.
 
@@ -494,29 +419,3 @@ def _mostly_unexplained(space: BeamSpace, residual: Complex, least: float) -> bo
     """
     held, left = (float(np.vdot(beams, beams).real) for beams in (space.beams, residual))
     return left > LEFT_STANDOUT * least * residual.size and left > held / 2
-
-
-def _choose(
-    places: Floats, gain: Floats, is_new: NDArray[np.bool_], atom_map: AtomMap, room: int
-) -> NDArray[np.int64]:
-    """Indices of at most `room` moves of a round: the best, apart, and no sidelobe of a better one."""
-    if not gain.max(initial=0) > 0:
-        return np.empty(0, dtype=np.int64)
-    worth = np.where(is_new, gain, SPLIT_PREFERENCE * gain)
-    eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
-    candidates = eligible[descending(worth[eligible])]
-    amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
-    # Read between bins, a grating lobe may be the higher one: none joins beside its peak.
-    bursts = atom_map.bursts.with_equal_lobes
-    # Coordinate by coordinate in memory: a map without echoes has ten thousands of candidates.
-    along = places[candidates].T.copy()
-    chosen: list[int] = []
-    while candidates.size and len(chosen) < room:
-        move, candidates, along = int(candidates[0]), candidates[1:], along[:, 1:]
-        chosen.append(move)
-        distance = unwrapped(along.T, places[move], atom_map.periods) - places[move]
-        sidelobes = sidelobes[1:] + sidelobe_envelope(distance, bursts) * amplitude[move]
-        kept = (np.abs(distance) >= APART_CELLS).any(axis=1)
-        kept &= ~is_new[candidates] | (amplitude[candidates] >= sidelobes)
-        candidates, along, sidelobes = candidates[kept], along[:, kept], sidelobes[kept]
-    return np.array(chosen, dtype=np.int64)

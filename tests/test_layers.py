@@ -2,6 +2,7 @@
 
 import ast
 import re
+import tomllib
 from collections import Counter, defaultdict
 from graphlib import CycleError, TopologicalSorter
 from importlib.util import find_spec
@@ -264,3 +265,8 @@ def test_the_architecture_page_draws_every_room_and_no_other():
         above = [*above[: len(indent) // 2], name]
         drawn.add(".".join(above))
     assert {room for room in drawn if room.startswith("isacbench")} == ROOMS - {"isacbench_algorithms"}
+
+
+def test_every_room_is_installed():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    assert {*settings["tool"]["setuptools"]["packages"]} == ROOMS | {"isacbench_scenarios"}

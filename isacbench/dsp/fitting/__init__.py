@@ -7,5 +7,6 @@ __all__ = [
     "joint_selection",
     "maximum_likelihood",
     "pursuit",
+    "pursuit_moves",
     "variable_projection",
 ]

@@ -1,0 +1,220 @@
+"""Moves of one round of a matching pursuit: which of the possible ones are made together.
+
+Places are in Rayleigh cells, shape (n, 4): range, Doppler, u and w. A move
+gains what it takes from the energy of the residual.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.dsp.bursts import SymbolBursts
+from isacbench.dsp.fitting.atoms import AtomMap
+from isacbench.dsp.fitting.pursuit import descending, sidelobe_energy, sidelobe_envelope, unwrapped
+from isacbench.model.gate import Gate
+
+__all__ = [
+    "MOST_LEFT",
+    "are_near",
+    "became_pairs",
+    "choose_moves",
+    "clear_of_sidelobes",
+    "reachable_places",
+    "without_images",
+]
+
+Floats = NDArray[np.float64]
+
+ROUND_RANGE_DB = 6.0
+"""How far below the best move others may lie that are made in the same round."""
+
+APART_CELLS = 1.0
+"""Distance of moves of one round."""
+
+SPLIT_PREFERENCE = 2.0
+"""A split gains from what is left near the atom; a new atom there would only be the first of two."""
+
+PAIR_CELLS = 0.8
+"""How far from the atom that was split the two are looked for."""
+
+MOST_LEFT = 64
+"""Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
+
+LOOKED_AT = 1024
+"""Peaks that are held against those at a time, the strongest first."""
+
+
+def reachable_places(places: Floats, gate: Gate) -> NDArray[np.bool_]:
+    """Tell the places within a bin of the ranges and speeds of the region.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+    gate : Gate
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    inside = np.ones(len(places), dtype=np.bool_)
+    for axis, bins, reach in (
+        (0, gate.range_bins, gate.reachable_range),
+        (1, gate.doppler_bins, gate.reachable_doppler),
+    ):
+        inside &= (places[:, axis] >= bins[reach.start] - 1) & (places[:, axis] <= bins[reach.stop - 1] + 1)
+    return inside
+
+
+def clear_of_sidelobes(
+    places: Floats,
+    gain: Floats,
+    candidates: NDArray[np.int64],
+    left: NDArray[np.int64],
+    bursts: SymbolBursts,
+) -> NDArray[np.int64]:
+    """Keep the candidates that are no sidelobes of peaks which no move explains.
+
+    Only candidates within the range of a round count: weaker ones would have
+    to wait in any case.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        Peaks of the residual.
+    gain : ndarray of float64, shape (n,)
+    candidates : ndarray of int64, shape (c,)
+        Indices of peaks that can become atoms, by descending gain.
+    left : ndarray of int64, shape (m,)
+        Indices of peaks that stay, at most `MOST_LEFT`.
+    bursts : SymbolBursts
+
+    Returns
+    -------
+    ndarray of int64
+        Some of the candidates, in their order.
+    """
+    clear: list[NDArray[np.int64]] = []
+    best = 0.0
+    for part in np.split(candidates, range(LOOKED_AT, len(candidates), LOOKED_AT)):
+        if part.size and gain[part[0]] < best * 10 ** (-ROUND_RANGE_DB / 10):
+            break
+        part = part[gain[part] >= sidelobe_energy(places[part], places[left], gain[left], bursts)]
+        best = max(best, float(gain[part].max(initial=0)))
+        clear.append(part)
+    return np.concatenate(clear)
+
+
+def without_images(
+    places: Floats,
+    gain: Floats,
+    candidates: NDArray[np.int64],
+    left: NDArray[np.int64],
+    bursts: SymbolBursts,
+) -> NDArray[np.int64]:
+    """Drop the peaks that are grating lobes of the best candidates, of those that stay.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        Peaks of the residual.
+    gain : ndarray of float64, shape (n,)
+    candidates, left : ndarray of int64
+        Indices of peaks that can become atoms, and of others, both by descending gain.
+    bursts : SymbolBursts
+
+    Returns
+    -------
+    ndarray of int64
+        Some of `left`; all where the whole frame is sensed with, which has no
+        grating lobes.
+    """
+    if bursts.is_whole_frame:
+        return left
+    left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
+    distance = places[left][:, None] - places[best]
+    lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
+    kept: NDArray[np.int64] = left[gain[left] > lobes]
+    return kept
+
+
+def are_near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
+    """Tell the places that have one of the others nearer along every coordinate.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+    others : ndarray of float64, shape (m, 4)
+    distance : float
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+
+    Examples
+    --------
+    >>> are_near(np.zeros((2, 4)) + [[0.0], [1.0]], np.full((1, 4), 0.1), 0.2).tolist()
+    [True, False]
+    """
+    near: NDArray[np.bool_] = np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
+    return near
+
+
+def became_pairs(centres: Floats, places: Floats) -> NDArray[np.bool_]:
+    """Tell the places that were split and have two atoms around them.
+
+    Parameters
+    ----------
+    centres : ndarray of float64, shape (n, 4)
+        Places of the atoms that were split.
+    places : ndarray of float64, shape (m, 4)
+        Atoms now.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    around: NDArray[np.int64] = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
+    return around >= 2
+
+
+def choose_moves(
+    places: Floats, gain: Floats, is_new: NDArray[np.bool_], atom_map: AtomMap, room: int
+) -> NDArray[np.int64]:
+    """Choose the moves of a round: the best, apart, and no sidelobe of a better one.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        Of new atoms, and of atoms that may be split.
+    gain : ndarray of float64, shape (n,)
+    is_new : ndarray of bool, shape (n,)
+    atom_map : AtomMap
+    room : int
+        Most moves.
+
+    Returns
+    -------
+    ndarray of int64
+        Indices of moves, the best first.
+    """
+    if not gain.max(initial=0) > 0:
+        return np.empty(0, dtype=np.int64)
+    worth = np.where(is_new, gain, SPLIT_PREFERENCE * gain)
+    eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
+    candidates = eligible[descending(worth[eligible])]
+    amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
+    # Read between bins, a grating lobe may be the higher one: none joins beside its peak.
+    bursts = atom_map.bursts.with_equal_lobes
+    # Coordinate by coordinate in memory: a map without echoes has ten thousands of candidates.
+    along = places[candidates].T.copy()
+    chosen: list[int] = []
+    while candidates.size and len(chosen) < room:
+        move, candidates, along = int(candidates[0]), candidates[1:], along[:, 1:]
+        chosen.append(move)
+        distance = unwrapped(along.T, places[move], atom_map.periods) - places[move]
+        sidelobes = sidelobes[1:] + sidelobe_envelope(distance, bursts) * amplitude[move]
+        kept = (np.abs(distance) >= APART_CELLS).any(axis=1)
+        kept &= ~is_new[candidates] | (amplitude[candidates] >= sidelobes)
+        candidates, along, sidelobes = candidates[kept], along[:, kept], sidelobes[kept]
+    return np.array(chosen, dtype=np.int64)
