@@ -1,4 +1,4 @@
-"""What a recorded cube is to those who transform it: a sum of tiles, loaded one at a time."""
+"""Recorded cubes as a sum of tiles, loaded one at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an image of a recorded frame costs: what is computed for an estimator, and what the full chain would.
+"""Cost of an image of a recorded frame: computed for an estimator, and for the full chain.
 
 The full 4-D chain transforms every element over all subcarriers and symbols,
 then every range-Doppler cell over the array. What of it a scene needs follows

@@ -1,4 +1,4 @@
-"""What is registered under which name: entry points of packages, and plugin files of this process."""
+"""Discovery of plugins: names registered by entry points of packages, and by plugin files of this process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run yields: one record a cell, and all of them together with what they were made from."""
+"""Records of a run: one a cell, and all of them together with what they were made from."""
 
 from __future__ import annotations
 

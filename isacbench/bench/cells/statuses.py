@@ -1,4 +1,4 @@
-"""Which statuses of a row mean that a cell was imaged and scored; every other one is a failure."""
+"""Statuses of rows: those of cells that were imaged and scored, and those of failures."""
 
 from __future__ import annotations
 

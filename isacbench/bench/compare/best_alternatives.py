@@ -1,4 +1,4 @@
-"""Which of several alternatives may be the best one, as far as paired trials can tell."""
+"""Alternatives that may be the best one, as far as paired trials can tell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a comparison of runs asks: which scores, in which direction, and how much worse is too much."""
+"""Tolerances of a comparison: scores, directions, and how much worse is too much."""
 
 from __future__ import annotations
 

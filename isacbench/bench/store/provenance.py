@@ -1,4 +1,4 @@
-"""Where a row comes from: the versions of everything that it follows from, and the machine that made it."""
+"""Provenance of a row: the versions of everything that it follows from, and the machine that made it."""
 
 from __future__ import annotations
 

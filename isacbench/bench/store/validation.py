@@ -1,4 +1,4 @@
-"""What a run's folder must hold to be read as one: kinds and limits, whoever has written it."""
+"""Validation of a run's folder: kinds and limits of what it holds, whoever has written it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scenario consists of, in terms of JSON and of a table, and the digest that it is known by."""
+"""Content of a scenario, in terms of JSON and of a table, and the digest that it is known by."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the server of processes imports: the built-in plugins, so that a fresh worker has them at once."""
+"""Imports of the process server: the built-in plugins, so that a fresh worker has them at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where worker processes come from: a server that has imported what they need, and nothing else."""
+"""Server of worker processes: it has imported what they need, and nothing else."""
 
 from __future__ import annotations
 

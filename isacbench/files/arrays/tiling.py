@@ -1,4 +1,4 @@
-"""Where a cube is cut into tiles, and how the elements of a tile are taken from an array."""
+"""Tiles of a four-dimensional array: where it is cut, and how the elements of a tile are taken."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What theory says of a reception: error rates and error vectors over a channel that is given."""
+"""Prediction of a reception: error rates and error vectors over a channel that is given."""
 
 from __future__ import annotations
 

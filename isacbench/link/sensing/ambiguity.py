@@ -1,4 +1,4 @@
-"""What one scatterer looks like in range and Doppler, when part of the resource grid is sensed with.
+"""Ambiguity in range and Doppler: the image of one scatterer where part of the resource grid is sensed with.
 
 The PRS leaves gaps along both axes, and gaps have ambiguities. Its comb of four
 takes every fourth subcarrier: alone it repeats an echo every N_c/4 range bins.

@@ -1,4 +1,4 @@
-"""What of an echo a demodulator sees as interference: by Doppler within a symbol, and from beyond the prefix.
+"""Interference that a demodulator sees of an echo: by Doppler within a symbol, and from beyond the prefix.
 
 An echo S of unit power is, at one subcarrier of one demodulated symbol,
 

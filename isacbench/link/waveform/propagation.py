@@ -1,4 +1,4 @@
-"""What reaches a receiver of the waveform: delayed and Doppler-shifted copies of it, many at once.
+"""Propagation of the waveform: delayed and Doppler-shifted copies of it, many at once.
 
 The waveform is continuous in time, and so are delays. A symbol that is late by
 τ is its spectrum times exp(-j2π nΔf τ), behind an inverse DFT and within the

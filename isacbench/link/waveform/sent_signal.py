@@ -1,4 +1,4 @@
-"""What is sent and how it is sensed with: the choices that a link has."""
+"""Choices of a link: what is sent, and how it is sensed with."""
 
 from __future__ import annotations
 
