@@ -50,7 +50,8 @@ class CellwiseEstimator(ABC):
     stage               exchanged by
     ==================  ===================================================
     detection           argument `detector`
-    plane waves         `plane_waves`
+    plane waves         `plane_waves`; of subspace methods, the number of
+                        sources: argument `model_order`, or `signal_order`
     own-cell test       `own_cell_test`
     merging             `merge`
     joint selection     `select`, or none with argument `explain` "none"

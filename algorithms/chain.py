@@ -32,11 +32,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.dsp.angles.aperture import Cross
+from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
 from isacbench.dsp.cell_detection import DetectedCells, detect_cells, white_noise
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scaling import amplitude_exponent, in_unit
 from isacbench.dsp.scatterers import Located, LocatedScatterers, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
+from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage
 
 if TYPE_CHECKING:
@@ -65,6 +67,7 @@ __all__ = [
     "own_cell_test",
     "read_cells",
     "read_map",
+    "separate",
     "to_cloud",
 ]
 
@@ -336,6 +339,27 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
         steps = np.arange(reading.range_cells) - reading.range_cells // 2
         snapshots = tapered.cells[rows[:, None] + steps, columns[:, None]]
         return CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
+
+
+def separate(pairs: Eigenpairs, order: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Limit the dimensions of signal subspaces to those that rounding leaves determined.
+
+    Parameters
+    ----------
+    pairs : Eigenpairs
+        Of n covariances.
+    order : ndarray of int64, shape (n,)
+        Sources, as a test of the eigenvalues counts them.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        0 where rounding has the choice among all eigenvectors. How many are
+        fewer is remarked (`isacbench.instrument.remarks`).
+    """
+    separated = separated_order(pairs.rotation, order)
+    remark("unseparated", int(np.count_nonzero(separated < order)), order.size)
+    return separated
 
 
 def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: StageSettings) -> Located:

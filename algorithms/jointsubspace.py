@@ -31,7 +31,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
+from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.esprit import most_sources
 from isacbench.dsp.angles.model_order import (
     ModelOrder,
@@ -46,14 +46,13 @@ from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly, s
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.errors import require
-from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage
 from isacbench.model.kernels import steering
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
 from .cellwise import CellwiseEstimator
-from .chain import CellSnapshots, Levels, Reading, ReadMap, Snapshots
+from .chain import CellSnapshots, Levels, Reading, ReadMap, Snapshots, separate
 
 __all__ = ["JointSubspaceEstimator", "Subspaces"]
 
@@ -309,9 +308,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
         # One more than may be sources: the last of a test's eigenvalues is never one.
         n_pairs = largest + 1 if self.model_order == "noise" else n_sensors
         pairs = planar_eigenpairs(data, subarray, n_pairs)
-        asked = np.minimum(self._order(pairs, noise, shape, subarray), largest)
-        order = separated_order(pairs.rotation, asked)
-        remark("unseparated", int(np.count_nonzero(order < asked)), order.size)
+        sources = self.signal_order(pairs, shape, subarray, noise)
+        order = separate(pairs, np.minimum(sources, largest))
         in_signal = np.arange(order.max(initial=1)) < order[:, None]
         basis = pairs.vectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
         return Subspaces(basis.reshape(len(snapshots), *subarray, basis.shape[2]), order)
@@ -321,13 +319,24 @@ class JointSubspaceEstimator(CellwiseEstimator):
         n_u, n_w = (min(max(2, round(self.subarray_fraction * n)), n) for n in shape)
         return n_u, n_w
 
-    def _order(
-        self,
-        pairs: Eigenpairs,
-        noise: float,
-        shape: tuple[int, int],
-        subarray: tuple[int, int],
+    def signal_order(
+        self, pairs: Eigenpairs, shape: tuple[int, int], subarray: tuple[int, int], noise: float
     ) -> NDArray[np.int64]:
+        """Count the eigenvalues that belong to sources, by the test of `model_order`.
+
+        Parameters
+        ----------
+        pairs : Eigenpairs
+            Of n smoothed covariances.
+        shape, subarray : (int, int)
+            Elements of the array and of its subarrays, along u and along w.
+        noise : float
+            Power per element.
+
+        Returns
+        -------
+        ndarray of int64, shape (n,)
+        """
         rounding = pairs.rounding[:, None]
         eigenvalues = np.maximum(pairs.values, rounding)
         if self.model_order == "noise":

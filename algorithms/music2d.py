@@ -41,7 +41,7 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
+from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
     SMALLEST_NULL,
     line_eigenpairs,
@@ -60,7 +60,6 @@ from isacbench.dsp.angles.model_order import (
 from isacbench.dsp.angles.peaks import Peaks, line_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.errors import require
-from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
@@ -68,7 +67,7 @@ from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
 from .cellwise import CellPrecision, CellwiseEstimator
-from .chain import CellSnapshots, Snapshots, detect, explain, locate, read_cells, read_map
+from .chain import CellSnapshots, Snapshots, detect, explain, locate, read_cells, read_map, separate
 from .detectors import CaCfar
 
 __all__ = ["Music2d", "MusicSpectra"]
@@ -253,7 +252,8 @@ class Music2d(CellwiseEstimator):
         cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
         with stage("subspace"):
             pairs = line_eigenpairs(lines, n_subarray)
-            order = self._order(pairs, lines.shape, noise)
+            sources = self.signal_order(pairs, lines.shape, noise)
+            order = separate(pairs, np.minimum(sources, self.max_order))
         with stage("spectrum"):
             null = music_null_spectrum(pairs.vectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)
@@ -263,10 +263,21 @@ class Music2d(CellwiseEstimator):
         place = music_null_minima(pairs.vectors, order, peaks.place, peaks.found, step)
         return MusicSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
 
-    def _order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> NDArray[np.int64]:
-        """Dimension (n,) of the signal subspaces of lines (n, sensors, snapshots).
+    def signal_order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> NDArray[np.int64]:
+        """Count the eigenvalues that belong to sources, by the test of `model_order`.
 
-        0 where rounding has the choice among all eigenvectors.
+        Parameters
+        ----------
+        pairs : Eigenpairs
+            Of n smoothed covariances.
+        shape : (int, int, int)
+            Of the lines that they come from: n, sensors, snapshots.
+        noise : float
+            Power per element.
+
+        Returns
+        -------
+        ndarray of int64, shape (n,)
         """
         _, n_sensors, n_snapshots = shape
         n_subarray = pairs.vectors.shape[1]
@@ -277,17 +288,12 @@ class Music2d(CellwiseEstimator):
                 edge = noise_edge(n_subarray, 2 * n_snapshots)
             else:  # the subarrays of one snapshot are not independent, and too few for the law of many
                 edge = smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)
-            order = noise_order(eigenvalues, np.maximum(noise * edge, rounding))
-        elif self.model_order == "eigenvalue_cfar":
-            order = eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
-        else:
-            # Of disjoint subarrays, each snapshot holds as many as fit.
-            n_independent = n_snapshots * n_sensors / n_subarray
-            order = information_order(eigenvalues, n_independent, self.model_order)
-        order = np.minimum(order, self.max_order)
-        separated = separated_order(pairs.rotation, order)
-        remark("unseparated", int(np.count_nonzero(separated < order)), order.size)
-        return separated
+            return noise_order(eigenvalues, np.maximum(noise * edge, rounding))
+        if self.model_order == "eigenvalue_cfar":
+            return eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
+        # Of disjoint subarrays, each snapshot holds as many as fit.
+        n_independent = n_snapshots * n_sensors / n_subarray
+        return information_order(eigenvalues, n_independent, self.model_order)
 
 
 def _sampled_null(n_subarray: int, step: float) -> float:

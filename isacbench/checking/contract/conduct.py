@@ -1,4 +1,4 @@
-"""What a call must leave alone, and how long it may take: the same for estimators and detectors."""
+"""Conduct of a call: what it must leave alone, and how long it may take, of any plugin."""
 
 from __future__ import annotations
 

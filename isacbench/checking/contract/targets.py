@@ -1,4 +1,4 @@
-"""What is asked to be checked: a file, a package, or a registered name."""
+"""Targets of a check: a file, a package, or a registered name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all figures share: canvas, fonts, colours, names and files. Nothing here needs a display or pyplot."""
+"""Style of all figures: canvas, fonts, colours, names and files. Nothing here needs a display or pyplot."""
 
 from __future__ import annotations
 

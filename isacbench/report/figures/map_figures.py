@@ -1,4 +1,4 @@
-"""What a detector saw: a range-Doppler map, its threshold, and what exceeds it."""
+"""Figures of a range-Doppler map, its threshold, and what exceeds it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which tables belong to which kind of suite."""
+"""Tables of a run by its kind of suite."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stress found, for the terminal, for Markdown and as JSON."""
+"""Findings of stress, for the terminal, for Markdown and as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What cases of detectors share: they test a small power map."""
+"""Base of the cases of detectors: they test a small power map."""
 
 from __future__ import annotations
 

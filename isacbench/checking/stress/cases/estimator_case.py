@@ -1,4 +1,4 @@
-"""What cases of estimators share: they observe a small scene."""
+"""Base of the cases of estimators: they observe a small scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What rate the built-in detectors' factors keep: plain quadrature over the law of their noise estimate."""
+"""Rates that the built-in detectors' factors keep: plain quadrature over the law of their noise estimate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the built-in detectors estimate, cell by cell and with exact sums: slow, and plainly right."""
+"""Noise that the built-in detectors estimate, cell by cell and with exact sums: slow, and plainly right."""
 
 from __future__ import annotations
 
