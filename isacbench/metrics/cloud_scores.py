@@ -113,7 +113,13 @@ def pair_scores(pair: CloudPair, region: Region | None = None, radius_m: float =
     if not len(pair.estimate):
         diagonal_m = box_diagonal_m(pair.truth.xyz, region)
         empty_gospa_m = radius_m * math.sqrt(len(pair.truth) / 2)
-        return CloudScores(diagonal_m, diagonal_m, empty_gospa_m, precision=0.0, recall=0.0)
+        return CloudScores(
+            accuracy_m=diagonal_m,
+            completeness_m=diagonal_m,
+            gospa_m=empty_gospa_m,
+            precision=0.0,
+            recall=0.0,
+        )
     forward_m, backward_m = pair.truth_to_estimate_m, pair.estimate_to_truth_m
     return CloudScores(
         accuracy_m=float(backward_m.mean()),

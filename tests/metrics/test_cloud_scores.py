@@ -126,7 +126,9 @@ def test_swapping_the_clouds_swaps_the_directions(truth: PointCloud, estimate: P
 @quick
 @given(truth=clouds(min_size=1))
 def test_the_truth_scores_perfectly_against_itself(truth: PointCloud) -> None:
-    assert cloud_scores(truth, truth) == CloudScores(0, 0, 0, precision=1, recall=1)
+    assert cloud_scores(truth, truth) == CloudScores(
+        accuracy_m=0, completeness_m=0, gospa_m=0, precision=1, recall=1
+    )
 
 
 def test_a_point_at_one_metre_counts_as_found() -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pandas as pd
 
+from isacbench.added_fields import values_before
 from isacbench.display import brief
 from isacbench.instrument.stages import STAGES
 from isacbench.model.cloud import PointCloud
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from isacbench.model.scenes.scenario import Scenario
 
 __all__ = [
+    "ADDED",
     "CLOUD_KEYS",
     "COLUMNS",
     "DRAW_COLUMNS",
@@ -74,6 +76,9 @@ class Cell:
 class Record(Cell):
     """One row of the results; `COLUMNS` has the order of the columns.
 
+    A column that comes later is an `isacbench.added_fields.added_field` behind
+    the others, so that older runs and journals stay readable.
+
     Attributes
     ----------
     status : str
@@ -119,6 +124,9 @@ class Record(Cell):
 PROVENANCE = ["timing", "scenario_content", "environment"]
 COLUMNS = [field.name for field in dataclasses.fields(Record) if field.name not in PROVENANCE] + PROVENANCE
 """Columns of every table of results; a study appends its own."""
+
+ADDED: dict[str, Any] = values_before(Record)
+"""Columns that rows of older runs and journals lack, each with the value that they stand for."""
 
 TYPES = {field.name: str(field.type) for field in dataclasses.fields(Record)}
 KINDS = {"str": "str", "CellStatus": "str", "int": "int64", "float": "float64", "bool": "bool"}

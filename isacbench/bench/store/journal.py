@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import COLUMNS, PROVENANCE, TYPES
+from isacbench.bench.cells.record import ADDED, COLUMNS, PROVENANCE, TYPES
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import cannot_be_written
 from isacbench.files.checked_files import open_own, require_file, require_inside
@@ -48,8 +48,9 @@ N_CRC = 8
 SHARED = ["suite", "scenario", "estimator", "params", "seed", *PROVENANCE]
 """Columns in which many rows agree; long as they are, they are written once."""
 
-NUMBERS = [name for name in COLUMNS if name not in SHARED and TYPES[name] == "float"]
-"""Columns that are written bit by bit, before the cloud: in a third of the time that digits take."""
+NUMBERS = [name for name in COLUMNS if name not in {*SHARED, *ADDED} and TYPES[name] == "float"]
+"""Columns that are written bit by bit, before the cloud: in a third of the time that digits take. They stand
+in this order in every journal: columns that were added later are written by their names."""
 
 PACKED = struct.Struct(f"<{len(NUMBERS)}d")
 
@@ -188,6 +189,7 @@ class _Reader:
         of = pd.Index(list(self.shared)).get_indexer(pd.Index(self.of))
         shared = pd.DataFrame(list(self.shared.values())).iloc[of].reset_index(drop=True)
         own = pd.DataFrame(self.values, columns=self.columns)
+        own = own.assign(**{name: value for name, value in ADDED.items() if name not in own})
         every, n = np.concatenate(self.numbers), len(NUMBERS)
         sizes = np.array([numbers.size for numbers in self.numbers])
         of_row = (np.cumsum(sizes) - sizes)[:, None] + np.arange(n)

@@ -17,7 +17,7 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 import isacbench
-from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, DRAW_COLUMNS, PROVENANCE, Results, typed
+from isacbench.bench.cells.record import ADDED, CLOUD_KEYS, COLUMNS, DRAW_COLUMNS, Results, typed
 from isacbench.bench.plan.manifest_plan import outline
 from isacbench.bench.store.csv_table import without_formulas, write_csv_table
 from isacbench.bench.store.journal import read_journal
@@ -435,10 +435,11 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 def _read_records(folder: Path) -> pd.DataFrame:
     records = read_table(folder / RECORDS)
-    # Runs from before rows told where they come from have columns less.
-    if missing := [name for name in COLUMNS if name not in records and name not in PROVENANCE]:
+    # Runs from before rows told where they come from, or from before a column was added, have columns less.
+    before = {"timing": False, "scenario_content": "", "environment": "", **ADDED}
+    if missing := [name for name in COLUMNS if name not in records and name not in before]:
         raise KeyError(f"{RECORDS} has no column {missing[0]}")
-    unknown = pd.DataFrame({"timing": False, "scenario_content": "", "environment": ""}, index=records.index)
+    unknown = pd.DataFrame(before, index=records.index)
     return pd.concat([records, unknown[unknown.columns.difference(records.columns)]], axis=1)
 
 

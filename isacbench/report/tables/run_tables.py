@@ -272,7 +272,12 @@ def _scores(entry: pd.Series[Any]) -> list[str]:
         deviation += f" ±{entry['deviation_band']:.2f}"
     if entry["n_failed"]:
         deviation += f" ({entry['n_failed']} failed)"
-    return [deviation, *(f"{entry[f'{score}_mean']:.2f}" for score in SHOWN)]
+    return [deviation, *(_mean(entry[f"{score}_mean"]) for score in SHOWN)]
+
+
+def _mean(value: float) -> str:
+    """Mean of a score in words; nothing where no row has the score."""
+    return "" if math.isnan(value) else f"{value:.2f}"
 
 
 def markdown(grid: Grid) -> str:
