@@ -7,7 +7,7 @@ For every detected range-Doppler cell:
 2. The joint spectrum is evaluated over the directions that the region spans,
    separably, and its deepest nulls placed off the grid by Newton's method. A
    pair has one null: nothing is to be paired, and there are no ghosts.
-3. In resolved cells (`isacbench_algorithms.jointsubspace`), where the subspace
+3. In resolved cells (`isacbench_algorithms.joint_subspace`), where the subspace
    has more dimensions than the spectrum has nulls, sources share one. The
    flattest null is split along the axis along which it is flat.
 4. There, maximum likelihood on the whole snapshot refines the directions
@@ -52,7 +52,7 @@ from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
 from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
-from .jointsubspace import JointSubspaceEstimator, Subspaces
+from .joint_subspace import JointSubspaceEstimator, Subspaces
 
 __all__ = ["Music2dJoint"]
 
@@ -73,7 +73,7 @@ class Music2dJoint(JointSubspaceEstimator):
     samples_per_lobe : int
         Grid points across a subarray's main lobe, along u and along w.
     subarray_fraction, model_order, polish
-        See `isacbench_algorithms.jointsubspace.JointSubspaceEstimator`.
+        See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.cellwise.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from isacbench.bench.suites.suite import StudyKind
-    from isacbench.report.figures.background_drawing import Aside
+    from isacbench.report.figures.background_drawing import BackgroundDrawing
     from isacbench.report.tables.run_tables import Grid
 
 __all__ = ["print_grid", "print_json", "print_scores", "report_run"]
@@ -26,15 +26,17 @@ __all__ = ["print_grid", "print_json", "print_scores", "report_run"]
 MAX_TABLE_WIDTH = 1000
 
 
-def report_run(folder: Path, records: pd.DataFrame, kind: StudyKind, aside: Aside | None = None) -> None:
+def report_run(
+    folder: Path, records: pd.DataFrame, kind: StudyKind, aside: BackgroundDrawing | None = None
+) -> None:
     """Write and print the tables of a run, and draw its figures."""
-    from isacbench.report.figures.background_drawing import Aside
+    from isacbench.report.figures.background_drawing import BackgroundDrawing
     from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
     for grid in grids_of(records, kind):
         print_grid(grid)
     tables = write_run_tables(folder, records, kind)
-    with Aside() if aside is None else nullcontext(aside) as hand:
+    with BackgroundDrawing() if aside is None else nullcontext(aside) as hand:
         figures = hand.draw_run(folder)
     say(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
 

@@ -149,9 +149,9 @@ def run_command(
 def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results:
     """Run a suite and make tables and figures of its rows, also of those that an interrupt left."""
     from isacbench.bench.run.runner import run_suite
-    from isacbench.report.figures.background_drawing import Aside
+    from isacbench.report.figures.background_drawing import BackgroundDrawing
 
-    with Aside() as aside:
+    with BackgroundDrawing() as aside:
         with progress_shown(suite.name, is_idle=execution.is_timing) as show:
 
             def progress(n_done: int, n_cells: int) -> None:

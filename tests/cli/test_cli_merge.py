@@ -3,7 +3,7 @@ import pytest
 from typer.testing import CliRunner
 
 from isacbench.cli import app
-from isacbench.report.figures.background_drawing import Aside
+from isacbench.report.figures.background_drawing import BackgroundDrawing
 
 RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "0,5", "-n", "4")
 
@@ -11,8 +11,8 @@ RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "
 @pytest.fixture
 def cli(plugins, tiny, tmp_path, monkeypatch):
     """Run the command line in a folder that holds a small scenario, without drawing figures."""
-    monkeypatch.setattr(Aside, "get_ready", lambda self: None)
-    monkeypatch.setattr(Aside, "draw_run", lambda self, folder: [folder / "deviation.png"])
+    monkeypatch.setattr(BackgroundDrawing, "get_ready", lambda self: None)
+    monkeypatch.setattr(BackgroundDrawing, "draw_run", lambda self, folder: [folder / "deviation.png"])
     monkeypatch.chdir(tmp_path)
 
     def call(*args):

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from isacbench.bench.cells.record import TIMING_COLUMNS
 from isacbench.cli import app
-from isacbench.report.figures.background_drawing import Aside
+from isacbench.report.figures.background_drawing import BackgroundDrawing
 
 RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "0", "-n", "3")
 
@@ -17,8 +17,8 @@ RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "
 def preparations(monkeypatch):
     """Count how often figures are prepared while cells are worked off; none are drawn."""
     calls = []
-    monkeypatch.setattr(Aside, "get_ready", lambda self: calls.append(self))
-    monkeypatch.setattr(Aside, "draw_run", lambda self, folder: [folder / "deviation.png"])
+    monkeypatch.setattr(BackgroundDrawing, "get_ready", lambda self: calls.append(self))
+    monkeypatch.setattr(BackgroundDrawing, "draw_run", lambda self, folder: [folder / "deviation.png"])
     return calls
 
 

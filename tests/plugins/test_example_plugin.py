@@ -37,10 +37,10 @@ import sys
 from typer.testing import CliRunner
 
 from isacbench.cli import app
-from isacbench.report.figures.background_drawing import Aside
+from isacbench.report.figures.background_drawing import BackgroundDrawing
 
-Aside.get_ready = lambda self: None
-Aside.draw_run = lambda self, folder: []
+BackgroundDrawing.get_ready = lambda self: None
+BackgroundDrawing.draw_run = lambda self, folder: []
 done = {name: CliRunner().invoke(app, words) for name, words in json.loads(sys.argv[1]).items()}
 print(json.dumps({name: (one.exit_code, one.stdout, one.output) for name, one in done.items()}))
 """

@@ -1,4 +1,4 @@
-"""Drawing aside: a process that draws what plugins show of themselves, where they can do no harm.
+"""Background drawing: a process that draws what plugins show of themselves, where they can do no harm.
 
 It starts while a run is busy elsewhere, and has imported what it needs by the
 time that it is asked.
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
     from isacbench.plugins.local_files import PluginFile
 
-__all__ = ["Aside"]
+__all__ = ["BackgroundDrawing"]
 
 TIMEOUT_S = 120.0
 """More than any diagnosis of one image takes, unless it hangs."""
 
 
-class Aside:
+class BackgroundDrawing:
     """A process that draws diagnoses; a context manager."""
 
     def __init__(self) -> None:
@@ -81,7 +81,7 @@ def _get_ready() -> None:
     from isacbench.report.figures import run_figures  # noqa: F401, importing is all
 
 
-# What follows runs in the process aside.
+# What follows runs in the process that draws.
 
 
 def _start(plugins: tuple[PluginFile, ...]) -> None:

@@ -7,7 +7,7 @@ from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures import background_drawing, run_figures
-from isacbench.report.figures.background_drawing import Aside
+from isacbench.report.figures.background_drawing import BackgroundDrawing
 from isacbench.report.figures.run_figures import draw_run
 
 SHOWING = """
@@ -67,14 +67,14 @@ def test_two_processes_draw_what_one_does(run_of):
         "rdm-music2d.png",
         *(path.name for path in together if path.name.startswith("spectrum")),
     ]
-    with Aside() as hand:
+    with BackgroundDrawing() as hand:
         hand.get_ready()
         assert hand.draw_run(folder) == together
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in together)
 
 
 def test_a_diagnosis_that_fails_is_told_and_costs_no_other_figure(run_of, monkeypatch):
-    with Aside() as hand:
+    with BackgroundDrawing() as hand:
         for deed, message in (
             ("raise", r"no map and no spectra of showing.*: ZeroDivisionError: no luck"),
             ("hang", r"no maps and no spectra: more than 1 s"),
