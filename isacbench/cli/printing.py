@@ -27,7 +27,7 @@ MAX_TABLE_WIDTH = 1000
 
 
 def report_run(
-    folder: Path, records: pd.DataFrame, kind: StudyKind, aside: BackgroundDrawing | None = None
+    folder: Path, records: pd.DataFrame, kind: StudyKind, drawing: BackgroundDrawing | None = None
 ) -> None:
     """Write and print the tables of a run, and draw its figures."""
     from isacbench.report.figures.background_drawing import BackgroundDrawing
@@ -36,7 +36,7 @@ def report_run(
     for grid in grids_of(records, kind):
         print_grid(grid)
     tables = write_run_tables(folder, records, kind)
-    with BackgroundDrawing() if aside is None else nullcontext(aside) as hand:
+    with BackgroundDrawing() if drawing is None else nullcontext(drawing) as hand:
         figures = hand.draw_run(folder)
     say(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
 

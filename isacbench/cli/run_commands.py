@@ -151,17 +151,17 @@ def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results
     from isacbench.bench.run.runner import run_suite
     from isacbench.report.figures.background_drawing import BackgroundDrawing
 
-    with BackgroundDrawing() as aside:
+    with BackgroundDrawing() as drawing:
         with progress_shown(suite.name, is_idle=execution.is_timing) as show:
 
             def progress(n_done: int, n_cells: int) -> None:
                 if not execution.is_timing:
-                    aside.get_ready()  # as soon as workers are busy, and this process is not
+                    drawing.get_ready()  # as soon as workers are busy, and this process is not
                 show(n_done, n_cells)
 
             results = run_suite(suite, folder, progress, execution)
         if not results.records.empty:
-            report_run(folder, results.records, results.suite.kind, aside)
+            report_run(folder, results.records, results.suite.kind, drawing)
     return results
 
 
