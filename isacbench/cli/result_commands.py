@@ -77,7 +77,7 @@ def rescore_command(folder: Annotated[Path, typer.Argument(metavar="RUN", help="
         report_run(folder, rescored.records, rescored.kind)
     say(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")
     for change in rescored.changes:
-        say(f"{change.column}: {change.n_rows} rows, by at most {change.largest:.6g}")
+        say(str(change))
 
 
 @app.command("compare")

@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from isacbench.errors import InputError
-from isacbench.metrics.cloud_scores import CloudScores, cloud_scores, gospa_m
+from isacbench.metrics.cloud_scores import cloud_scores, gospa_m
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 
@@ -126,9 +126,8 @@ def test_swapping_the_clouds_swaps_the_directions(truth: PointCloud, estimate: P
 @quick
 @given(truth=clouds(min_size=1))
 def test_the_truth_scores_perfectly_against_itself(truth: PointCloud) -> None:
-    assert cloud_scores(truth, truth) == CloudScores(
-        accuracy_m=0, completeness_m=0, gospa_m=0, precision=1, recall=1
-    )
+    found = vars(cloud_scores(truth, truth))
+    assert found == {name: float(name in ("precision", "recall")) for name in found}
 
 
 def test_a_point_at_one_metre_counts_as_found() -> None:

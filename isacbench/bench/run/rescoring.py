@@ -50,14 +50,22 @@ class Change(NamedTuple):
     ----------
     column : str
     n_rows : int
-        Rows that differ.
+        Rows whose value differs from the one before.
     largest : float
-        Largest absolute difference; infinite where there was no value, or is none now.
+        Largest absolute difference; infinite where a value is none now.
+    n_filled : int
+        Rows that had no value before.
     """
 
     column: str
     n_rows: int
     largest: float
+    n_filled: int = 0
+
+    def __str__(self) -> str:
+        filled = [f"{self.n_filled} rows filled in"] if self.n_filled else []
+        moved = [f"{self.n_rows} rows, by at most {self.largest:.6g}"] if self.n_rows else []
+        return f"{self.column}: {'; '.join([*filled, *moved])}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,11 +175,13 @@ def _compared(kind: StudyKind, old: pd.DataFrame, new: pd.DataFrame, n_scored: i
     differs = (old != new) & ~(old.isna() & new.isna())
     changes = []
     for name in new.columns[differs.any().to_numpy()]:
-        rows = differs[name]
-        changes.append(Change(name, int(rows.sum()), _largest(old.loc[rows, name], new.loc[rows, name])))
+        filled = differs[name] & old[name].isna()
+        rows = differs[name] & ~filled
+        largest = _largest(old.loc[rows, name], new.loc[rows, name])
+        changes.append(Change(name, int(rows.sum()), largest, int(filled.sum())))
     return Rescored(kind, new, n_scored, int(differs.any(axis=1).sum()), changes)
 
 
 def _largest(old: pd.Series[Any], new: pd.Series[Any]) -> float:
     difference = (new.astype(np.float64) - old.astype(np.float64)).abs()
-    return math.inf if difference.isna().any() else float(difference.max())
+    return math.inf if difference.isna().any() else float(difference.max() if difference.size else 0.0)

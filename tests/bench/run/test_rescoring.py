@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.run.rescoring import rescore
+from isacbench.bench.run.rescoring import Change, rescore
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.run_store import read_manifest
@@ -101,9 +101,10 @@ def test_changes_are_counted_by_column_with_the_largest(street, tmp_path):
     records.to_parquet(tmp_path / "run" / "results.parquet", index=False)
     rescored = rescore(tmp_path / "run")
     assert (rescored.n_scored, rescored.n_changed) == (4, 3)
-    assert [(change.column, change.n_rows) for change in rescored.changes] == [("gospa_m", 2), ("recall", 1)]
-    assert rescored.changes[0].largest == pytest.approx(0.5)
-    assert rescored.changes[1].largest == np.inf
+    gospa, recall = rescored.changes
+    assert (gospa.column, gospa.n_rows, gospa.n_filled) == ("gospa_m", 2, 0)
+    assert gospa.largest == pytest.approx(0.5)
+    assert recall == Change("recall", 0, 0.0, 1)
 
 
 def test_the_manifest_has_the_metric_and_the_call_and_a_run_goes_on(street, tmp_path, monkeypatch):
@@ -206,3 +207,9 @@ def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path):
     with pytest.raises(InputError, match=r"not the folder of a run, manifest\.json missing"):
         rescore(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_score_that_rows_had_not_is_told_as_filled_in():
+    assert str(Change("recall", 0, 0.0, 36)) == "recall: 36 rows filled in"
+    assert str(Change("recall", 2, 0.5, 36)) == "recall: 36 rows filled in; 2 rows, by at most 0.5"
+    assert str(Change("recall", 2, 0.5)) == "recall: 2 rows, by at most 0.5"
