@@ -25,7 +25,7 @@ from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import LocatedScatterers, Scenario
+from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
 
 SNR_DB = 10.0
@@ -43,7 +43,7 @@ def small_scenario():
         frame=get_frame("panel"),
         base_station_m=np.array([10.0, 60.0, 15.0]),
         region=region,
-        scatterers=LocatedScatterers(xyz, rng.choice([-10.0, 0.0, 10.0], 120), np.ones(120)),
+        scatterers=Scatterers(xyz, rng.choice([-10.0, 0.0, 10.0], 120), np.ones(120)),
     )
 
 
@@ -51,7 +51,7 @@ def thinned_out(scenario):
     """Five scatterers far apart instead of those of a scenario."""
     region = scenario.region
     xyz = region.lower_m + region.size_m * np.linspace(0.1, 0.9, 5)[:, None]
-    scatterers = LocatedScatterers(xyz, np.array([0.0, 9.0, -9.0, 4.0, -4.0]), np.ones(5))
+    scatterers = Scatterers(xyz, np.array([0.0, 9.0, -9.0, 4.0, -4.0]), np.ones(5))
     return replace(scenario, name=f"{scenario.name}-thin", scatterers=scatterers)
 
 
