@@ -4,6 +4,7 @@ import numpy as np
 from isacbench_algorithms.music2d import Music2d
 from scipy.ndimage import rank_filter, uniform_filter
 
+from isacbench.dsp.angles.aperture import Plane
 from isacbench.dsp.angles.model_order import noise_edge
 from isacbench.dsp.cfar import ca_cfar, os_mask
 from isacbench.dsp.cfar.factors import ca_factor, osca_factor
@@ -74,11 +75,12 @@ def test_music_against_a_dense_grid(against, street):
     def by_grid():
         kept["peaks"] = dense.peaks(snapshots)
 
-    along_u, along_w = against(
-        lambda: Music2d()._line_spectra(observation, snapshots, floor),
-        {"dense 300 x 150 grid": by_grid},
-        rounds=5,
-    )
+    def by_lines():
+        lines = Plane(*snapshots.shape[1:]).lines(snapshots.astype(np.complex128))
+        limits = observation.cosine_limits
+        return [Music2d().line_music(*of_axis, floor) for of_axis in zip(lines, limits, strict=True)]
+
+    along_u, along_w = against(by_lines, {"dense 300 x 150 grid": by_grid}, rounds=5)
     steps = np.array([np.ptp(dense.u) / DENSE_SHAPE[0], np.ptp(dense.w) / DENSE_SHAPE[1]])
     near = [
         (np.abs(peaks - [u, w]) < 2 * steps).all(axis=1).any()
