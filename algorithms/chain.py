@@ -61,13 +61,13 @@ __all__ = [
     "Reading",
     "StageSettings",
     "detect",
+    "determined_order",
     "explain",
     "locate",
     "merge_scatterers",
     "own_cell_test",
     "read_cells",
     "read_map",
-    "separate",
     "to_cloud",
 ]
 
@@ -265,7 +265,7 @@ def read_map(observation: Observation, estimator: StageSettings) -> ReadMap:
     ----------
     observation : Observation
     estimator : StageSettings
-        Its `aperture` and `precision` count.
+        Its `aperture` and `dtype_in` count.
 
     Returns
     -------
@@ -341,7 +341,7 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
         return CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
 
 
-def separate(pairs: Eigenpairs, order: NDArray[np.int64]) -> NDArray[np.int64]:
+def determined_order(pairs: Eigenpairs, order: NDArray[np.int64]) -> NDArray[np.int64]:
     """Limit the dimensions of signal subspaces to those that rounding leaves determined.
 
     Parameters

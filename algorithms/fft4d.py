@@ -187,7 +187,7 @@ class Fft4d(CellwiseEstimator):
         aperture = self.aperture(observation)
         if isinstance(aperture, Cross):
             along_u, along_w = self._line_spectra(observation, aperture, cells.own)
-            return self._shown(along_u, "u"), self._shown(along_w, "w")
+            return self._as_spectrum(along_u, "u"), self._as_spectrum(along_w, "w")
         found = self._angle_spectra(observation, cells.own)
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
         strongest = found.power[0].max()
@@ -211,28 +211,28 @@ class Fft4d(CellwiseEstimator):
         # Only local maxima can be peaks, so that nothing else needs a test.
         peaks = _spectral_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
         passed = _passed(power, peaks, detect_listed(self.angle_detector, power, 1, peaks).mask)
-        if not self._shows_a_wave(snapshots.shape[1:], shape):
+        if not self._passes_a_lone_wave(snapshots.shape[1:], shape):
             passed[_strongest(power, peaks)] = True
         row, column, found = plane_peaks(power, passed, self.max_sources)
         return _AngleSpectra(u.cosine, w.cosine, power, PlaneWaves(u.at(row), w.at(column), found))
 
-    def _shows_a_wave(self, elements: tuple[int, ...], samples: tuple[int, int]) -> bool:
+    def _passes_a_lone_wave(self, elements: tuple[int, ...], samples: tuple[int, int]) -> bool:
         """Whether the maximum of a lone plane wave without noise passes the test on P x Q elements.
 
         The mainlobe of a few elements covers whatever samples the detector
         compares with: of those it tells nothing.
         """
         key = elements, samples
-        if key not in self._shown_waves:
+        if key not in self._lone_waves:
             spectrum = scipy.fft.fftshift(scipy.fft.ifft2(np.ones(elements), samples, norm="forward"))
             power = (spectrum.real**2 + spectrum.imag**2)[None]
             peak = tuple(index[:1] for index in np.nonzero(power == power.max()))
-            self._shown_waves[key] = bool(detect_listed(self.angle_detector, power, 1, peak).mask[0])
-        return self._shown_waves[key]
+            self._lone_waves[key] = bool(detect_listed(self.angle_detector, power, 1, peak).mask[0])
+        return self._lone_waves[key]
 
     @cached_property
-    def _shown_waves(self) -> dict[tuple[tuple[int, ...], tuple[int, int]], bool]:
-        """What `_shows_a_wave` said, by elements and samples."""
+    def _lone_waves(self) -> dict[tuple[tuple[int, ...], tuple[int, int]], bool]:
+        """What `_passes_a_lone_wave` said, by elements and samples."""
         return {}
 
     def _line_spectra(
@@ -266,7 +266,7 @@ class Fft4d(CellwiseEstimator):
         strong: Cells = np.nonzero((power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)) & inside)
         return strong
 
-    def _shown(self, line: _FourierSpectra, label: Literal["u", "w"]) -> Spectrum:
+    def _as_spectrum(self, line: _FourierSpectra, label: Literal["u", "w"]) -> Spectrum:
         """First of the spectra in dB below its maximum."""
         strongest = line.power[0].max()
         threshold = self.line_detector.detect(line.power).threshold[0]

@@ -52,7 +52,7 @@ from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
 from .cellwise import CellwiseEstimator
-from .chain import CellSnapshots, Levels, Reading, ReadMap, Snapshots, separate
+from .chain import CellSnapshots, Levels, Reading, ReadMap, Snapshots, determined_order
 
 __all__ = ["JointSubspaceEstimator", "Subspaces"]
 
@@ -309,7 +309,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         n_pairs = largest + 1 if self.model_order == "noise" else n_sensors
         pairs = planar_eigenpairs(data, subarray, n_pairs)
         sources = self.signal_order(pairs, shape, subarray, noise)
-        order = separate(pairs, np.minimum(sources, largest))
+        order = determined_order(pairs, np.minimum(sources, largest))
         in_signal = np.arange(order.max(initial=1)) < order[:, None]
         basis = pairs.vectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
         return Subspaces(basis.reshape(len(snapshots), *subarray, basis.shape[2]), order)

@@ -67,7 +67,7 @@ from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
 from .cellwise import CellPrecision, CellwiseEstimator
-from .chain import CellSnapshots, Snapshots, detect, explain, locate, read_cells, read_map, separate
+from .chain import CellSnapshots, Snapshots, detect, determined_order, explain, locate, read_cells, read_map
 from .detectors import CaCfar
 
 __all__ = ["Music2d", "MusicSpectra"]
@@ -253,7 +253,7 @@ class Music2d(CellwiseEstimator):
         with stage("subspace"):
             pairs = line_eigenpairs(lines, n_subarray)
             sources = self.signal_order(pairs, lines.shape, noise)
-            order = separate(pairs, np.minimum(sources, self.max_order))
+            order = determined_order(pairs, np.minimum(sources, self.max_order))
         with stage("spectrum"):
             null = music_null_spectrum(pairs.vectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)

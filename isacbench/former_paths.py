@@ -1,4 +1,4 @@
-"""Import paths of version 0.1, which plugins use: each gives the module at its present place."""
+"""Import paths that CONTRIBUTING named in version 0.1: each gives the module at its present place."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ __all__ = ["PRESENT", "FormerPaths", "present_path"]
 PRESENT = {
     "isacbench.contracts": "isacbench.plugins.contracts",
     "isacbench.stages": "isacbench.instrument.stages",
-    "isacbench.dsp.cfar_checks": "isacbench.dsp.cfar",
+    "isacbench.remarks": "isacbench.instrument.remarks",
+    "isacbench.dsp.cfar_checks": "isacbench.dsp.cfar.map_checks",
     "isacbench.dsp.thresholds": "isacbench.dsp.cfar.factors",
     "isacbench.conformance": "isacbench.checking.contract",
     "isacbench.conformance.scenes": "isacbench.checking.contract.small_scenes",
@@ -44,14 +45,20 @@ def present_path(module: str) -> str:
     Returns
     -------
     str
-        The same name where the module has not moved.
+        The same name where the module has not moved. What a former package
+        held is looked for in the present one.
 
     Examples
     --------
     >>> present_path("isacbench.contracts"), present_path("numpy")
     ('isacbench.plugins.contracts', 'numpy')
     """
-    return PRESENT.get(module, module)
+    parts = module.split(".")
+    for n in range(len(parts), 0, -1):
+        present = PRESENT.get(".".join(parts[:n]))
+        if present is not None:
+            return ".".join([present, *parts[n:]])
+    return module
 
 
 class FormerPaths(MetaPathFinder, Loader):
@@ -60,9 +67,10 @@ class FormerPaths(MetaPathFinder, Loader):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Claim the paths of `PRESENT`, and no other."""
-        return ModuleSpec(fullname, self, is_package=True) if fullname in PRESENT else None
+        """Claim the paths of `PRESENT` and what lies under them, and no other."""
+        moved = present_path(fullname) != fullname
+        return ModuleSpec(fullname, self, is_package=True) if moved else None
 
     def exec_module(self, module: ModuleType) -> None:
         """Put the module at the present path in the place of the one that the import began with."""
-        sys.modules[module.__name__] = import_module(PRESENT[module.__name__])
+        sys.modules[module.__name__] = import_module(present_path(module.__name__))

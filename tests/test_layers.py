@@ -5,6 +5,7 @@ import re
 import tomllib
 from collections import Counter, defaultdict
 from graphlib import CycleError, TopologicalSorter
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -124,6 +125,8 @@ def test_packages_import_only_what_lies_below_them():
         if package_of(source) not in {package_of(module), ""} | allowed[package_of(module)]
     ]
     assert not offences
+    from_top = {name for module in FILES for source, name in IMPORTS[module] if source == "isacbench"}
+    assert from_top <= {None, "__version__"}  # whose other names come from every layer
     order = TopologicalSorter(LAYERS)
     order.prepare()  # raises where the layers themselves go in a circle
 
@@ -132,8 +135,9 @@ def test_no_imports_go_in_a_circle():
     graph = {
         name: {source for source, _ in found if source != "isacbench"} for name, found in IMPORTS.items()
     }
-    for room in ROOMS - {"isacbench"}:  # a room runs before its modules; only what it imports makes a circle
-        graph[room] = {source for source, _ in IMPORTS[room]}
+    for module, sources in graph.items():  # the packages above a module run before it
+        above = {source[:end] for source in [*sources] for end in range(len(source)) if source[end] == "."}
+        sources |= {room for room in above - {"isacbench"} if not f"{module}.".startswith(f"{room}.")}
     graph["isacbench"] = set()
     try:
         TopologicalSorter(graph).prepare()
@@ -199,8 +203,23 @@ SLASHED = re.compile(r"(?<![\w./-])(?:isacbench|algorithms|tests)/[\w/]+\.py\b")
 NO_MODULES = {
     *("isacbench.estimators", "isacbench.detectors"),  # groups of entry points
     "isacbench.before",  # a key of metadata
+    "figures/",  # in the folder of a run
     *("isacbench_algorithms.strongest", "algorithms/strongest.py"),  # the reader's, in CONTRIBUTING
 }
+
+
+SHORT = re.compile(r"`((?:\w+/)+\w+\.py|(?:\w+/)+)`")
+
+
+def test_paths_in_documents_exist_in_the_library_or_beside_it():
+    places = [ROOT, ROOT / "isacbench"]
+    wrong = [
+        f"{document.name}: {found}"
+        for document in [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+        for found in SHORT.findall(document.read_text("utf-8"))
+        if found not in NO_MODULES and not any((place / found).exists() for place in places)
+    ]
+    assert wrong == []
 
 
 def written_paths():
@@ -250,11 +269,16 @@ def test_paths_that_are_written_down_exist():
 
 @pytest.mark.parametrize(("former", "present"), PRESENT.items())
 def test_import_paths_of_the_first_version_give_the_module_at_its_present_place(former, present):
-    from importlib import import_module
-
     assert import_module(former) is import_module(present)
     assert import_module(present).__spec__.name == present
     assert find_spec(present).origin is not None
+
+
+def test_what_a_former_package_held_is_no_second_copy():
+    former = import_module("isacbench.conformance.findings")
+    assert former is import_module("isacbench.checking.contract.findings")
+    with pytest.raises(ModuleNotFoundError, match=r"isacbench\.checking\.stress\.gone"):
+        import_module("isacbench.stress.gone")
 
 
 def test_the_architecture_page_draws_every_room_and_no_other():

@@ -57,7 +57,7 @@ def parse_rows(
     ----------
     path : Path
         File to name in messages.
-    lines : iterable of Line
+    lines : iterable of TextLine
         One row each.
     columns : sequence of str
         Names of the columns, for messages and their number.

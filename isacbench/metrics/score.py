@@ -145,7 +145,8 @@ def score(
 
 def _attribute(parts: tuple[object, ...], name: str) -> float:
     """Score of that name, of the one part that has it."""
-    value: float = next(getattr(part, name) for part in parts if hasattr(part, name))
+    (owner,) = (part for part in parts if hasattr(part, name))
+    value: float = getattr(owner, name)
     return value
 
 

@@ -94,7 +94,7 @@ def spec_variants(text: str) -> list[SpelledVariant]:
 
     Returns
     -------
-    list of Variant
+    list of SpelledVariant
         Every combination of alternatives, that of the last parameter varying
         fastest; a single one where there are no alternatives.
 

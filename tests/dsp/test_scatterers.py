@@ -155,7 +155,7 @@ def test_waves_of_a_resolved_cell_are_one_family_and_those_of_others_none():
 
 
 def with_families(*family):
-    """LocatedScatterers a range bin apart."""
+    """Scatterers a range bin apart."""
     rows = scatterers(*((30.0 + i, 1, 0.1, 0.2, 4.0 + i) for i in range(len(family))))
     return replace(rows, family=np.array(family, dtype=np.int64))
 

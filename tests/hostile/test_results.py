@@ -444,8 +444,8 @@ def another_scenario(manifest):
     ("change", "told"),
     [
         (without("scenarios", "tiny"), "its rows name the scenarios ['tiny'], which its manifest does not"),
-        (without("estimators", 0), "entry 0 of 'tiny'; allowed are indices of the 0 estimators"),
-        (another_entry, "entry 7 of 'tiny'; allowed are indices of the 1 estimators"),
+        (without("estimators", 0), "contestant 0 of 'tiny'; allowed are indices of the 0 estimators"),
+        (another_entry, "contestant 7 of 'tiny'; allowed are indices of the 1 estimators"),
         (without("scenes", 0, "contestants", 0), "scenes[0].contestants = []"),
     ],
 )

@@ -37,6 +37,7 @@ __all__ = [
     "Record",
     "Results",
     "typed",
+    "with_added",
 ]
 
 CellStatus = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
@@ -233,7 +234,22 @@ def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     timing = {name: default for name, default in TIMING_COLUMNS.items() if name in records}
     kinds |= {name: KINDS[type(default).__name__] for name, default in {**columns, **timing}.items()}
     table = records.reindex(columns=list(kinds))
-    for name, default in columns.items():
+    for name, default in {**ADDED, **columns}.items():
         if name not in records:
             table[name] = default
     return table.astype(kinds)
+
+
+def with_added(records: pd.DataFrame) -> pd.DataFrame:
+    """Fill in the columns that were added after rows were stored, with the values that stand for before.
+
+    Parameters
+    ----------
+    records : DataFrame
+
+    Returns
+    -------
+    DataFrame
+        Of the same rows, with all columns of `ADDED`.
+    """
+    return records.assign(**{name: value for name, value in ADDED.items() if name not in records})

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS
+from isacbench.bench.cells.record import CLOUD_KEYS, with_added
 from isacbench.bench.store.run_store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
 from isacbench.bench.store.validation import require_described_scenarios, require_sound_records
 from isacbench.errors import InputError
@@ -64,7 +64,7 @@ def read_run(folder: Path) -> RunTable:
             f"{folder}: not the folder of a run, {RECORDS} missing; allowed is one that isacbench run wrote"
         )
     try:
-        records = read_table(folder / RECORDS)
+        records = with_added(read_table(folder / RECORDS))
         require_sound_records(records)
     except ValueError as error:
         raise InputError(f"{folder}: damaged run: {error}") from error

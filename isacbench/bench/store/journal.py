@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import ADDED, COLUMNS, PROVENANCE, TYPES
+from isacbench.bench.cells.record import ADDED, COLUMNS, PROVENANCE, TYPES, with_added
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import cannot_be_written
 from isacbench.files.checked_files import open_own, require_file, require_inside
@@ -189,13 +189,12 @@ class _Reader:
         of = pd.Index(list(self.shared)).get_indexer(pd.Index(self.of))
         shared = pd.DataFrame(list(self.shared.values())).iloc[of].reset_index(drop=True)
         own = pd.DataFrame(self.values, columns=self.columns)
-        own = own.assign(**{name: value for name, value in ADDED.items() if name not in own})
         every, n = np.concatenate(self.numbers), len(NUMBERS)
         sizes = np.array([numbers.size for numbers in self.numbers])
         of_row = (np.cumsum(sizes) - sizes)[:, None] + np.arange(n)
         numbers = pd.DataFrame(every[of_row], columns=NUMBERS)
         points = np.delete(every, of_row).reshape(-1, len(POINT_COLUMNS))
-        records = pd.concat([shared, own, numbers], axis=1)
+        records = with_added(pd.concat([shared, own, numbers], axis=1))
         self.parts.append(Rows(records, (sizes - n) // len(POINT_COLUMNS), points, {}))
         self.values, self.of, self.numbers = [], [], []
 

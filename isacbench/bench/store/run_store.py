@@ -17,7 +17,7 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 import isacbench
-from isacbench.bench.cells.record import ADDED, CLOUD_KEYS, COLUMNS, DRAW_COLUMNS, Results, typed
+from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, DRAW_COLUMNS, Results, typed, with_added
 from isacbench.bench.plan.manifest_plan import outline
 from isacbench.bench.store.csv_table import without_formulas, write_csv_table
 from isacbench.bench.store.journal import read_journal
@@ -434,9 +434,9 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 
 def _read_records(folder: Path) -> pd.DataFrame:
-    records = read_table(folder / RECORDS)
+    records = with_added(read_table(folder / RECORDS))
     # Runs from before rows told where they come from, or from before a column was added, have columns less.
-    before = {"timing": False, "scenario_content": "", "environment": "", **ADDED}
+    before = {"timing": False, "scenario_content": "", "environment": ""}
     if missing := [name for name in COLUMNS if name not in records and name not in before]:
         raise KeyError(f"{RECORDS} has no column {missing[0]}")
     unknown = pd.DataFrame(before, index=records.index)

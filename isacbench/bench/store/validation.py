@@ -108,7 +108,7 @@ class Manifest(_Part):
         for scene in scenes:
             if max(scene.contestants) >= n_estimators:
                 raise ValueError(
-                    f"entry {max(scene.contestants)} of {scene.name!r}; allowed are indices of the "
+                    f"contestant {max(scene.contestants)} of {scene.name!r}; allowed are indices of the "
                     f"{n_estimators} estimators"
                 )
         return scenes

@@ -198,7 +198,7 @@ def count_cells(shot: MeasuredImage) -> dict[str, int]:
 
     Parameters
     ----------
-    shot : Shot
+    shot : MeasuredImage
 
     Returns
     -------

@@ -81,7 +81,7 @@ def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
 
     Parameters
     ----------
-    shot : Shot
+    shot : MeasuredImage
 
     Returns
     -------

@@ -143,7 +143,7 @@ def measure_resolution(dimension: Dimension, shot: MeasuredImage) -> dict[str, A
     ----------
     dimension : {"range", "velocity", "u", "w"}
         In which they differ.
-    shot : Shot
+    shot : MeasuredImage
 
     Returns
     -------

@@ -55,7 +55,7 @@ SuiteT = TypeVar("SuiteT", bound="Suite", contravariant=True)
 
 @dataclass(frozen=True)
 class Entry(Generic[Plugin]):
-    """Estimator or detector of a suite, with its parameters: one column of a table.
+    """Estimator, detector or receiver of a suite, with its parameters.
 
     Attributes
     ----------

@@ -201,7 +201,7 @@ class AtomMap:
 
         Returns
         -------
-        Line
+        AtomFactors
         """
         if axis < 2:
             bins = (self.range_bins, self.doppler_bins)[axis]
@@ -227,7 +227,7 @@ class AtomMap:
 
         Returns
         -------
-        tuple of Line
+        tuple of AtomFactors
         """
         along_range, along_doppler, along_u, along_w = (
             self.line(places[:, axis], axis) for axis in range(N_COORDINATES)
@@ -244,7 +244,7 @@ class AtomMap:
 
         Parameters
         ----------
-        lines : tuple of Line
+        lines : tuple of AtomFactors
             From `lines`.
         amplitude : ndarray of complex128, shape (n,)
             Of the unit-energy atoms.
@@ -266,7 +266,7 @@ class AtomMap:
 
         Parameters
         ----------
-        lines : tuple of Line
+        lines : tuple of AtomFactors
             From `lines`.
 
         Returns
@@ -280,7 +280,7 @@ class AtomMap:
 
         Parameters
         ----------
-        lines : tuple of Line
+        lines : tuple of AtomFactors
             From `lines`.
 
         Returns
@@ -294,7 +294,7 @@ class AtomMap:
 
         Parameters
         ----------
-        lines : tuple of Line
+        lines : tuple of AtomFactors
             From `lines`.
 
         Returns
@@ -311,7 +311,7 @@ class AtomMap:
 
         Parameters
         ----------
-        lines : tuple of Line
+        lines : tuple of AtomFactors
             From `lines`.
 
         Returns

@@ -40,7 +40,7 @@ class WaveformMerits:
 
     Attributes
     ----------
-    layout : Layout
+    layout : SymbolLayout
         Samples of a symbol at the critical rate.
     sampling_rate_hz : float
         Critical rate N Δf.

@@ -63,7 +63,7 @@ def layout(system: System, oversampling: int = 1) -> SymbolLayout:
 
     Returns
     -------
-    Layout
+    SymbolLayout
 
     Raises
     ------
@@ -118,7 +118,7 @@ def n_samples(layout: SymbolLayout, n_symbols: int) -> int:
 
     Parameters
     ----------
-    layout : Layout
+    layout : SymbolLayout
     n_symbols : int
 
     Returns
@@ -142,7 +142,7 @@ def transmit_window(layout: SymbolLayout, position: ArrayLike) -> NDArray[np.flo
 
     Parameters
     ----------
-    layout : Layout
+    layout : SymbolLayout
     position : array_like, any shape
         In samples from the start of the useful part, not necessarily whole.
 

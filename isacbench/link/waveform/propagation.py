@@ -124,7 +124,7 @@ def shown_lags(delay: ArrayLike, parts: SymbolLayout, n_before: int = 0) -> tupl
     ----------
     delay : array_like, any shape
         In samples.
-    parts : Layout
+    parts : SymbolLayout
     n_before : int
         Samples before the useful part that the window begins; it ends with the
         useful part.

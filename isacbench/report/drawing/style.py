@@ -139,7 +139,7 @@ def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict
 
     Returns
     -------
-    dict of (str, str) to Look
+    dict of (str, str) to LineLook
         In the order of the labels.
 
     Examples

@@ -104,7 +104,7 @@ def draw_scores(
         As `isacbench.report.tables.run_tables.summarise_scores` returns it.
     scenario : str
         Its name.
-    looks : mapping of (str, str) to Look
+    looks : mapping of (str, str) to LineLook
     radius_m : float
         Radius of precision and recall in m.
 
@@ -129,7 +129,7 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
     ----------
     summary : DataFrame
         As `isacbench.report.tables.run_tables.summarise_scores` returns it.
-    looks : mapping of (str, str) to Look
+    looks : mapping of (str, str) to LineLook
 
     Returns
     -------

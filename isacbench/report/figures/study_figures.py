@@ -52,7 +52,7 @@ def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant
         As `isacbench.bench.studies.efficiency_study.summarise_efficiency` returns it.
     scenario : str
         Its name.
-    looks : mapping of (str, str) to Look
+    looks : mapping of (str, str) to LineLook
 
     Returns
     -------
@@ -120,7 +120,7 @@ def draw_resolution(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
     summary : DataFrame
         As `isacbench.bench.studies.resolution_study.summarise_resolution` returns it, of one template
         and SNR.
-    looks : mapping of (str, str) to Look
+    looks : mapping of (str, str) to LineLook
 
     Returns
     -------

@@ -126,7 +126,7 @@ def test_a_journal_that_is_gone_on_with_may_have_other_columns(folder):
 def added_since(monkeypatch, *names):
     """Take columns for ones that were added after a journal was written."""
     numbers = [name for name in journal_module.NUMBERS if name not in names]
-    monkeypatch.setattr(journal_module, "ADDED", dict.fromkeys(names, math.nan))
+    monkeypatch.setattr("isacbench.bench.cells.record.ADDED", dict.fromkeys(names, math.nan))
     monkeypatch.setattr(journal_module, "NUMBERS", numbers)
     monkeypatch.setattr(journal_module, "PACKED", struct.Struct(f"<{len(numbers)}d"))
     monkeypatch.setattr(journal_module, "_numbers", attrgetter(*numbers))

@@ -54,7 +54,7 @@ def test_a_run_from_before_a_column_was_added_is_read_with_what_stands_for_befor
     older.to_parquet(folder / "results.parquet", index=False)
     with pytest.raises(InputError, match="no column recall"):
         read_results(folder)
-    monkeypatch.setattr("isacbench.bench.store.run_store.ADDED", {"recall": math.nan})
+    monkeypatch.setattr("isacbench.bench.cells.record.ADDED", {"recall": math.nan})
     records = read_results(folder).records
     assert records["recall"].isna().all()
     pd.testing.assert_frame_equal(records[older.columns], older)
