@@ -1,4 +1,4 @@
-"""What cell-by-cell estimators have in common: their parameters, and a method for each stage to exchange.
+"""Base of cell-by-cell estimators: their parameters, and a method for each stage to exchange.
 
 The stages themselves are functions (`isacbench_algorithms.chain`). An estimator
 calls them in order in its `estimate`, and adds how plane waves are found in the
@@ -35,7 +35,7 @@ __all__ = ["CellPrecision", "CellwiseEstimator", "Explanation"]
 CellPrecision = Literal["double", "single"]
 
 Explanation = Literal["joint", "none"]
-"""What happens to the candidates that the cells show: joint selection and refinement, or nothing."""
+"""Treatment of the candidates that the cells show: joint selection and refinement, or none."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ __all__ = [
 Snapshots = NDArray[np.complexfloating[Any, Any]]
 
 PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
-"""What is done with cells: the map and its test; snapshots, their Fourier spectra and amplitudes;
+"""Uses of cells: the map and its test; snapshots, their Fourier spectra and amplitudes;
 covariances, their eigenvectors and null spectra; the joint explanation."""
 
 LAST_DIGITS_LOST = 4
@@ -151,7 +151,7 @@ class Detected(NamedTuple):
 
 @dataclass(frozen=True)
 class Reading:
-    """How the cells are read whose plane waves are sought.
+    """Reading of the cells whose plane waves are sought.
 
     Attributes
     ----------
@@ -208,7 +208,7 @@ class CellSnapshots:
 
 
 class StageSettings(Protocol):
-    """What the stages ask of an estimator; `isacbench_algorithms.cellwise.CellwiseEstimator` has it all."""
+    """Settings that the stages ask of an estimator, as `isacbench_algorithms.cellwise` has them."""
 
     @property
     def integration(self) -> Integration:
@@ -232,7 +232,7 @@ class StageSettings(Protocol):
 
     @property
     def explain(self) -> Literal["joint", "none"]:
-        """Whether candidates are selected and refined jointly."""
+        """Joint selection and refinement of candidates, or none."""
 
     def aperture(self, observation: Observation) -> Aperture:
         """Elements that are read."""

@@ -232,7 +232,7 @@ class Fft4d(CellwiseEstimator):
 
     @cached_property
     def _lone_waves(self) -> dict[tuple[tuple[int, ...], tuple[int, int]], bool]:
-        """What `_passes_a_lone_wave` said, by elements and samples."""
+        """Answers of `_passes_a_lone_wave`, by elements and samples."""
         return {}
 
     def _line_spectra(

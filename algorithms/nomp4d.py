@@ -85,10 +85,10 @@ SPLIT_CERTAINTY = 3.0
 """Gain of a split over the threshold of a new atom: it is the best of many."""
 
 TABOO_CELLS = 0.15
-"""How near to a split that failed another is not tried."""
+"""Distance from a split that failed, within which none is tried again."""
 
 HOPELESS_CELLS = 0.3
-"""How near to a new atom that changed nothing in a whole round another is not tried."""
+"""Distance from a new atom that changed nothing in a whole round, within which none is tried again."""
 
 BOX_CELLS = 0.5
 """Farthest that an atom moves from where it came in, unless little is left around it."""

@@ -27,7 +27,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 ROUND_RANGE_DB = 6.0
-"""How far below the best move others may lie that are made in the same round."""
+"""Range below the best move of the others that are made in the same round."""
 
 APART_CELLS = 1.0
 """Distance of moves of one round."""
@@ -36,7 +36,7 @@ SPLIT_PREFERENCE = 2.0
 """A split gains from what is left near the atom; a new atom there would only be the first of two."""
 
 PAIR_CELLS = 0.8
-"""How far from the atom that was split the two are looked for."""
+"""Distance from the atom that was split, within which the two are looked for."""
 
 MOST_LEFT = 64
 """Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
