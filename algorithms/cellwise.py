@@ -30,8 +30,6 @@ from . import chain
 from .chain import CellSnapshots, Levels, PrecisionStage, Reading, ReadMap
 from .detectors import OscaCfar
 
-__all__ = ["CellPrecision", "CellwiseEstimator", "Explanation"]
-
 CellPrecision = Literal["double", "single"]
 
 Explanation = Literal["joint", "none"]

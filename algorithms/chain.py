@@ -52,25 +52,6 @@ if TYPE_CHECKING:
     from isacbench.model.gate import Gate
     from isacbench.model.observation import Observation
 
-__all__ = [
-    "CellSnapshots",
-    "Detected",
-    "Levels",
-    "PrecisionStage",
-    "ReadMap",
-    "Reading",
-    "StageSettings",
-    "detect",
-    "determined_order",
-    "explain",
-    "locate",
-    "merge_scatterers",
-    "own_cell_test",
-    "read_cells",
-    "read_map",
-    "to_cloud",
-]
-
 Snapshots = NDArray[np.complexfloating[Any, Any]]
 
 PrecisionStage = Literal["detection", "directions", "subspace", "selection"]

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     Power = NDArray[np.floating]
 
-__all__ = ["CaCfar", "GocaCfar", "OsCfar", "OscaCfar", "SocaCfar", "TmCfar"]
-
 
 class _Cfar(ABC):
     """The test that all detectors share."""

@@ -48,8 +48,6 @@ from isacbench.model.observation import Observation
 from .chain import detect, explain, locate, read_cells, read_map
 from .joint_subspace import JointSubspaceEstimator, Subspaces
 
-__all__ = ["Esprit2d"]
-
 
 @dataclass(frozen=True)
 class Esprit2d(JointSubspaceEstimator):

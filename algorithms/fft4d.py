@@ -52,8 +52,6 @@ from .cellwise import CellPrecision, CellwiseEstimator
 from .chain import CellSnapshots, Snapshots, detect, explain, locate, read_cells, read_map
 from .detectors import CaCfar
 
-__all__ = ["Fft4d"]
-
 
 class _CosineAxis(NamedTuple):
     """Cosines of a transform's samples, ascending, and which of them lie where the region is."""

@@ -54,8 +54,6 @@ from isacbench.plugins.contracts import Spectrum
 from .cellwise import CellwiseEstimator
 from .chain import CellSnapshots, Levels, Reading, ReadMap, Snapshots, determined_order
 
-__all__ = ["JointSubspaceEstimator", "Subspaces"]
-
 CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
 

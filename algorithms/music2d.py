@@ -70,8 +70,6 @@ from .cellwise import CellPrecision, CellwiseEstimator
 from .chain import CellSnapshots, Snapshots, detect, determined_order, explain, locate, read_cells, read_map
 from .detectors import CaCfar
 
-__all__ = ["Music2d", "MusicSpectra"]
-
 MIN_GRID_POINTS = 65
 """Samples that the default window of the spectrum's CFAR needs."""
 

@@ -54,8 +54,6 @@ from isacbench.plugins.contracts import Spectrum
 from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
 from .joint_subspace import JointSubspaceEstimator, Subspaces
 
-__all__ = ["Music2dJoint"]
-
 SAMPLES_PER_LOBE = 16
 """Grid points across the main lobe of a subarray, 4 / L: a null is rounder than the lobe."""
 

@@ -76,8 +76,6 @@ from isacbench.model.gate import Gate
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Needs
 
-__all__ = ["Nomp4d"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -21,8 +21,6 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Needs
 
-__all__ = ["Oracle"]
-
 
 @dataclass(frozen=True)
 class Oracle:

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from isacbench.metrics.score import score
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
-    from isacbench.model.scenes.scenario import Scenario, load_scenario
+    from isacbench.model.scene import Scenario
+    from isacbench.model.scenes.scenario import load_scenario
     from isacbench.plugins.registry import get_detector, get_estimator
     from isacbench.report.figures.plotting import plot_clouds
 

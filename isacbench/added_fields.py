@@ -11,8 +11,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, TypeVar
 
-__all__ = ["added_field", "identity_fields", "values_before"]
-
 T = TypeVar("T")
 
 BEFORE = "isacbench.before"

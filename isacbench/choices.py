@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-__all__ = ["Dimension", "Division", "MapName", "Modulation", "Sensing"]
-
 Modulation = Literal["qpsk", "16qam", "64qam", "256qam"]
 """Of the data that are sent."""
 

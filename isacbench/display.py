@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike
 
-__all__ = ["Description", "Displayed", "array_brief", "brief", "span"]
-
 WIDTH = 110
 """Characters of a line, unless it takes longer ones to keep to few."""
 

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["InputError", "InputWarning", "did_you_mean", "nearest", "require", "unknown_name"]
-
 
 class InputError(ValueError):
     """Bad input from outside: a file, a key, a name, a parameter.

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["PRESENT", "FormerPaths", "present_path"]
-
 PRESENT = {
     "isacbench.contracts": "isacbench.plugins.contracts",
     "isacbench.stages": "isacbench.instrument.stages",

@@ -16,20 +16,6 @@ from isacbench.files.escaping import visible, visible_lines
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = [
-    "EXIT_FAILED_CELLS",
-    "EXIT_INTERRUPTED",
-    "EXIT_NOT_COMPARABLE",
-    "EXIT_REGRESSION",
-    "EXIT_TERMINATED",
-    "EXIT_USAGE",
-    "app",
-    "fail",
-    "main",
-    "say",
-    "say_lines",
-]
-
 EXIT_USAGE = 2
 EXIT_FAILED_CELLS = 3
 EXIT_REGRESSION = 4

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
 
-__all__ = ["image_command", "plan_command", "score_command", "simulate_command"]
-
-
 SCENARIO = typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
 ESTIMATOR = typer.Option("-e", "--estimator", metavar="NAME[param=value,...]", help="Estimator.")
 TRIAL = typer.Option("--trial", metavar="TRIAL", min=0, help="Which noise draw.")
@@ -101,8 +98,7 @@ def image_command(
     require_names([scenario], [estimator])
     from threadpoolctl import threadpool_limits
 
-    from isacbench.bench.cells.cell import score_image
-    from isacbench.bench.run.runner import estimate_cloud
+    from isacbench.bench.cells.cell import estimate_cloud, score_image
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.instrument.remarks import Remarks
     from isacbench.model.scenes.scenario import load_scenario

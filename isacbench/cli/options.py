@@ -10,17 +10,6 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = [
-    "OUT_HELP",
-    "SEED_HELP",
-    "AsJson",
-    "EstimatorSpecs",
-    "PluginFiles",
-    "ScenarioNames",
-    "register",
-    "require_names",
-]
-
 EstimatorSpecs = Annotated[
     list[str] | None,
     typer.Option(

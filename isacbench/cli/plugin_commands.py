@@ -10,8 +10,6 @@ from isacbench.cli.app import EXIT_FAILED_CELLS, app, say
 from isacbench.cli.options import AsJson, PluginFiles, register
 from isacbench.cli.printing import print_json
 
-__all__ = ["check_command", "list_command"]
-
 
 @app.command("list")
 def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:

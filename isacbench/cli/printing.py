@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from isacbench.report.figures.background_drawing import BackgroundDrawing
     from isacbench.report.tables.run_tables import Grid
 
-__all__ = ["print_grid", "print_json", "print_scores", "report_run"]
-
 MAX_TABLE_WIDTH = 1000
 
 

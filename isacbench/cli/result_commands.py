@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.compare.comparison import Comparison
 
-__all__ = ["compare_command", "merge_command", "report_command", "rescore_command"]
-
 GAPS_SHOWN = 10
 """Lines about missing cells; whoever misses more has not merged all parts yet."""
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from isacbench.bench.run.runner import Execution
     from isacbench.bench.suites.suite import Suite
 
-__all__ = ["run_command"]
-
 
 @app.command("run")
 def run_command(

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.case import Case
     from isacbench.checking.stress.runs.stress_runs import Examined, Target
 
-__all__ = ["stress_command"]
-
 TIMEOUT_S = 120.0
 """Equal to `isacbench.checking.stress.runs.stress_runs.TIMEOUT_S`, whose import takes long."""
 

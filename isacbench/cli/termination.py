@@ -13,8 +13,6 @@ from isacbench.cli.app import EXIT_INTERRUPTED, EXIT_TERMINATED, fail
 if TYPE_CHECKING:
     from types import FrameType, TracebackType
 
-__all__ = ["Termination"]
-
 SAME_S = 1.0
 """GNU timeout signals a process and then its group: signals so soon after each other are one."""
 

@@ -12,8 +12,6 @@ from isacbench.cli.app import app, say
 from isacbench.cli.options import SEED_HELP, AsJson, require_names
 from isacbench.cli.printing import print_grid, print_json
 
-__all__ = ["waveform_command"]
-
 
 @app.command("waveform")
 def waveform_command(
@@ -37,8 +35,9 @@ def waveform_command(
 ) -> None:
     """Tell what the waveform of a scenario takes and carries: times, band, peaks, bits."""
     require_names([scenario])
+    from isacbench.choices import Modulation
     from isacbench.link.waveform.figures_of_merit import draw_papr_db, waveform_merits
-    from isacbench.link.waveform.qam import BITS, Modulation, bits_per_symbol
+    from isacbench.link.waveform.qam import BITS, bits_per_symbol
     from isacbench.link.waveform.resource_grid import draw_grid
     from isacbench.model.scenes.scenario import load_scenario
     from isacbench.report.texts.waveform_merits import describe_waveform, waveform_grids

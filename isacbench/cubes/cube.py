@@ -19,20 +19,6 @@ if TYPE_CHECKING:
     from isacbench.model.array import VirtualArray
     from isacbench.model.numerology import System
 
-__all__ = [
-    "TILE_BYTES",
-    "ComplexArray",
-    "Cube",
-    "Tile",
-    "complex_grid",
-    "describe_array",
-    "is_complex",
-    "require_cube",
-    "require_elements",
-    "require_grid",
-    "require_shape",
-]
-
 ComplexArray: TypeAlias = NDArray[np.complexfloating[Any, Any]]
 
 TILE_BYTES = 32 * 2**20

@@ -21,11 +21,8 @@ from isacbench.model.observation import Observation, cross_elements
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from isacbench.link.waveform.sent_signal import Division
-    from isacbench.model.prs import Sensing
+    from isacbench.choices import Division, Sensing
     from isacbench.model.scene import Scenario
-
-__all__ = ["CubeObservation", "observe_cube"]
 
 CubeLike = Any
 """Array in memory, HDF5 dataset, zarr array, or the path of a file that holds one."""

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Estimator, Needs
 
-__all__ = ["ImagePlan", "Step", "Work", "plan_image"]
-
 ANGLE_OVERSAMPLING = 3
 """Points of an angle FFT an element, as many as `fft4d` takes on the paper's array."""
 

@@ -23,8 +23,6 @@ from isacbench.files.checked_files import require_file
 if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray, Cube
 
-__all__ = ["open_cube", "read_grid"]
-
 
 def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     """Open a recorded cube; of a file, headers and the transmitted grid are read, and nothing else.

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from isacbench.model.scene import Scenario
 
-__all__ = ["FrameSimulator", "write_frame"]
-
 Complex = NDArray[np.complex128]
 
 LARGEST_SINGLE = 1e30

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
 
-__all__ = ["GateTransform"]
-
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 TILES_AHEAD = 1

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import DTypeLike
 
-__all__ = ["CubeWriter", "chunk_lengths", "create_cube"]
-
 Shape: TypeAlias = tuple[int, int, int, int]
 Write: TypeAlias = Callable[[int, ComplexArray], None]
 """Writes a block, already of the right type, from a subcarrier on."""

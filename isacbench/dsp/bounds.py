@@ -26,18 +26,9 @@ from isacbench.errors import require
 from isacbench.model.prs import resource_elements
 
 if TYPE_CHECKING:
+    from isacbench.choices import Sensing
     from isacbench.model.frame import Frame
     from isacbench.model.numerology import System
-    from isacbench.model.prs import Sensing
-
-__all__ = [
-    "Bound",
-    "JointBound",
-    "joint_bound",
-    "position_covariance",
-    "single_bound",
-    "tone_std_bins",
-]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -23,10 +23,8 @@ from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.prs import resource_elements
 
 if TYPE_CHECKING:
+    from isacbench.choices import Sensing
     from isacbench.model.numerology import System
-    from isacbench.model.prs import Sensing
-
-__all__ = ["SymbolBursts", "symbol_bursts", "whole_frame"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]

@@ -22,16 +22,6 @@ from isacbench.dsp.detection import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.model.gate import Gate
 
-__all__ = [
-    "DetectedCells",
-    "Integration",
-    "detect_cells",
-    "detect_listed",
-    "power_map",
-    "reference_noise",
-    "white_noise",
-]
-
 Integration = Literal["element", "noncoherent"]
 
 PEAK_CELLS = 20

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Detection", "Detector"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Detection(Displayed):

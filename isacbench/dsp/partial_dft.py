@@ -31,20 +31,6 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-__all__ = [
-    "DopplerSums",
-    "RangeMethod",
-    "doppler_rows",
-    "doppler_sums",
-    "is_element_major",
-    "range_bins_by_fft",
-    "range_method",
-    "range_rows",
-    "transform_block",
-    "transform_lines",
-    "with_few_elements_outermost",
-]
-
 Complex = NDArray[np.complexfloating[Any, Any]]
 RangeMethod = Literal["partial", "fft"]
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from isacbench.model.gate import Gate
     from isacbench.model.observation import Observation
 
-__all__ = ["Bins", "GatedMap", "range_doppler_map"]
-
 Bins = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 

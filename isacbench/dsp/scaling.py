@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from isacbench.errors import require
 
-__all__ = ["amplitude_exponent", "in_unit"]
-
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 MOST_EXPONENT = 40

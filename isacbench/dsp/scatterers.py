@@ -17,8 +17,6 @@ from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.stable_order import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin
 
-__all__ = ["Located", "LocatedScatterers", "locate_waves", "merge_duplicates"]
-
 Floats = NDArray[np.float64]
 
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])

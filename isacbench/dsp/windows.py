@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complexfloating[Any, Any]]
 
-__all__ = ["Window", "bin_profile", "coherent_gain", "fractional_bin", "reach", "taper", "taps"]
-
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]
 
 COEFFICIENTS: dict[Window, tuple[float, ...]] = {

@@ -16,24 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-__all__ = [
-    "CLOUD_BYTES",
-    "GRID_BYTES",
-    "MANIFEST_BYTES",
-    "SOURCE_BYTES",
-    "TOML_BYTES",
-    "binary_size",
-    "is_there",
-    "make_own_folder",
-    "open_own",
-    "read_text",
-    "require_file",
-    "require_inside",
-    "require_picture",
-    "require_replaceable",
-    "require_writable",
-]
-
 TOML_BYTES = 2**20
 """A scenario or a suite: ten thousand objects."""
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["counted", "in_markdown", "quoted", "shortened", "visible", "visible_json", "visible_lines"]
-
 MOST_QUOTED = 200
 """Characters of somebody's text that a message repeats."""
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-__all__ = ["TextLine", "check_finite", "format_rows", "is_number", "parse_rows", "read_lines"]
-
 Floats = NDArray[np.float64]
 
 

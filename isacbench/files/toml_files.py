@@ -17,8 +17,6 @@ from isacbench.files.escaping import quoted
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
-__all__ = ["builtin_names", "describe_mistake", "find_toml", "read_toml"]
-
 Table = TypeVar("Table", bound=BaseModel)
 Location = tuple[int | str, ...]
 PACKAGE = "isacbench_scenarios"

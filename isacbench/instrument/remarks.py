@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from contextvars import Token
     from types import TracebackType
 
-__all__ = ["REMARKS", "Count", "Remark", "Remarks", "remark"]
-
 Remark = Literal["unseparated"]
 """What can be remarked.
 

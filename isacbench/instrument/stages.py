@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from contextvars import Token
     from types import TracebackType
 
-__all__ = ["STAGES", "Stage", "StageClock", "stage"]
-
 Stage = Literal["rdm", "detection", "subspace", "spectrum", "peaks", "refinement"]
 """Steps of an estimate, in the order of the chain.
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
-__all__ = ["CloudScores", "cloud_scores", "gospa_m", "pair_scores"]
-
 Indices = NDArray[np.intp]
 
 RADIUS_M = 1.0

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
-__all__ = ["Deviation", "pair_deviation", "paper_deviation"]
-
 # Estimated points are equally near if their distances differ by rounding only.
 TIE_M = 1e-9
 TIE_RATIO = 1e-12

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
-__all__ = ["CloudPair", "box_diagonal_m", "hausdorff_m", "projected_hausdorff_m"]
-
 Floats = NDArray[np.float64]
 
 LARGEST = 1e50

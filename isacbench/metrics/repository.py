@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
-__all__ = ["RepositoryDeviation", "repository_deviation"]
-
 Floats = NDArray[np.float64]
 
 

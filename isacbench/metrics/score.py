@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from isacbench.model.region import Region
 
-__all__ = ["METRICS", "METRIC_VERSION", "ScoreColumn", "score"]
-
 METRIC_VERSION = 1
 """Raised with every change after which the same clouds score differently: such scores are not compared."""
 

@@ -14,8 +14,6 @@ from isacbench.model.number_limits import require_count
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["VirtualArray", "rectangular_positions"]
-
 
 def rectangular_positions(shape: tuple[int, int], spacing: int) -> NDArray[np.int64]:
     """Element positions of a rectangular array in half wavelengths.

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["PointCloud", "describe_points"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointCloud(Displayed):

@@ -29,21 +29,6 @@ from isacbench.model.observation import Observation
 if TYPE_CHECKING:
     from isacbench.model.scene import Scenario
 
-__all__ = [
-    "EchoParameters",
-    "Simulator",
-    "central_phase",
-    "clean_echo",
-    "echo_parameters",
-    "element_responses",
-    "is_dust",
-    "observe_echo",
-    "random_stream",
-    "resource_grid",
-    "unit_noise",
-    "white_gaussian",
-]
-
 Complex = NDArray[np.complex128]
 
 FEW_SPEEDS = 4

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from isacbench.errors import InputError
 
-__all__ = ["Frame", "FrameName", "PanelFrame", "PaperFrame", "get_frame"]
-
 FrameName = Literal["paper", "panel"]
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
-__all__ = ["freeze_arrays"]
-
 
 def freeze_arrays(owner: object, *names: str, dtype: DTypeLike = np.float64) -> None:
     """Replace attributes of a frozen dataclass by read-only copies; called in its ``__post_init__``.

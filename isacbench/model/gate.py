@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
     from isacbench.model.region import Region
 
-__all__ = ["Gate", "build_gate"]
-
 RANGE_MARGIN_BINS = 6
 """Half a 9-cell detector window, one bin of window leakage, one for rounding."""
 

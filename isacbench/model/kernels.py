@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["dirichlet", "dirichlet_slopes", "steering"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

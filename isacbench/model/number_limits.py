@@ -17,18 +17,6 @@ from isacbench.errors import InputError, require
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-__all__ = [
-    "LARGEST_AMPLITUDE",
-    "LARGEST_COUNT",
-    "LARGEST_NOISE_AMPLITUDE",
-    "LARGEST_PLACE_M",
-    "SMALLEST_AMPLITUDE",
-    "require_all",
-    "require_count",
-    "require_interval",
-    "require_places",
-]
-
 LARGEST_AMPLITUDE = 1e152
 """Of all echoes of a scene together, the root of their power: thousands of 1e150 each."""
 

@@ -10,8 +10,6 @@ from scipy import constants
 from isacbench.errors import require
 from isacbench.model.number_limits import require_count
 
-__all__ = ["SPEED_OF_LIGHT_MPS", "System"]
-
 SPEED_OF_LIGHT_MPS = float(constants.speed_of_light)
 
 LEAST_BIN = 1e-100

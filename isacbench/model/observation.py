@@ -14,14 +14,12 @@ from isacbench.model.cloud import PointCloud
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from isacbench.choices import Sensing
     from isacbench.model.array import VirtualArray
     from isacbench.model.frame import Frame
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
-    from isacbench.model.prs import Sensing
     from isacbench.model.region import Interval, Region
-
-__all__ = ["Observation", "cross_elements", "cross_of"]
 
 REGION_TOLERANCE_M = 0.5
 """How far outside the region a point may lie and still be reported."""

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from isacbench.model.numerology import System
 
-__all__ = ["Sensing", "prs_elements", "resource_elements"]
-
 COMB_SIZE = 4
 COMB_OFFSETS = (0, 2, 1, 3)
 """First subcarrier on successive PRS symbols, counted from the first of a slot."""

@@ -15,8 +15,6 @@ from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Region"]
-
 Interval = tuple[float, float]
 
 

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
     from isacbench.model.region import Region
 
-__all__ = ["Scatterers", "Scenario", "warned_before"]
-
 MOST_EXPONENT = 1000
 """Of a unit of amplitude, so that neither it nor its reciprocal overflows."""
 

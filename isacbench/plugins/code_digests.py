@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from types import CodeType, FunctionType
 from typing import Any
 
-__all__ = ["class_digest"]
-
 PLAIN = bool, int, float, complex, str, bytes, type(None), tuple
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
 from isacbench.display import brief
-from isacbench.dsp.detection import Detection, Detector
+from isacbench.dsp.detection import Detection as Detection
+from isacbench.dsp.detection import Detector as Detector
 from isacbench.errors import require
 
 if TYPE_CHECKING:
@@ -15,18 +16,6 @@ if TYPE_CHECKING:
 
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
-
-__all__ = [
-    "Detection",
-    "Detector",
-    "Diagnoser",
-    "Diagnosis",
-    "Estimator",
-    "Needs",
-    "Spectrum",
-    "TruthEstimator",
-    "needs_of",
-]
 
 
 @dataclass(frozen=True)

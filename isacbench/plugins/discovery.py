@@ -14,18 +14,6 @@ from typing import Any, Literal, cast
 from isacbench.errors import InputError
 from isacbench.plugins.local_files import PluginFile, forget_module, import_plugins
 
-__all__ = [
-    "GROUPS",
-    "PluginKind",
-    "RegisteredPlugin",
-    "entries",
-    "entries_of",
-    "isolated_plugins",
-    "load_plugin_file",
-    "local_plugins",
-    "register_plugin",
-]
-
 PluginKind = Literal["estimator", "detector"]
 
 GROUPS: dict[PluginKind, str] = {"estimator": "isacbench.estimators", "detector": "isacbench.detectors"}

@@ -19,8 +19,6 @@ from typing import NamedTuple
 
 from isacbench.former_paths import present_path
 
-__all__ = ["digest_of", "import_closure", "is_importable", "source_imports"]
-
 CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
 
 STATEMENT = re.compile(r"(?:^|[:;])[ \t]*((?:from[ \t.]|import[ \t]).*)", re.MULTILINE)

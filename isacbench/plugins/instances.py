@@ -29,8 +29,6 @@ from isacbench.plugins.specifications import spell_spec
 if TYPE_CHECKING:
     from isacbench.plugins.contracts import Estimator
 
-__all__ = ["Instances", "spelled_estimators"]
-
 
 def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estimator | None]:
     """Spell estimators, those that are objects by name and parameters.

@@ -17,8 +17,6 @@ from typing import Any
 from isacbench.errors import InputError
 from isacbench.files.checked_files import SOURCE_BYTES, read_text, require_file
 
-__all__ = ["METHODS", "PluginFile", "forget_module", "import_plugins"]
-
 METHODS = {"estimator": "estimate", "detector": "detect"}
 """What makes a class with a name a plugin."""
 

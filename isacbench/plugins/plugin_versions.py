@@ -17,8 +17,6 @@ from isacbench.plugins.discovery import GROUPS, entries, local_plugins
 from isacbench.plugins.import_closure import digest_of, import_closure, is_importable
 from isacbench.plugins.local_files import PluginFile
 
-__all__ = ["library_code", "plugin_parts", "plugin_version"]
-
 LIBRARY = "isacbench"
 
 

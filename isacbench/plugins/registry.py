@@ -17,40 +17,9 @@ from isacbench.plugins.discovery import (
     PluginKind,
     RegisteredPlugin,
     entries,
-    load_plugin_file,
-    local_plugins,
-    register_plugin,
 )
-from isacbench.plugins.local_files import METHODS, PluginFile
+from isacbench.plugins.local_files import METHODS
 from isacbench.plugins.specifications import Spec, parse_spec, spec_variants
-
-__all__ = [
-    "PluginFile",
-    "PluginKind",
-    "Spec",
-    "build_estimator",
-    "build_estimators_of",
-    "canonical_params",
-    "check_parameter",
-    "construct",
-    "describe_plugin",
-    "detector_names",
-    "distribution",
-    "estimator_names",
-    "get_detector",
-    "get_estimator",
-    "is_frozen_dataclass",
-    "load_plugin_file",
-    "local_plugins",
-    "parameter_defaults",
-    "parameter_types",
-    "parse_spec",
-    "register_plugin",
-    "require_plugins",
-    "required_fields",
-    "sees_truth",
-    "spec_variants",
-]
 
 
 def estimator_names() -> list[str]:

@@ -12,16 +12,6 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = [
-    "MAX_VARIANTS",
-    "Spec",
-    "SpelledVariant",
-    "parse_spec",
-    "spec_variants",
-    "spell_spec",
-    "spell_value",
-]
-
 MAX_VARIANTS = 1000
 """More variants than anyone compares in a run: a larger grid is a slip of the pen."""
 

@@ -11,18 +11,15 @@ import pytest
 from isacbench.bench.suites.catalogue import catalogue
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.discovery import isolated_plugins
+from isacbench.plugins.discovery import isolated_plugins, load_plugin_file, local_plugins, register_plugin
+from isacbench.plugins.local_files import PluginFile
 from isacbench.plugins.registry import (
-    PluginFile,
     build_estimator,
     describe_plugin,
     distribution,
     estimator_names,
     get_detector,
     get_estimator,
-    load_plugin_file,
-    local_plugins,
-    register_plugin,
 )
 
 LOCAL = '''

@@ -4,14 +4,10 @@ import sys
 import pytest
 
 import isacbench
+from isacbench.plugins.discovery import register_plugin
+from isacbench.plugins.local_files import PluginFile
 from isacbench.plugins.plugin_versions import library_code, plugin_version
-from isacbench.plugins.registry import (
-    PluginFile,
-    build_estimator,
-    get_detector,
-    get_estimator,
-    register_plugin,
-)
+from isacbench.plugins.registry import build_estimator, get_detector, get_estimator
 from tests.conftest import forget_code
 
 DETECTOR = """

@@ -15,20 +15,8 @@ from isacbench.plugins.contracts import TruthEstimator
 if TYPE_CHECKING:
     from isacbench.bench.cells.record import CellStatus
     from isacbench.model.observation import Observation
-    from isacbench.model.scenes.scenario import Scenario
+    from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Estimator
-
-__all__ = [
-    "Measure",
-    "MeasuredImage",
-    "describe_error",
-    "estimate_cloud",
-    "failed_by",
-    "failure",
-    "raw_cloud",
-    "run_cell",
-    "score_image",
-]
 
 MAX_MESSAGE = 1000
 """Characters of an exception's message that a row keeps."""

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["array_digest", "process_state_kept", "seed_global_generators"]
-
 STANDARD_FILES = 0, 1, 2
 
 

@@ -18,16 +18,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = [
-    "DIMENSIONS",
-    "Dimension",
-    "draw_place",
-    "gain_db",
-    "radio_places",
-    "rayleigh_cells",
-    "space_places",
-]
-
 DIMENSIONS: tuple[Dimension, ...] = get_args(Dimension)
 
 CANDIDATES = 64

@@ -21,24 +21,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = [
-    "ADDED",
-    "CLOUD_KEYS",
-    "COLUMNS",
-    "DRAW_COLUMNS",
-    "PROVENANCE",
-    "TIMES",
-    "TIMING_COLUMNS",
-    "Cell",
-    "CellStatus",
-    "Outcome",
-    "Record",
-    "Results",
-    "typed",
-    "with_added",
-]
+    from isacbench.model.scene import Scenario
 
 CellStatus = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
 

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["SCORED", "failed"]
-
 SCORED: tuple[str, ...] = ("ok", "no_detection")
 """Statuses of cells that have a score; an empty image has one too."""
 

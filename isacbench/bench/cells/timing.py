@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.cells.record import Cell, Outcome
 
-__all__ = ["DEFAULT_REPEATS", "Repeats", "Trial", "repeat", "repeats_wanted", "timed"]
-
 DEFAULT_REPEATS = 5
 """The median of five leaves two disturbed ones aside."""
 

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["MAX_ENUMERATED", "best_p_values", "smallest_p_value"]
-
 MAX_ENUMERATED = 12
 """Trials up to which all flips of signs are gone through; of more trials, as many flips are drawn."""
 

@@ -17,9 +17,6 @@ from isacbench.files.checked_files import is_there
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["RunTable", "read_run"]
-
-
 COLUMNS = [*CLOUD_KEYS, "status", "reason", "environment", "scenario_content", "timing"]
 
 

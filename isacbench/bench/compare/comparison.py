@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from isacbench.bench.compare.tolerance import Tolerance
     from isacbench.bench.plan.labels import Variant
 
-__all__ = ["VERDICTS", "Comparison", "verdict_counts"]
-
 VERDICTS = ("regression", "improvement", "inconclusive", "same")
 
 

@@ -20,17 +20,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.compare.compared_run import RunTable
 
-__all__ = [
-    "find_pairs",
-    "find_variant",
-    "pair_variants",
-    "parse_map",
-    "restrict",
-    "spell_apart",
-    "variants_of",
-    "with_partners",
-]
-
 MAX_LISTED = 10
 """Variants that a message lists."""
 

@@ -20,18 +20,6 @@ if TYPE_CHECKING:
     from isacbench.bench.compare.compared_run import RunTable
     from isacbench.bench.plan.labels import Variant
 
-__all__ = [
-    "CELL",
-    "CURVE",
-    "CellChanges",
-    "NotComparableError",
-    "code_version",
-    "incomparable",
-    "machines",
-    "pair_cells",
-    "version_differences",
-]
-
 CURVE = ["scenario", "estimator", "params"]
 CELL = CLOUD_KEYS
 

@@ -50,8 +50,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["DEFAULT_ALPHA", "compare", "compare_tables", "share_level"]
-
 DEFAULT_ALPHA = 0.01
 
 

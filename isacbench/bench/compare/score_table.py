@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["PairedScores", "curve_scores", "point_scores", "timed_alike"]
-
 ROUNDING = 1e-9
 """Differences of this fraction of the scores or less are rounding, of another processor or library: they
 count as none."""

@@ -17,18 +17,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
 
-__all__ = [
-    "MIN_INTERVAL_TRIALS",
-    "TEST_POWER",
-    "Changes",
-    "SignedRank",
-    "bootstrap_changes",
-    "holm",
-    "signed_rank_test",
-    "smallest_effect",
-    "trials_needed",
-]
-
 MAX_EXACT = 100
 """Differences up to which the null distribution is exact; beyond, its normal limit is."""
 

@@ -13,8 +13,6 @@ from isacbench.metrics.score import METRICS
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
-__all__ = ["DEFAULT_TOLERANCE", "Tolerance", "direction", "is_time", "merge_tolerances", "parse_tolerance"]
-
 Direction = Literal["lower", "higher", "neither"]
 
 FORM = re.compile(r"(?P<metric>\w+)\s*=\s*(?P<number>[^%\s]+)\s*(?P<percent>%?)")

@@ -20,10 +20,8 @@ if TYPE_CHECKING:
 
     from isacbench.bench.studies.study import Scene
     from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scenes.scenario import Scenario
+    from isacbench.model.scene import Scenario
     from isacbench.plugins.local_files import PluginFile
-
-__all__ = ["Job", "load_job"]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,6 @@ from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import parameter_defaults
 from isacbench.plugins.specifications import spell_spec, spell_value
 
-__all__ = ["Variant", "estimator_labels"]
-
 Variant = tuple[str, str]
 """Name and canonical parameters of an estimator."""
 

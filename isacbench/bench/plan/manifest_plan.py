@@ -13,8 +13,6 @@ from isacbench.bench.studies.study import Entry
 if TYPE_CHECKING:
     from isacbench.bench.studies.study import Scene
 
-__all__ = ["OutlinedScene", "outline", "restore_plan"]
-
 ENTRIES = "contestants"
 """Key of a scene's entries in a manifest, as version 0.1 wrote it."""
 

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.studies.study import Entry, Scene
 
-__all__ = ["Block", "BlockQueue", "Plan", "Shard"]
-
 
 class Block(NamedTuple):
     """Cells that share an observation.

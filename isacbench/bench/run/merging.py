@@ -45,9 +45,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.plan.run_plan import Plan
     from isacbench.bench.suites.suite import StudyKind
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = ["Gap", "Merged", "merge"]
+    from isacbench.model.scene import Scenario
 
 SPECIFICATIONS = ("estimators", "detectors")
 """Keys of a suite whose entries may be grids."""

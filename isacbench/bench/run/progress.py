@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-__all__ = ["MinuteLines", "NotebookLine", "Progress", "notebook_display", "progress_shown"]
-
 Progress = Callable[[int, int], None]
 """Called after each piece of work with the number of pieces done and the number of all."""
 

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from isacbench.bench.cells.record import Results
     from isacbench.bench.suites.suite import StudyKind
 
-__all__ = ["Change", "Rescored", "rescore"]
-
 
 class Change(NamedTuple):
     """What became of a column.

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import estimate_cloud, run_cell
 from isacbench.bench.cells.record import TIMING_COLUMNS, Results, typed
 from isacbench.bench.cells.timing import repeats_wanted
 from isacbench.bench.plan.job import load_job
@@ -49,8 +48,6 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.run_plan import Block, Plan
     from isacbench.bench.store.provenance import Made
     from isacbench.plugins.contracts import Estimator
-
-__all__ = ["Execution", "Progress", "estimate_cloud", "run", "run_cell", "run_suite"]
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,6 @@ import pyarrow.compute as pc
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["without_formulas", "write_csv_table"]
-
 ROWS_AT_ONCE = 100_000
 """So many rows are turned into text before they are written: a bound on memory."""
 

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.store.provenance import Environment, Made
 
-__all__ = ["Journal", "read_journal"]
-
 CHUNK_ROWS = 50_000
 """Rows that are held as Python objects at a time."""
 

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = ["ObservedScenes", "rows_by_trial"]
+    from isacbench.model.scene import Scenario
 
 PLUGIN_KEYS = ("estimators", "detectors")
 """Keys of a suite that name plugins, which no scene follows from."""

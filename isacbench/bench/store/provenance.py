@@ -20,20 +20,6 @@ if TYPE_CHECKING:
     from isacbench.bench.cells.record import Outcome
     from isacbench.plugins.contracts import Detector, Estimator
 
-__all__ = [
-    "Environment",
-    "Made",
-    "blas_libraries",
-    "code_digest",
-    "environment_id",
-    "environment_of",
-    "git_state",
-    "machine",
-    "package_version",
-    "package_versions",
-    "python_version",
-]
-
 Environment = dict[str, Any]
 """What made a row: ``versions`` (isacbench, plugins, python, packages) and ``machine``."""
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-__all__ = ["RERUNS", "Rerun", "differing_versions", "has_its_cloud", "keep", "parse_reruns", "versions_now"]
-
 Rerun = Literal["failed", "stale", "all"]
 
 DIGITS, LONGEST = 12, 32

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.store.provenance import Environment
 
-__all__ = ["Rows"]
-
 TEXTS = ["scenario", "estimator", "params"]
 """Keys that are written once for all points that share them."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from collections.abc import Set as AbstractSet
 
-__all__ = ["cannot_be_written", "default_folder", "open_folder", "replacing", "require_unlocked"]
-
 LOCK = ".lock"
 ROWS_KEPT = "; the rows so far are kept, and the same run into the same folder goes on with them"
 RUN_FILES = frozenset({LOCK, "manifest.json", "results.parquet", "journal.jsonl"})

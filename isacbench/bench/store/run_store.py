@@ -58,31 +58,7 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.job import Job
     from isacbench.bench.store.provenance import Environment
     from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = [
-    "JOURNAL",
-    "MANIFEST",
-    "RECORDS",
-    "RUN_KEYS",
-    "RUN_TABLES",
-    "Session",
-    "current_metric",
-    "describe_run",
-    "read_manifest",
-    "read_results",
-    "read_rows",
-    "read_scenes",
-    "read_sessions",
-    "read_sound_rows",
-    "read_table",
-    "require_metric",
-    "save_manifest",
-    "write_manifest",
-    "write_results",
-    "write_rows",
-    "write_truth",
-]
+    from isacbench.model.scene import Scenario
 
 RECORDS, RECORDS_CSV = "results.parquet", "results.csv"
 CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"

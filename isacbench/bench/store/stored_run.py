@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.store.rows import Rows
     from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = ["CellKey", "StoredRun", "load_run"]
+    from isacbench.model.scene import Scenario
 
 MOST_NAMED = 6
 """Values of a column that a message or a ``repr`` lists."""

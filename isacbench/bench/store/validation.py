@@ -20,13 +20,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-__all__ = [
-    "Manifest",
-    "require_described_scenarios",
-    "require_rows_that_fit",
-    "require_sound_records",
-]
-
 KEYS = ("suite", "scenario", "estimator", "params", "status")
 """Columns of text that every row has."""
 

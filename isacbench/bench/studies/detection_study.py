@@ -37,21 +37,20 @@ from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.plugins.contracts import Detection, Detector, Diagnoser
-from isacbench.plugins.registry import canonical_params, get_detector, get_estimator, spec_variants
+from isacbench.plugins.registry import canonical_params, get_detector, get_estimator
+from isacbench.plugins.specifications import spec_variants
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.cells.cell import MeasuredImage
     from isacbench.bench.cells.record import CellStatus
-    from isacbench.bench.studies.power_maps import MapName
     from isacbench.bench.studies.study import Scene
     from isacbench.bench.suites.suite import DetectionSuite
-    from isacbench.model.scenes.scenario import Scenario
+    from isacbench.choices import MapName
+    from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Estimator
     from isacbench.plugins.specifications import SpelledVariant
-
-__all__ = ["DetectorStudy", "MapScene", "count_cells", "summarise_detection"]
 
 MAP_GAIN_DB = 10 * math.log10(System().processing_gain)
 """A target of a map stands for a unit scatterer in the range-Doppler map of one element (Table I)."""

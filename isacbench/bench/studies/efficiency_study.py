@@ -39,11 +39,9 @@ if TYPE_CHECKING:
 
     from isacbench.bench.cells.cell import MeasuredImage
     from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scenes.scenario import Scenario
+    from isacbench.model.scene import Scenario
 
     Floats = NDArray[np.float64]
-
-__all__ = ["Efficiency", "measure_efficiency", "summarise_efficiency"]
 
 MARGIN_CELLS = 0.5
 """Rayleigh cells between a scatterer and the region's border: beyond it errors would be cut off."""

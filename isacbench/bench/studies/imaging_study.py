@@ -12,9 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = ["ImagingStudy", "require_scatterers"]
+    from isacbench.model.scene import Scenario
 
 
 class ImagingStudy:

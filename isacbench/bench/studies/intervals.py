@@ -13,17 +13,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = [
-    "CONFIDENCE",
-    "MIN_TRIALS",
-    "mean_band",
-    "median_interval",
-    "rms_interval",
-    "share_band",
-    "student_band",
-    "wilson_interval",
-]
-
 CONFIDENCE = 0.95
 
 MIN_TRIALS = 5

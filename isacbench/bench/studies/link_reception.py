@@ -32,13 +32,11 @@ from isacbench.plugins.specifications import parse_spec
 if TYPE_CHECKING:
     from isacbench.bench.cells.record import CellStatus
     from isacbench.bench.suites.suite import LinkSuite
+    from isacbench.choices import Modulation
     from isacbench.link.reception.channel import Channel
     from isacbench.link.reception.receiver import Reception
-    from isacbench.link.waveform.qam import Modulation
     from isacbench.link.waveform.resource_grid import ResourceGrid
     from isacbench.model.numerology import System
-
-__all__ = ["OneTap", "UserScene", "build_channel", "build_receiver", "require_possible"]
 
 CHANNELS: dict[str, type[Channel]] = {kind.name: kind for kind in (Awgn, TwoRay, TappedDelay)}
 

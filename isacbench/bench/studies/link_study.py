@@ -34,9 +34,7 @@ if TYPE_CHECKING:
     from isacbench.bench.studies.study import Scene
     from isacbench.bench.suites.suite import LinkSuite
     from isacbench.model.numerology import System
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = ["Link", "outside_interval", "signals_of", "summarise_link"]
+    from isacbench.model.scene import Scenario
 
 
 def signals_of(suite: LinkSuite) -> dict[str, Signal]:

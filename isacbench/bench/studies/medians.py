@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-__all__ = ["TIME", "median_times"]
-
 TIME = "time_estimate_s"
 
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-__all__ = ["MAPS", "MapName", "PowerMap", "draw_power_map", "near"]
-
 SITE = 32
 """Cells of a site along range and along Doppler."""
 

@@ -37,11 +37,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.cells.cell import MeasuredImage
-    from isacbench.bench.cells.radio_coordinates import Dimension
     from isacbench.bench.suites.suite import ResolutionSuite
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = ["Resolution", "measure_resolution", "pair", "summarise_resolution"]
+    from isacbench.choices import Dimension
+    from isacbench.model.scene import Scenario
 
 MARGIN_CELLS = 0.5
 """Rayleigh cells between the farthest pair and the region's border."""

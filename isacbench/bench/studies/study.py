@@ -33,18 +33,7 @@ if TYPE_CHECKING:
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
-    from isacbench.model.scenes.scenario import Scenario
-
-__all__ = [
-    "Entry",
-    "ImagedScene",
-    "Scene",
-    "SharedObservation",
-    "Study",
-    "build_estimators",
-    "element_snrs_db",
-    "gained_snr_db",
-]
+    from isacbench.model.scene import Scenario
 
 SNR_DECIMALS = 6
 """Digits after which an SNR is rounded, so that a gain added and taken away leaves it as it was."""

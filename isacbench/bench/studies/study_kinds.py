@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from isacbench.bench.studies.study import Study
     from isacbench.bench.suites.suite import StudyKind
 
-__all__ = ["STUDIES"]
-
 STUDIES: dict[StudyKind, Study[Any]] = {
     "imaging": ImagingStudy(),
     "efficiency": Efficiency(),

@@ -12,8 +12,6 @@ from isacbench.plugins.registry import describe_plugin
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["catalogue"]
-
 
 def catalogue() -> dict[str, list[dict[str, Any]]]:
     """Describe everything that is registered or built in.

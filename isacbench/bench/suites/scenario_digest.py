@@ -20,15 +20,6 @@ from isacbench.model.scene import Scatterers, Scenario, warned_before
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "canonical_json",
-    "describe_scenario",
-    "digest",
-    "restore_scenario",
-    "scenario_digest",
-    "truth_table",
-]
-
 SIGNIFICANT = 10
 """Significant digits of a number in a digest; drawn places go through sines, whose last digits vary."""
 

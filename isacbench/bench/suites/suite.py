@@ -27,19 +27,6 @@ if TYPE_CHECKING:
 
     from isacbench.plugins.contracts import Estimator
 
-__all__ = [
-    "DetectionSuite",
-    "LinkSuite",
-    "ResolutionSuite",
-    "StudyKind",
-    "Suite",
-    "find_suite",
-    "load_suite",
-    "parse_snr",
-    "restore_suite",
-    "suite_names",
-]
-
 FOLDER = "suites"
 MAX_GRID_POINTS = 1000
 """More SNRs than any curve needs: a larger grid is a slip of the pen."""

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from isacbench.bench.workers.cluster_worker import PackedOrder
     from isacbench.bench.workers.guarded_cells import Guard
 
-__all__ = ["Backlog", "work_on_cluster"]
-
 WAIT_S = 30.0
 """How long a scheduler or the first worker may take to be there."""
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.run_plan import Block
     from isacbench.bench.store.provenance import Made
 
-__all__ = ["Batch", "Lanes", "PackedOrder", "UnfitWorkerError", "WorkOrder", "check_worker", "stop", "work"]
-
 BATCH_S = 2.0
 """What a worker that dies loses at most, bar the cell that it is at; long beside the cost of a task."""
 

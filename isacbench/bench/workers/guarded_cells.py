@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block
 
-__all__ = ["DEFAULT_TIMEOUT_S", "Guard", "Lane"]
-
 DEFAULT_TIMEOUT_S = 600.0
 """Nothing that images a scene takes ten minutes, unless it hangs."""
 

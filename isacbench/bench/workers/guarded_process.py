@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from pebble import ProcessFuture
 
-__all__ = ["GuardedProcess", "ProcessLostError"]
-
 POLL_S = 0.2
 GRACE_S = 2.0
 ENDED_S = 0.5

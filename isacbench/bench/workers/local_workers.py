@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block
 
-__all__ = ["work_alone", "work_guarded", "work_here"]
-
 N_AHEAD = 2
 """Calls that wait in a worker process: it goes on at once, while this one takes its answers."""
 

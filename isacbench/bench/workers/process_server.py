@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from multiprocessing.popen_forkserver import Popen
 
-__all__ = ["process_context", "start_process_server"]
-
 PRELOADED = [
     "isacbench.bench.workers.guarded_cells",
     "isacbench.bench.studies.study_kinds",

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from isacbench.bench.store.provenance import Environment
     from isacbench.bench.studies.study import Entry, Scene, SharedObservation
 
-__all__ = ["Workbench", "is_to_time"]
-
 CHANGED = "ValueError: it changed the observation, which is read-only and which others meet as well"
 
 

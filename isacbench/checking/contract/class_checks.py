@@ -19,8 +19,6 @@ from isacbench.plugins.registry import (
     required_fields,
 )
 
-__all__ = ["BUILT", "CLASS_CHECKS", "PluginSubject"]
-
 BUILT = "default parameters"
 """Check that yields the instance which all further ones look at."""
 

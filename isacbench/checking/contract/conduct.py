@@ -16,15 +16,6 @@ import numpy as np
 from isacbench.checking.contract.findings import BrokenContractError, DoubtfulError
 from isacbench.plugins.registry import canonical_params
 
-__all__ = [
-    "pickled",
-    "refuse_global_random_numbers",
-    "refuse_prints",
-    "refuse_warnings",
-    "refuse_writes",
-    "timed_call",
-]
-
 SLOW_S = 10.0
 """What is checked takes milliseconds: a run does it hundreds of times, at full size."""
 

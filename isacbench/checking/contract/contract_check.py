@@ -14,8 +14,6 @@ from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries, i
 if TYPE_CHECKING:
     from isacbench.plugins.contracts import Detector, Estimator
 
-__all__ = ["check", "check_names", "check_plugin", "iterate_checks"]
-
 
 def check(plugin: str | Path | type[Any] | Estimator | Detector) -> CheckReport:
     """Put estimators and detectors through the contract, as the command ``isacbench check`` does.

@@ -24,8 +24,6 @@ from isacbench.checking.contract.findings import BrokenContractError, Check
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection
 
-__all__ = ["DETECTOR_CHECKS", "DetectorSubject"]
-
 Power = NDArray[np.float64]
 
 SEED = 70_000_000_000

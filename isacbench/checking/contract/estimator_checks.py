@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["ESTIMATOR_CHECKS", "EstimatorSubject"]
-
 BOUND = "isacbench_algorithms.oracle"
 """Module of the one estimator that may see the truth: a bound, and no competitor."""
 

@@ -18,18 +18,6 @@ from isacbench.files.escaping import visible
 if TYPE_CHECKING:
     from isacbench.plugins.discovery import PluginKind
 
-__all__ = [
-    "BrokenContractError",
-    "Check",
-    "CheckReport",
-    "DoubtfulError",
-    "Finding",
-    "PluginFindings",
-    "Status",
-    "raised_at",
-    "run_checks",
-]
-
 Status = Literal["ok", "warning", "failed", "skipped"]
 
 Subject = TypeVar("Subject")

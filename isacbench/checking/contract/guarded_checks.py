@@ -10,8 +10,6 @@ from isacbench.checking.contract.findings import Finding
 from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 
-__all__ = ["CHECK_TIMEOUT_S", "check_guarded"]
-
 CHECK_TIMEOUT_S = 120.0
 """A check images small scenes a few times; what takes longer hangs."""
 

@@ -20,8 +20,6 @@ from isacbench.model.scene import Scatterers, Scenario
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Shot", "arrays", "lone", "minimal", "noise", "ordinary", "other", "silence", "single_cell"]
-
 SYSTEM = System(n_subcarriers=512, n_symbols=64)
 BASE_STATION_M = np.array([10.0, 50.0, 12.0])
 REGION = Region((0.0, 20.0), (0.0, 20.0), (0.0, 6.0), (-30.0, 30.0))

@@ -17,8 +17,6 @@ from isacbench.plugins.discovery import (
 )
 from isacbench.plugins.local_files import METHODS, PluginFile
 
-__all__ = ["entries_of_class", "find_plugins"]
-
 
 def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
     """Find every estimator and detector that a package or a file provides.

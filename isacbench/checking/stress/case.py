@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from isacbench.plugins.discovery import PluginKind
     from isacbench.plugins.specifications import Spec
 
-__all__ = ["BrokenPromiseError", "Case", "NotApplicableError", "Promise", "Subject", "adapted"]
-
 Subject = TypeVar("Subject")
 """A plugin together with the input of a case; what its promises are measured on."""
 

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Choice", "Real", "Space", "Whole", "choice", "real", "whole"]
-
 
 @dataclass(frozen=True)
 class Whole:

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray
     from isacbench.files.arrays.tiling import Indices
 
-__all__ = ["ArrayCube"]
-
 
 class ArrayCube(Cube):
     """A cube that is an array, cut along the axis of its largest stride.

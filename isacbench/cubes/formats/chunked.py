@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from isacbench.files.arrays.listing import as_complex, complex_dtype
 from isacbench.files.arrays.tiling import Indices
 
-__all__ = ["ChunkedCube", "Stored", "require_chunk"]
-
 CHUNK_BYTES = 2**30
 """A chunk that any array may have, however small it is itself."""
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray
     from isacbench.files.arrays.listing import Listed
 
-__all__ = ["CUBE", "GRID", "Role", "choose", "grid_beside", "parsing", "require_size"]
-
 
 class Role(NamedTuple):
     """What an array of a file is for.

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from isacbench.cubes.cube import ComplexArray
 
-__all__ = ["dataset_cube", "open_hdf5", "read_hdf5_grid"]
-
 
 def open_hdf5(path: Path, tile_bytes: int) -> ChunkedCube:
     """Open a cube in an HDF5 file.

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from isacbench.files.arrays.raw_arrays import RawArray
     from isacbench.files.arrays.tiling import Extent, Indices
 
-__all__ = ["MatCube", "open_mat", "read_mat_grid"]
-
 
 class MatCube(Cube):
     """A cube in a mat file of version 5 to 7: all real parts, then all imaginary parts.

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from isacbench.cubes.cube import ComplexArray
 
-__all__ = ["open_npy", "read_npy_grid"]
-
 
 def open_npy(path: Path, tile_bytes: int) -> RawCube:
     """Open a cube in an npy file, mapped tile by tile.

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from isacbench.cubes.cube import ComplexArray
 
-__all__ = ["open_npz", "read_npz_grid"]
-
 LOCAL_HEADER = struct.Struct("<4s22xHH")
 
 

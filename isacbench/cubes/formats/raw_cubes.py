@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray
     from isacbench.files.arrays.raw_arrays import RawArray
 
-__all__ = ["RawCube"]
-
 
 class RawCube(Cube):
     """A cube that lies in a file as one array of complex numbers.

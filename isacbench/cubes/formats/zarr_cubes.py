@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from isacbench.cubes.cube import ComplexArray
 
-__all__ = ["open_zarr", "read_zarr_grid", "zarr_cube"]
-
 DESCRIPTIONS = ("zarr.json", ".zarray")
 """What files are called that describe an array, in either version; one of them groups as well."""
 

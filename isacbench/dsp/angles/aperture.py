@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 
 from isacbench.model.kernels import steering
 
-__all__ = ["Aperture", "Cross", "Plane", "Responses"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 

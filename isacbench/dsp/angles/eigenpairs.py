@@ -28,16 +28,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "ITERATIONS",
-    "SPARE_DIMENSIONS",
-    "Eigenpairs",
-    "pairs_of_covariance",
-    "pairs_of_data",
-    "separated_order",
-    "start_basis",
-]
-
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 

@@ -24,8 +24,6 @@ from numpy.typing import NDArray
 
 from isacbench.dsp.angles.line_subspaces import unitary_transform
 
-__all__ = ["EspritDirections", "most_sources", "unitary_esprit"]
-
 Floats = NDArray[np.float64]
 
 SMALLEST_PIVOT = 2.0**-26

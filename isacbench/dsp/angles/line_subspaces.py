@@ -26,17 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, pairs_of_covariance, pairs_of_data
 
-__all__ = [
-    "SMALLEST_NULL",
-    "line_eigenpairs",
-    "music_null_minima",
-    "music_null_spectrum",
-    "real_steering",
-    "real_steering_slopes",
-    "smoothed_covariance",
-    "unitary_transform",
-]
-
 Floats = NDArray[np.float64]
 
 SMALLEST_NULL = 1e-15

@@ -27,15 +27,6 @@ from numpy.typing import NDArray
 from isacbench.dsp.cfar import ca_cfar
 from isacbench.errors import require
 
-__all__ = [
-    "ModelOrder",
-    "eigenvalue_cfar_order",
-    "information_order",
-    "noise_edge",
-    "noise_order",
-    "smoothed_noise_edge",
-]
-
 ModelOrder = Literal["noise", "eigenvalue_cfar", "mdl", "aic"]
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-__all__ = ["Peaks", "line_peaks", "plane_peaks", "vertex"]
-
 Floats = NDArray[np.float64]
 
 

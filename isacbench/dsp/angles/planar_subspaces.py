@@ -36,15 +36,6 @@ from isacbench.dsp.angles.eigenpairs import (
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes, unitary_transform
 from isacbench.instrument.stages import stage
 
-__all__ = [
-    "Nulls",
-    "leading_eigenpairs",
-    "null_minima",
-    "planar_covariance",
-    "planar_eigenpairs",
-    "planar_null_spectrum",
-]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 

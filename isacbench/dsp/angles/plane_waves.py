@@ -18,8 +18,6 @@ from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
 from isacbench.dsp.angles.peaks import Peaks
 
-__all__ = ["PlaneWaves", "pair_directions"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from isacbench.dsp.cfar.map_checks import Cells, CellsPerSide, Threshold
     from isacbench.dsp.cfar.training_cells import Counts, Side, Windows
 
-__all__ = ["ca_cfar", "goca_cfar", "moved_back", "moved_first", "soca_cfar"]
-
 T = TypeVar("T")
 
 

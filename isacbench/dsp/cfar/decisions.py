@@ -21,17 +21,6 @@ if TYPE_CHECKING:
     from isacbench.dsp.cfar.map_checks import Cells
     from isacbench.dsp.cfar.training_cells import Axis, Counts, Floats, Windows
 
-__all__ = [
-    "Estimate",
-    "chunks",
-    "decide",
-    "detect_by_sums",
-    "estimate_by_sorting",
-    "estimate_listed",
-    "factor_map",
-    "thresholds",
-]
-
 _CHUNK = 2**18
 """Cells of windows that are gathered at a time."""
 

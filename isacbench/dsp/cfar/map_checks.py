@@ -16,21 +16,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "Cells",
-    "CellsPerSide",
-    "Threshold",
-    "check_cells",
-    "check_fraction",
-    "check_threshold",
-    "checked_axis",
-    "checked_extent",
-    "checked_list",
-    "checked_power",
-    "share_of",
-    "spread",
-]
-
 CellsPerSide = int | tuple[int, ...]
 Threshold = Literal["exact", "paper"]
 Cells = tuple["NDArray[np.intp]", ...]

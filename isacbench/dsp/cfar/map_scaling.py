@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["LARGEST", "SMALLEST", "ScaledMap", "at_most_largest", "unscaled_noise", "unscaled_threshold"]
-
 LARGEST, SMALLEST = 2.0**959, 2.0**-512
 """Strongest cell of the maps that are tested as they are."""
 

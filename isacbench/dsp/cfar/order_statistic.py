@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from isacbench.dsp.cfar.map_checks import Cells, CellsPerSide, Threshold
     from isacbench.dsp.cfar.training_cells import Floats
 
-__all__ = ["os_cfar", "os_mask"]
-
 _BLOCK = 2**15
 """Cells of a map that are counted at a time: few enough for the cache."""
 

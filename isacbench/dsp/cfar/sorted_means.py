@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from isacbench.dsp.cfar.map_checks import Cells, CellsPerSide, Threshold
     from isacbench.dsp.cfar.training_cells import Floats, Windows
 
-__all__ = ["check_trim", "osca_cfar", "tm_cfar"]
-
 _MAP_COST = 6
 """Measured from 9 x 9 to 41 cells: see `detect_by_sums`."""
 

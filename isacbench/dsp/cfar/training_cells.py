@@ -39,16 +39,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Counts = NDArray[np.intp]
 
-__all__ = [
-    "Axis",
-    "ListedWindows",
-    "MapWindows",
-    "Part",
-    "Side",
-    "Windows",
-    "window_axes",
-]
-
 Part = Literal["window", "guard", "training", "level", "before_far", "before_near", "after_far", "after_near"]
 """Cells of the window along one axis: near and far are within and beyond the guard cells."""
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["Runs", "sliding_sums", "sum_of_runs"]
-
 Runs = tuple[tuple[int, int], ...]
 """First entry, and entry after the last, of runs in ascending order."""
 

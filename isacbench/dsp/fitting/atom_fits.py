@@ -40,8 +40,6 @@ from isacbench.dsp.fitting.atoms import (
     product_matrix,
 )
 
-__all__ = ["AtomFit", "fit_atoms", "refine_atoms", "refit_atoms", "settle_atoms"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -29,16 +29,6 @@ from isacbench.model.kernels import dirichlet_slopes
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
 
-__all__ = [
-    "N_COORDINATES",
-    "AtomFactors",
-    "AtomMap",
-    "Correlations",
-    "LineProducts",
-    "Lines",
-    "product_matrix",
-]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from isacbench.dsp.bursts import SymbolBursts
     from isacbench.model.gate import Gate
 
-__all__ = ["best_lobes", "lobes_within"]
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 

@@ -26,8 +26,6 @@ from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
 
-__all__ = ["explain_map", "refine_jointly", "select_jointly"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 

@@ -34,8 +34,6 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.variable_projection import WaveFit, fit_waves
 from isacbench.dsp.stable_order import stepped
 
-__all__ = ["refine_directions", "resolve_directions"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 

@@ -26,20 +26,6 @@ from isacbench.dsp.stable_order import rounded
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
 
-__all__ = [
-    "BeamSpace",
-    "Peaks4d",
-    "Splits",
-    "descending",
-    "noise_maximum",
-    "redundant",
-    "sidelobe_energy",
-    "sidelobe_envelope",
-    "split_gains",
-    "strongest_around",
-    "unwrapped",
-]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -14,16 +14,6 @@ from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.pursuit import descending, sidelobe_energy, sidelobe_envelope, unwrapped
 from isacbench.model.gate import Gate
 
-__all__ = [
-    "MOST_LEFT",
-    "are_near",
-    "became_pairs",
-    "choose_moves",
-    "clear_of_sidelobes",
-    "reachable_places",
-    "without_images",
-]
-
 Floats = NDArray[np.float64]
 
 ROUND_RANGE_DB = 6.0

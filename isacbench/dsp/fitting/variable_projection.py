@@ -33,8 +33,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["WaveFit", "fit_waves"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 

@@ -12,9 +12,6 @@ if TYPE_CHECKING:
 
     import h5py
 
-__all__ = ["MATLAB_ATTRIBUTE", "is_hdf5", "require_filled", "require_own"]
-
-
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 

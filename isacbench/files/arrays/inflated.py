@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["RAW_DEFLATE", "ZLIB", "InflatedBytes"]
-
 ZLIB, RAW_DEFLATE = zlib.MAX_WBITS, -zlib.MAX_WBITS
 """What surrounds the compressed data: zlib's header and checksum, or nothing."""
 

@@ -13,8 +13,6 @@ from isacbench.files.checked_files import binary_size
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Listed", "as_complex", "complex_dtype", "too_large"]
-
 
 class Listed(NamedTuple):
     """What a file says of an array that it holds.

@@ -14,8 +14,6 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Bytes", "MappedBytes"]
-
 
 class Bytes(Protocol):
     """Bytes that arrays are read from, by any thread.

@@ -30,16 +30,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = [
-    "MatArray",
-    "imaginary_part",
-    "list_arrays",
-    "open_bytes",
-    "read_numbers",
-    "real_part",
-    "require_at_most",
-]
-
 ByteOrder = Literal["<", ">"]
 Shape = tuple[int, int, int, int]
 

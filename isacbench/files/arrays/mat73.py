@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     import h5py
     from numpy.typing import NDArray
 
-__all__ = ["read_arrays"]
-
 EMPTY_ATTRIBUTE = "MATLAB_empty"
 """MATLAB writes it beside an array without elements, whose dataset holds the dimensions."""
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["SUFFIX", "Header", "read_array", "read_header", "read_members"]
-
 Order = Literal["C", "F"]
 
 SUFFIX = ".npy"

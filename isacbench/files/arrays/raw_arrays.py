@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from isacbench.files.arrays.mapped import Bytes
     from isacbench.files.arrays.tiling import Indices
 
-__all__ = ["RawArray", "raw_extents"]
-
 Order = Literal["C", "F"]
 
 

@@ -13,19 +13,6 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-__all__ = [
-    "ELEMENTS",
-    "SUBCARRIERS",
-    "SYMBOLS",
-    "Extent",
-    "box_lengths",
-    "extents",
-    "native",
-    "pick",
-    "progressions",
-    "sliced",
-]
-
 Indices = NDArray[np.intp]
 
 SUBCARRIERS, SYMBOLS, ELEMENTS = range(3)

@@ -22,16 +22,6 @@ if TYPE_CHECKING:
 
     from isacbench.model.numerology import System
 
-__all__ = [
-    "Awgn",
-    "Channel",
-    "TappedDelay",
-    "TwoRay",
-    "channel_response",
-    "reflection_coefficient",
-    "require_closed_form",
-]
-
 Polarization = Literal["vertical", "horizontal"]
 
 LARGEST_INTERFERENCE = 1e-4

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from isacbench.model.numerology import System
 
-__all__ = ["PrsEstimator", "prs_estimator", "require_estimable"]
-
 LEAST_CONCENTRATION = 1e-10
 """Share of a basis response's energy that is within the prefix, from which it belongs to the basis."""
 

@@ -12,8 +12,6 @@ from isacbench.errors import unknown_name
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Profile", "ProfileName", "delay_profile"]
-
 ProfileName = Literal["tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e"]
 
 

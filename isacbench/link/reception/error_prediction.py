@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from isacbench.link.waveform.qam import Modulation, awgn_ber, bits_per_symbol
+from isacbench.choices import Modulation
+from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
-
-__all__ = ["effective_snr_db", "estimated_evm", "response_ber", "response_evm"]
-
 
 MOST_SUMMED = 2**12
 """Elements up to which the closed form is summed for each; beyond, a table of it is interpolated."""

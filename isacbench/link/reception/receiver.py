@@ -20,14 +20,12 @@ from isacbench.model.prs import prs_elements
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from isacbench.choices import Modulation
     from isacbench.link.reception.channel import Channel
-    from isacbench.link.waveform.qam import Modulation
     from isacbench.link.waveform.resource_grid import ResourceGrid
     from isacbench.model.numerology import System
 
     Complex = NDArray[np.complex128]
-
-__all__ = ["Knowledge", "Reception", "drawn_response", "expected_ber", "receive"]
 
 Knowledge = Literal["prs", "perfect"]
 """What the user knows of the channel: an estimate from the PRS, or all."""

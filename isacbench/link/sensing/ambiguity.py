@@ -21,12 +21,10 @@ from isacbench.model.prs import COMB_SIZE, SLOT_PERIOD, SLOT_SYMBOLS
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from isacbench.choices import Sensing
     from isacbench.model.numerology import System
-    from isacbench.model.prs import Sensing
 
     Complex = NDArray[np.complex128]
-
-__all__ = ["Ambiguity", "point_spread", "prs_ambiguities"]
 
 CANCELLED = 1e-9
 """Height below which an echo does not show again but for rounding."""

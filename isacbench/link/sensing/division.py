@@ -15,19 +15,17 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
+from isacbench.choices import Division
 from isacbench.errors import InputError, unknown_name
 from isacbench.link.waveform.resource_grid import draw_grid
-from isacbench.link.waveform.sent_signal import Division
 from isacbench.model.prs import resource_elements
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from isacbench.choices import Sensing
     from isacbench.link.waveform.sent_signal import Signal
     from isacbench.model.numerology import System
-    from isacbench.model.prs import Sensing
-
-__all__ = ["Weights", "division_factors", "division_weights", "sensed_elements", "symbol_moduli"]
 
 
 @dataclass(frozen=True, eq=False)

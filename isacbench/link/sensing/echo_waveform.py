@@ -41,18 +41,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from isacbench.link.waveform.qam import Modulation
+    from isacbench.choices import Division, Modulation, Sensing
     from isacbench.link.waveform.resource_grid import ResourceGrid
-    from isacbench.link.waveform.sent_signal import Division
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
     from isacbench.model.observation import Observation
-    from isacbench.model.prs import Sensing
     from isacbench.model.scene import Scenario
 
     Complex = NDArray[np.complex128]
-
-__all__ = ["echo_paths", "interference_to_echo_db", "observe_waveform", "received_waveform"]
 
 SYMBOLS_TOGETHER = 16
 """Symbols whose range bins are collected before their Doppler transform."""

@@ -34,21 +34,12 @@ from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from isacbench.choices import Modulation
     from isacbench.link.waveform.ofdm import SymbolLayout
-    from isacbench.link.waveform.qam import Modulation
     from isacbench.model.numerology import System
 
     Complex = NDArray[np.complex128]
     Floats = NDArray[np.float64]
-
-__all__ = [
-    "Interference",
-    "doppler_gain",
-    "doppler_leakage",
-    "echo_interference",
-    "mean_inverse_power",
-    "path_interference",
-]
 
 PATHS_TOGETHER = 256
 """Paths whose windows are held at a time: some 10 MB at the paper's size."""

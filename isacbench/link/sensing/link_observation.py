@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complex128]
 
-__all__ = ["SignalSimulator", "kept_simulator"]
-
 PLAIN = Signal()
 
 T = TypeVar("T")

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complex128]
 
-__all__ = ["coloured_noise", "noise_covariance"]
-
 NEGLIGIBLE = 1e-12
 """Share of the largest below which covariances and eigenvalues are rounding."""
 

@@ -7,13 +7,9 @@ from typing import TYPE_CHECKING
 from isacbench.model.echo import observe_echo as observe_plainly
 
 if TYPE_CHECKING:
-    from isacbench.link.waveform.qam import Modulation
-    from isacbench.link.waveform.sent_signal import Division
+    from isacbench.choices import Division, Modulation, Sensing
     from isacbench.model.observation import Observation
-    from isacbench.model.prs import Sensing
     from isacbench.model.scene import Scenario
-
-__all__ = ["observe"]
 
 
 def observe(

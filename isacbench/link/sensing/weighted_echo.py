@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complex128]
 
-__all__ = ["weighted_echo"]
-
 MOST_NUMBERS = 2**23
 """Complex numbers of an intermediate array that are held at a time: 128 MB."""
 

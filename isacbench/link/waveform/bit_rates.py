@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import xlogy
 
-from isacbench.link.waveform.qam import Modulation, bits_per_symbol
+from isacbench.choices import Modulation
+from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.model.number_limits import require_all
 from isacbench.model.prs import prs_elements
 
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from isacbench.model.numerology import System
-
-__all__ = ["FrameRates", "frame_rates", "hard_decision_capacity"]
 
 
 @dataclass(frozen=True)

@@ -19,16 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from isacbench.link.waveform.qam import Modulation
+    from isacbench.choices import Modulation
     from isacbench.model.numerology import System
-
-__all__ = [
-    "OFFSETS",
-    "WaveformMerits",
-    "draw_papr_db",
-    "waveform_merits",
-    "without_suffix",
-]
 
 OFFSETS = (1, 10, 100, 1000)
 """Subcarrier spacings beyond the edge of the band at which out-of-band levels are told."""

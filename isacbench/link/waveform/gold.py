@@ -12,8 +12,6 @@ from isacbench.model.number_limits import require_count
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["gold_sequence"]
-
 REGISTER = 31
 """Bits that both m-sequences follow from."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complex128]
 
-__all__ = ["SymbolLayout", "checked_grid", "demodulate", "layout", "modulate", "n_samples", "transmit_window"]
-
 WHOLE = 1e-9
 """Largest distance of a prefix or suffix from whole samples, as a fraction of the useful part: rounding."""
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["exceeded_papr_db", "papr_ccdf", "symbol_papr_db"]
-
 CACHED_SAMPLES = 2**16
 """Samples of which the largest is found at a time, while they are in the cache."""
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["mean_power", "measured_density", "occupied_bandwidth_hz", "out_of_band_db", "power_density"]
-
 MOST_TERMS = 2**18
 """Terms of a sum over subcarriers that are in memory at a time: two mebibytes, which a cache holds."""
 

@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-__all__ = ["Paths", "delay_samples", "propagate", "received_symbols", "shown_lags"]
-
 SAMPLES_TOGETHER = 2**23
 """Received samples of all elements made at a time: 128 MB."""
 

@@ -14,8 +14,6 @@ from isacbench.errors import InputError, unknown_name
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Modulation", "awgn_ber", "bits_per_symbol", "constellation", "decide_bits", "modulate_bits"]
-
 BITS: dict[Modulation, int] = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
 
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.choices import Modulation
 from isacbench.display import brief
 from isacbench.link.waveform.gold import gold_sequence
-from isacbench.link.waveform.qam import Modulation, bits_per_symbol, modulate_bits
+from isacbench.link.waveform.qam import bits_per_symbol, modulate_bits
 from isacbench.link.waveform.sent_signal import require_n_id
 from isacbench.model.echo import random_stream
 from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.model.numerology import System
-
-__all__ = ["ResourceGrid", "draw_grid", "prs_c_init", "prs_symbols"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,6 @@ from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import require, unknown_name
 from isacbench.link.waveform.qam import bits_per_symbol
 
-__all__ = ["LARGEST_N_ID", "Division", "Signal", "require_n_id"]
-
 LARGEST_N_ID = 4095
 """Largest identity of a PRS sequence (3GPP TS 38.211, 7.4.1.7.2)."""
 

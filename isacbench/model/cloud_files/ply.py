@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["read_ply", "write_ply"]
-
 Floats = NDArray[np.float64]
 
 MOST_DIGITS = 18

@@ -24,8 +24,6 @@ from isacbench.model.cloud_files.ply import read_ply, write_ply
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-__all__ = ["POINT_COLUMNS", "Points", "read_point_table", "read_points_csv", "write_point_table"]
-
 POINT_COLUMNS = ["x", "y", "z", "v", "power"]
 """Columns of a cloud in tables and csv files: positions in m, radial velocity in m/s, power."""
 

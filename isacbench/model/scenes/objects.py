@@ -17,8 +17,6 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["car", "green_belt", "lamp_post", "pedestrian"]
-
 Offsets = NDArray[np.float64]
 
 

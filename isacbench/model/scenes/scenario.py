@@ -23,8 +23,6 @@ from isacbench.model.scenes.objects import car, green_belt, lamp_post, pedestria
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Scatterers", "Scenario", "load_scenario", "scenario_names"]
-
 
 def scenario_names() -> list[str]:
     """Names of the built-in scenarios."""

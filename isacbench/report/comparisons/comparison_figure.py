@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison
     from isacbench.report.comparisons.words import Wording
 
-__all__ = ["comparison_paths", "draw_changes", "draw_comparison_files"]
-
 FOLDER = "figures"
 MAX_PANELS = 12
 MAX_COLUMNS = 3

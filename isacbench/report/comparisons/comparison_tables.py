@@ -7,8 +7,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.compare.comparison import VERDICTS, verdict_counts
+from isacbench.files.escaping import counted
 from isacbench.report.comparisons.words import wording
-from isacbench.report.drawing.style import counted
 from isacbench.report.tables.run_tables import Grid
 
 if TYPE_CHECKING:
@@ -19,17 +19,6 @@ if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison
     from isacbench.bench.compare.tolerance import Tolerance
     from isacbench.report.comparisons.words import Wording
-
-__all__ = [
-    "cell_lines",
-    "change_cells",
-    "comparison_content",
-    "comparison_grids",
-    "comparison_lines",
-    "comparison_summary",
-    "outcome_counts",
-    "verdict_text",
-]
 
 MAX_ROWS = 40
 """More rows of a table nobody reads: the worst verdicts come first then."""

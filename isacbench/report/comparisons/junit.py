@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING, Any
 
-from isacbench.files.escaping import visible
+from isacbench.files.escaping import counted, visible
 from isacbench.report.comparisons.comparison_tables import (
     cell_lines,
     change_cells,
@@ -13,7 +13,6 @@ from isacbench.report.comparisons.comparison_tables import (
     verdict_text,
 )
 from isacbench.report.comparisons.words import wording
-from isacbench.report.drawing.style import counted
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison
     from isacbench.bench.compare.tolerance import Tolerance
     from isacbench.report.comparisons.words import Wording
-
-__all__ = ["comparison_junit", "incomparable_junit"]
 
 NAME = "isacbench compare"
 CHANGED = ("regression", "improvement")

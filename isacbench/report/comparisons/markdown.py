@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.compare.comparison import Comparison
 
-__all__ = ["comparison_markdown", "incomparable_markdown"]
-
 MAX_CHARACTERS = 60_000
 """A comment on GitHub takes 65 536."""
 

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.compare.comparison import Comparison
 
-__all__ = ["Wording", "Words", "wording"]
-
 
 class Words(NamedTuple):
     """Words for both sides, for verdicts, and for cells.

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["place_labels"]
-
 
 def place_labels(
     anchors: ArrayLike, sizes: ArrayLike, offsets: Sequence[ArrayLike], taken: ArrayLike = ()

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from isacbench.report.drawing.style import LineLook
 
-__all__ = ["MAX_SNR_TICKS", "draw_line", "legend_lines", "panel_grid"]
-
 PANEL_IN = 2.75, 2.3
 MAX_COLUMNS = 4
 NAME_BELOW_IN = 0.27

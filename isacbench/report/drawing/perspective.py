@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["LABEL", "Box", "View", "perspective_axes", "scatter", "tick_places", "tick_step"]
-
 LABEL = "perspective"
 """Label of the axes that show a perspective."""
 

@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from isacbench.bench.store.run_folder import replacing
-from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -31,31 +30,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.plan.labels import Variant
     from isacbench.model.region import Region
-
-__all__ = [
-    "BOUND_COLOUR",
-    "COLOURS",
-    "CONTEXT",
-    "DPI",
-    "THRESHOLD",
-    "TRUE",
-    "LineLook",
-    "assign_looks",
-    "counted",
-    "drawable",
-    "edges",
-    "entitle",
-    "file_stems",
-    "legend_below",
-    "legend_height_in",
-    "new_figure",
-    "older_objects_uncollected",
-    "save",
-    "speed_colours",
-    "styled",
-    "velocity_bar",
-    "velocity_colours",
-]
 
 LineStyle = Literal["-", "-.", ":", "--"]
 

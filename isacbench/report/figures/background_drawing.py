@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from isacbench.plugins.local_files import PluginFile
 
-__all__ = ["BackgroundDrawing"]
-
 TIMEOUT_S = 120.0
 """More than any diagnosis of one image takes, unless it hangs."""
 

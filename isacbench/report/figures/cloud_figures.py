@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
+from isacbench.files.escaping import counted
 from isacbench.metrics.geometry import CloudPair
 from isacbench.report.drawing.perspective import Box, perspective_axes, scatter, tick_step
 from isacbench.report.drawing.style import (
     CONTEXT,
-    counted,
     drawable,
     edges,
     entitle,
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
     from isacbench.report.drawing.perspective import View
-
-__all__ = ["Image", "draw_clouds", "draw_comparison", "draw_images"]
 
 PANEL_IN = 3.5, 2.6
 LONE_PANEL_IN = 6.0, 4.6

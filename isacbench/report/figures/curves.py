@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["axis_name", "draw_deviations", "draw_scores"]
-
 TITLE_WIDTH = 40
 PRACTICALLY_ZERO = 1e-6
 """Smaller means do not stretch a logarithmic axis: velocities are exact then for any purpose."""

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from isacbench.report.drawing.style import LineStyle
     from isacbench.report.tables.link_tables import Signal
 
-__all__ = ["draw_link", "draw_trade"]
-
 MODULATION_COLOURS: dict[str, str] = dict(zip(("qpsk", "16qam", "64qam", "256qam"), COLOURS, strict=False))
 DIVISION_LINES: dict[str, LineStyle] = {"": "-", "reciprocal": "-", "matched": "--", "wiener": ":"}
 PRS_LOOK = LineLook(f"image, {signal_label(('prs', '', ''))}", BOUND_COLOUR, "D", "-.", is_bound=False)

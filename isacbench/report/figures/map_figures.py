@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.floating]
 
-__all__ = ["draw_map", "outer"]
-
 POWER = "power over noise [dB]"
 
 LOWEST_RATIO = 0.01

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
     from isacbench.report.drawing.style import LineLook
 
-__all__ = ["MAX_PANELS", "draw_pareto", "draw_stages", "shown_snrs"]
-
 MAX_PANELS = 4
 MAX_COLUMNS = 2
 PANEL_IN = 4.6, 3.6

@@ -11,18 +11,17 @@ import numpy as np
 
 from isacbench.errors import InputError
 from isacbench.files.checked_files import require_picture
+from isacbench.files.escaping import counted
 from isacbench.metrics.cloud_scores import RADIUS_M
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
-from isacbench.report.drawing.style import counted, drawable, save, styled
+from isacbench.report.drawing.style import drawable, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_comparison, draw_images
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.figure import Figure
-
-__all__ = ["plot_clouds"]
 
 
 def plot_clouds(

@@ -19,6 +19,7 @@ from isacbench.bench.studies import (
 from isacbench.bench.studies.power_maps import MAPS
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import make_own_folder
+from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.echo import Simulator
@@ -26,7 +27,6 @@ from isacbench.plugins.contracts import Diagnoser
 from isacbench.plugins.registry import build_estimators_of, canonical_params
 from isacbench.report.drawing.style import (
     assign_looks,
-    counted,
     drawable,
     file_stems,
     older_objects_uncollected,
@@ -57,11 +57,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from isacbench.bench.suites.suite import StudyKind
-    from isacbench.model.scenes.scenario import Scenario
+    from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Estimator
     from isacbench.report.drawing.style import LineLook
-
-__all__ = ["draw_diagnoses", "draw_run"]
 
 FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.lines import Line2D
 
-from isacbench.report.drawing.style import THRESHOLD, TRUE, counted, edges, entitle, legend_below, new_figure
+from isacbench.files.escaping import counted
+from isacbench.report.drawing.style import THRESHOLD, TRUE, edges, entitle, legend_below, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
 
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Diagnosis, Spectrum
-
-__all__ = ["draw_spectra"]
 
 LEVEL, PEAK = "0.25", "#0072B2"
 HALF_BIN = 0.5

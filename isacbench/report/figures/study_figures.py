@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.labels import Variant
     from isacbench.report.drawing.style import LineLook
 
-__all__ = ["draw_detection", "draw_efficiency", "draw_maps", "draw_resolution", "draw_roc"]
-
 TITLES = {"range": "Range", "velocity": "Velocity", "u": "Direction cosine u", "w": "Direction cosine w"}
 UNITS = {"range": " [m]", "velocity": " [m/s]", "u": "", "w": ""}
 COLUMNS = {"range": "range_m", "velocity": "velocity_mps", "u": "u", "w": "w"}

@@ -38,13 +38,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from isacbench.link.waveform.qam import Modulation
+    from isacbench.choices import Modulation
     from isacbench.link.waveform.resource_grid import ResourceGrid
     from isacbench.model.numerology import System
 
     Floats = NDArray[np.float64]
-
-__all__ = ["draw_papr", "draw_resource_grid", "draw_spectrum", "draw_waveform"]
 
 OVERSAMPLING = 4
 WIDE_POINTS, NARROW_POINTS = 401, 641

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["ALPHA", "MARGIN", "best_within_budgets", "budget_grids", "budget_series", "summarise_budgets"]
-
 ALPHA = 0.05
 """Probability that a table leaves out, in any of its rows, the estimator that is truly best."""
 

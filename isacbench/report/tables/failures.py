@@ -12,8 +12,6 @@ from isacbench.report.tables.run_tables import Grid
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["failure_grids"]
-
 MAX_ROWS = 20
 HEADER = ["reason", "status", "estimator", "scenario", "cells"]
 

@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Any
 from isacbench.bench.plan.labels import Variant, estimator_labels
 from isacbench.bench.studies.link_study import outside_interval, summarise_link
 from isacbench.bench.studies.medians import TIME, median_times
-from isacbench.report.drawing.style import counted
+from isacbench.files.escaping import counted
 from isacbench.report.tables.run_tables import Grid, batched, milliseconds, trials_and_band
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["link_grids", "receiver_labels", "signal_label", "signals_of_part"]
 
 SIGNALS_A_TABLE = 6
 MODULATIONS_A_TABLE = 4

@@ -24,16 +24,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = [
-    "POINT",
-    "find_limits",
-    "paired_numbers",
-    "pareto_frontier",
-    "summarise_points",
-    "summarise_times",
-    "timed_rows",
-]
-
 PANEL = ["scenario", "snr_db"]
 POINT = ["scenario", "estimator", "params", "snr_db"]
 """Key of a point."""

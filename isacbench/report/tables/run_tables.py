@@ -19,19 +19,6 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-__all__ = [
-    "HAUSDORFF_COLUMNS",
-    "Grid",
-    "batched",
-    "grids",
-    "markdown",
-    "mean_of_trials",
-    "milliseconds",
-    "rich_table",
-    "summarise_scores",
-    "trials_and_band",
-]
-
 GROUP = ["scenario", "estimator", "params", "snr_db"]
 HAUSDORFF_COLUMNS = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"]
 AVERAGED = [

@@ -16,8 +16,6 @@ from isacbench.report.tables.run_tables import Grid, milliseconds
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["is_timed", "stage_grids", "summarise_stages"]
-
 MEDIANS = [TIME, *TIMING_COLUMNS]
 POINT = ["scenario", "estimator", "params", "snr_db"]
 DIGITS = 2

@@ -17,15 +17,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.plan.labels import Variant
 
-__all__ = [
-    "detection_grids",
-    "efficiency_grids",
-    "entry_labels",
-    "reference_rate",
-    "resolution_grids",
-    "variants_in",
-]
-
 PAIRS_A_TABLE = 5
 DETECTORS_A_TABLE = 6
 IMAGERS_A_TABLE = 3

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from isacbench.bench.suites.suite import StudyKind
 
-__all__ = ["TABLES", "TIMED_TABLES", "Tables", "grids_of", "write_run_tables"]
-
 
 class Tables(NamedTuple):
     """What a kind of suite makes of its records: a summary for a spreadsheet, and grids for people."""

@@ -14,8 +14,6 @@ from isacbench.files.escaping import counted, visible, visible_lines
 if TYPE_CHECKING:
     from isacbench.checking.contract import CheckReport, Status
 
-__all__ = ["describe_checks", "print_checks"]
-
 SHOWN: dict[Status, tuple[str, str]] = {
     "ok": ("ok", "green"),
     "warning": ("warning", "yellow"),

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from isacbench.cubes.image_cost import ImagePlan, Step, Work
     from isacbench.model.numerology import System
 
-__all__ = ["describe_plan", "plan_grids", "plan_lines"]
-
 ELEMENTS = {"plane": "the whole array", "cross": "one column and one row", "none": "none"}
 HEADER = ["step", "computed", "cells", "of full", "bytes", "of full", "operations", "of full"]
 TRANSFORMS = {"partial": "products with rows of the DFT matrix", "fft": "FFT"}

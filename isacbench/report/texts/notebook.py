@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from isacbench.display import Description
 
-__all__ = ["draw", "page"]
-
 PICTURE_DPI = 100
 """So that a picture takes some ten kilobytes of the notebook's file."""
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from isacbench.checking.stress.runs.stress_runs import Examined
 
-__all__ = ["HEADER", "describe_stress", "family_grid", "line", "promise_grid", "searched", "summary"]
-
 CASE_WIDTH, TARGET_WIDTH = 64, 16
 
 HEADER = f"{'case':<{CASE_WIDTH}} {'estimator':<{TARGET_WIDTH}} {'outcome':<8} {'drift':>8} {'time':>9}"

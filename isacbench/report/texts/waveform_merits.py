@@ -17,13 +17,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from isacbench.choices import Modulation
     from isacbench.link.waveform.figures_of_merit import WaveformMerits
-    from isacbench.link.waveform.qam import Modulation
     from isacbench.model.numerology import System
 
     Ratios = Mapping[Modulation, NDArray[np.float64]]
-
-__all__ = ["describe_waveform", "waveform_grids"]
 
 RARE = 1000
 """One in so many symbols is above the peak-to-average power ratio that is told beside the median."""

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from isacbench.bench.cells.cell import estimate_cloud, run_cell
 from isacbench.bench.cells.record import Cell
-from isacbench.bench.run.runner import estimate_cloud, run, run_cell, run_suite
+from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.score import METRICS, score

@@ -3,7 +3,8 @@
 import pytest
 
 from isacbench.checking.contract import check_plugin, conduct
-from isacbench.plugins.registry import PluginFile, register_plugin
+from isacbench.plugins.discovery import register_plugin
+from isacbench.plugins.local_files import PluginFile
 
 SOUND = '''
 from dataclasses import dataclass

@@ -6,7 +6,8 @@ import pytest
 from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract import check_plugin, conduct, find_plugins, small_scenes
 from isacbench.checking.contract.estimator_checks import MISS_CELLS
-from isacbench.plugins.registry import PluginFile, register_plugin
+from isacbench.plugins.discovery import register_plugin
+from isacbench.plugins.local_files import PluginFile
 
 SOUND = '''
 from dataclasses import dataclass

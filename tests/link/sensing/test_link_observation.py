@@ -193,7 +193,7 @@ def test_self_noise_of_matched_division_is_a_pedestal_of_known_height(scenario):
 @pytest.mark.parametrize("signal", SIGNALS)
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_every_estimator_images_every_signal(scenario, name, signal):
-    from isacbench.bench.run.runner import estimate_cloud
+    from isacbench.bench.cells.cell import estimate_cloud
 
     observation = SignalSimulator(scenario, signal).observe(15.0)
     cloud = estimate_cloud(isacbench.get_estimator(name), observation, scenario.truth)
@@ -208,7 +208,7 @@ def test_every_estimator_images_every_signal(scenario, name, signal):
 @pytest.mark.parametrize("signal", SIGNALS)
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_every_estimator_images_the_street_through_every_signal(name, signal):
-    from isacbench.bench.run.runner import estimate_cloud
+    from isacbench.bench.cells.cell import estimate_cloud
 
     street = load_scenario("street")
     observation = observe(

@@ -1,10 +1,10 @@
 import pytest
 from matplotlib.lines import Line2D
 
+from isacbench.files.escaping import counted
 from isacbench.model.region import Region
 from isacbench.report.drawing.style import (
     assign_looks,
-    counted,
     drawable,
     file_stems,
     legend_below,

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.case import Promise
     from isacbench.checking.stress.promises.image_promises import Imaging
 
-__all__ = ["Blank"]
-
 SMALLEST = 5e-324
 
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.case import Promise
     from isacbench.checking.stress.promises.image_promises import Imaging
 
-__all__ = ["Close", "Coherent", "Crowd", "Nothing", "Pair", "Spread"]
-
 RAYLEIGH_COSINE = 0.25
 """Of the array of 8 x 8 elements."""
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from isacbench.plugins.contracts import Detector
     from isacbench.plugins.discovery import PluginKind
 
-__all__ = ["SHAPE", "DetectorCase", "white_noise_map"]
-
 SHAPE = 13, 17
 """Of an ordinary map: primes, and larger than the windows by default."""
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from isacbench.checking.contract.small_scenes import Shot
     from isacbench.checking.stress.promises.image_promises import Imaging
 
-__all__ = ["NextBeam", "OpenedRange", "Unseparated"]
-
 WIDE_DB = 160.0
 ON_BIN = Echo(9.0, 0.0, 0.15, 0.2)
 LARGE = Layout(array=(16, 16))

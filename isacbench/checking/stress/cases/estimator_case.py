@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from isacbench.plugins.contracts import Estimator
     from isacbench.plugins.discovery import PluginKind
 
-__all__ = ["EstimatorCase"]
-
 
 @dataclass(frozen=True)
 class EstimatorCase(Case[Imaging]):

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from isacbench.plugins.contracts import Estimator
     from isacbench.plugins.discovery import PluginKind
 
-__all__ = ["Ladder", "SnrLadder"]
-
 N_TRIALS = 12
 STEPS_DB = 5.0
 N_STEPS = 8

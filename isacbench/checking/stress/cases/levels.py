@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.promises.image_promises import Imaging
     from isacbench.plugins.contracts import Estimator
 
-__all__ = ["Amplitude", "DynamicRange", "SinglePrecision", "Snr"]
-
 CLEAR_DB = 60.0
 """SNR from which noise is no excuse for a false point, or for a wrong power."""
 

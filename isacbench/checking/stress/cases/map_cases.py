@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.case import Promise
     from isacbench.checking.stress.promises.map_promises import TestedMap
 
-__all__ = ["BlankMap", "ConstantMap", "MapLevel", "MapRange", "MapWindow", "Rate"]
-
 LARGEST = float(np.finfo(np.float64).max)
 
 

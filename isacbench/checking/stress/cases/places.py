@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.case import Promise
     from isacbench.checking.stress.promises.image_promises import Imaging
 
-__all__ = ["Beyond", "Bin", "Direction", "Fold"]
-
 DEEP = Region((-300.0, 320.0), (-400.0, 50.0), (-290.0, 310.0), (-60.0, 60.0))
 """Reaches as far as the phases of subcarriers tell ranges apart: 624 m."""
 

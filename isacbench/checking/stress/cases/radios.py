@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from isacbench.checking.contract.small_scenes import Shot
     from isacbench.checking.stress.promises.image_promises import Imaging
 
-__all__ = ["ArrayShape", "Chunks", "DetectorWindow", "FalseAlarms", "Frames", "Numerology", "Subarray"]
-
 LONE_DB = 20.0
 
 MAP_CELLS = 25

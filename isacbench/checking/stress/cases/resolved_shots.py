@@ -22,19 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = [
-    "BASE_STATION_M",
-    "NARROW",
-    "REGION",
-    "RESOLVED",
-    "SYSTEM",
-    "Echo",
-    "Layout",
-    "observed",
-    "scenario_of",
-    "with_cells",
-]
-
 SYSTEM = System(n_subcarriers=256, n_symbols=32)
 """Range bins of 2.4 m, velocity bins of 12.8 m/s."""
 

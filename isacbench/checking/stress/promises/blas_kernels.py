@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from isacbench.model.observation import Observation
     from isacbench.plugins.contracts import Estimator
 
-__all__ = ["KernelProcess", "end_processes", "other_kernels", "process_under", "set_kernels"]
-
 CHOICE = "OPENBLAS_CORETYPE"
 
 CORE_TYPES = {

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.scene import Scenario
 
-__all__ = ["cells_apart", "cloud_drift"]
-
 
 def cloud_drift(
     scenario: Scenario, first: PointCloud, second: PointCloud, amplitude_scale: float = 1.0

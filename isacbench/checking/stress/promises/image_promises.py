@@ -31,28 +31,6 @@ if TYPE_CHECKING:
 
     Cells = NDArray[np.complexfloating[Any, Any]]
 
-__all__ = [
-    "ANY_SCALE",
-    "BLAS_KERNELS",
-    "ELEMENT_ORDER",
-    "EVERY",
-    "FINITE",
-    "FOUND",
-    "FOUND_FIRST",
-    "INVARIANT",
-    "LAYOUT",
-    "NO_FALSE_POINT",
-    "NO_POINT",
-    "POWER",
-    "REPEAT",
-    "RESOLVED_ECHOES",
-    "SINGLE_PRECISION",
-    "SINGLE_STAGES",
-    "THREADS",
-    "TWO_POWER_SCALE",
-    "Imaging",
-]
-
 INVARIANCE = 1e-9
 """Bound on the drift with threads, the BLAS kernel, memory and the order of elements."""
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     Cell = tuple[int, ...]
     Floats = NDArray[np.float64]
 
-__all__ = ["known_rate"]
-
 _TAIL = 1e-40
 """Probability of an estimate left out at either end: far below the least rate."""
 

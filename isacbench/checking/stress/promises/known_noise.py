@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Cell = tuple[int, ...]
 
-__all__ = ["column_rank", "columns_of", "halves_of", "known_noise", "share", "training_cells"]
-
 _MOST_EXPONENT = 959
 """Of the largest power whose sums stay finite without being scaled down."""
 

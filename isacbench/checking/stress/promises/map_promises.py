@@ -27,25 +27,6 @@ if TYPE_CHECKING:
 
     Power = NDArray[np.floating[Any]]
 
-__all__ = [
-    "EVERY_MAP",
-    "KNOWN_FACTOR",
-    "KNOWN_NOISE",
-    "LISTED",
-    "MAP_ANY_SCALE",
-    "MAP_FINITE",
-    "MAP_INVARIANT",
-    "MAP_LAYOUT",
-    "MAP_REPEAT",
-    "MAP_SINGLE_PRECISION",
-    "MAP_TWO_POWER_SCALE",
-    "NOTHING",
-    "RATE_ORDER",
-    "REFUSED",
-    "TURNED",
-    "TestedMap",
-]
-
 EXACT = 1e-12
 """What rounding may do to a noise estimate, or the order of its sums to a threshold."""
 

@@ -15,8 +15,6 @@ from isacbench.files.escaping import visible
 if TYPE_CHECKING:
     from isacbench.checking.stress.case import Case
 
-__all__ = ["BROKEN", "CaseOutcome", "Verdict", "examine"]
-
 CaseOutcome = Literal["ok", "refused", "skipped", "failed", "timeout", "killed"]
 """Refused: an `InputError` where that is a proper answer; skipped: says nothing about this plugin."""
 

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.case import Case
     from isacbench.plugins.discovery import PluginKind
 
-__all__ = ["FAMILIES", "families_of", "find_cases", "find_families", "require_kind", "table_of"]
-
 FAMILIES: dict[str, type[Case[Any]]] = {
     family.name: family
     for family in (

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.runs.stress_runs import Examined, Target
     from isacbench.checking.stress.spaces import Space
 
-__all__ = ["cases_from", "search"]
-
 
 def _drawn(space: Space) -> SearchStrategy[Any]:
     """Strategy of all values of a space."""

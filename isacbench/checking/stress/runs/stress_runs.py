@@ -17,13 +17,8 @@ from isacbench.checking.stress.promises.blas_kernels import other_kernels, set_k
 from isacbench.checking.stress.runs.examining import BROKEN, Verdict, examine
 from isacbench.checking.stress.runs.families import find_cases, require_kind, table_of
 from isacbench.plugins.discovery import local_plugins, register_plugin
-from isacbench.plugins.registry import (
-    build_estimators_of,
-    canonical_params,
-    get_detector,
-    parse_spec,
-    spec_variants,
-)
+from isacbench.plugins.registry import build_estimators_of, canonical_params, get_detector
+from isacbench.plugins.specifications import parse_spec, spec_variants
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,8 +27,6 @@ if TYPE_CHECKING:
     from isacbench.checking.stress.runs.examining import CaseOutcome
     from isacbench.plugins.discovery import PluginKind
     from isacbench.plugins.local_files import PluginFile
-
-__all__ = ["TIMEOUT_S", "Examined", "Examiner", "Examiners", "Target", "Task", "find_targets", "tasks_of"]
 
 TIMEOUT_S = 120.0
 """A case takes milliseconds to seconds, thousands of scatterers included."""

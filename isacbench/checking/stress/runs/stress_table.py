@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from isacbench.checking.stress.runs.stress_runs import Examined
 
-__all__ = ["PROMISES", "TABLE", "case_table", "open_stress_folder", "promise_table", "write_stress_tables"]
-
 KEY = ["kind", "case", "estimator", "params", "seed"]
 CASE_COLUMNS = [*KEY, "outcome", "promise", "drift", "bound", "time_s", "message", "reproduce"]
 

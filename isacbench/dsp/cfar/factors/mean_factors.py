@@ -17,8 +17,6 @@ from isacbench.dsp.cfar.factors.rate_roots import (
 )
 from isacbench.errors import InputError
 
-__all__ = ["ca_factor", "ca_rate", "goca_factor", "goca_rate", "paper_factor", "soca_factor", "soca_rate"]
-
 
 def paper_factor(pfa: float, n_training: int) -> float:
     """Give the factor as the paper prints it, T_f = P_fa^(-1/N) - 1.

@@ -16,8 +16,6 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["osca_factor", "osca_rate"]
-
 # Probability of an order statistic left out at either end of the quadrature. It stays far below the
 # least rate. 512 nodes then leave a relative error of the rate below 1e-8 even there; with more looks the
 # order statistics are narrower and smoother, and 160 nodes leave less.

@@ -15,15 +15,6 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = [
-    "check_looks",
-    "check_pfa",
-    "checked_factor",
-    "checked_looks",
-    "checked_training",
-    "solve_factor",
-]
-
 LEAST_PFA, MOST_PFA = 1e-30, 0.999999
 """Rates between which factors without a closed form are found."""
 

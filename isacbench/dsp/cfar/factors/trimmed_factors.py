@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["tm_factor", "tm_rate"]
-
 # Probability of an order statistic left out at either end, before the quadrature looks closer.
 _TAIL = 1e-60
 # Logarithm of what is negligible beside the largest integrand, and beside a part of an integral.

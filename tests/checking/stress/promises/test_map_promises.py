@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacbench.checking.stress.case import NotApplicableError
+from isacbench.checking.stress.case import NotApplicableError, Promise
 from isacbench.checking.stress.cases.detector_case import DetectorCase
 from isacbench.checking.stress.cases.map_cases import (
     BlankMap,
@@ -152,8 +152,7 @@ def test_every_promise_of_a_detector_is_broken_by_some_fault():
     [parameters] = [
         mark for mark in test_a_fault_breaks_the_promise_that_is_there_for_it.pytestmark if mark.args[1:]
     ]
-    promises = {getattr(map_promises, name) for name in map_promises.__all__ if name.isupper()}
-    named = {one.name for one in promises if not isinstance(one, tuple)}
+    named = {one.name for one in vars(map_promises).values() if isinstance(one, Promise)}
     assert named == {promise for _, _, promise in parameters.args[1]}
 
 
