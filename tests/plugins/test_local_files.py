@@ -197,7 +197,7 @@ def test_another_process_has_the_same_plugin_by_its_content(write_plugin):
     (file,) = local_plugins()
     script = (
         "import pickle, sys\n"
-        "from isacbench.plugins.registry import register_plugin\n"
+        "from isacbench.plugins.discovery import register_plugin\n"
         "file, plugin = pickle.load(sys.stdin.buffer)\n"
         "register_plugin(file)\n"
         "print(pickle.loads(plugin).size)\n"
