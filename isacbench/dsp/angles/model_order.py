@@ -24,7 +24,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from isacbench.dsp.cfar import ca_cfar
+from isacbench.dsp.cfar import CaCfar
 from isacbench.errors import require
 
 ModelOrder = Literal["noise", "eigenvalue_cfar", "mdl", "aic"]
@@ -157,7 +157,7 @@ def eigenvalue_cfar_order(eigenvalues: Floats, pfa: float) -> Integers:
         "3 and more, for a CFAR over eigenvalues",
     )
     n_training = (eigenvalues.shape[1] - 1) // 2
-    detection = ca_cfar(np.maximum(eigenvalues, 0), (0, n_training), (0, 0), pfa)
+    detection = CaCfar(pfa, training=(0, n_training), guard=0).detect(np.maximum(eigenvalues, 0))
     return _bounded(np.sum(detection.mask, axis=1), eigenvalues)
 
 

@@ -21,6 +21,9 @@ Threshold = Literal["exact", "paper"]
 Cells = tuple["NDArray[np.intp]", ...]
 """Cells of a map as `numpy.nonzero` gives them: for each axis an array of indices, shape (n,)."""
 
+_WEAKEST, _STRONGEST = 1e-200, 1e200
+"""Strongest cell of a map whose sums and thresholds are right in float64."""
+
 _ROUNDING = 1e-9
 """What rounding may take from the product of a fraction and a number of cells."""
 
@@ -123,25 +126,24 @@ def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
         If the map is complex or empty, holds NaN, infinite or negative power,
         or if `looks` is out of range.
     """
-    return checked_extent(power, looks)[0]
-
-
-def checked_extent(power: ArrayLike, looks: int) -> tuple[NDArray[np.float64], float]:
-    """Give a power map in float64, as `checked_power` does, and the power of its strongest cell."""
     check_looks(looks)
     given = np.asarray(power)
     if given.dtype.kind not in "fiu":
         raise InputError(f"the power map holds {given.dtype}: real numbers are allowed, take |.|² first")
     if given.ndim == 0 or given.size == 0:
         raise InputError(f"the power map has shape {given.shape}: at least one axis and one cell are needed")
-    # What no float64 holds is infinite, and refused.
-    with np.errstate(over="ignore", under="ignore"):
-        cells = np.asarray(given, dtype=np.float64)
+    cells = np.asarray(given, dtype=np.float64)
     lowest, highest = float(cells.min()), float(cells.max())
     # Both are NaN as soon as one cell is.
     if not 0 <= lowest <= highest < math.inf:
         raise InputError(f"the power map spans {lowest} to {highest}: finite powers >= 0 are allowed")
-    return cells, highest
+    # Sums and thresholds of stronger maps overflow, those of weaker ones lose digits.
+    if highest and not _WEAKEST <= highest <= _STRONGEST:
+        raise InputError(
+            f"the strongest cell of the power map is {highest}: scale the map, "
+            f"0 or {_WEAKEST} to {_STRONGEST} is allowed"
+        )
+    return cells
 
 
 def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
@@ -214,5 +216,15 @@ def spread(
 
 
 def share_of(fraction: float, n_cells: int) -> int:
-    """Give ⌊fraction n⌋, where rounding has not made it one less."""
+    """Share of a number of cells, ⌊fraction n⌋, where rounding has not made it one less.
+
+    Parameters
+    ----------
+    fraction : float
+    n_cells : int
+
+    Returns
+    -------
+    int
+    """
     return int(fraction * n_cells + _ROUNDING)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from numbers import Integral
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import optimize, special
@@ -22,23 +22,25 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-# Probability of an order statistic left out at either end, before the quadrature looks closer.
 _TAIL = 1e-60
-# Logarithm of what is negligible beside the largest integrand, and beside a part of an integral.
-_NEGLIGIBLE = -27.0
-# Of a pair of powers, relative to the largest.
-_LEAST_WEIGHT = 1e-11
-_N_COARSE, _N_LINE = 24, 96
+"""Probability of an order statistic left out at either end, before the quadrature looks closer."""
+
+_NEGLIGIBLE = -20.0
+"""Logarithm of what is negligible, compared with the largest integrand."""
+
+_N_COARSE, _N_PLANE, _N_LINE = 24, 54, 128
+"""Nodes along each limit: to find where the integrand lies, and to integrate over two limits or one."""
+
+_N_BETWEEN, _N_WHOLE = 14, 64
+"""Nodes between two limits, and where nothing is trimmed on one side."""
+
 _MOST_ZOOMS = 12
-_LOGIT_SPAN = -70.0, 40.0
-_MOST_MOVES, _SMALL_MOVE = 12, 0.2
-_N_WHOLE = 64
-# Where so few cells are trimmed on a side, their law vanishes slowly, and many nodes are needed.
-_FEW_TRIMMED = 2
-# Aliases of the contour sum, relative to the rate, and terms at which it ends.
-_ALIAS, _LAST_TERM = 1e-9, 1e-9
-# Change of the factor, in its logarithm, up to which a law stays accurate.
-_REACH = 0.05
+
+_LARGEST_LOGIT = 40.0
+"""Logit of a share that leaves nothing of note."""
+
+_ALIAS = 1e-9
+"""Aliases of the contour sum, relative to the rate."""
 
 
 def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int = 1) -> float:
@@ -85,11 +87,7 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
     smallest of those trimmed above, the cells kept are independent and follow
     a truncated gamma law. L is a power of that law's transform, integrated over
     the two by the trapezoid rule in logarithms. The relative error of the rate
-    is below 3e-7, and below 1e-8 where at least three cells are trimmed on
-    either side, from P_fa = 1e-15 up.
-    A factor takes about 20 ms with two looks and 60 ms with 256, more above
-    P_fa = 0.1, and three times as much where one or two cells are trimmed on a
-    side and some on the other; factors are cached.
+    is below 1e-6 from P_fa = 1e-15 up.
 
     References
     ----------
@@ -112,7 +110,7 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
         return _one_look_rate(factor, n_training, trimmed)
     if below + above == n_training - 1:
         return osca_rate(factor, ((below + 1, n_training),), looks)
-    return _TrimmedLaw(factor, n_training, trimmed, looks, _nodes(trimmed)).rate(factor)
+    return _many_looks_rate(factor, n_training, trimmed, looks)
 
 
 @lru_cache(maxsize=1024)
@@ -155,17 +153,8 @@ def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int 
         return solve_factor(lambda factor: _one_look_rate(factor, n_training, trimmed), pfa)
     if below + above == n_training - 1:
         return osca_factor(pfa, ((below + 1, n_training),), looks)
-    # A law is accurate around the factor that it was made for.
-    found = ca_factor(pfa, n_training, looks) / _rough_mean(n_training, trimmed, looks)
-    for _ in range(_MOST_MOVES):
-        near = found
-        found = solve_factor(_TrimmedLaw(near, n_training, trimmed, looks, _COARSE).rate, pfa, near)
-        if abs(math.log(found / near)) < _REACH:
-            break
-    nodes = _nodes(trimmed)
-    if nodes == _COARSE:
-        return found
-    return solve_factor(_TrimmedLaw(found, n_training, trimmed, looks, nodes).rate, pfa, found)
+    near = ca_factor(pfa, n_training, looks) / _rough_mean(n_training, trimmed, looks)
+    return solve_factor(lambda factor: _many_looks_rate(factor, n_training, trimmed, looks), pfa, near)
 
 
 def _one_look_rate(factor: float, n_training: int, trimmed: tuple[int, int]) -> float:
@@ -197,165 +186,70 @@ def _rough_mean(n_training: int, trimmed: tuple[int, int], looks: int) -> float:
     return float(np.diff(special.gammainc(looks + 1, limits))[0] / (upper - lower))
 
 
-def _guessed_saddle(factor: float, n_training: int, trimmed: tuple[int, int], looks: int) -> float:
-    """Give the logit of the radius at the saddle point if the trimmed mean is roughly gamma distributed."""
-    logit = np.linspace(-80, 20, 1001)
-    shape, mean = looks * n_training, _rough_mean(n_training, trimmed, looks)
-    log_size = -shape * np.log1p(looks * factor * special.expit(-logit) * mean / shape)
-    log_size -= (looks - 1) * special.log_expit(logit) + special.log_expit(-logit)
-    return float(logit[log_size.argmin()])
+def _many_looks_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int) -> float:
+    """Read the coefficient of the generating function on a circle; powers have the mean `looks` here."""
+    n_kept = n_training - sum(trimmed)
+    scale = factor / n_kept
+    radius = _saddle_point(factor, n_training, trimmed, looks)
+    tilt = scale * (1 - radius)
+    lower, upper, log_weight = _limits(n_training, trimmed, looks, 1 + tilt)
+    node, node_weight = special.roots_legendre(_N_WHOLE if 0 in trimmed else _N_BETWEEN)
+    middle, half = (np.log(upper) + np.log(lower)) / 2, np.log(upper / lower) / 2
+    log_power = middle[:, np.newaxis] + np.multiply.outer(half, node)
+    power, least = np.exp(log_power), lower[:, np.newaxis]
+    density = np.exp(_log_density(log_power, looks) + tilt * (least - power))
+    density *= np.multiply.outer(half, node_weight)
+    kept = density.sum(axis=1)
+    log_weight = log_weight + n_kept * (np.log(kept) - tilt * lower)
+    largest = log_weight.max()
+    counted = log_weight > largest + _NEGLIGIBLE
+    weight, power = np.exp(log_weight[counted] - largest), power[counted]
+    density = density[counted] / kept[counted, np.newaxis]
+
+    first = float(weight.sum()) / (1 - radius)
+    log_first = math.log(first) + largest - (looks - 1) * math.log(radius)
+    # The rate is not far below the integrand's peak; aliases are at most radius^n.
+    n_nodes = looks + math.ceil((math.log(_ALIAS) + min(log_first - 5, 0)) / math.log(radius))
+    total = first
+    for k in range(1, n_nodes // 2 + 1):
+        turn = np.exp(2j * math.pi * k / n_nodes)
+        transform = (np.exp((turn - 1) * scale * radius * power) * density).sum(axis=1) ** n_kept
+        term = weight @ transform * turn ** (1 - looks) / (1 - radius * turn)
+        total += (1 if 2 * k == n_nodes else 2) * float(term.real)
+        if abs(term) < _ALIAS * first:
+            break
+    return min(math.exp(log_first) * total / (first * n_nodes), 1.0)
 
 
-class _Nodes(NamedTuple):
-    """Nodes an axis of the plane of two limits, and of the powers between two limits.
+def _saddle_point(factor: float, n_training: int, trimmed: tuple[int, int], looks: int) -> float:
+    """Saddle point of the integrand on the real axis, for a trimmed mean that is gamma distributed."""
+    shape = looks * n_training
+    slope = looks * factor * _rough_mean(n_training, trimmed, looks) / shape
 
-    The plane ends where the integrand is `negligible`, a logarithm, beside its
-    largest value: nodes lie the closer, the sooner it ends.
-    """
+    def derivative(z: float) -> float:
+        return shape * slope / (1 + slope * (1 - z)) - (looks - 1) / z + 1 / (1 - z)
 
-    plane: int
-    between: int
-    negligible: float = _NEGLIGIBLE
-
-
-_COARSE, _FINE = _Nodes(36, 12), _Nodes(52, 15, -20.0)
-
-
-def _nodes(trimmed: tuple[int, int]) -> _Nodes:
-    """Give the nodes for a rate that is exact to 1e-6 of itself."""
-    return _FINE if 0 < min(trimmed) <= _FEW_TRIMMED else _COARSE
-
-
-class _TrimmedLaw:
-    """The false-alarm rate of a trimmed mean as a function of the factor, accurate around one factor.
-
-    Powers are gamma distributed with mean `looks` here.
-    """
-
-    def __init__(
-        self, factor: float, n_training: int, trimmed: tuple[int, int], looks: int, nodes: _Nodes
-    ) -> None:
-        self._looks = looks
-        self._nodes = nodes
-        self._n_kept = n_training - sum(trimmed)
-        logit = _guessed_saddle(factor, n_training, trimmed, looks)
-        # The nodes depend on the saddle point, and the saddle point, barely, on the nodes.
-        for _ in range(_MOST_MOVES):
-            self._place_nodes(factor * special.expit(-logit), n_training, trimmed)
-            near = (logit - 1, logit + 1)
-            moved = optimize.minimize_scalar(
-                self._log_size, bounds=near, args=(factor,), method="bounded", options={"xatol": 0.03}
-            )
-            logit, before = float(moved.x), logit
-            if abs(logit - before) < _SMALL_MOVE:
-                break
-        self._radius = float(special.expit(logit))
-
-    def _place_nodes(self, tilted_factor: float, n_training: int, trimmed: tuple[int, int]) -> None:
-        looks = self._looks
-        tilt = tilted_factor / self._n_kept
-        lower, upper, self._log_weight = _limits(n_training, trimmed, looks, tilt, self._nodes)
-        node, weight = special.roots_legendre(_N_WHOLE if 0 in trimmed else self._nodes.between)
-        middle, half = (np.log(upper) + np.log(lower)) / 2, np.log(upper / lower) / 2
-        log_power = middle[:, np.newaxis] + np.multiply.outer(half, node)
-        self._power = np.exp(log_power)
-        self._density = np.exp(_log_density(log_power, looks)) * np.multiply.outer(half, weight)
-
-    def _log_size(self, logit: float, factor: float) -> float:
-        """Give the logarithm of the contour integrand where it crosses the real axis."""
-        _, _, log_weight = self._tilted(factor / self._n_kept * special.expit(-logit))
-        log_transform = special.logsumexp(log_weight)
-        return float(log_transform - (self._looks - 1) * special.log_expit(logit) - special.log_expit(-logit))
-
-    def _tilted(self, tilt: float) -> tuple[Floats, Floats, Floats]:
-        """Give the tilted density of a kept power, its sum, and the logarithm of the tilted weights.
-
-        The tilt of the least power counts in the weights alone: it may be smaller than any float64.
-        """
-        least = self._power[:, :1]
-        density = self._density * np.exp(tilt * (least - self._power))
-        kept = density.sum(axis=1)
-        log_weight = self._log_weight + self._n_kept * (np.log(kept) - tilt * least[:, 0])
-        return density, kept, log_weight
-
-    def rate(self, factor: float) -> float:
-        """Give P(power > factor · trimmed mean)."""
-        scale, radius = factor / self._n_kept, self._radius
-        density, kept, log_weight = self._tilted(scale * (1 - radius))
-        largest = log_weight.max()
-        weight = np.exp(log_weight - largest)
-        counted = weight > _LEAST_WEIGHT
-        density = density[counted] / kept[counted, np.newaxis]
-        power, weight = scale * radius * self._power[counted], weight[counted]
-
-        first = float(weight.sum()) / (1 - radius)
-        log_first = math.log(first) + largest - (self._looks - 1) * math.log(radius)
-        # The rate is not far below the integrand's peak; aliases are at most radius^n.
-        n_nodes = self._looks + math.ceil((math.log(_ALIAS) + min(log_first - 5, 0)) / math.log(radius))
-        total = first
-        for k in range(1, n_nodes // 2 + 1):
-            turn = np.exp(2j * math.pi * k / n_nodes)
-            transform = (np.exp((turn - 1) * power) * density).sum(axis=1) ** self._n_kept
-            term = weight @ transform * turn ** (1 - self._looks) / (1 - radius * turn)
-            total += (1 if 2 * k == n_nodes else 2) * float(term.real)
-            if abs(term) < _LAST_TERM * first:
-                break
-        return min(float(math.exp(log_first) * total / (first * n_nodes)), 1.0)
+    return float(optimize.brentq(derivative, 1e-12, 1 - 1e-12))
 
 
 def _limits(
-    n_training: int, trimmed: tuple[int, int], looks: int, tilt: float, nodes: _Nodes
+    n_training: int, trimmed: tuple[int, int], looks: int, tilted: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Give pairs of powers between which the kept cells lie, and the logarithm of their weights.
+    """Pairs of powers between which the kept cells lie, and the logarithm of their weights.
 
     Summed over the pairs, weight times the n-th power of the transform of a
     truncated power, n the number of kept cells, is the transform of their sum.
-    The pairs span where that matters at the real argument `tilt`, in coordinates
-    in which everything vanishes exponentially and smoothly at both ends.
+    The pairs span where that matters for powers of the rate `tilted`, in
+    coordinates in which everything vanishes exponentially and smoothly. Where
+    nothing is trimmed on a side, the limit leaves nothing of note beyond it.
     """
-    log_ways = special.gammaln(n_training + 1) - special.gammaln(n_training - sum(trimmed) + 1)
-    if 0 in trimmed:
-        lower, upper, log_weight = _one_limit(n_training, trimmed, looks, 1 + tilt)
-    else:
-        lower, upper, log_weight = _two_limits(n_training, trimmed, looks, 1 + tilt, nodes)
-    return lower, upper, log_weight + log_ways
-
-
-def _one_limit(
-    n_training: int, trimmed: tuple[int, int], looks: int, tilted: float
-) -> tuple[Floats, Floats, Floats]:
-    """Find the pairs where cells are trimmed on one side; the other limit is where the rest is negligible."""
     below, above = trimmed
-    kept_share, kept_limit, trimmed_share = (
-        (special.gammaincc, special.gammainccinv, special.gammainc)
-        if below
-        else (special.gammainc, special.gammaincinv, special.gammaincc)
-    )
-    span = _order_span(below or n_training - above + 1, n_training, looks)
+    n_kept = n_training - below - above
+    log_ways = special.gammaln(n_training + 1) - special.gammaln(n_kept + 1)
 
-    def log_size(log_limit: Floats) -> Floats:
-        share = kept_share(looks, tilted * np.exp(log_limit))
-        log_law = _log_edge(log_limit, looks, below + above, trimmed_share)
-        return log_law + special.xlogy(n_training - below - above, share)
-
-    log_limit = _zoomed(log_size, [span], _N_LINE, _NEGLIGIBLE)[0]
-    log_weight = _log_edge(log_limit, looks, below + above, trimmed_share)
-    log_weight += math.log(log_limit[1] - log_limit[0])
-    limit = np.exp(log_limit)
-    far = kept_limit(looks, kept_share(looks, tilted * limit) * math.exp(_NEGLIGIBLE)) / tilted
-    return (limit, far, log_weight) if below else (far, limit, log_weight)
-
-
-def _two_limits(
-    n_training: int, trimmed: tuple[int, int], looks: int, tilted: float, nodes: _Nodes
-) -> tuple[Floats, Floats, Floats]:
-    """Find the pairs where cells are trimmed on both sides."""
-    below, above = trimmed
-
-    def pair(log_lower: Floats, logit: Floats) -> tuple[Floats, Floats]:
-        """Give the upper power, and the logarithm of the weight without the steps."""
-        # The coordinate beside the lower power: of the law above it, the share that lies below the upper one.
-        # Without tilt the two are independent.
+    def pair(log_lower: Floats, logit: Floats) -> tuple[Floats, Floats, Floats]:
+        """Limits, and the logarithm of their weight without the steps."""
+        # The upper limit as the share of the law above the lower one: without tilt the two are independent.
         lower = np.exp(log_lower)
         left = special.gammaincc(looks, lower)
         passed = special.gammainc(looks, lower) + special.expit(logit) * left
@@ -363,34 +257,36 @@ def _two_limits(
         upper = np.where(
             passed < 0.5, special.gammaincinv(looks, passed), special.gammainccinv(looks, remaining)
         )
-        log_weight = _log_edge(log_lower, looks, below, special.gammainc) - special.gammaln(above)
-        log_weight += above * np.log(left)
-        return upper, log_weight + above * special.log_expit(-logit) + special.log_expit(logit)
+        log_weight = np.full(upper.shape, log_ways)
+        if below:
+            log_weight += _log_density(log_lower, looks) - special.gammaln(below)
+            log_weight += special.xlogy(below - 1, special.gammainc(looks, lower))
+        if above:
+            log_weight += above * (np.log(left) + special.log_expit(-logit)) - special.gammaln(above)
+            log_weight += special.log_expit(logit)
+        return lower, upper, log_weight
 
     def log_size(log_lower: Floats, logit: Floats) -> Floats:
-        upper, log_weight = pair(log_lower, logit)
-        low, high = tilted * np.exp(log_lower), tilted * upper
+        lower, upper, log_weight = pair(log_lower, logit)
+        low, high = tilted * lower, tilted * upper
         # Of the two differences, the one of the smaller numbers.
         share = np.where(
             low < looks,
             special.gammainc(looks, high) - special.gammainc(looks, low),
             special.gammaincc(looks, low) - special.gammaincc(looks, high),
         )
-        return log_weight + special.xlogy(n_training - below - above, np.maximum(share, 0))
+        return log_weight + special.xlogy(n_kept, np.maximum(share, 0))
 
-    spans = [_order_span(below, n_training, looks), _LOGIT_SPAN]
-    log_lower, logit = _zoomed(log_size, spans, nodes.plane, nodes.negligible)
-    log_step = math.log((log_lower[1] - log_lower[0]) * (logit[1] - logit[0]))
-    log_lower, logit = (part.ravel() for part in np.meshgrid(log_lower, logit))
-    upper, log_weight = pair(log_lower, logit)
-    apart = upper > np.exp(log_lower)
-    return np.exp(log_lower[apart]), upper[apart], log_weight[apart] + log_step
-
-
-def _log_edge(log_power: Floats, looks: int, n_beyond: int, share: Callable[..., Floats]) -> Floats:
-    """Logarithm of the law of the innermost cell trimmed on one side, without the ways to choose the kept."""
-    law: Floats = _log_density(log_power, looks) - special.gammaln(n_beyond)
-    return law + special.xlogy(n_beyond - 1, share(looks, np.exp(log_power)))
+    least = math.log(special.gammaincinv(looks, math.exp(-_LARGEST_LOGIT)) / tilted)
+    spans = [
+        _order_span(below, n_training, looks) if below else (least, least),
+        (-70.0, _LARGEST_LOGIT) if above else (_LARGEST_LOGIT, _LARGEST_LOGIT),
+    ]
+    axes = _zoomed(log_size, spans)
+    log_step = sum(math.log(axis[1] - axis[0]) for axis in axes if axis.size > 1)
+    lower, upper, log_weight = pair(*(part.ravel() for part in np.meshgrid(*axes)))
+    apart = upper > lower
+    return lower[apart], upper[apart], log_weight[apart] + log_step
 
 
 def _log_density(log_power: Floats, looks: int) -> Floats:
@@ -400,27 +296,31 @@ def _log_density(log_power: Floats, looks: int) -> Floats:
 
 
 def _order_span(rank: int, n_cells: int, looks: int) -> tuple[float, float]:
-    """Give the logarithms between which the rank-th smallest of `n_cells` gamma powers lies."""
+    """Logarithms between which the rank-th smallest of `n_cells` gamma powers lies."""
     above = n_cells - rank
     lower = special.gammaincinv(looks, special.betaincinv(rank, above + 1, _TAIL))
     upper = special.gammainccinv(looks, special.betaincinv(above + 1, rank, _TAIL))
     return math.log(lower), math.log(upper)
 
 
-def _zoomed(
-    log_size: Callable[..., Floats], spans: list[tuple[float, float]], n_nodes: int, negligible: float
-) -> list[Floats]:
-    """Give equidistant nodes along each axis where a function with one peak is not negligible."""
+def _zoomed(log_size: Callable[..., Floats], spans: list[tuple[float, float]]) -> list[Floats]:
+    """Equidistant nodes along each axis where a function with one peak is not negligible."""
+
+    def grids(n_nodes: int) -> list[Floats]:
+        return [np.linspace(*span, n_nodes if span[0] < span[1] else 1) for span in spans]
+
     for _ in range(_MOST_ZOOMS):
-        grids = [np.linspace(*span, _N_COARSE) for span in spans]
-        size = log_size(*np.meshgrid(*grids, indexing="ij"))
-        matters = np.nonzero(size > size.max() + negligible)
+        coarse = grids(_N_COARSE)
+        size = log_size(*np.meshgrid(*coarse, indexing="ij"))
+        matters = np.nonzero(size > size.max() + _NEGLIGIBLE)
         closer = [
-            (float(grid[max(index.min() - 1, 0)]), float(grid[min(index.max() + 1, _N_COARSE - 1)]))
-            for grid, index in zip(grids, matters, strict=True)
+            (float(grid[max(index.min() - 1, 0)]), float(grid[min(index.max() + 1, grid.size - 1)]))
+            for grid, index in zip(coarse, matters, strict=True)
         ]
-        small = all(new[1] - new[0] > 0.7 * (old[1] - old[0]) for new, old in zip(closer, spans, strict=True))
+        small = all(
+            new[1] - new[0] >= 0.7 * (old[1] - old[0]) for new, old in zip(closer, spans, strict=True)
+        )
         spans = closer
         if small:
             break
-    return [np.linspace(*span, n_nodes) for span in spans]
+    return grids(_N_LINE if any(first == last for first, last in spans) else _N_PLANE)
