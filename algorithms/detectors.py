@@ -1,4 +1,4 @@
-"""The registered CFAR detectors, which `isacbench.dsp.cfar.detectors` describes."""
+"""The registered CFAR detectors, which `isacbench.dsp.cfar.cfar_detectors` describes."""
 
 from isacbench.dsp.cfar import CaCfar as CaCfar
 from isacbench.dsp.cfar import GocaCfar as GocaCfar

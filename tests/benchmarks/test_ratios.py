@@ -6,7 +6,7 @@ from scipy.ndimage import rank_filter, uniform_filter
 
 from isacbench.dsp.angles.aperture import Plane
 from isacbench.dsp.angles.model_order import noise_edge
-from isacbench.dsp.cfar import ca_cfar, os_mask
+from isacbench.dsp.cfar import CaCfar, OsCfar
 from isacbench.dsp.cfar.factors import ca_factor, osca_factor
 from isacbench.model.kernels import steering
 
@@ -101,7 +101,7 @@ def test_os_mask_against_a_rank_filter(against, noise_map):
         kept["order"] = rank_filter(noise_map, 53, footprint=footprint)
 
     mask = against(
-        lambda: os_mask(noise_map, 3, 1, 1e-3), {"scipy.ndimage.rank_filter": by_sorting}, rounds=7
+        lambda: OsCfar().detect(noise_map).mask, {"scipy.ndimage.rank_filter": by_sorting}, rounds=7
     )
     expected = noise_map > osca_factor(1e-3, ((54, 72),)) * kept["order"]
     assert np.array_equal(expected[INSIDE], mask[INSIDE])
@@ -114,7 +114,7 @@ def test_ca_against_uniform_filters(against, noise_map):
         kept["sum"] = 81 * uniform_filter(noise_map, 9) - 9 * uniform_filter(noise_map, 3)
 
     found = against(
-        lambda: ca_cfar(noise_map, 3, 1, 1e-3),
+        lambda: CaCfar().detect(noise_map),
         {
             "scipy.ndimage.uniform_filter, once": lambda: uniform_filter(noise_map, 9),
             "scipy.ndimage.uniform_filter, window and guard region": window_and_guard,

@@ -6,7 +6,7 @@ in `isacbench.dsp.cfar.factors`.
 
 from __future__ import annotations
 
-from isacbench.dsp.cfar.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
+from isacbench.dsp.cfar.cfar_detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 from isacbench.dsp.cfar.factors import check_looks, check_pfa
 from isacbench.dsp.cfar.map_checks import (
     Cells,

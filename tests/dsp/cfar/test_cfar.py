@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from isacbench.dsp.cfar import ca_cfar, decisions, goca_cfar, os_cfar, os_mask, osca_cfar, soca_cfar, tm_cfar
+from isacbench.dsp.cfar import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar, training_cells
 from isacbench.dsp.cfar.factors import (
     ca_factor,
     goca_factor,
@@ -20,6 +20,19 @@ from isacbench.dsp.cfar.factors import (
 )
 from isacbench.errors import InputError
 
+
+def function_of(detector):
+    """Gives a detector's test as a function of the map, its window and its other parameters."""
+
+    def detect(power, training, guard, pfa, threshold="exact", looks=1, cells=None, **own):
+        return detector(pfa, training, guard, threshold, **own).detect(power, looks, cells)
+
+    return detect
+
+
+ca_cfar, goca_cfar, os_cfar, osca_cfar, soca_cfar, tm_cfar = map(
+    function_of, (CaCfar, GocaCfar, OsCfar, OscaCfar, SocaCfar, TmCfar)
+)
 SEEDS = st.integers(0, 2**32 - 1)
 CA = (ca_cfar, 3, 1)
 OSCA = (osca_cfar, 4, None)
@@ -250,20 +263,14 @@ def test_list_that_names_no_cells_of_the_map_is_refused(detect, cells, message):
 
 
 @ALL
-@pytest.mark.parametrize("shape", [(37, 14), (9, 41), (23,)])
-@pytest.mark.parametrize("n_strip", [1, 60, 200])
-def test_strips_of_a_map_have_the_values_of_the_map_in_one(
-    monkeypatch, detect, training, guard, shape, n_strip
-):
-    if len(shape) == 1 and isinstance(training, tuple):
-        training, guard = training[0], guard[0]
-    power = noise_map(8, shape)
+@pytest.mark.parametrize("n_values", [1, 700])
+def test_parts_of_a_map_have_the_values_of_the_map_in_one(monkeypatch, detect, training, guard, n_values):
+    power = noise_map(8, (37, 14))
     whole = detect(power, training, guard, 0.05)
-    monkeypatch.setattr(decisions, "_STRIP", n_strip)
-    strips = detect(power, training, guard, 0.05)
-    assert np.array_equal(strips.mask, whole.mask)
-    assert np.array_equal(strips.noise, whole.noise)
-    assert np.array_equal(strips.threshold, whole.threshold)
+    monkeypatch.setattr(training_cells, "_MOST_VALUES", n_values)
+    parts = detect(power, training, guard, 0.05)
+    assert np.array_equal(parts.mask, whole.mask)
+    assert np.array_equal(parts.threshold, whole.threshold)
 
 
 @ALL
@@ -292,7 +299,6 @@ def test_mask_by_counting_is_the_comparison_with_the_sorted_threshold(
         power = np.floor(2 * power)
     found = os_cfar(power, training, guard, pfa, rank_fraction=rank_fraction)
     assert np.array_equal(found.mask, power > found.threshold)
-    assert np.array_equal(found.mask, os_mask(power, training, guard, pfa, rank_fraction=rank_fraction))
 
 
 def test_mask_by_counting_counts_beyond_255_training_cells():
@@ -352,7 +358,7 @@ def test_false_alarm_rate_is_nominal_for_windows_of_any_shape(detect, seed, trai
 
 
 @ALL
-@given(seed=SEEDS, exponent=st.integers(-300, 300))
+@given(seed=SEEDS, exponent=st.integers(-600, 600))
 @settings(max_examples=10, deadline=None)
 def test_power_of_two_scale_leaves_the_mask_unchanged(detect, training, guard, seed, exponent):
     power = noise_map(seed, (15, 13))
@@ -541,20 +547,13 @@ def test_bad_map_is_refused_with_a_message_that_names_it(detect, training, guard
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"pfa": 0.0}, "pfa = 0.0"),
-        ({"pfa": 1.0}, "pfa = 1.0"),
         ({"looks": 0}, "looks = 0"),
         ({"looks": 1.5}, "looks = 1.5"),
-        ({"threshold": "printed"}, "threshold = 'printed'"),
-        ({"training": -1}, "training = -1"),
-        ({"training": 0}, "training = 0"),
         ({"training": (1, 2, 3)}, "2 axes"),
-        ({"training": 1.5}, "training = 1.5"),
-        ({"guard": -1}, "guard = -1"),
         ({"guard": (1,)}, "2 axes"),
     ],
 )
-def test_bad_parameter_is_refused_with_a_message_that_names_it(detect, changed, message):
+def test_looks_and_windows_that_do_not_fit_the_map_are_refused_by_name(detect, changed, message):
     parameters = {"training": 2, "guard": 1, "pfa": 0.1} | changed
     with pytest.raises(InputError, match=message):
         detect(np.ones((12, 12)), **parameters)
@@ -568,17 +567,10 @@ def test_osca_with_the_cell_inside_refuses_columns_of_that_cell_alone():
 @pytest.mark.parametrize(
     ("detect", "parameters", "message"),
     [
-        (os_cfar, {"rank_fraction": 1.1}, "rank_fraction = 1.1"),
-        (os_cfar, {"rank_fraction": math.nan}, "rank_fraction = nan"),
-        (os_cfar, {"rank_fraction": "0.5"}, "rank_fraction = '0.5'"),
-        (tm_cfar, {"trim_low": -0.1}, "trim_low = -0.1"),
-        (tm_cfar, {"trim_high": 1.5}, "trim_high = 1.5"),
-        (tm_cfar, {"trim_low": 0.5, "trim_high": 0.5}, "together below 1"),
         (goca_cfar, {"split_axis": 2}, "split_axis = 2"),
-        (soca_cfar, {"split_axis": -1}, "split_axis = -1"),
-        (osca_cfar, {"order_axis": 0.5}, "order_axis = 0.5"),
+        (osca_cfar, {"order_axis": 2}, "order_axis = 2"),
     ],
 )
-def test_bad_parameter_of_one_detector_is_refused_by_name(detect, parameters, message):
+def test_an_axis_that_the_map_lacks_is_refused_by_name(detect, parameters, message):
     with pytest.raises(InputError, match=message):
         detect(np.ones((12, 12)), 2, 1, 0.1, **parameters)

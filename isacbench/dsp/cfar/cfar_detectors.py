@@ -59,15 +59,17 @@ class _Cfar:
 
     pfa: float
     training: CellsPerSide
-    guard: CellsPerSide | None
+    guard: Any
     threshold: Threshold
 
     def __post_init__(self) -> None:
         check_pfa(self.pfa)
         check_cells("training", self.training)
-        if self.guard is not None:
-            check_cells("guard", self.guard)
+        self._check_guard()
         check_threshold(self.threshold)
+
+    def _check_guard(self) -> None:
+        check_cells("guard", self.guard)
 
     def detect(self, power: Power, looks: int = 1, cells: Cells | None = None) -> Detection:
         """Test cells of a power map.
@@ -186,7 +188,7 @@ class CaCfar(_Cfar):
     threshold: Threshold = "exact"
 
     def _noise(self, power: Floats, windows: Windows) -> Floats:
-        return windows.training(power).mean(axis=-1)
+        return _mean(windows.training(power))
 
     def _exact_factor(self, windows: Windows, looks: int) -> float:
         return ca_factor(self.pfa, windows.n_training, looks)
@@ -219,7 +221,7 @@ class _HalvedCfar(_Cfar):
     def _noise(self, power: Floats, windows: Windows) -> Floats:
         training, n_leading = windows.training(power), windows.n_leading
         halves = training[..., :n_leading], training[..., n_leading:]
-        means = [half.mean(axis=-1) for half in halves if half.shape[-1]]
+        means = [_mean(half) for half in halves if half.shape[-1]]
         return self._chosen(means)
 
     def _exact_factor(self, windows: Windows, looks: int) -> float:
@@ -374,7 +376,7 @@ class TmCfar(_Cfar):
     def _noise(self, power: Floats, windows: Windows) -> Floats:
         below, above = self._trimmed(windows.n_training)
         ascending = np.sort(windows.training(power), axis=-1)
-        return ascending[..., below : windows.n_training - above].mean(axis=-1)
+        return _mean(ascending[..., below : windows.n_training - above])
 
     def _exact_factor(self, windows: Windows, looks: int) -> float:
         return tm_factor(self.pfa, windows.n_training, self._trimmed(windows.n_training), looks)
@@ -528,6 +530,10 @@ class OscaCfar(_Cfar):
         super().__post_init__()
         checked_axis("order_axis", self.order_axis)
 
+    def _check_guard(self) -> None:
+        if self.guard is not None:
+            super()._check_guard()
+
     def _first_axis(self, n_axes: int) -> int:
         return checked_axis("order_axis", self.order_axis, n_axes)
 
@@ -543,14 +549,14 @@ class OscaCfar(_Cfar):
         window = windows.whole(power)
         columns = window.reshape(*window.shape[: -power.ndim], windows.axes[0].n_window, -1)
         if self.guard is None:
-            return _orders(columns).mean(axis=-1)
+            return _mean(_orders(columns))
         trains = windows.trains.reshape(len(windows.trains), -1)
         is_whole = trains.all(axis=0)
         kept = trains[:, ~is_whole].any(axis=1)
         orders = [_orders(columns[..., is_whole])]
         if kept.any():
             orders.append(_orders(columns[..., kept, :][..., ~is_whole]))
-        return np.concatenate(orders, axis=-1).mean(axis=-1)
+        return _mean(np.concatenate(orders, axis=-1))
 
     def _factor(self, windows: Windows, looks: int) -> float:
         n_cells = windows.axes[0].n_window
@@ -564,6 +570,14 @@ class OscaCfar(_Cfar):
             counts = windows.trains.sum(axis=0).ravel().tolist()
             columns = tuple((_rank(count), count) for count in sorted(counts, reverse=True) if count)
         return osca_factor(self.pfa, columns, looks)
+
+
+def _mean(values: Floats) -> Floats:
+    """Mean along the last axis, of values added one after the other: the same for one cell as for many."""
+    terms = np.ascontiguousarray(np.moveaxis(values, -1, 0))
+    # NumPy adds a single column by pairs.
+    total: Floats = terms.sum(axis=0) if terms[0].size > 1 else np.add.accumulate(terms, axis=0)[-1]
+    return total / len(terms)
 
 
 def _orders(columns: Floats) -> Floats:
