@@ -110,7 +110,9 @@ class _Cfar:
         if listed is not None or first == 0:
             return found
         return Detection(
-            *(np.moveaxis(part, 0, first) for part in (found.mask, found.threshold, found.noise))
+            np.moveaxis(found.mask, 0, first),
+            np.moveaxis(found.threshold, 0, first),
+            np.moveaxis(found.noise, 0, first),
         )
 
     def _first_axis(self, n_axes: int) -> int:
@@ -272,7 +274,8 @@ class GocaCfar(_HalvedCfar):
     name: ClassVar[str] = "goca"
 
     def _chosen(self, means: list[Floats]) -> Floats:
-        return np.maximum.reduce(means)
+        chosen: Floats = np.maximum.reduce(means)
+        return chosen
 
     def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
         return goca_factor(self.pfa, halves, looks)
@@ -313,7 +316,8 @@ class SocaCfar(_HalvedCfar):
     name: ClassVar[str] = "soca"
 
     def _chosen(self, means: list[Floats]) -> Floats:
-        return np.minimum.reduce(means)
+        chosen: Floats = np.minimum.reduce(means)
+        return chosen
 
     def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
         return soca_factor(self.pfa, halves, looks)

@@ -1,4 +1,4 @@
-"""What a CFAR detector refuses: bad maps, windows, kinds of threshold and lists of cells."""
+"""Checks of what a CFAR detector is given: maps, windows, kinds of threshold and lists of cells."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def check_fraction(name: str, fraction: float, lowest: float, highest: float) ->
 
 
 def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
-    """Give the number of an axis that a detector treats differently.
+    """Check the number of an axis that a detector treats differently.
 
     Parameters
     ----------
@@ -97,6 +97,10 @@ def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
     axis : int
     n_axes : int, optional
         Axes of the map; without it only negative numbers are refused.
+
+    Returns
+    -------
+    int
 
     Raises
     ------
@@ -111,7 +115,7 @@ def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
 
 
 def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
-    """Give a power map in float64.
+    """Check a power map and convert it to float64.
 
     Parameters
     ----------
@@ -120,11 +124,16 @@ def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
     looks : int
         Independent noise powers that each cell averages.
 
+    Returns
+    -------
+    ndarray of float64
+
     Raises
     ------
     InputError
-        If the map is complex or empty, holds NaN, infinite or negative power,
-        or if `looks` is out of range.
+        If the map is complex or empty, or holds NaN, infinite or negative power;
+        if its strongest cell is so strong or weak that sums overflow or lose
+        digits; or if `looks` is out of range.
     """
     check_looks(looks)
     given = np.asarray(power)
@@ -147,7 +156,7 @@ def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
 
 
 def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
-    """Give a list of cells under test as arrays of indices.
+    """Check a list of cells under test and convert it to arrays of indices.
 
     Parameters
     ----------
@@ -156,6 +165,10 @@ def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
         gives them.
     shape : tuple of int
         Shape of the map.
+
+    Returns
+    -------
+    tuple of ndarray of int, each shape (n,)
 
     Raises
     ------
@@ -185,7 +198,7 @@ def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
 def spread(
     training: CellsPerSide, guard: CellsPerSide, n_axes: int
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Give training and guard cells per side for each axis of the map.
+    """Spread numbers of training and guard cells per side over the axes of the map.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from math import prod
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -160,7 +160,7 @@ class Windows:
         windows = sliding_window_view(power, self.trains.shape)
         first = tuple(
             slice(cell.start - place, cell.stop - place) if isinstance(cell, slice) else cell - place
-            for cell, place in zip(self.cells, self.place, strict=True)
+            for cell, place in zip(cast("tuple[Any, ...]", self.cells), self.place, strict=True)
         )
         found: Floats = windows[first]
         return found

@@ -19,7 +19,7 @@ from isacbench.errors import InputError
 
 
 def paper_factor(pfa: float, n_training: int) -> float:
-    """Give the factor as the paper prints it, T_f = P_fa^(-1/N) - 1.
+    """Factor as the paper prints it, T_f = P_fa^(-1/N) - 1.
 
     The paper multiplies it with a *mean*, for which the factor N is missing:
     at P_fa = 1e-3 the true rate is 0.90 for CA with N = 72 and 0.32 for OSCA
@@ -60,7 +60,7 @@ def paper_factor(pfa: float, n_training: int) -> float:
 
 
 def ca_rate(factor: float, n_training: int, looks: int = 1) -> float:
-    """Give the false-alarm rate of a cell-averaging detector with a given factor.
+    """False-alarm rate of a cell-averaging detector with a given factor.
 
     The ratio of the cell under test to the mean of the training cells is
     F-distributed with (2M, 2MN) degrees of freedom.
@@ -95,7 +95,7 @@ def ca_rate(factor: float, n_training: int, looks: int = 1) -> float:
 
 @lru_cache(maxsize=4096)
 def ca_factor(pfa: float, n_training: int, looks: int = 1) -> float:
-    """Give the exact factor of a cell-averaging detector.
+    """Exact factor of a cell-averaging detector.
 
     For one look it is N (P_fa^(-1/N) - 1); in general a quantile of the F
     distribution with (2M, 2MN) degrees of freedom.
@@ -142,7 +142,7 @@ def ca_factor(pfa: float, n_training: int, looks: int = 1) -> float:
 
 
 def goca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
-    """Give the false-alarm rate of a greatest-of cell-averaging detector with a given factor.
+    """False-alarm rate of a greatest-of cell-averaging detector with a given factor.
 
     Its noise estimate is the greater of the means of two halves.
 
@@ -194,7 +194,7 @@ def goca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
 
 
 def soca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
-    """Give the false-alarm rate of a smallest-of cell-averaging detector with a given factor.
+    """False-alarm rate of a smallest-of cell-averaging detector with a given factor.
 
     Its noise estimate is the smaller of the means of two halves.
 
@@ -234,7 +234,7 @@ def soca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
 
 @lru_cache(maxsize=4096)
 def goca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
-    """Give the exact factor of a greatest-of cell-averaging detector.
+    """Exact factor of a greatest-of cell-averaging detector.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def goca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
 
 @lru_cache(maxsize=4096)
 def soca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
-    """Give the exact factor of a smallest-of cell-averaging detector.
+    """Exact factor of a smallest-of cell-averaging detector.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def _chosen_half_rate(factor: float, halves: tuple[int, int], looks: int, greate
 
 
 def _rate_of_half(factor: float, n_own: int, n_other: int, looks: int, greatest: bool) -> float:
-    """Give the rate at which the cell exceeds its threshold and its threshold is that of one half.
+    """Rate at which the cell exceeds its threshold and its threshold is that of one half.
 
     I(a, b) = P(A_j < B) falls with j by one term of the beta law at a time:
     I(a, b) - I(a + 1, b) = p^a (1 - p)^b / (a B(a, b)).

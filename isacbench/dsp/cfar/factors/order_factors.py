@@ -25,7 +25,7 @@ _MANY_LOOKS = 8
 
 
 def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 1) -> float:
-    """Give the false-alarm rate of an ordered-statistic cell-averaging detector.
+    """False-alarm rate of an ordered-statistic cell-averaging detector.
 
     Its noise estimate is the mean over columns of an order statistic of each
     column; a single column is the plain order-statistic detector.
@@ -89,7 +89,7 @@ def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 
 
 @lru_cache(maxsize=1024)
 def osca_factor(pfa: float, columns: tuple[tuple[int, int], ...], looks: int = 1) -> float:
-    """Give the exact factor of an ordered-statistic cell-averaging detector.
+    """Exact factor of an ordered-statistic cell-averaging detector.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class _OscaLaw:
         ]
 
     def rate(self, factor: float) -> float:
-        """Give P(power > factor · mean of the order statistics)."""
+        """P(power > factor · mean of the order statistics)."""
         scale = self._looks * factor / self._n_columns
         law = np.eye(1, self._looks)[0]
         for power, weight, count in self._quadratures:
@@ -144,7 +144,7 @@ class _OscaLaw:
 
 
 def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Give nodes and probabilities of the rank-th smallest of `n_cells` gamma powers of mean 1.
+    """Nodes and probabilities of the rank-th smallest of `n_cells` gamma powers of mean 1.
 
     In the logarithm of the power the density is smooth and vanishes at both
     ends, where the trapezoid rule converges exponentially.
@@ -166,7 +166,7 @@ def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[NDArray[np.fl
 
 
 def _poisson(mean: NDArray[np.float64], n_counts: int) -> NDArray[np.float64]:
-    """Give Poisson probabilities of the counts 0 to n_counts - 1, shape (n_counts, mean.size)."""
+    """Poisson probabilities of the counts 0 to n_counts - 1, shape (n_counts, mean.size)."""
     counts = np.arange(n_counts)
     log_law = np.multiply.outer(counts, np.log(mean)) - mean
     log_law -= special.gammaln(counts + 1)[:, np.newaxis]

@@ -1,4 +1,4 @@
-"""What all threshold factors share: checks of their arguments, and the root of a rate."""
+"""Checks of the arguments of all threshold factors, and the root of a rate."""
 
 from __future__ import annotations
 
@@ -53,12 +53,16 @@ def check_looks(looks: int) -> None:
 
 
 def checked_looks(looks: int) -> int:
-    """Give a number of looks as an int, which no product overflows.
+    """Check a number of looks and convert it to int, which no product overflows.
 
     Parameters
     ----------
     looks : int
         Independent noise powers that each cell averages.
+
+    Returns
+    -------
+    int
 
     Raises
     ------
@@ -71,12 +75,16 @@ def checked_looks(looks: int) -> int:
 
 
 def checked_training(n_training: int) -> int:
-    """Give a number of training cells as an int, which no product overflows.
+    """Check a number of training cells and convert it to int, which no product overflows.
 
     Parameters
     ----------
     n_training : int
         Number of training cells.
+
+    Returns
+    -------
+    int
 
     Raises
     ------
@@ -89,13 +97,17 @@ def checked_training(n_training: int) -> int:
 
 
 def checked_factor(factor: float, pfa: float) -> float:
-    """Give a factor, unless it overflows.
+    """Check that a factor is finite.
 
     Parameters
     ----------
     factor : float
     pfa : float
         Probability of false alarm that it belongs to, for the message.
+
+    Returns
+    -------
+    float
 
     Raises
     ------

@@ -44,7 +44,7 @@ _ALIAS = 1e-9
 
 
 def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int = 1) -> float:
-    """Give the false-alarm rate of a trimmed-mean detector with a given factor.
+    """False-alarm rate of a trimmed-mean detector with a given factor.
 
     Its noise estimate is the mean of the sorted training cells without the
     smallest and the largest.
@@ -115,7 +115,7 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
 
 @lru_cache(maxsize=1024)
 def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int = 1) -> float:
-    """Give the exact factor of a trimmed-mean detector.
+    """Exact factor of a trimmed-mean detector.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def _check_trimmed(n_training: int, trimmed: tuple[int, ...]) -> None:
 
 
 def _rough_mean(n_training: int, trimmed: tuple[int, int], looks: int) -> float:
-    """Give roughly the trimmed mean of cells of mean 1, from the quantiles between which its cells lie."""
+    """Rough trimmed mean of cells of mean 1, from the quantiles between which its cells lie."""
     lower, upper = (trimmed[0] / n_training, 1 - trimmed[1] / n_training)
     limits = special.gammaincinv(looks, [lower, upper])
     return float(np.diff(special.gammainc(looks + 1, limits))[0] / (upper - lower))
@@ -218,7 +218,7 @@ def _many_looks_rate(factor: float, n_training: int, trimmed: tuple[int, int], l
         total += (1 if 2 * k == n_nodes else 2) * float(term.real)
         if abs(term) < _ALIAS * first:
             break
-    return min(math.exp(log_first) * total / (first * n_nodes), 1.0)
+    return min(float(math.exp(log_first) * total / (first * n_nodes)), 1.0)
 
 
 def _saddle_point(factor: float, n_training: int, trimmed: tuple[int, int], looks: int) -> float:
