@@ -14,8 +14,8 @@ from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract.class_checks import (
     BUILT,
     CLASS_CHECKS,
-    CONDUCT_CHECKS,
     PluginSubject,
+    conduct_checks,
     keeps,
     refuse_writes,
     timed_call,
@@ -90,12 +90,7 @@ def _sees_no_truth(subject: EstimatorSubject) -> str:
 
 
 def _returns_a_cloud(subject: EstimatorSubject) -> str:
-    try:
-        cloud = subject.imaging(small_scenes.ordinary()).cloud
-    except TypeError as error:
-        if "must return a PointCloud" not in str(error):
-            raise
-        raise BrokenPromiseError(f"{error}: build one with observation.cloud(...)") from error
+    cloud = subject.imaging(small_scenes.ordinary()).cloud
     return f"{len(cloud)} points of 3 scatterers"
 
 
@@ -194,25 +189,19 @@ def _reads_what_it_declares(subject: EstimatorSubject) -> str:
 
 def _leaves_the_observation(subject: EstimatorSubject) -> str:
     imaging = subject.imaging(small_scenes.ordinary())
-    given, original = imaging.shot.observation(), imaging.shot.seen
-    imaging.image(given)
-    for name, array, before in (
-        ("cells", given.cells, original.cells),
-        ("gate.range_bins", given.gate.range_bins, original.gate.range_bins),
-        ("gate.doppler_bins", given.gate.doppler_bins, original.gate.doppler_bins),
-        ("base_station_m", given.base_station_m, original.base_station_m),
-    ):
-        if not np.array_equal(array, before):
-            raise BrokenPromiseError(
-                f"writes to observation.{name}, which the next estimator sees: copy before changing"
-            )
     refuse_writes(lambda: imaging.image(imaging.shot.observation(writable=False)), "the observation")
     return ""
 
 
-def _images(shot: Callable[[], Shot], subject: EstimatorSubject) -> str:
-    subject.imaging(shot()).image(shot().observation())
-    return ""
+def _images(*shots: Callable[[], Shot]) -> Callable[[EstimatorSubject], str]:
+    """Make a check that images scenes; it fails where the estimator raises."""
+
+    def look(subject: EstimatorSubject) -> str:
+        for shot in shots:
+            subject.imaging(shot()).image(shot().observation())
+        return ""
+
+    return look
 
 
 def _images_no_echo(shot: Callable[[], Shot], subject: EstimatorSubject) -> str:
@@ -225,19 +214,6 @@ def _images_no_echo(shot: Callable[[], Shot], subject: EstimatorSubject) -> str:
             "threshold that follows from the noise"
         )
     return f"{len(cloud)} points"
-
-
-def _takes_other_arrays(subject: EstimatorSubject) -> str:
-    for shot in small_scenes.oblong_arrays():
-        try:
-            subject.imaging(shot).image(shot.observation())
-        except Exception as error:
-            n_p, n_q = shot.scenario.array.shape
-            raise BrokenPromiseError(
-                f"fails on {n_p} x {n_q} elements, {type(error).__name__}: {error}: take sizes from "
-                "observation.cells.shape, P and Q apart"
-            ) from error
-    return ""
 
 
 def _is_fast(subject: EstimatorSubject) -> str:
@@ -263,18 +239,17 @@ ESTIMATOR_CHECKS: tuple[Check[Any], ...] = (
     *CLASS_CHECKS,
     Check("truth", _sees_no_truth, ("import",)),
     Check(IMAGED, _returns_a_cloud, (BUILT,)),
-    Check("shapes", _in_every_scene(promises.ARRAYS), (IMAGED,)),
-    Check("region", _in_every_scene(promises.IN_REGION), ("shapes",)),
-    Check("velocity", _in_every_scene(promises.SPEEDS), ("shapes",)),
-    Check("power", _in_every_scene(promises.POWERS), ("shapes",)),
+    Check("region", _in_every_scene(promises.IN_REGION), (IMAGED,)),
+    Check("velocity", _in_every_scene(promises.SPEEDS), (IMAGED,)),
+    Check("power", _in_every_scene(promises.POWERS), (IMAGED,)),
     Check("lone scatterer", _finds_a_lone_scatterer, ("region", "velocity", "power")),
-    Check("needs", _reads_what_it_declares, ("shapes",)),
+    Check("needs", _reads_what_it_declares, (IMAGED,)),
     Check("observation unchanged", _leaves_the_observation, (IMAGED,)),
-    *CONDUCT_CHECKS,
-    Check("minimal gate", partial(_images, small_scenes.minimal), (IMAGED,)),
+    *conduct_checks(IMAGED),
+    Check("minimal gate", _images(small_scenes.minimal), (IMAGED,)),
     Check("noise alone", partial(_images_no_echo, small_scenes.noise), (IMAGED,)),
     Check("silence", partial(_images_no_echo, small_scenes.silence), (IMAGED,)),
-    Check("2 x 2 array", partial(_images, small_scenes.small_array), (IMAGED,)),
-    Check("other arrays", _takes_other_arrays, (IMAGED,)),
+    Check("2 x 2 array", _images(small_scenes.small_array), (IMAGED,)),
+    Check("other arrays", _images(small_scenes.wide_array, small_scenes.high_array), (IMAGED,)),
     Check("time", _is_fast, (IMAGED,)),
 )

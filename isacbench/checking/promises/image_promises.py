@@ -109,22 +109,6 @@ class Imaging:
         return cloud_drift(self.shot.scenario, self.cloud, cloud, amplitude_scale)
 
 
-def _has_arrays(imaging: Imaging) -> float:
-    """Refuse arrays of a wrong shape or dtype, NaN and infinity."""
-    cloud = imaging.cloud
-    n = np.size(cloud.velocity)
-    for name, shape in (("xyz", (n, 3)), ("velocity", (n,)), ("power", (n,))):
-        array = getattr(cloud, name)
-        if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != np.float64:
-            given = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
-            raise BrokenPromiseError(
-                f"{name} of its cloud is {given}, not float64 {shape}: let PointCloud make the arrays"
-            )
-        if not np.isfinite(array).all():
-            raise BrokenPromiseError(f"{name} of its cloud has NaN or infinity: drop such points")
-    return 0.0
-
-
 def _is_in_region(imaging: Imaging) -> float:
     xyz = imaging.cloud.xyz
     outside = ~imaging.shot.scenario.region.contains(xyz, REGION_TOLERANCE_M + ROUNDING_M)
@@ -160,7 +144,7 @@ def _has_possible_powers(imaging: Imaging) -> float:
 
 
 def _finite(imaging: Imaging) -> float:
-    return max(promise.drift(imaging) for promise in (ARRAYS, IN_REGION, SPEEDS, POWERS))
+    return max(promise.drift(imaging) for promise in (IN_REGION, SPEEDS, POWERS))
 
 
 def _repeats(imaging: Imaging) -> float:
@@ -295,7 +279,6 @@ def _of_cells(drift: Callable[[Imaging], float]) -> Callable[[Imaging], float]:
     return checked
 
 
-ARRAYS = Promise("shapes", 0.0, _has_arrays)
 IN_REGION = Promise("region", 0.0, _is_in_region)
 SPEEDS = Promise("velocity", 0.0, _has_possible_speeds)
 POWERS = Promise("power", 0.0, _has_possible_powers)

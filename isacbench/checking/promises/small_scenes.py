@@ -239,9 +239,15 @@ def small_array() -> Shot:
 
 
 @cache
-def oblong_arrays() -> tuple[Shot, ...]:
-    """Three scatterers seen by 3 x 7 and by 7 x 3 elements."""
-    return tuple(observed(RESOLVED, SNR_DB, layout=Layout(array=shape)) for shape in ((3, 7), (7, 3)))
+def wide_array() -> Shot:
+    """Three scatterers seen by 7 x 3 elements."""
+    return observed(RESOLVED, SNR_DB, layout=Layout(array=(7, 3)))
+
+
+@cache
+def high_array() -> Shot:
+    """Three scatterers seen by 3 x 7 elements."""
+    return observed(RESOLVED, SNR_DB, layout=Layout(array=(3, 7)))
 
 
 @cache

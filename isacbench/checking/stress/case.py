@@ -70,6 +70,9 @@ class Case(ABC, Generic[Subject]):
     fixed : tuple of dict
         Class attribute: fields of the members that the table holds, the
         defaults left out.
+    promised : tuple of Promise
+        Class attribute: promises on every member, unless the family overrides
+        `promises`.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class Case(ABC, Generic[Subject]):
     name: ClassVar[str]
     kind: ClassVar[PluginKind]
     fixed: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
+    promised: ClassVar[tuple[Promise[Any], ...]] = ()
 
     def __post_init__(self) -> None:
         for key, space in self.spaces().items():
@@ -132,9 +136,9 @@ class Case(ABC, Generic[Subject]):
         return False
 
     @property
-    @abstractmethod
     def promises(self) -> tuple[Promise[Subject], ...]:
         """Promises on this case; where the first is broken, the others are not measured."""
+        return self.promised
 
     def parameters(self) -> Mapping[str, Any]:
         """Parameters that a plugin is given, none by default."""

@@ -12,6 +12,7 @@ import pandas as pd
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.checking.stress.runs.examining import BROKEN
 from isacbench.checking.stress.runs.stress_runs import Examined
+from isacbench.checking.stress.runs.stress_table import case_table
 from isacbench.files.escaping import counted
 from isacbench.report.tables.run_tables import Grid
 
@@ -147,25 +148,8 @@ def describe_stress(examined: Sequence[Examined]) -> dict[str, Any]:
         measured), ``time_s``, ``message``, ``reproduce``; ``counts`` of the
         outcomes.
     """
-    return {
-        "cases": [
-            {
-                "kind": one.task.target.kind,
-                "case": one.task.case.spec,
-                "estimator": one.task.target.spec,
-                "outcome": one.outcome,
-                "promise": one.worst.promise,
-                "drift": _number(one.worst.drift),
-                "bound": _number(one.worst.bound),
-                "time_s": _number(one.time_s),
-                "message": one.worst.message,
-                "reproduce": one.reproduce,
-            }
-            for one in examined
-        ],
-        "counts": dict(sorted(Counter(one.outcome for one in examined).items())),
-    }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    cases = case_table(examined).drop(columns=["params", "seed"])
+    cases["estimator"] = [one.task.target.spec for one in examined]
+    cases = cases.astype(object).where(~cases.isin([math.nan, math.inf]), None)
+    counts = Counter(one.outcome for one in examined)
+    return {"cases": cases.to_dict("records"), "counts": dict(sorted(counts.items()))}

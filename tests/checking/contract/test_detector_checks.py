@@ -2,7 +2,7 @@
 
 import pytest
 
-from isacbench.checking.contract import check_plugin, class_checks
+from isacbench.checking.contract import check_plugin
 from isacbench.plugins.discovery import register_plugin
 from isacbench.plugins.local_files import PluginFile
 
@@ -60,7 +60,7 @@ BROKEN = [
     ("shapes", put("noise = noise.ravel()"), "noise is float64 (960,), not float64 (40, 24)"),
     ("mask", put("mask.flat[0] |= power.max() > 0"), "mask is not power > threshold in 1 of 960 cells"),
     ("threshold and noise", put("noise = -noise"), "noise has NaN, infinite or negative values"),
-    ("map unchanged", put("given *= 2"), "writes to the map, which the next detector sees"),
+    ("map unchanged", put("given *= 2"), "writes to the map ("),
     ("map unchanged", put("given[..., 0] = given[..., 0]"), "writes to the map ("),
     (
         "repeatable",
@@ -169,8 +169,3 @@ def test_a_rate_that_cannot_be_chosen_is_measured_where_it_is_not_too_rare(check
     assert (
         check("pfa: float = 1e-3", fixed)["false-alarm rate"].message == "too rare to measure at pfa = 1e-09"
     )
-
-
-def test_a_detector_beyond_a_limit_of_time_is_told(check, monkeypatch):
-    monkeypatch.setattr(class_checks, "TOO_SLOW_S", 0.0)
-    assert failed(check()) == {"time"}

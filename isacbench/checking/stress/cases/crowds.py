@@ -82,17 +82,13 @@ class Close(EstimatorCase):
     """Two echoes closer than any cell, in phase at the centre of the frame and of the array; no noise."""
 
     name: ClassVar[str] = "close"
+    promised: ClassVar = (*EVERY, NO_FALSE_POINT, FOUND, *INVARIANT)
     fixed: ClassVar = tuple(
         {"exponent": exponent, "along": along} for along in STEPS for exponent in (-1.0, -3.0, -9.0)
     )
 
     exponent: float = real(-12.0, -1.0, -6.0)
     along: str = choice(*STEPS)
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """One point or two, at their place."""
-        return *EVERY, NO_FALSE_POINT, FOUND, *INVARIANT
 
     def scene(self) -> CaseScene:
         """Both echoes."""
@@ -137,6 +133,7 @@ class Crowd(EstimatorCase):
     """Many echoes, in one cell or everywhere."""
 
     name: ClassVar[str] = "crowd"
+    promised: ClassVar = EVERY
     fixed: ClassVar = tuple(
         {"n_echoes": n_echoes, "where": where, "snr_db": snr_db}
         for where in ("region", "one_cell")
@@ -146,11 +143,6 @@ class Crowd(EstimatorCase):
     n_echoes: int = whole(1, 5000, 100)
     where: str = choice("region", "one_cell")
     snr_db: float = real(-20.0, 200.0, 20.0)
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """A cloud, and the same again: in a crowd a tie may fall either way."""
-        return EVERY
 
     def shot(self, seed: int) -> Shot:
         """Observe them.
@@ -179,6 +171,7 @@ class Spread(EstimatorCase):
     """Equal echoes at random places of which no two share a cell; no noise."""
 
     name: ClassVar[str] = "spread"
+    promised: ClassVar = (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
     fixed: ClassVar = (
         *({"n_echoes": n_echoes, "draw": draw} for n_echoes in (2, 4, 8) for draw in (0, 1)),
         # Found by search: a spectrum's pole that a sample struck hid the other source of the cell.
@@ -189,11 +182,6 @@ class Spread(EstimatorCase):
 
     n_echoes: int = whole(1, 10, 4)
     draw: int = whole(0, 9999, 0)
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """A point an echo."""
-        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
 
     def shot(self, seed: int) -> Shot:
         """Observe them.

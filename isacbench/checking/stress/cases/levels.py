@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from isacbench.bench.cells.cell import raw_cloud
-from isacbench.checking.promises import image_promises as promised
+from isacbench.checking.promises import image_promises
 from isacbench.checking.promises.image_promises import EVERY, FOUND, INVARIANT, RESOLVED_ECHOES, Imaging
 from isacbench.checking.promises.promise import Promise
 from isacbench.checking.promises.small_scenes import (
@@ -24,7 +24,7 @@ from isacbench.checking.promises.small_scenes import (
     scenario_of,
     with_cells,
 )
-from isacbench.checking.stress.case import Case, CaseScene, EstimatorCase, adapted
+from isacbench.checking.stress.case import Case, CaseScene, EstimatorCase
 from isacbench.checking.stress.spaces import choice, real
 from isacbench.metrics.score import score
 from isacbench.model.echo import Simulator
@@ -71,7 +71,7 @@ class Snr(EstimatorCase):
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """Invariance at all levels; every echo, and nothing else, where the noise is weak."""
         seen = (FOUND,) if self.snr_db >= SEEN_DB else ()
-        clear = (promised.NO_FALSE_POINT, promised.POWER) if self.snr_db >= CLEAR_DB else ()
+        clear = (image_promises.NO_FALSE_POINT, image_promises.POWER) if self.snr_db >= CLEAR_DB else ()
         return *EVERY, *seen, *clear, *INVARIANT
 
     def scene(self) -> CaseScene:
@@ -84,6 +84,7 @@ class Amplitude(EstimatorCase):
     """Three resolved echoes of any amplitude that float32 holds, without noise or far above it."""
 
     name: ClassVar[str] = "amplitude"
+    promised: ClassVar = (*EVERY, *RESOLVED_ECHOES, image_promises.POWER, *INVARIANT)
     fixed: ClassVar = (
         {"exponent": -30.0, "noise": "none"},
         {"exponent": 30.0, "noise": "none"},
@@ -92,11 +93,6 @@ class Amplitude(EstimatorCase):
 
     exponent: float = real(-30.0, 30.0, 0.0)
     noise: str = choice("none", "weak")
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """All echoes, and nothing else."""
-        return *EVERY, *RESOLVED_ECHOES, promised.POWER, *INVARIANT
 
     def scene(self) -> CaseScene:
         """Three echoes of that amplitude."""
@@ -122,7 +118,7 @@ class DynamicRange(EstimatorCase):
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """The strong echo, no more than the two, and both where the weak one is resolved and strong."""
         both = (FOUND,) if self.level_db <= FOUND_DB and self.where == "far" else ()
-        return *EVERY, promised.NO_FALSE_POINT, promised.FOUND_FIRST, *both, *INVARIANT
+        return *EVERY, image_promises.NO_FALSE_POINT, image_promises.FOUND_FIRST, *both, *INVARIANT
 
     def scene(self) -> CaseScene:
         """The strong echo and the weak one."""
@@ -139,46 +135,17 @@ class DynamicRange(EstimatorCase):
 
 
 @dataclass(frozen=True)
-class Nothing(EstimatorCase):
-    """No scatterer: noise of any level, or zeros."""
-
-    name: ClassVar[str] = "nothing"
-    fixed: ClassVar = (
-        {"noise": "none"},
-        *({"noise": "white", "exponent": exponent} for exponent in (-30.0, 0.0, 30.0)),
-    )
-
-    noise: str = choice("none", "white")
-    exponent: float = real(-30.0, 30.0, 0.0)
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """No point of zeros."""
-        if self.noise == "none":
-            return *EVERY, promised.NO_FALSE_POINT
-        return *EVERY, *INVARIANT
-
-    def scene(self) -> CaseScene:
-        """Noise of that level."""
-        return CaseScene([], math.inf if self.noise == "none" else -20 * self.exponent)
-
-
-@dataclass(frozen=True)
 class FalseAlarms(EstimatorCase):
     """Resolved echoes at any probability of false alarm."""
 
     name: ClassVar[str] = "pfa"
+    promised: ClassVar = (*EVERY, FOUND, *INVARIANT)
     fixed: ClassVar = tuple(
         {"exponent": exponent, "noise": noise} for exponent in (-15.0, -0.302) for noise in SNR_DB
     )
 
     exponent: float = real(-15.0, -0.302, -3.0)
     noise: str = choice(*SNR_DB)
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """All echoes."""
-        return *EVERY, FOUND, *INVARIANT
 
     def parameters(self) -> dict[str, float]:
         """Probability of false alarm."""
@@ -194,29 +161,10 @@ class SinglePrecision(EstimatorCase):
     """Resolved echoes in single precision."""
 
     name: ClassVar[str] = "single_precision"
+    promised: ClassVar = (*EVERY, FOUND, image_promises.SINGLE_PRECISION)
     fixed: ClassVar = tuple({"snr_db": float(snr_db)} for snr_db in (0, 20, 140))
 
     snr_db: float = real(0.0, 200.0, 20.0)
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """The same points as in double precision."""
-        return *EVERY, FOUND, promised.SINGLE_PRECISION
-
-    def subject(self, plugin: Estimator, seed: int) -> Imaging:
-        """Let the estimator compute in double precision, if it has the choice.
-
-        Parameters
-        ----------
-        plugin : Estimator
-        seed : int
-
-        Returns
-        -------
-        Imaging
-        """
-        has_choice = hasattr(plugin, "precision")
-        return super().subject(adapted(plugin, {"precision": "double"}) if has_choice else plugin, seed)
 
     def scene(self) -> CaseScene:
         """Three echoes at that SNR."""
@@ -243,8 +191,8 @@ class Blank(EstimatorCase):
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """A cloud; an empty one of zeros."""
-        empty = (promised.NO_FALSE_POINT,) if self.filled == "zeros" else ()
-        return *EVERY, *empty, promised.THREADS, promised.BLAS_KERNELS, promised.LAYOUT
+        empty = (image_promises.NO_FALSE_POINT,) if self.filled == "zeros" else ()
+        return *EVERY, *empty, image_promises.THREADS, image_promises.BLAS_KERNELS, image_promises.LAYOUT
 
     def shot(self, seed: int) -> Shot:
         """Fill the cells of a gate.

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.checking.promises import map_promises as promised
+from isacbench.checking.promises import map_promises
 from isacbench.checking.promises.map_promises import EVERY_MAP, MAP_INVARIANT, TestedMap, white_noise_map
 from isacbench.checking.promises.promise import Promise
 from isacbench.checking.stress.case import DetectorCase
@@ -24,14 +24,10 @@ class MapLevel(DetectorCase):
     """Noise with three echoes at any level, up to the squares of the largest float32."""
 
     name: ClassVar[str] = "map_level"
+    promised: ClassVar = (*EVERY_MAP, *MAP_INVARIANT, map_promises.MAP_SINGLE_PRECISION)
     fixed: ClassVar = tuple({"exponent": exponent} for exponent in (-76.0, -30.0, 0.0, 30.0, 76.0))
 
     exponent: float = real(-76.0, 76.0, 0.0)
-
-    @property
-    def promises(self) -> tuple[Promise[TestedMap], ...]:
-        """Invariance, and the same in single precision."""
-        return *EVERY_MAP, *MAP_INVARIANT, promised.MAP_SINGLE_PRECISION
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Scale noise and echoes.
@@ -55,6 +51,7 @@ class MapRange(DetectorCase):
     """Noise whose cells are up to 300 dB stronger than their neighbours."""
 
     name: ClassVar[str] = "map_range"
+    promised: ClassVar = (*EVERY_MAP, *MAP_INVARIANT)
     fixed: ClassVar = tuple(
         {"range_db": range_db, "strong": strong}
         for range_db in (140.0, 300.0)
@@ -63,11 +60,6 @@ class MapRange(DetectorCase):
 
     range_db: float = real(0.0, 300.0, 140.0)
     strong: str = choice("checkers", "one_cell", "half", "any")
-
-    @property
-    def promises(self) -> tuple[Promise[TestedMap], ...]:
-        """Invariance."""
-        return *EVERY_MAP, *MAP_INVARIANT
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Make some cells strong.
@@ -111,8 +103,8 @@ class BlankMap(DetectorCase):
     @property
     def promises(self) -> tuple[Promise[TestedMap], ...]:
         """Nothing is detected where all cells are equal."""
-        nothing = (promised.NOTHING,) if self.filled in ("zeros", "constant") else ()
-        return *EVERY_MAP, *nothing, promised.MAP_TWO_POWER_SCALE
+        nothing = (map_promises.NOTHING,) if self.filled in ("zeros", "constant") else ()
+        return *EVERY_MAP, *nothing, map_promises.MAP_TWO_POWER_SCALE
 
     def power(self, seed: int) -> NDArray[np.float64]:
         """Fill a map.
@@ -163,7 +155,7 @@ class MapWindow(DetectorCase):
     def promises(self) -> tuple[Promise[TestedMap], ...]:
         """Tested where the window fits, refused where it does not."""
         n_window = 2 * (self.training + self.guard) + 1
-        return EVERY_MAP if n_window <= min(self._shape()) else (promised.REFUSED,)
+        return EVERY_MAP if n_window <= min(self._shape()) else (map_promises.REFUSED,)
 
     def parameters(self) -> Mapping[str, Any]:
         """Training and guard cells per side."""
@@ -191,6 +183,7 @@ class Rate(DetectorCase):
     """Any probability of false alarm, and any number of looks."""
 
     name: ClassVar[str] = "rate"
+    promised: ClassVar = (*EVERY_MAP, *MAP_INVARIANT, map_promises.FALSE_ALARM_RATE, map_promises.RATE_ORDER)
     fixed: ClassVar = tuple(
         {"exponent": exponent, "looks": looks}
         for exponent, looks in ((-15.0, 1), (-15.0, 1024), (-2.0, 1), (-3.0, 256), (-0.31, 1), (-0.31, 16))
@@ -201,11 +194,6 @@ class Rate(DetectorCase):
 
     ECHO: ClassVar[float] = 1000.0
     """Power above any threshold in noise of mean 1: so that cells are detected at every rate."""
-
-    @property
-    def promises(self) -> tuple[Promise[TestedMap], ...]:
-        """The nominal rate in noise, and thresholds that rise as it falls."""
-        return *EVERY_MAP, *MAP_INVARIANT, promised.FALSE_ALARM_RATE, promised.RATE_ORDER
 
     def parameters(self) -> Mapping[str, Any]:
         """Probability of false alarm."""

@@ -8,18 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.checking.promises import image_promises as promised
+from isacbench.checking.promises import image_promises
 from isacbench.checking.promises.image_promises import EVERY, INVARIANT, RESOLVED_ECHOES, Imaging
 from isacbench.checking.promises.promise import Promise
 from isacbench.checking.promises.small_scenes import BASE_STATION_M, REGION, RESOLVED, SYSTEM, Echo, Layout
 from isacbench.checking.stress.case import CaseScene, EstimatorCase
 from isacbench.checking.stress.cases.levels import SNR_DB
 from isacbench.checking.stress.spaces import choice, real
-from isacbench.model.numerology import System
 from isacbench.model.region import Region
-
-DEEP = Region((-300.0, 320.0), (-400.0, 50.0), (-290.0, 310.0), (-60.0, 60.0))
-"""Region up to the unambiguous range, 624 m."""
 
 FARTHEST_M = REGION.range_limits_m(np.array(BASE_STATION_M))[1]
 
@@ -29,6 +25,7 @@ class Bin(EstimatorCase):
     """One echo at any place relative to the bins: in the middle, in the last bins, in the last of all."""
 
     name: ClassVar[str] = "bin"
+    promised: ClassVar = (*EVERY, *RESOLVED_ECHOES, image_promises.POWER, *INVARIANT)
     fixed: ClassVar = (
         {"range_offset": 0.0, "doppler_offset": 0.0},
         {"range_offset": 0.5, "doppler_offset": 0.5},
@@ -42,11 +39,6 @@ class Bin(EstimatorCase):
     range_offset: float = real(-1.0, 1.0, 0.0)
     doppler_offset: float = real(-1.0, 1.0, 0.0)
     where: str = choice("middle", "last_bins", "whole_map")
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """One echo, one point."""
-        return *EVERY, *RESOLVED_ECHOES, promised.POWER, *INVARIANT
 
     def scene(self) -> CaseScene:
         """One echo; the last bins are those that the region's speed limit and corner reach."""
@@ -88,33 +80,13 @@ class Direction(EstimatorCase):
 
         Farther out, rounding decides on which side of the border a direction lies.
         """
-        inner = (promised.FOUND, *INVARIANT) if self.radius <= 0.8 else ()
-        return *EVERY, promised.NO_FALSE_POINT, *inner
+        inner = (image_promises.FOUND, *INVARIANT) if self.radius <= 0.8 else ()
+        return *EVERY, image_promises.NO_FALSE_POINT, *inner
 
     def scene(self) -> CaseScene:
         """One echo."""
         angle = math.radians(self.angle_deg)
         return CaseScene([Echo(9.3, 1.2, self.radius * math.cos(angle), self.radius * math.sin(angle))])
-
-
-@dataclass(frozen=True)
-class Fold(EstimatorCase):
-    """One echo in a region as deep as the unambiguous range, from the first bin to the last; no noise."""
-
-    name: ClassVar[str] = "fold"
-    fixed: ClassVar = tuple({"range_bin": range_bin} for range_bin in (0.02, 8.0, 15.49))
-
-    range_bin: float = real(0.02, 15.49, 8.0)
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """One echo, one point."""
-        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
-
-    def scene(self) -> CaseScene:
-        """One echo."""
-        layout = Layout(System(n_subcarriers=16, n_symbols=32), region=DEEP)
-        return CaseScene([Echo(self.range_bin, 1.2, 0.48, -0.48)], layout=layout)
 
 
 @dataclass(frozen=True)
@@ -139,8 +111,8 @@ class Beyond(EstimatorCase):
         Points of what leaks in from beyond the gate, which is no echo of the
         model, may move with the last digits.
         """
-        leaks = promised.THREADS, promised.BLAS_KERNELS, promised.LAYOUT
-        return *EVERY, promised.FOUND_FIRST, *(leaks if self.what == "gate" else INVARIANT)
+        leaks = image_promises.THREADS, image_promises.BLAS_KERNELS, image_promises.LAYOUT
+        return *EVERY, image_promises.FOUND_FIRST, *(leaks if self.what == "gate" else INVARIANT)
 
     def scene(self) -> CaseScene:
         """The echo inside and the one beyond."""

@@ -1,16 +1,13 @@
-"""Cases of radios: arrays, numerologies, frames and recorded cubes."""
+"""Cases of radios: arrays, numerologies and frames."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from isacbench.checking.promises.image_promises import (
     EVERY,
     FOUND,
-    INVARIANCE,
     INVARIANT,
     RESOLVED_ECHOES,
     Imaging,
@@ -20,18 +17,11 @@ from isacbench.checking.promises.small_scenes import NARROW, PAPER_REGION, RESOL
 from isacbench.checking.stress.case import CaseScene, EstimatorCase
 from isacbench.checking.stress.cases.levels import SNR_DB
 from isacbench.checking.stress.spaces import choice, whole
-from isacbench.cubes.frame_observation import observe_cube
-from isacbench.cubes.opening import open_cube
-from isacbench.cubes.transform import GateTransform
-from isacbench.model.echo import resource_grid
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.numerology import System
 
 SMALLEST_MAP = 11
 """Bins along an axis below which a taper or a detector's window need not fit."""
-
-TILE_BYTES = 2**10, 2**24
-"""Less than a line of the cube, and all of it."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +29,7 @@ class ArrayShape(EstimatorCase):
     """One echo without noise, seen by any array."""
 
     name: ClassVar[str] = "array"
+    promised: ClassVar = (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
     fixed: ClassVar = tuple(
         {"n_u": n_u, "n_w": n_w} for n_u, n_w in ((2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9))
     )
@@ -46,25 +37,10 @@ class ArrayShape(EstimatorCase):
     n_u: int = whole(2, 32, 8)
     n_w: int = whole(2, 32, 8)
 
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """One echo, one point."""
-        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
-
     def scene(self) -> CaseScene:
         """One echo."""
         layout = Layout(array=(self.n_u, self.n_w), region=NARROW)
         return CaseScene([Echo(9.3, 0.7, 0.05, -0.08)], layout=layout)
-
-
-def _two_echoes(n_subcarriers: int, n_symbols: int, snr_db: float = np.inf) -> CaseScene:
-    """One echo from 22 m, and one from 25 m that moves."""
-    system = System(n_subcarriers=n_subcarriers, n_symbols=n_symbols)
-    echoes = [
-        Echo(22.0 / system.range_bin_m, 0.0, 0.1, -0.1),
-        Echo(25.0 / system.range_bin_m, 15.0 / system.velocity_bin_mps, -0.15, 0.15),
-    ]
-    return CaseScene(echoes, snr_db, Layout(system, region=NARROW))
 
 
 @dataclass(frozen=True)
@@ -93,8 +69,13 @@ class Numerology(EstimatorCase):
         return *EVERY, *both, *INVARIANT
 
     def scene(self) -> CaseScene:
-        """Two echoes."""
-        return _two_echoes(self.n_subcarriers, self.n_symbols, SNR_DB[self.noise])
+        """One echo from 22 m, and one from 25 m that moves."""
+        system = System(n_subcarriers=self.n_subcarriers, n_symbols=self.n_symbols)
+        echoes = [
+            Echo(22.0 / system.range_bin_m, 0.0, 0.1, -0.1),
+            Echo(25.0 / system.range_bin_m, 15.0 / system.velocity_bin_mps, -0.15, 0.15),
+        ]
+        return CaseScene(echoes, SNR_DB[self.noise], Layout(system, region=NARROW))
 
 
 @dataclass(frozen=True)
@@ -102,57 +83,12 @@ class Frames(EstimatorCase):
     """Resolved echoes in the paper's frame or on a turned panel."""
 
     name: ClassVar[str] = "frame"
+    promised: ClassVar = (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
     fixed: ClassVar = ({"frame": "paper"}, {"frame": "turned_panel"})
 
     frame: str = choice("paper", "turned_panel")
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """One echo, one point."""
-        return *EVERY, *RESOLVED_ECHOES, *INVARIANT
 
     def scene(self) -> CaseScene:
         """Two echoes."""
         frame = PaperFrame() if self.frame == "paper" else PanelFrame(yaw_deg=11.0, tilt_deg=-7.0)
         return CaseScene(RESOLVED[::2], layout=Layout(frame=frame, region=PAPER_REGION))
-
-
-def _cube_drift(imaging: Imaging) -> float:
-    """Drift of a recorded frame, in any order in memory and in tiles of any size, from the closed form."""
-    scenario, gate = imaging.shot.scenario, imaging.shot.seen.gate
-    elements = scenario.array.positions
-    cube = resource_grid(scenario, elements).reshape(
-        scenario.system.n_subcarriers, scenario.system.n_symbols, *scenario.array.shape
-    )
-    elements_first = np.ascontiguousarray(cube.transpose(2, 3, 0, 1)).transpose(2, 3, 0, 1)
-    drifts = []
-    for laid in (cube, np.asfortranarray(cube), elements_first):
-        drifts.append(imaging.drift(imaging.image(observe_cube(laid, scenario, workers=1))))
-        for tile_bytes in TILE_BYTES:
-            with open_cube(laid, tile_bytes=tile_bytes) as opened:
-                cells = GateTransform(gate, scenario.system).cells(opened, elements, None, 2)
-            drifts.append(imaging.drift(imaging.image_of(cells.reshape(imaging.shot.seen.cells.shape))))
-    return max(drifts)
-
-
-@dataclass(frozen=True)
-class Chunks(EstimatorCase):
-    """A recorded frame of resolved echoes, of any size and order in memory, without noise."""
-
-    name: ClassVar[str] = "cube"
-    fixed: ClassVar = (
-        {"n_subcarriers": 64, "n_symbols": 16},
-        {"n_subcarriers": 61, "n_symbols": 17},
-    )
-
-    n_subcarriers: int = whole(16, 128, 64)
-    n_symbols: int = whole(12, 32, 16)
-
-    @property
-    def promises(self) -> tuple[Promise[Imaging], ...]:
-        """The image of the closed form."""
-        return *EVERY, FOUND, Promise("chunk size", INVARIANCE, _cube_drift)
-
-    def scene(self) -> CaseScene:
-        """Two echoes, as the closed form gives them."""
-        return _two_echoes(self.n_subcarriers, self.n_symbols)

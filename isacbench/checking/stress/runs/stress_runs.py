@@ -243,8 +243,6 @@ def examine_all(tasks: Sequence[Task], jobs: int = 1, timeout_s: float = TIMEOUT
 
 # What follows runs in the process.
 
-_plugins: dict[tuple[PluginKind, str], Any] = {}
-
 
 def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
     set_kernels(kernels)
@@ -253,9 +251,8 @@ def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
 
 
 def _examine(kind: PluginKind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
-    if (kind, spec) not in _plugins:
-        [(_, _plugins[kind, spec])] = _built(kind, spec)
+    [(_, plugin)] = _built(kind, spec)
     [case] = find_cases(case_spec)
     with process_state_kept(), threadpool_limits(1), redirect_stdout(StringIO()):
         seed_global_generators(seed, spec, case_spec)
-        return examine(case, _plugins[kind, spec], seed)
+        return examine(case, plugin, seed)
