@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,8 +15,6 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from isacbench.checking.stress.case import Case
     from isacbench.checking.stress.runs.stress_runs import Examined, Target
 
@@ -65,7 +64,8 @@ def stress_command(
     start_process_server()
     from isacbench.bench.store.run_folder import default_folder
     from isacbench.checking.stress.runs import stress_table
-    from isacbench.checking.stress.runs.stress_runs import find_targets
+    from isacbench.checking.stress.runs.families import find_families
+    from isacbench.checking.stress.runs.stress_runs import examine_all, find_targets, tasks_of
     from isacbench.plugins.registry import detector_names, estimator_names
     from isacbench.report.texts import stress_findings
 
@@ -75,7 +75,14 @@ def stress_command(
         *find_targets("detector", detector_names() if everything else detector or ()),
     ]
     options = tuple(part for path in plugin or () for part in ("--plugin", str(path)))
-    work = _work(targets, case or [], search, seed, jobs, timeout, options)
+    if search is None:
+        work = examine_all(tasks_of(targets, case or [], seed, options), jobs, timeout)
+    else:
+        _require_search(search, jobs)
+        from isacbench.checking.stress.runs import random_search
+
+        families = find_families(case or [], {target.kind for target in targets})
+        work = random_search.search(targets, families, search, seed, timeout, options, _tell)
     examined: list[Examined] = []
     interrupted = False
     folder = default_folder("stress") if out is None else out
@@ -110,34 +117,14 @@ def stress_command(
         fail(f"{counted(len(broken), 'finding')}; the first one: {broken[0].reproduce}", EXIT_FAILED_CELLS)
 
 
-def _work(
-    targets: list[Target],
-    cases: list[str],
-    n_examples: int | None,
-    seed: int,
-    jobs: int,
-    timeout_s: float,
-    options: tuple[str, ...],
-) -> Iterator[Examined]:
-    """Cases of the table, or findings of a search, one after the other."""
-    from isacbench.checking.stress.runs.stress_runs import examine_all, tasks_of
-
-    if n_examples is not None and jobs > 1:
+def _require_search(n_examples: int, jobs: int) -> None:
+    """Refuse a search that cannot be made."""
+    if jobs > 1:
         raise InputError(f"--jobs {jobs}: allowed with --search is 1, for one case leads to the next")
-    if n_examples is None:
-        return examine_all(tasks_of(targets, cases, seed, options), jobs, timeout_s)
-    from isacbench.checking.stress.runs.families import find_families
-
-    try:
-        from isacbench.checking.stress.runs.random_search import search
-    except ModuleNotFoundError as error:
-        if error.name != "hypothesis":
-            raise
+    if find_spec("hypothesis") is None:
         raise InputError(
             f'--search {n_examples}: the package `hypothesis` is missing; pip install "isacbench[stress]"'
-        ) from error
-    families = find_families(cases, {target.kind for target in targets})
-    return search(targets, families, n_examples, seed, timeout_s, options, _tell)
+        )
 
 
 def _tell(target: Target, family: type[Case[Any]]) -> None:
