@@ -1,3 +1,3 @@
-"""Checks of plugins: whether they keep the contract, and what they do under stress."""
+"""Checks of plugins: scenes, promises, the contract check and stress."""
 
-__all__ = ["contract", "stress"]
+__all__ = ["contract", "promises", "stress"]

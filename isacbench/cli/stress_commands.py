@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,10 +12,9 @@ from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail, sa
 from isacbench.cli.options import SEED_HELP, AsJson, EstimatorSpecs, PluginFiles, register, require_names
 from isacbench.cli.printing import print_grid, print_json
 from isacbench.errors import InputError
+from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from isacbench.checking.stress.case import Case
     from isacbench.checking.stress.runs.stress_runs import Examined, Target
 
@@ -63,23 +63,11 @@ def stress_command(
 
     start_process_server()
     from isacbench.bench.store.run_folder import default_folder
-    from isacbench.checking.stress.runs.stress_runs import find_targets
-    from isacbench.checking.stress.runs.stress_table import (
-        case_table,
-        open_stress_folder,
-        promise_table,
-        write_stress_tables,
-    )
+    from isacbench.checking.stress.runs import stress_table
+    from isacbench.checking.stress.runs.families import find_families
+    from isacbench.checking.stress.runs.stress_runs import examine_all, find_targets, tasks_of
     from isacbench.plugins.registry import detector_names, estimator_names
-    from isacbench.report.texts.stress_findings import (
-        HEADER,
-        describe_stress,
-        family_grid,
-        line,
-        promise_grid,
-        searched,
-        summary,
-    )
+    from isacbench.report.texts import stress_findings
 
     everything = estimator is None and detector is None
     targets = [
@@ -87,69 +75,58 @@ def stress_command(
         *find_targets("detector", detector_names() if everything else detector or ()),
     ]
     options = tuple(part for path in plugin or () for part in ("--plugin", str(path)))
-    work = _work(targets, case or [], search, seed, jobs, timeout, options)
+    if search is None:
+        work = examine_all(tasks_of(targets, case or [], seed, options), jobs, timeout)
+    else:
+        _require_search(search, jobs)
+        from isacbench.checking.stress.runs import random_search
+
+        families = find_families(case or [], {target.kind for target in targets})
+        work = random_search.search(targets, families, search, seed, timeout, options, _tell)
     examined: list[Examined] = []
     interrupted = False
     folder = default_folder("stress") if out is None else out
-    with open_stress_folder(folder):
+    with stress_table.open_stress_folder(folder):
         try:
             if not as_json:
-                say(HEADER)
+                say(stress_findings.HEADER)
             for one in work:
                 examined.append(one)
                 if not as_json:
-                    say_lines(line(one))
+                    say_lines(stress_findings.line(one))
         except KeyboardInterrupt:
             interrupted = True
         finally:
             # Whatever ends this, a terminal that is gone included.
-            paths = write_stress_tables(folder, examined, timeout_s=timeout)
+            paths = stress_table.write_stress_tables(folder, examined, timeout_s=timeout)
     if as_json:
-        print_json(describe_stress(examined))
+        print_json(stress_findings.describe_stress(examined))
     else:
-        for grid in (promise_grid(promise_table(examined)), family_grid(case_table(examined))):
-            if search is None and grid.rows:
-                print_grid(grid)
-        say(summary(examined) if search is None or interrupted else searched(examined, search, len(targets)))
+        if search is None and examined:
+            print_grid(stress_findings.promise_grid(stress_table.promise_table(examined)))
+            print_grid(stress_findings.family_grid(stress_table.case_table(examined)))
+        if search is None or interrupted:
+            say(stress_findings.summary(examined))
+        else:
+            say(stress_findings.searched(examined, search, len(targets)))
         say(f"{folder}: {', '.join(path.name for path in paths)}")
     if interrupted:
         fail(f"interrupted: the {len(examined)} cases so far are in {folder}", EXIT_INTERRUPTED)
     broken = [one for one in examined if one.is_broken]
     if broken:
-        findings = "1 finding" if len(broken) == 1 else f"{len(broken)} findings"
-        fail(f"{findings}; the first one: {broken[0].reproduce}", EXIT_FAILED_CELLS)
+        fail(f"{counted(len(broken), 'finding')}; the first one: {broken[0].reproduce}", EXIT_FAILED_CELLS)
 
 
-def _work(
-    targets: list[Target],
-    cases: list[str],
-    n_examples: int | None,
-    seed: int,
-    jobs: int,
-    timeout_s: float,
-    options: tuple[str, ...],
-) -> Iterator[Examined]:
-    """Cases of the table, or findings of a search, one after the other."""
-    from isacbench.checking.stress.runs.stress_runs import Examiners, tasks_of
-
-    if n_examples is not None and jobs > 1:
+def _require_search(n_examples: int, jobs: int) -> None:
+    """Refuse a search that cannot be made."""
+    if jobs > 1:
         raise InputError(f"--jobs {jobs}: allowed with --search is 1, for one case leads to the next")
-    if n_examples is None:
-        return Examiners(jobs, timeout_s).examine(tasks_of(targets, cases, seed, options))
-    from isacbench.checking.stress.runs.families import find_families
-
-    try:
-        from isacbench.checking.stress.runs.random_search import search
-    except ModuleNotFoundError as error:
-        if error.name != "hypothesis":
-            raise
+    if find_spec("hypothesis") is None:
         raise InputError(
             f'--search {n_examples}: the package `hypothesis` is missing; pip install "isacbench[stress]"'
-        ) from error
-    families = find_families(cases, {target.kind for target in targets})
-    return search(targets, families, n_examples, seed, timeout_s, options, _tell)
+        )
 
 
 def _tell(target: Target, family: type[Case[Any]]) -> None:
-    """Say on stderr what is searched, for it takes a while."""
+    """Announce the next family on stderr, for a search takes a while."""
     say(f"searching {family.name} for {target.spec}", err=True)

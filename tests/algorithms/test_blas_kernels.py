@@ -3,8 +3,8 @@
 import pytest
 
 from isacbench import get_estimator, load_scenario, observe
-from isacbench.checking.stress.promises.blas_kernels import KernelProcess, other_kernels
-from isacbench.checking.stress.promises.drift import cloud_drift
+from isacbench.checking.promises.blas_kernels import KernelProcess, other_kernels
+from isacbench.checking.promises.drift import cloud_drift
 
 BOUND = 1e-7
 """Relative, see `cloud_drift`: a street is a crowd of scatterers, where no promise of 1e-9 is made."""

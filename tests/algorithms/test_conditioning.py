@@ -13,8 +13,8 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 from threadpoolctl import threadpool_limits
 
+from isacbench.checking.promises.image_promises import ANY_SCALE, ELEMENT_ORDER, Imaging
 from isacbench.checking.stress.cases.crowds import Close, Coherent
-from isacbench.checking.stress.promises.image_promises import ANY_SCALE, ELEMENT_ORDER, Imaging
 from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator

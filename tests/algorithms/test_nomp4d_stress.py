@@ -5,8 +5,8 @@ import pytest
 from isacbench_algorithms import nomp4d
 from isacbench_algorithms.nomp4d import Nomp4d
 
-from isacbench.checking.stress.promises import blas_kernels
-from isacbench.checking.stress.promises.image_promises import ANY_SCALE, FOUND_FIRST, LAYOUT, Imaging
+from isacbench.checking.promises import blas_kernels
+from isacbench.checking.promises.image_promises import ANY_SCALE, FOUND_FIRST, LAYOUT, Imaging
 from isacbench.checking.stress.runs.examining import BROKEN, examine
 from isacbench.checking.stress.runs.families import find_cases
 

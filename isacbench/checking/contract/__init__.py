@@ -1,4 +1,4 @@
-"""The contract of plugins, checked: each finding says what is wrong with an estimator or a detector."""
+"""Contract check: each finding says what is wrong with an estimator or a detector."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ __all__ = [
     "check",
     "check_names",
     "check_plugin",
-    "conduct",
     "find_plugins",
     "findings",
     "guarded_checks",
     "iterate_checks",
-    "small_scenes",
     "targets",
 ]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isacbench.checking.contract.findings import CheckReport, Finding, PluginFindings, run_checks
+from isacbench.checking.contract.findings import Check, CheckReport, Finding, PluginFindings, run_checks
 from isacbench.checking.contract.targets import entries_of_class, find_plugins
 from isacbench.errors import unknown_name
 from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries, isolated_plugins
@@ -80,6 +80,16 @@ def check_plugin(kind: PluginKind, name: str) -> list[Finding]:
 def iterate_checks(kind: PluginKind, name: str) -> Iterator[Finding]:
     """Put an estimator or a detector through the contract, one finding after the other.
 
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+    name : str
+        A registered name.
+
+    Returns
+    -------
+    iterator of Finding
+
     Raises
     ------
     InputError
@@ -88,26 +98,36 @@ def iterate_checks(kind: PluginKind, name: str) -> Iterator[Finding]:
     registered = entries(kind)
     if name not in registered:
         raise unknown_name(kind, name, sorted(registered))
-    return _checks(registered[name])
+    return _checked(registered[name])
 
 
 def check_names(kind: PluginKind) -> list[str]:
-    """Names of the checks of estimators or of detectors, in their order."""
-    from isacbench.checking.contract.detector_checks import DETECTOR_CHECKS
-    from isacbench.checking.contract.estimator_checks import ESTIMATOR_CHECKS
+    """Names of the checks of estimators or of detectors, in their order.
 
-    return [check.name for check in (ESTIMATOR_CHECKS if kind == "estimator" else DETECTOR_CHECKS)]
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+
+    Returns
+    -------
+    list of str
+    """
+    return [check.name for check in _checks_of(kind)[0]]
 
 
-def _checks(entry: RegisteredPlugin, plugin: object = None) -> Iterator[Finding]:
+def _checks_of(kind: PluginKind) -> tuple[tuple[Check[Any], ...], type[Any]]:
+    """Checks of a kind of plugin, and the class of their subject."""
+    from isacbench.checking.contract import detector_checks, estimator_checks
+
+    if kind == "estimator":
+        return estimator_checks.ESTIMATOR_CHECKS, estimator_checks.EstimatorSubject
+    return detector_checks.DETECTOR_CHECKS, detector_checks.DetectorSubject
+
+
+def _checked(entry: RegisteredPlugin, plugin: object = None) -> Iterator[Finding]:
     """Findings about a class, or about an instance of it."""
-    if entry.kind == "estimator":
-        from isacbench.checking.contract.estimator_checks import ESTIMATOR_CHECKS, EstimatorSubject
-
-        return run_checks(ESTIMATOR_CHECKS, EstimatorSubject(entry, plugin))
-    from isacbench.checking.contract.detector_checks import DETECTOR_CHECKS, DetectorSubject
-
-    return run_checks(DETECTOR_CHECKS, DetectorSubject(entry, plugin))
+    checks, subject_class = _checks_of(entry.kind)
+    return run_checks(checks, subject_class(entry, plugin))
 
 
 def _findings(entry: RegisteredPlugin, plugin: object = None) -> PluginFindings:
@@ -115,4 +135,4 @@ def _findings(entry: RegisteredPlugin, plugin: object = None) -> PluginFindings:
     from isacbench.bench.cells.isolation import process_state_kept
 
     with process_state_kept():
-        return PluginFindings(entry.kind, entry.name, entry.origin, tuple(_checks(entry, plugin)))
+        return PluginFindings(entry.kind, entry.name, entry.origin, tuple(_checked(entry, plugin)))

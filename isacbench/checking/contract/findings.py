@@ -1,4 +1,4 @@
-"""Checks and what they find: one finding a check, in words that say what is wrong and how to mend it."""
+"""Checks and their findings: one finding a check, in words that say what is wrong and how to mend it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar, get_args
 
+from isacbench.checking.promises.promise import BrokenPromiseError
 from isacbench.display import Description, Displayed
 from isacbench.files.escaping import visible
 
@@ -23,30 +24,26 @@ Status = Literal["ok", "warning", "failed", "skipped"]
 Subject = TypeVar("Subject")
 
 _LIBRARIES = frozenset({"isacbench", "numpy", "scipy"})
-"""Folders of code that a plugin calls, or that calls it."""
-
-
-class BrokenContractError(Exception):
-    """The plugin breaks the contract; the message says how, and how to mend it."""
+"""Folders of code that calls a plugin, or that a plugin calls."""
 
 
 class DoubtfulError(Exception):
-    """The plugin keeps the contract, but hardly does what was meant."""
+    """The plugin keeps the contract, but probably not its author's intention; the message says why."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found.
+    """Finding of a check.
 
     Attributes
     ----------
     check : str
-        Its name.
+        Name of the check.
     status : {"ok", "warning", "failed", "skipped"}
-        Skipped where a check that it builds on has failed.
+        Skipped where a check that it needs has failed.
     message : str
-        What is wrong and how to mend it; of a check that passed, what was
-        measured, if anything.
+        What is wrong and how to mend it; a measurement, or nothing, where the
+        check has passed.
     """
 
     check: str
@@ -131,17 +128,17 @@ class CheckReport(Displayed):
 
 @dataclass(frozen=True)
 class Check(Generic[Subject]):
-    """A property that is held to the contract.
+    """Check of a plugin.
 
     Attributes
     ----------
     name : str
     look : callable
-        Takes the subject and returns what it measured; raises
-        `BrokenContractError` or `DoubtfulError`. Anything else that it raises
-        is the plugin's own failure.
+        Takes the subject and returns a measurement in words, possibly empty.
+        Raises `BrokenPromiseError` or `DoubtfulError`; any other exception is
+        the plugin's own failure.
     needs : tuple of str
-        Names of checks without which it says nothing.
+        Names of checks that must have passed before.
     """
 
     name: str
@@ -150,13 +147,13 @@ class Check(Generic[Subject]):
 
 
 def run_checks(checks: Sequence[Check[Subject]], subject: Subject) -> Iterator[Finding]:
-    """Run checks in their order; what a plugin prints or warns of is kept from the terminal.
+    """Run checks in their order, without a word of the plugin on the terminal.
 
     Parameters
     ----------
     checks : sequence of Check
     subject : object
-        What they look at.
+        Plugin under check.
 
     Yields
     ------
@@ -179,20 +176,26 @@ def _found(check: Check[Subject], subject: Subject) -> Finding:
         return Finding(check.name, "ok", check.look(subject))
     except DoubtfulError as error:
         return Finding(check.name, "warning", str(error))
-    except BrokenContractError as error:
+    except BrokenPromiseError as error:
         return Finding(check.name, "failed", str(error))
     except (Exception, SystemExit) as error:
         return Finding(check.name, "failed", raised_at(error))
 
 
 def raised_at(error: BaseException) -> str:
-    """Say what was raised, and where."""
-    return f"raises {type(error).__name__}: {error} ({_place(error)})"
+    """Describe an exception of a plugin, with the place where it was raised.
 
+    Parameters
+    ----------
+    error : BaseException
 
-def _place(error: BaseException) -> str:
-    """Where an exception was raised: the innermost line that is the plugin's own, if one is."""
+    Returns
+    -------
+    str
+        The place is the innermost line of the plugin's own code, if there is one.
+    """
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not _LIBRARIES.intersection(Path(frame.filename).parts)]
     frame = (own or frames)[-1]
-    return f"{Path(frame.filename).name}, line {frame.lineno}, in {frame.name}"
+    place = f"{Path(frame.filename).name}, line {frame.lineno}, in {frame.name}"
+    return f"raises {type(error).__name__}: {error} ({place})"

@@ -1,4 +1,4 @@
-"""Checks in a process of their own: a plugin that hangs or dies fails the check that it does it in."""
+"""Checks in a process of their own: a plugin that hangs or dies fails the check, and nothing else."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from isacbench.plugins.discovery import PluginKind, local_plugins, register_plug
 from isacbench.plugins.local_files import PluginFile
 
 CHECK_TIMEOUT_S = 120.0
-"""A check images small scenes a few times; what takes longer hangs."""
+"""Longest time of a check in s; it images small scenes a few times."""
 
-LOSSES = {"timeout": "takes {}: does it hang?", "killed": "does not live through it: {}"}
+LOSSES = {"timeout": "takes {}: does it hang?", "killed": "ends its process: {}"}
 
 
 def check_guarded(kind: PluginKind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> list[Finding]:
-    """Put a plugin through the contract as `check_plugin` does, whatever it does to its process.
+    """Put a plugin through the contract as `check_plugin` does, in a process that it may lose.
 
     Parameters
     ----------

@@ -1,3 +1,3 @@
 """Stress: hostile but finite input, and what every estimator and every detector promises on it."""
 
-__all__ = ["case", "cases", "promises", "runs", "spaces"]
+__all__ = ["case", "cases", "runs", "spaces"]

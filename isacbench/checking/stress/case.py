@@ -9,54 +9,40 @@ added to ``fixed`` and so kept for good.
 from __future__ import annotations
 
 import dataclasses
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.checking.promises.image_promises import Imaging
+from isacbench.checking.promises.map_promises import TestedMap
+from isacbench.checking.promises.promise import NotApplicableError, Promise
+from isacbench.checking.promises.small_scenes import RESOLVED, Echo, Layout, Shot, observed
+from isacbench.checking.stress.spaces import Space
 from isacbench.errors import InputError, unknown_name
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from isacbench.checking.stress.spaces import Space
-    from isacbench.plugins.discovery import PluginKind
-    from isacbench.plugins.specifications import Spec
+from isacbench.plugins.contracts import Detector, Estimator
+from isacbench.plugins.discovery import PluginKind
+from isacbench.plugins.specifications import Spec
 
 Subject = TypeVar("Subject")
-"""A plugin together with the input of a case; what its promises are measured on."""
-
-
-class BrokenPromiseError(Exception):
-    """A promise is broken in a way that no drift measures; the message says how."""
-
-
-class NotApplicableError(Exception):
-    """The case says nothing about this plugin; the message says why."""
-
-
-@dataclass(frozen=True)
-class Promise(Generic[Subject]):
-    """Something that must hold on a case.
-
-    Attributes
-    ----------
-    name : str
-    bound : float
-        Largest drift that is allowed.
-    drift : callable
-        Takes the subject and returns how far it is from what was promised, 0
-        where nothing is to be seen. Raises `BrokenPromiseError` where no
-        number says it; every other exception, and every warning, breaks the
-        promise as well.
-    """
-
-    name: str
-    bound: float
-    drift: Callable[[Subject], float]
+"""A plugin together with the input of a case; the promises are measured on it."""
 
 
 def adapted(plugin: Any, parameters: Mapping[str, Any]) -> Any:
     """Plugin with other parameters.
+
+    Parameters
+    ----------
+    plugin : Estimator or Detector
+    parameters : mapping of str to object
+
+    Returns
+    -------
+    Estimator or Detector
 
     Raises
     ------
@@ -80,10 +66,13 @@ class Case(ABC, Generic[Subject]):
     name : str
         Class attribute: name of the family.
     kind : {"estimator", "detector"}
-        Class attribute: what it is meant for.
+        Class attribute: kind of plugin that the family is meant for.
     fixed : tuple of dict
         Class attribute: fields of the members that the table holds, the
         defaults left out.
+    promised : tuple of Promise
+        Class attribute: promises on every member, unless the family overrides
+        `promises`.
 
     Raises
     ------
@@ -94,6 +83,7 @@ class Case(ABC, Generic[Subject]):
     name: ClassVar[str]
     kind: ClassVar[PluginKind]
     fixed: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
+    promised: ClassVar[tuple[Promise[Any], ...]] = ()
 
     def __post_init__(self) -> None:
         for key, space in self.spaces().items():
@@ -115,6 +105,14 @@ class Case(ABC, Generic[Subject]):
     def of(cls, spec: Spec) -> Self:
         """Member that a specification spells.
 
+        Parameters
+        ----------
+        spec : Spec
+
+        Returns
+        -------
+        Case
+
         Raises
         ------
         InputError
@@ -128,22 +126,22 @@ class Case(ABC, Generic[Subject]):
 
     @property
     def spec(self) -> str:
-        """Its spelling, all fields included; `isacbench stress --case` takes it."""
+        """Specification with all fields, as `isacbench stress --case` takes it."""
         fields = ",".join(f"{field.name}={getattr(self, field.name)}" for field in dataclasses.fields(self))
         return f"{self.name}[{fields}]" if fields else self.name
 
     @property
     def may_refuse(self) -> bool:
-        """Whether an `InputError` is a proper answer."""
+        """True if an `InputError` is a proper answer."""
         return False
 
     @property
-    @abstractmethod
     def promises(self) -> tuple[Promise[Subject], ...]:
-        """What must hold; where the first is broken, the others are not looked at."""
+        """Promises on this case; where the first is broken, the others are not measured."""
+        return self.promised
 
     def parameters(self) -> Mapping[str, Any]:
-        """Parameters that a plugin must have and take, none by default."""
+        """Parameters that a plugin is given, none by default."""
         return {}
 
     @abstractmethod
@@ -154,10 +152,102 @@ class Case(ABC, Generic[Subject]):
         ----------
         plugin : Estimator or Detector
         seed : int
-            What is random in the input follows from it and from the case.
+            Seed of what is random in the input.
+
+        Returns
+        -------
+        object
+            Subject of the promises.
 
         Raises
         ------
         NotApplicableError
-            If the case says nothing about this plugin.
+            If the plugin lacks a parameter that the case sets.
         """
+
+
+class CaseScene(NamedTuple):
+    """Echoes, their SNR in dB and the layout that observes them."""
+
+    echoes: Sequence[Echo]
+    snr_db: float = math.inf
+    layout: Layout = Layout()
+
+
+@dataclass(frozen=True)
+class EstimatorCase(Case[Imaging]):
+    """A scene, and parameters that the estimator takes for it."""
+
+    kind: ClassVar[PluginKind] = "estimator"
+
+    def scene(self) -> CaseScene:
+        """Scene without random places: three resolved echoes without noise by default."""
+        return CaseScene(RESOLVED)
+
+    def shot(self, seed: int) -> Shot:
+        """Observe the scene.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the noise, and of random places.
+
+        Returns
+        -------
+        Shot
+        """
+        echoes, snr_db, layout = self.scene()
+        return observed(echoes, snr_db, seed, layout)
+
+    def subject(self, plugin: Estimator, seed: int) -> Imaging:
+        """Let an estimator image the scene.
+
+        Parameters
+        ----------
+        plugin : Estimator
+        seed : int
+
+        Returns
+        -------
+        Imaging
+        """
+        return Imaging(adapted(plugin, self.parameters()), self.shot(seed))
+
+
+@dataclass(frozen=True)
+class DetectorCase(Case[TestedMap]):
+    """A power map, and parameters that the detector takes for it."""
+
+    kind: ClassVar[PluginKind] = "detector"
+
+    @abstractmethod
+    def power(self, seed: int) -> NDArray[np.float64]:
+        """Make the map.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the noise.
+
+        Returns
+        -------
+        ndarray of float64
+        """
+
+    def n_looks(self) -> int:
+        """Independent noise powers that each cell averages, one by default."""
+        return 1
+
+    def subject(self, plugin: Detector, seed: int) -> TestedMap:
+        """Bring detector and map together.
+
+        Parameters
+        ----------
+        plugin : Detector
+        seed : int
+
+        Returns
+        -------
+        TestedMap
+        """
+        return TestedMap(adapted(plugin, self.parameters()), self.power(seed), self.n_looks())

@@ -1,8 +1,7 @@
-"""Spaces of a case's parameters: what the fixed table picks from and the random search draws from."""
+"""Spaces of a case's parameters: the fixed table picks from them, the random search draws from them."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,8 +13,8 @@ class Whole:
     low: int
     high: int
 
-    def __contains__(self, value: object) -> bool:
-        return isinstance(value, int) and not isinstance(value, bool) and self.low <= value <= self.high
+    def __contains__(self, value: Any) -> bool:
+        return type(value) is int and self.low <= value <= self.high
 
     def __str__(self) -> str:
         return f"whole numbers from {self.low} to {self.high}"
@@ -28,9 +27,8 @@ class Real:
     low: float
     high: float
 
-    def __contains__(self, value: object) -> bool:
-        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        return is_number and math.isfinite(value) and self.low <= value <= self.high  # type: ignore[operator, arg-type]
+    def __contains__(self, value: Any) -> bool:
+        return type(value) in (int, float) and self.low <= value <= self.high
 
     def __str__(self) -> str:
         return f"numbers from {self.low:g} to {self.high:g}"
@@ -40,7 +38,7 @@ class Real:
 class Choice:
     """One of a few words or numbers."""
 
-    values: tuple[str | int | float, ...]
+    values: tuple[str | int, ...]
 
     def __contains__(self, value: object) -> bool:
         return any(type(value) is type(one) and value == one for one in self.values)
@@ -53,15 +51,47 @@ Space = Whole | Real | Choice
 
 
 def whole(low: int, high: int, default: int) -> Any:
-    """Field of a case that holds an integer between two limits."""
+    """Field of a case that holds an integer.
+
+    Parameters
+    ----------
+    low, high : int
+        Limits, both included.
+    default : int
+
+    Returns
+    -------
+    dataclasses.Field
+    """
     return field(default=default, metadata={"space": Whole(low, high)})
 
 
 def real(low: float, high: float, default: float) -> Any:
-    """Field of a case that holds a number between two limits."""
+    """Field of a case that holds a number.
+
+    Parameters
+    ----------
+    low, high : float
+        Limits, both included.
+    default : float
+
+    Returns
+    -------
+    dataclasses.Field
+    """
     return field(default=default, metadata={"space": Real(low, high)})
 
 
-def choice(*values: str | int | float) -> Any:
-    """Field of a case that holds one of a few values, the first by default."""
+def choice(*values: str | int) -> Any:
+    """Field of a case that holds one of a few values.
+
+    Parameters
+    ----------
+    *values : str or int
+        The first is the default.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
     return field(default=values[0], metadata={"space": Choice(values)})

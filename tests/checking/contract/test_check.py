@@ -72,7 +72,7 @@ def test_a_class_is_checked_without_being_registered(monkeypatch):
     report = isacbench.check(Blind)
     assert report.ok
     assert [finding.check for finding in report.plugins[0].findings] == check_names("estimator")
-    assert "warning: lone scatterer: detects nothing" in repr(report)
+    assert "warning: lone scatterer: images nothing" in repr(report)
     assert "BLIND" not in os.environ
 
 

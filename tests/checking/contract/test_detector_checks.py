@@ -2,7 +2,7 @@
 
 import pytest
 
-from isacbench.checking.contract import check_plugin, conduct
+from isacbench.checking.contract import check_plugin
 from isacbench.plugins.discovery import register_plugin
 from isacbench.plugins.local_files import PluginFile
 
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import gammainccinv, gammaincinv
 
 from isacbench.plugins.contracts import Detection
-from isacbench.dsp.cfar.map_checks import checked_power
+from isacbench.dsp.cfar import checked_power
 
 LAST = []
 
@@ -59,10 +59,14 @@ BROKEN = [
     ("shapes", put("mask = mask.astype(int)"), "mask is int64 (40, 24), not bool (40, 24)"),
     ("shapes", put("noise = noise.ravel()"), "noise is float64 (960,), not float64 (40, 24)"),
     ("mask", put("mask.flat[0] |= power.max() > 0"), "mask is not power > threshold in 1 of 960 cells"),
-    ("threshold and noise", put("noise = -noise"), "noise has NaN or negative values"),
-    ("map unchanged", put("given *= 2"), "writes to the map, which the next detector sees"),
+    ("threshold and noise", put("noise = -noise"), "noise has NaN, infinite or negative values"),
+    ("map unchanged", put("given *= 2"), "writes to the map ("),
     ("map unchanged", put("given[..., 0] = given[..., 0]"), "writes to the map ("),
-    ("repeatable", put("noise = noise + np.random.default_rng().random()"), "two tests of one map differ"),
+    (
+        "repeatable",
+        put("noise = noise + np.random.default_rng().random()"),
+        "gives another result the second time",
+    ),
     (
         "no memory",
         put(
@@ -70,7 +74,7 @@ BROKEN = [
             "noise = noise + (0.0 if LAST[-1:] in ([], [total]) else 0.01)\n"
             "LAST.append(total)"
         ),
-        "another map in between changes the result",
+        "other input in between changes the result",
     ),
     (
         "pickling",
@@ -79,7 +83,11 @@ BROKEN = [
     ),
     ("random numbers", put("np.random.random()"), "numpy.random.default_rng(seed)"),
     ("stdout", put("print('testing')"), "prints 'testing\\n' to stdout"),
-    ("scale", put("threshold = threshold + 1e-9; mask = power > threshold"), "scaled by 2^-60"),
+    (
+        "scale",
+        put("threshold = threshold + 1e-9; mask = power > threshold"),
+        "without constants in the map's unit",
+    ),
     (
         "looks",
         ("gammainccinv(looks, self.pfa) / looks", "-np.log(self.pfa)"),
@@ -108,7 +116,7 @@ BROKEN = [
     (
         "listed cells",
         ("looks=1):\n", "looks=1, cells=None):\n        power = power if cells is None else power[cells]\n"),
-        "of listed cells is not that of the same cells of the whole map",
+        "cells says where to test, and changes no test",
     ),
 ]
 
@@ -161,8 +169,3 @@ def test_a_rate_that_cannot_be_chosen_is_measured_where_it_is_not_too_rare(check
     assert (
         check("pfa: float = 1e-3", fixed)["false-alarm rate"].message == "too rare to measure at pfa = 1e-09"
     )
-
-
-def test_a_detector_beyond_a_limit_of_time_is_told(check, monkeypatch):
-    monkeypatch.setattr(conduct, "TOO_SLOW_S", 0.0)
-    assert failed(check()) == {"time"}

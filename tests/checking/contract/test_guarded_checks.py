@@ -31,9 +31,9 @@ def test_findings_are_those_of_this_process():
 @pytest.mark.parametrize(
     ("deed", "message"),
     [
-        ("os._exit(5)", "does not live through it: the process exited with code 5"),
-        ("os._exit(0)", "does not live through it: the process exited with code 0"),
-        ("os.kill(os.getpid(), signal.SIGKILL)", "does not live through it: the process died by SIGKILL"),
+        ("os._exit(5)", "ends its process: the process exited with code 5"),
+        ("os._exit(0)", "ends its process: the process exited with code 0"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "ends its process: the process died by SIGKILL"),
         ("[None for _ in iter(int, 1)]", "takes more than 2 s: does it hang?"),
     ],
 )

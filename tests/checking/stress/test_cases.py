@@ -52,7 +52,7 @@ def test_a_family_name_stands_for_its_cases_in_the_table():
         ("snr[snr_db=nan]", "case snr: snr_db = nan; allowed are numbers"),
         ("snr[snr_db=true]", "case snr: snr_db = True; allowed are numbers"),
         ("array[n_u=2.5]", "case array: n_u = 2.5; allowed are whole numbers from 2 to 32"),
-        ("nothing[noise=pink]", "case nothing: noise = 'pink'; allowed are one of none, white"),
+        ("pair[noise=pink]", "case pair: noise = 'pink'; allowed are one of none, 20dB"),
     ],
 )
 def test_a_mistake_names_what_is_allowed(text, message):

@@ -1,15 +1,3 @@
 """Cases: hostile but finite input, by subject."""
 
-__all__ = [
-    "blanks",
-    "crowds",
-    "detector_case",
-    "digits",
-    "estimator_case",
-    "ladders",
-    "levels",
-    "map_cases",
-    "places",
-    "radios",
-    "resolved_shots",
-]
+__all__ = ["crowds", "levels", "map_cases", "places", "radios"]

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from isacbench.checking.contract.conduct import refuse_warnings
-from isacbench.checking.contract.findings import BrokenContractError, raised_at
-from isacbench.checking.stress.case import BrokenPromiseError, NotApplicableError, Promise
+from isacbench.checking.contract.findings import raised_at
+from isacbench.checking.promises.promise import (
+    BrokenPromiseError,
+    NotApplicableError,
+    Promise,
+    refuse_warnings,
+)
+from isacbench.checking.stress.case import Case
 from isacbench.errors import InputError
 from isacbench.files.escaping import visible
-
-if TYPE_CHECKING:
-    from isacbench.checking.stress.case import Case
 
 CaseOutcome = Literal["ok", "refused", "skipped", "failed", "timeout", "killed"]
 """Refused: an `InputError` where that is a proper answer; skipped: says nothing about this plugin."""
@@ -23,15 +25,15 @@ BROKEN: frozenset[CaseOutcome] = frozenset({"failed", "timeout", "killed"})
 
 
 class Verdict(NamedTuple):
-    """How a promise fared.
+    """Outcome of a promise.
 
     Attributes
     ----------
     promise : str
     outcome : {"ok", "refused", "skipped", "failed", "timeout", "killed"}
     drift, bound : float
-        How far from what was promised, and how far is allowed; NaN where
-        nothing could be measured.
+        Measured distance from the promise, and the largest allowed; NaN where
+        nothing was measured.
     time_s : float
     message : str
         What is wrong; empty where nothing is.
@@ -39,18 +41,16 @@ class Verdict(NamedTuple):
 
     promise: str
     outcome: CaseOutcome
-    drift: float
-    bound: float
-    time_s: float
+    drift: float = math.nan
+    bound: float = math.nan
+    time_s: float = math.nan
     message: str = ""
 
     @property
     def severity(self) -> tuple[bool, float]:
-        """Sorts verdicts: findings last, then by the share of its bound that a drift takes."""
-        if not self.bound:
-            return self.outcome in BROKEN, math.inf if self.drift > 0 else 0.0 if self.drift == 0 else -1.0
-        share = self.drift / self.bound
-        return self.outcome in BROKEN, share if share == share else -1.0
+        """Key that sorts findings last, then by the share of its bound that a drift takes."""
+        share = self.drift / self.bound if self.bound else math.inf if self.drift else 0.0
+        return self.outcome in BROKEN, -1.0 if math.isnan(share) else share
 
 
 def examine(case: Case[Any], plugin: Any, seed: int = 0) -> list[Verdict]:
@@ -77,10 +77,9 @@ def examine(case: Case[Any], plugin: Any, seed: int = 0) -> list[Verdict]:
     verdict = _verdict(Promise("input", 0.0, bring_together), None, case.may_refuse)
     if not subjects:
         return [verdict]
-    (subject,) = subjects
     verdicts: list[Verdict] = []
     for promise in case.promises:
-        verdicts.append(_verdict(promise, subject, case.may_refuse))
+        verdicts.append(_verdict(promise, subjects[0], case.may_refuse))
         if verdicts[0].outcome != "ok":
             break
     return verdicts
@@ -88,26 +87,18 @@ def examine(case: Case[Any], plugin: Any, seed: int = 0) -> list[Verdict]:
 
 def _verdict(promise: Promise[Any], subject: Any, may_refuse: bool) -> Verdict:
     start = time.perf_counter()
+    drift = bound = math.nan
+    outcome: CaseOutcome = "failed"
     try:
-        drift = refuse_warnings(lambda: promise.drift(subject))
+        drift, bound = refuse_warnings(lambda: promise.drift(subject)), promise.bound
+        message = promise.complaint(drift)
+        outcome = "failed" if message else "ok"
     except NotApplicableError as reason:
-        return _unmeasured(promise.name, "skipped", start, str(reason))
-    except (BrokenPromiseError, BrokenContractError) as error:
-        return _unmeasured(promise.name, "failed", start, str(error))
+        outcome, message = "skipped", str(reason)
+    except BrokenPromiseError as error:
+        message = promise.hinted(str(error))
     except InputError as error:
-        return _unmeasured(promise.name, "refused" if may_refuse else "failed", start, str(error))
-    except (
-        Exception,
-        SystemExit,
-        KeyboardInterrupt,
-    ) as error:  # of the plugin: nobody else is in its process
-        return _unmeasured(promise.name, "failed", start, raised_at(error))
-    outcome: CaseOutcome = "ok" if drift <= promise.bound else "failed"
-    message = "" if outcome == "ok" else f"off by {drift:.2g}, allowed are {promise.bound:.2g}"
-    return Verdict(promise.name, outcome, drift, promise.bound, time.perf_counter() - start, message)
-
-
-def _unmeasured(promise: str, outcome: CaseOutcome, start: float, message: str) -> Verdict:
-    return Verdict(
-        promise, outcome, float("nan"), float("nan"), time.perf_counter() - start, visible(message)
-    )
+        outcome, message = "refused" if may_refuse else "failed", str(error)
+    except (Exception, SystemExit, KeyboardInterrupt) as error:  # of the plugin: it is alone in its process
+        message = raised_at(error)
+    return Verdict(promise.name, outcome, drift, bound, time.perf_counter() - start, visible(message))

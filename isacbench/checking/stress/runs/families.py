@@ -2,88 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence, Set
+from typing import Any
 
-from isacbench.checking.stress.cases.blanks import Blank
-from isacbench.checking.stress.cases.crowds import Close, Coherent, Crowd, Nothing, Pair, Spread
-from isacbench.checking.stress.cases.digits import NextBeam, OpenedRange, Unseparated
-from isacbench.checking.stress.cases.ladders import SnrLadder
-from isacbench.checking.stress.cases.levels import Amplitude, DynamicRange, SinglePrecision, Snr
-from isacbench.checking.stress.cases.map_cases import (
-    BlankMap,
-    ConstantMap,
-    MapLevel,
-    MapRange,
-    MapWindow,
-    Rate,
-)
-from isacbench.checking.stress.cases.places import Beyond, Bin, Direction, Fold
-from isacbench.checking.stress.cases.radios import (
-    ArrayShape,
-    Chunks,
-    DetectorWindow,
-    FalseAlarms,
-    Frames,
-    Numerology,
-    Subarray,
-)
+from isacbench.checking.stress.case import Case
+from isacbench.checking.stress.cases import crowds, levels, map_cases, places, radios
 from isacbench.errors import InputError, unknown_name
+from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.specifications import parse_spec
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence, Set
-
-    from isacbench.checking.stress.case import Case
-    from isacbench.plugins.discovery import PluginKind
 
 FAMILIES: dict[str, type[Case[Any]]] = {
     family.name: family
-    for family in (
-        Snr,
-        Amplitude,
-        DynamicRange,
-        Nothing,
-        Pair,
-        Close,
-        Coherent,
-        Spread,
-        Crowd,
-        OpenedRange,
-        NextBeam,
-        Unseparated,
-        Bin,
-        Direction,
-        Fold,
-        Beyond,
-        Blank,
-        ArrayShape,
-        Subarray,
-        Numerology,
-        Frames,
-        FalseAlarms,
-        DetectorWindow,
-        SinglePrecision,
-        Chunks,
-        SnrLadder,
-        MapLevel,
-        MapRange,
-        ConstantMap,
-        BlankMap,
-        MapWindow,
-        Rate,
-    )
+    for module in (levels, crowds, places, radios, map_cases)
+    for family in vars(module).values()
+    if isinstance(family, type) and issubclass(family, Case) and family.__module__ == module.__name__
 }
-"""Families by name, in the order of the table."""
-
-
-def families_of(kind: PluginKind) -> list[type[Case[Any]]]:
-    """Families that are meant for estimators, or for detectors."""
-    return [family for family in FAMILIES.values() if family.kind == kind]
+"""Families by name: all that the modules of cases define, in the order of the table."""
 
 
 def table_of(kind: PluginKind) -> list[Case[Any]]:
-    """Cases of the fixed table that are meant for estimators, or for detectors."""
-    return [case for family in families_of(kind) for case in family.table()]
+    """Cases of the fixed table for one kind of plugin.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+
+    Returns
+    -------
+    list of Case
+    """
+    return [case for family in find_families([], {kind}) for case in family.table()]
 
 
 def find_cases(text: str) -> list[Case[Any]]:
@@ -119,35 +67,45 @@ def find_cases(text: str) -> list[Case[Any]]:
 
 
 def find_families(names: Sequence[str], kinds: Set[PluginKind]) -> list[type[Case[Any]]]:
-    """Families by name, all where there are no names.
+    """Families by name.
 
     Parameters
     ----------
     names : sequence of str
+        All families of those kinds where it is empty.
     kinds : set of {"estimator", "detector"}
-        What they may be meant for.
+        Kinds of plugins that they may be meant for.
+
+    Returns
+    -------
+    list of Case classes
 
     Raises
     ------
     InputError
-        If one is unknown, a case where a family is meant, or meant for
-        something else.
+        If a name is unknown, spells a case instead of a family, or stands for
+        a family of another kind.
     """
     for name in names:
         if "[" in name:
-            raise InputError(
-                f"case {name!r}: a search draws from families; allowed is {name.partition('[')[0]}"
-            )
-        if name not in FAMILIES:
-            raise unknown_name("family of cases", name, FAMILIES)
+            family = name.partition("[")[0]
+            raise InputError(f"case {name!r}: a search draws from families; allowed is {family}")
+        find_cases(name)
         require_kind(name, FAMILIES[name], kinds)
-    return [FAMILIES[name] for name in names] or [
-        family for family in FAMILIES.values() if family.kind in kinds
+    return [
+        family for family in FAMILIES.values() if family.kind in kinds and (family.name in names or not names)
     ]
 
 
 def require_kind(text: str, family: type[Case[Any]], kinds: Set[PluginKind]) -> None:
     """Refuse a case that is meant for none of the kinds.
+
+    Parameters
+    ----------
+    text : str
+        Specification of the case.
+    family : Case class
+    kinds : set of {"estimator", "detector"}
 
     Raises
     ------

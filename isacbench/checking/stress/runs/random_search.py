@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import seed as seeded
 from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
 
-from isacbench.checking.stress.runs.stress_runs import Examiner, Task
-from isacbench.checking.stress.spaces import Choice, Real, Whole
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from hypothesis.strategies import SearchStrategy
-
-    from isacbench.checking.stress.case import Case
-    from isacbench.checking.stress.runs.stress_runs import Examined, Target
-    from isacbench.checking.stress.spaces import Space
+from isacbench.checking.stress.case import Case
+from isacbench.checking.stress.runs.stress_runs import Examined, Examiner, Target, Task
+from isacbench.checking.stress.spaces import Choice, Real, Space, Whole
 
 
 def _drawn(space: Space) -> SearchStrategy[Any]:
@@ -36,6 +30,14 @@ def _drawn(space: Space) -> SearchStrategy[Any]:
 def cases_from(family: type[Case[Any]]) -> SearchStrategy[Case[Any]]:
     """Strategy of all cases of a family, from the spaces of its fields.
 
+    Parameters
+    ----------
+    family : Case class
+
+    Returns
+    -------
+    SearchStrategy
+
     Examples
     --------
     >>> from isacbench.checking.stress.cases.levels import Snr
@@ -46,7 +48,7 @@ def cases_from(family: type[Case[Any]]) -> SearchStrategy[Case[Any]]:
 
 
 class _FoundError(Exception):
-    """A case is broken; what it is travels beside."""
+    """A promise is broken."""
 
 
 def search(
@@ -67,7 +69,7 @@ def search(
     n_examples : int
         Cases drawn a target and family.
     seed : int
-        Of the search, and of what is random in the cases.
+        Seed of the search, and of what is random in the cases.
     timeout_s : float
         Longest time of a case in s.
     options : tuple of str
@@ -86,9 +88,7 @@ def search(
             for family in families:
                 if family.kind == target.kind:
                     progress(target, family)
-                    found = _simplest_broken(target, family, n_examples, seed, options, examiner)
-                    if found is not None:
-                        yield found
+                    yield from _simplest_broken(target, family, n_examples, seed, options, examiner)
 
 
 def _simplest_broken(
@@ -98,9 +98,9 @@ def _simplest_broken(
     seed: int,
     options: tuple[str, ...],
     examiner: Examiner,
-) -> Examined | None:
-    """Simplest broken case of a family that can be found; the last one that hypothesis tries."""
-    last: list[Examined] = []
+) -> list[Examined]:
+    """Simplest broken case of a family that can be found: the last one that hypothesis tries."""
+    found: list[Examined] = []
 
     @seeded(seed)
     @settings(
@@ -115,11 +115,11 @@ def _simplest_broken(
     def attempt(case: Case[Any]) -> None:
         examined = examiner.examine(Task(target, case, seed, options))
         if examined.is_broken:
-            last[:] = [examined]
+            found[:] = [examined]
             raise _FoundError
 
     try:
         attempt()
     except _FoundError:
-        return last[0]
-    return None
+        return found
+    return []

@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import shlex
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, redirect_stdout
 from io import StringIO
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.isolation import process_state_kept, seed_global_generators
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.checking.stress.promises.blas_kernels import other_kernels, set_kernels
-from isacbench.checking.stress.runs.examining import BROKEN, Verdict, examine
+from isacbench.checking.promises.blas_kernels import other_kernels, set_kernels
+from isacbench.checking.stress.case import Case
+from isacbench.checking.stress.runs.examining import BROKEN, CaseOutcome, Verdict, examine
 from isacbench.checking.stress.runs.families import find_cases, require_kind, table_of
-from isacbench.plugins.discovery import local_plugins, register_plugin
+from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
+from isacbench.plugins.local_files import PluginFile
 from isacbench.plugins.registry import build_estimators_of, canonical_params, get_detector
 from isacbench.plugins.specifications import parse_spec, spec_variants
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from isacbench.checking.stress.case import Case
-    from isacbench.checking.stress.runs.examining import CaseOutcome
-    from isacbench.plugins.discovery import PluginKind
-    from isacbench.plugins.local_files import PluginFile
-
 TIMEOUT_S = 120.0
-"""A case takes milliseconds to seconds, thousands of scatterers included."""
+"""Longest time of a case in s; most take milliseconds, thousands of scatterers seconds."""
 
 
 class Target(NamedTuple):
@@ -62,7 +58,7 @@ class Task(NamedTuple):
     target : Target
     case : Case
     seed : int
-        Of what is random in it.
+        Seed of what is random in the case.
     options : tuple of str
         Further options of the command that runs it alone: where the plugin is found.
     """
@@ -74,7 +70,7 @@ class Task(NamedTuple):
 
 
 class Examined(NamedTuple):
-    """What became of a task: a verdict a promise."""
+    """A task and its outcome: a verdict a promise."""
 
     task: Task
     verdicts: list[Verdict]
@@ -91,7 +87,7 @@ class Examined(NamedTuple):
 
     @property
     def is_broken(self) -> bool:
-        """Whether it is a finding."""
+        """True for a finding."""
         return self.worst.outcome in BROKEN
 
     @property
@@ -111,6 +107,15 @@ class Examined(NamedTuple):
 
 def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
     """Targets that specifications stand for, grids included.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+    specs : sequence of str
+
+    Returns
+    -------
+    list of Target
 
     Raises
     ------
@@ -138,27 +143,29 @@ def tasks_of(
     ----------
     targets : sequence of Target
     cases : sequence of str
-        Families or cases; all of the fixed table where there are none.
+        Families or cases; the whole fixed table where it is empty.
     seed : int
     options : tuple of str
         See `Task`.
+
+    Returns
+    -------
+    list of Task
 
     Raises
     ------
     InputError
         If a case cannot be found, or is meant for none of the targets.
     """
-    found = {text: find_cases(text) for text in cases}
     kinds = {target.kind for target in targets}
-    for text, members in found.items():
+    wanted = [] if cases else [case for kind in kinds for case in table_of(kind)]
+    for text in dict.fromkeys(cases):
+        members = find_cases(text)
         require_kind(text, type(members[0]), kinds)
-    wanted = {
-        kind: [case for members in found.values() for case in members if case.kind == kind]
-        if cases
-        else table_of(kind)
-        for kind in kinds
-    }
-    return [Task(target, case, seed, options) for target in targets for case in wanted[target.kind]]
+        wanted += members
+    return [
+        Task(target, case, seed, options) for target in targets for case in wanted if case.kind == target.kind
+    ]
 
 
 class Examiner:
@@ -179,53 +186,62 @@ class Examiner:
         self._process.stop()
 
     def examine(self, task: Task) -> Examined:
-        """Put a target through a case; if it hangs or dies, that is the verdict."""
+        """Put a target through a case.
+
+        Parameters
+        ----------
+        task : Task
+
+        Returns
+        -------
+        Examined
+            A plugin that hangs or dies has a verdict, too.
+        """
         target, case, seed = task[:3]
         try:
             verdicts = self._process.call(
                 _examine, target.kind, target.spec, case.spec, seed, timeout_s=self._timeout_s
             )
         except ProcessLostError as loss:
-            time_s = self._timeout_s if loss.status == "timeout" else float("nan")
-            verdicts = [Verdict("finite", loss.status, float("nan"), float("nan"), time_s, loss.reason)]
+            time_s = self._timeout_s if loss.status == "timeout" else math.nan
+            verdicts = [Verdict("finite", loss.status, time_s=time_s, message=loss.reason)]
         return Examined(task, verdicts)
 
 
-class Examiners:
-    """Processes that examine side by side.
+def examine_all(tasks: Sequence[Task], jobs: int = 1, timeout_s: float = TIMEOUT_S) -> Iterator[Examined]:
+    """Examine tasks in processes side by side.
 
     Parameters
     ----------
+    tasks : sequence of Task
     jobs : int
+        Number of processes.
     timeout_s : float
         Longest time of a case in s.
+
+    Yields
+    ------
+    Examined
+        In the order of the tasks.
     """
+    idle: SimpleQueue[Examiner] = SimpleQueue()
+    with ExitStack() as stack:
+        threads = stack.enter_context(ThreadPoolExecutor(jobs))
+        for _ in range(jobs):
+            idle.put(stack.enter_context(closing(Examiner(timeout_s))))
+        stack.callback(threads.shutdown, wait=False, cancel_futures=True)
 
-    def __init__(self, jobs: int = 1, timeout_s: float = TIMEOUT_S) -> None:
-        self._jobs, self._timeout_s = jobs, timeout_s
+        def examine_one(task: Task) -> Examined:
+            examiner = idle.get()
+            try:
+                return examiner.examine(task)
+            finally:
+                idle.put(examiner)
 
-    def examine(self, tasks: Sequence[Task]) -> Iterator[Examined]:
-        """Examine tasks; what comes of them comes in their order."""
-        idle: SimpleQueue[Examiner] = SimpleQueue()
-        with ExitStack() as stack:
-            threads = stack.enter_context(ThreadPoolExecutor(self._jobs))
-            for _ in range(self._jobs):
-                idle.put(stack.enter_context(closing(Examiner(self._timeout_s))))
-            stack.callback(threads.shutdown, wait=False, cancel_futures=True)
-
-            def examine(task: Task) -> Examined:
-                examiner = idle.get()
-                try:
-                    return examiner.examine(task)
-                finally:
-                    idle.put(examiner)
-
-            yield from threads.map(examine, tasks)
+        yield from threads.map(examine_one, tasks)
 
 
 # What follows runs in the process.
-
-_plugins: dict[tuple[PluginKind, str], Any] = {}
 
 
 def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
@@ -235,9 +251,8 @@ def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
 
 
 def _examine(kind: PluginKind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
-    if (kind, spec) not in _plugins:
-        [(_, _plugins[kind, spec])] = _built(kind, spec)
+    [(_, plugin)] = _built(kind, spec)
     [case] = find_cases(case_spec)
     with process_state_kept(), threadpool_limits(1), redirect_stdout(StringIO()):
         seed_global_generators(seed, spec, case_spec)
-        return examine(case, _plugins[kind, spec], seed)
+        return examine(case, plugin, seed)

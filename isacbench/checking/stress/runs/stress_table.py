@@ -1,11 +1,14 @@
-"""The table of a stress run: a row a case, a row a promise, kept in a folder of its own."""
+"""Tables of a stress run: a row a case, a row a promise, kept in a folder of their own."""
 
 from __future__ import annotations
 
 import json
 import platform
 import sys
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -13,13 +16,7 @@ import isacbench
 from isacbench.bench.store.provenance import git_state, machine, package_versions
 from isacbench.bench.store.run_folder import open_folder, replacing
 from isacbench.checking.stress.runs.examining import Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from contextlib import AbstractContextManager
-    from pathlib import Path
-
-    from isacbench.checking.stress.runs.stress_runs import Examined
+from isacbench.checking.stress.runs.stress_runs import Examined
 
 KEY = ["kind", "case", "estimator", "params", "seed"]
 CASE_COLUMNS = [*KEY, "outcome", "promise", "drift", "bound", "time_s", "message", "reproduce"]
@@ -28,25 +25,26 @@ TABLE, PROMISES, ABOUT = "stress.csv", "promises.csv", "stress.json"
 
 
 def case_table(examined: Sequence[Examined]) -> pd.DataFrame:
-    """A row a case and target.
+    """Tabulate cases.
+
+    Parameters
+    ----------
+    examined : sequence of Examined
 
     Returns
     -------
     DataFrame
-        ``kind``, ``case``, ``estimator`` (or detector), ``params``, ``seed``,
-        ``outcome``, ``promise`` (the one that is broken, or came closest to
-        its bound), ``drift`` and ``bound`` of it, ``time_s``, ``message`` and
-        ``reproduce``.
+        A row a case and target: ``kind``, ``case``, ``estimator`` (or
+        detector), ``params``, ``seed``, ``outcome``, ``promise`` (the one that
+        is broken, or came closest to its bound), ``drift`` and ``bound`` of
+        it, ``time_s``, ``message`` and ``reproduce``.
     """
     rows = [
         {
             **_key(one),
+            **one.worst._asdict(),
             "outcome": one.outcome,
-            "promise": one.worst.promise,
-            "drift": one.worst.drift,
-            "bound": one.worst.bound,
             "time_s": one.time_s,
-            "message": one.worst.message,
             "reproduce": one.reproduce,
         }
         for one in examined
@@ -55,24 +53,36 @@ def case_table(examined: Sequence[Examined]) -> pd.DataFrame:
 
 
 def promise_table(examined: Sequence[Examined]) -> pd.DataFrame:
-    """A row a promise, case and target: how the promise fared."""
+    """Tabulate promises.
+
+    Parameters
+    ----------
+    examined : sequence of Examined
+
+    Returns
+    -------
+    DataFrame
+        A row a promise, case and target: the key columns of `case_table`, and
+        the fields of `Verdict`.
+    """
     rows = [{**_key(one), **verdict._asdict()} for one in examined for verdict in one.verdicts]
     return pd.DataFrame(rows, columns=[*KEY, *Verdict._fields])
 
 
 def _key(one: Examined) -> dict[str, Any]:
     target, case, seed = one.task[:3]
-    return {
-        "kind": target.kind,
-        "case": case.spec,
-        "estimator": target.name,
-        "params": target.params,
-        "seed": seed,
-    }
+    return dict(zip(KEY, (target.kind, case.spec, target.name, target.params, seed), strict=True))
 
 
 def write_stress_tables(folder: Path, examined: Sequence[Examined], *, timeout_s: float) -> list[Path]:
     """Write both tables, and what made them, in place of older ones.
+
+    Parameters
+    ----------
+    folder : Path
+    examined : sequence of Examined
+    timeout_s : float
+        Longest time of a case in s, recorded.
 
     Returns
     -------
@@ -108,6 +118,14 @@ def write_stress_tables(folder: Path, examined: Sequence[Examined], *, timeout_s
 
 def open_stress_folder(folder: Path) -> AbstractContextManager[Path]:
     """Create the folder of a stress run, or enter one whose tables are to be replaced, and keep others out.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    context manager of Path
 
     Raises
     ------

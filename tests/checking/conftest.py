@@ -2,7 +2,7 @@
 
 import pytest
 
-from isacbench.checking.stress.promises import blas_kernels
+from isacbench.checking.promises import blas_kernels
 
 
 @pytest.fixture(autouse=True)

@@ -5,12 +5,12 @@ import os
 import pytest
 from threadpoolctl import threadpool_info
 
-from isacbench.checking.stress.case import BrokenPromiseError, NotApplicableError
-from isacbench.checking.stress.cases.resolved_shots import RESOLVED, observed
-from isacbench.checking.stress.promises import blas_kernels
-from isacbench.checking.stress.promises.blas_kernels import KernelProcess, other_kernels
-from isacbench.checking.stress.promises.drift import cloud_drift
-from isacbench.checking.stress.promises.image_promises import BLAS_KERNELS, Imaging
+from isacbench.checking.promises import blas_kernels
+from isacbench.checking.promises.blas_kernels import KernelProcess, other_kernels
+from isacbench.checking.promises.drift import cloud_drift
+from isacbench.checking.promises.image_promises import BLAS_KERNELS, Imaging
+from isacbench.checking.promises.promise import BrokenPromiseError, NotApplicableError
+from isacbench.checking.promises.small_scenes import RESOLVED, observed
 from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 from isacbench.plugins.registry import get_estimator

@@ -4,29 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
-from isacbench.checking.stress.case import NotApplicableError
-from isacbench.checking.stress.promises.known_noise import (
-    column_rank,
-    columns_of,
-    halves_of,
-    share,
-    training_cells,
-)
+from isacbench.plugins.contracts import Detector
+from tests.dsp.cfar.known_noise import column_rank, columns_of, halves_of, share, training_cells
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from isacbench.plugins.contracts import Detector
-
-    Cell = tuple[int, ...]
-    Floats = NDArray[np.float64]
+Cell = tuple[int, ...]
+Floats = NDArray[np.float64]
 
 _TAIL = 1e-40
 """Probability of an estimate left out at either end: far below the least rate."""
@@ -46,6 +35,10 @@ _MOST_LOOKS_TRIMMED = 16
 """Of a trimmed mean: the time grows with their square."""
 
 
+class UnknownRateError(Exception):
+    """The law of an estimate is not known here, or not affordable."""
+
+
 class _Column(NamedTuple):
     """The rank-th smallest of some cells; 1 is the smallest."""
 
@@ -61,35 +54,9 @@ def known_rate(detector: Detector, factor: float, shape: Cell, cell: Cell, looks
     Otherwise the exceedance of the cell under test is integrated over the
     density of the estimate: a gamma density for means, chosen of two for
     halves, that of order statistics, convolved over columns. For trimmed
-    means see `_trimmed_rate`.
-
-    Parameters
-    ----------
-    detector : Detector
-        A built-in one, told by its name. Of an `osca` without guard cells the
-        column of the cell under test counts as the same rank of its other
-        cells, the approximation that its factor is documented to make.
-    factor : float
-        Threshold over noise estimate.
-    shape, cell : tuple of int
-        Shape of the map, and the cell under test.
-    looks : int, default 1
-        Independent noise powers that each cell averages.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    NotApplicableError
-        If the law of its estimate is not known here, or not affordable.
-
-    Examples
-    --------
-    >>> from isacbench import get_detector
-    >>> f"{known_rate(get_detector('ca'), 7.249980, (20, 20), (9, 9)):.6f}"
-    '0.001000'
+    means see `_trimmed_rate`. Of an `osca` without guard cells the column of
+    the cell under test counts as the same rank of its other cells, the
+    approximation that its factor is documented to make.
     """
     places = training_cells(detector, shape, cell)
     n_cells = len(places)
@@ -107,7 +74,7 @@ def known_rate(detector: Detector, factor: float, shape: Cell, cell: Cell, looks
         case "tm":
             trimmed = share(one.trim_low, n_cells), share(one.trim_high, n_cells)
             return _trimmed_mean_rate(factor, n_cells, trimmed, looks)
-    raise NotApplicableError("the law of what it estimates is not known here")
+    raise UnknownRateError("the law of what it estimates is not known here")
 
 
 def _columns(detector: Any, places: Sequence[Cell], cell: Cell) -> list[_Column]:
@@ -196,9 +163,9 @@ def _trimmed_mean_rate(factor: float, n_cells: int, trimmed: tuple[int, int], lo
     if n_kept == 1:
         return _columns_rate(factor, [_Column(below + 1, n_cells)], looks)
     if 0 in trimmed:
-        raise NotApplicableError("the law of a mean trimmed on one side alone is not known here")
+        raise UnknownRateError("the law of a mean trimmed on one side alone is not known here")
     if looks > _MOST_LOOKS_TRIMMED:
-        raise NotApplicableError(f"a trimmed mean of more than {_MOST_LOOKS_TRIMMED} looks takes too long")
+        raise UnknownRateError(f"a trimmed mean of more than {_MOST_LOOKS_TRIMMED} looks takes too long")
     return _trimmed_rate(factor, n_cells, trimmed, looks)
 
 
@@ -297,7 +264,7 @@ def _integral(values: Floats, nodes: Floats) -> float:
 
 def _settled(rate: float, coarse: float) -> float:
     if abs(rate - coarse) > _SETTLED * rate:
-        raise NotApplicableError("the quadrature of its rate does not settle")
+        raise UnknownRateError("the quadrature of its rate does not settle")
     return rate
 
 

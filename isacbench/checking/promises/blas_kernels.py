@@ -18,18 +18,15 @@ import subprocess
 import sys
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
+from isacbench.model.cloud import PointCloud
+from isacbench.model.observation import Observation
+from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.discovery import local_plugins, register_plugin
 from isacbench.plugins.instances import Instances
-
-if TYPE_CHECKING:
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.observation import Observation
-    from isacbench.plugins.contracts import Estimator
 
 CHOICE = "OPENBLAS_CORETYPE"
 
@@ -37,7 +34,7 @@ CORE_TYPES = {
     "x86_64": ("Prescott", "Nehalem", "Sandybridge", "Haswell", "Zen", "SkylakeX", "Cooperlake"),
     "aarch64": ("ARMV8", "CORTEXA57", "NEOVERSEN1", "NEOVERSEV1"),
 }
-"""Names that OpenBLAS takes, by the machine that Python names; several may stand for one kernel."""
+"""Names that OpenBLAS takes, by machine; several may stand for one kernel."""
 
 PROBE = """
 import numpy as np
@@ -47,13 +44,12 @@ for dtype in (np.float32, np.float64, np.complex64, np.complex128):
     np.linalg.eigh(square), np.linalg.qr(square @ square), np.linalg.solve(square, square)
 print("+".join(one["architecture"] for one in threadpool_info() if one["internal_api"] == "openblas"))
 """
-"""Uses a kernel, which ends the process where the processor lacks its instructions, and names it."""
+"""Program that names its kernel, and crashes where the processor lacks the kernel's instructions."""
 
 PROBE_S = 60.0
 
 ASKED = "asked"
-"""Name of the estimator that is asked for an image."""
-
+"""Key of the estimator in a request."""
 
 _known: dict[str, str] | None = None
 
@@ -61,7 +57,7 @@ _known: dict[str, str] | None = None
 def other_kernels() -> dict[str, str]:
     """Find the kernels that this processor can run, without the one that it runs by itself.
 
-    They are looked for once, in a process for each that OpenBLAS knows.
+    The search takes a process for each kernel, and is made once.
 
     Returns
     -------
@@ -76,7 +72,12 @@ def other_kernels() -> dict[str, str]:
 
 
 def set_kernels(kernels: dict[str, str]) -> None:
-    """Say what `other_kernels` would find, to a process that need not look itself."""
+    """Set the result of `other_kernels`, so that this process need not search.
+
+    Parameters
+    ----------
+    kernels : dict of str to str
+    """
     global _known
     _known = kernels
 
@@ -110,12 +111,12 @@ class KernelProcess:
     Parameters
     ----------
     core_type : str
-        As `other_kernels` has it.
+        Value of ``OPENBLAS_CORETYPE``; see `other_kernels`.
     """
 
     def __init__(self, core_type: str) -> None:
         self._connection, far_end = Pipe()
-        command = f"from {__name__} import serve; serve({far_end.fileno()})"
+        command = f"from {__name__} import _serve; _serve({far_end.fileno()})"
         self._process = subprocess.Popen(
             [sys.executable, "-c", command],
             env={**os.environ, CHOICE: core_type},
@@ -125,7 +126,17 @@ class KernelProcess:
         far_end.close()
 
     def image(self, estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
-        """Let an estimator image an observation there.
+        """Image an observation in the process.
+
+        Parameters
+        ----------
+        estimator : Estimator
+        observation : Observation
+        truth : PointCloud
+
+        Returns
+        -------
+        PointCloud
 
         Raises
         ------
@@ -156,24 +167,28 @@ _processes: dict[str, KernelProcess] = {}
 
 
 def process_under(core_type: str) -> KernelProcess:
-    """Process under a kernel: the one that there is, which ends with this process, or a fresh one."""
+    """Process under a kernel, started when first asked for, and again after it has ended.
+
+    Parameters
+    ----------
+    core_type : str
+        Value of ``OPENBLAS_CORETYPE``.
+
+    Returns
+    -------
+    KernelProcess
+        Ends with this process.
+    """
     if core_type not in _processes or _processes[core_type].has_ended:
         _processes[core_type] = KernelProcess(core_type)
+        atexit.register(_processes[core_type].close)
     return _processes[core_type]
-
-
-@atexit.register
-def end_processes() -> None:
-    """End all processes of `process_under`."""
-    for process in _processes.values():
-        process.close()
-    _processes.clear()
 
 
 # What follows runs in the process.
 
 
-def serve(descriptor: int) -> None:
+def _serve(descriptor: int) -> None:
     """Image what comes through a connection until it is closed."""
     connection = Connection(descriptor)
     with threadpool_limits(1):
@@ -184,12 +199,7 @@ def serve(descriptor: int) -> None:
                 return
             for plugin in plugins:
                 register_plugin(plugin)
-            connection.send(_answer(instances, observation, truth))
-
-
-def _answer(instances: Instances, observation: Observation, truth: PointCloud) -> PointCloud | str:
-    """Cloud, or why there is none."""
-    try:
-        return raw_cloud(instances[ASKED], observation, truth)
-    except Exception as error:  # of the plugin: the asker tells
-        return f"{type(error).__name__}: {error}"
+            try:
+                connection.send(raw_cloud(instances[ASKED], observation, truth))
+            except Exception as error:  # of the plugin: the asker tells
+                connection.send(f"{type(error).__name__}: {error}")

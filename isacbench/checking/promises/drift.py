@@ -1,21 +1,16 @@
-"""Drift: how far two clouds of one scene are apart, relative to what the scene and the radio span."""
+"""Drift: relative difference of two clouds of one scene, and distances in Rayleigh cells."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
-from isacbench.checking.stress.case import BrokenPromiseError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.scene import Scenario
+from isacbench.checking.promises.promise import BrokenPromiseError
+from isacbench.model.cloud import PointCloud
+from isacbench.model.scene import Scenario
 
 
 def cloud_drift(
@@ -29,7 +24,7 @@ def cloud_drift(
     first, second : PointCloud
         In any order.
     amplitude_scale : float
-        Times which the second's amplitudes ought to be the first's.
+        Amplitudes of the second cloud over those of the first.
 
     Returns
     -------
@@ -47,25 +42,20 @@ def cloud_drift(
         raise BrokenPromiseError(f"{len(first)} points, then {len(second)}")
     if not len(first):
         return 0.0
-    # In turn: the square of the scale may not be a number.
-    power = second.power / amplitude_scale / amplitude_scale
+    power = second.power / amplitude_scale**2
+    larger = np.maximum(first.power[:, None], power)
+    power_apart = np.abs(first.power[:, None] - power) / np.where(larger > 0, larger, 1.0)
     one, two = _relative(scenario, first), _relative(scenario, second)
-    apart = np.maximum(cdist(one, two, "chebyshev"), _power_apart(first.power[:, None], power))
+    apart = np.maximum(cdist(one, two, "chebyshev"), power_apart)
     in_order = float(apart.diagonal().max())
     return min(in_order, float(apart[linear_sum_assignment(apart)].max())) if in_order else 0.0
 
 
 def _relative(scenario: Scenario, cloud: PointCloud) -> NDArray[np.float64]:
-    """Points (n, 4) in units of what the scene and the radio span."""
+    """Points (n, 4) in units of the range of the farthest corner and of the unambiguous speed."""
     farthest_m = scenario.region.range_limits_m(scenario.base_station_m)[1]
     xyz = (cloud.xyz - scenario.base_station_m) / farthest_m
     return np.column_stack([xyz, cloud.velocity / scenario.system.unambiguous_speed_mps])
-
-
-def _power_apart(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Relative differences of powers, 0 of two zeros."""
-    larger = np.maximum(one, two)
-    return np.divide(np.abs(one - two), larger, out=np.zeros_like(larger), where=larger > 0)
 
 
 def cells_apart(scenario: Scenario, cloud: PointCloud, others: PointCloud) -> NDArray[np.float64]:
@@ -73,6 +63,11 @@ def cells_apart(scenario: Scenario, cloud: PointCloud, others: PointCloud) -> ND
 
     Elements half a wavelength apart cannot tell u = 1 from u = -1, nor the
     radio speeds that lie twice the unambiguous one apart.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    cloud, others : PointCloud
 
     Returns
     -------

@@ -1,0 +1,270 @@
+"""Small scenes of the contract check and of stress, each observed in milliseconds."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.errors import InputWarning
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import Frame, FrameName, PanelFrame, PaperFrame, get_frame
+from isacbench.model.numerology import System
+from isacbench.model.observation import Observation
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
+
+SYSTEM = System(n_subcarriers=256, n_symbols=32)
+"""Range bins of 2.4 m, velocity bins of 12.8 m/s."""
+
+BASE_STATION_M = 10.0, 50.0, 12.0
+
+REGION = Region((-25.0, 45.0), (15.0, 50.0), (-23.0, 47.0), (-60.0, 60.0))
+"""All directions in front of the base station."""
+
+PAPER_REGION = Region((-25.0, 45.0), (-10.0, 50.0), (-23.0, 11.5), (-60.0, 60.0))
+"""Directions below the base station, which the paper's frame tells apart."""
+
+NARROW = Region((5.0, 15.0), (25.0, 35.0), (7.0, 17.0), (-20.0, 20.0))
+"""Few cells: fast, and fine enough for almost any radio."""
+
+SPECK = Region((10.0, 10.05), (10.0, 10.05), (3.0, 3.05), (0.0, 0.1))
+"""One reachable range-Doppler cell."""
+
+LONE_SYSTEM = System(n_subcarriers=512, n_symbols=64)
+LONE_RANGE_M = 40.0
+LONE_BASE_STATION_M = 0.0, 0.0, 50.0
+LONE_SPEED_MPS = -20.0, 20.0
+LONE_VIEWS: dict[FrameName, tuple[Region, tuple[float, float], float]] = {
+    "panel": (Region((-28.0, 28.0), (-31.0, -27.0), (22.0, 78.0), LONE_SPEED_MPS), (0.65, 0.22), 17.0),
+    "paper": (Region((-30.0, 30.0), (-30.0, 30.0), (20.5, 24.5), LONE_SPEED_MPS), (-0.22, 0.65), -17.0),
+}
+"""Region, direction cosines and velocity in m/s of a lone scatterer, by frame.
+
+Its places with wrong signs, or with u and w swapped, lie in the region as well, more than two Rayleigh
+cells away.
+"""
+
+
+class Echo(NamedTuple):
+    """A scatterer as the radio sees it: bins, direction cosines, amplitude, phase in radians."""
+
+    range_bin: float
+    doppler_bin: float
+    u: float
+    w: float
+    amplitude: float = 1.0
+    phase_rad: float = 0.0
+
+
+RESOLVED = (
+    Echo(6.3, -2.2, -0.45, 0.31),
+    Echo(9.7, 1.4, 0.5, -0.42),
+    Echo(12.4, 3.1, 0.1, 0.55),
+)
+"""Three echoes that differ in range, velocity and direction."""
+
+
+class Layout(NamedTuple):
+    """The radio and the region of a scene."""
+
+    system: System = SYSTEM
+    array: tuple[int, int] = (8, 8)
+    frame: Frame = PanelFrame()
+    region: Region = REGION
+    base_station_m: tuple[float, float, float] = BASE_STATION_M
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A scenario and its observation.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    seen : Observation
+        Read-only.
+    """
+
+    scenario: Scenario
+    seen: Observation
+
+    def observation(self, *, writable: bool = True) -> Observation:
+        """Copy the observation.
+
+        Parameters
+        ----------
+        writable : bool
+            Whether the arrays may be written to.
+
+        Returns
+        -------
+        Observation
+        """
+        fresh = copy.deepcopy(self.seen)
+        for array in (fresh.cells, fresh.base_station_m, fresh.gate.range_bins, fresh.gate.doppler_bins):
+            array.setflags(write=writable)
+        return fresh
+
+    @property
+    def n_reachable(self) -> int:
+        """Range-Doppler cells that a scatterer of the region can peak in."""
+        return int(self.seen.gate.reachable.sum())
+
+
+def scenario_of(echoes: Sequence[Echo], layout: Layout = Layout()) -> Scenario:  # noqa: B008, immutable
+    """Scenario of echoes, which may lie outside the region.
+
+    Parameters
+    ----------
+    echoes : sequence of Echo
+    layout : Layout
+
+    Returns
+    -------
+    Scenario
+    """
+    columns: NDArray[np.float64] = np.array(echoes, dtype=np.float64).reshape(-1, 6)
+    range_bin, doppler_bin, u, w, amplitude, phase_rad = columns.T
+    base_station_m = np.array(layout.base_station_m)
+    xyz = base_station_m + layout.frame.offsets(range_bin * layout.system.range_bin_m, u, w)
+    velocity_mps = doppler_bin * layout.system.velocity_bin_mps
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)  # strays are on purpose
+        return Scenario(
+            name="stress",
+            system=layout.system,
+            array=VirtualArray((1, 1), layout.array, 1, 1),
+            frame=layout.frame,
+            base_station_m=base_station_m,
+            region=layout.region,
+            scatterers=Scatterers(xyz, velocity_mps, amplitude, phase_rad),
+        )
+
+
+def observed(
+    echoes: Sequence[Echo],
+    snr_db: float = np.inf,
+    seed: int = 0,
+    layout: Layout = Layout(),  # noqa: B008, immutable
+) -> Shot:
+    """Observe echoes.
+
+    Parameters
+    ----------
+    echoes : sequence of Echo
+    snr_db : float
+        Infinity for no noise.
+    seed : int
+    layout : Layout
+
+    Returns
+    -------
+    Shot
+    """
+    scenario = scenario_of(echoes, layout)
+    return Shot(scenario, Simulator(scenario).observe(snr_db, seed=seed))
+
+
+def with_cells(shot: Shot, cells: NDArray[np.complexfloating[Any, Any]]) -> Shot:
+    """Replace the cells of a shot.
+
+    Parameters
+    ----------
+    shot : Shot
+    cells : ndarray of complex, shape (n_range, n_doppler, P, Q)
+
+    Returns
+    -------
+    Shot
+    """
+    return replace(shot, seen=replace(shot.seen, cells=cells))
+
+
+# Scenes of the contract check.
+
+SNR_DB = 5.0
+LONE_SNR_DB = 20.0
+SIX = Layout(array=(6, 6))
+
+
+@cache
+def ordinary() -> Shot:
+    """Three scatterers seen by 6 x 6 elements."""
+    return observed(RESOLVED, SNR_DB, layout=SIX)
+
+
+@cache
+def other() -> Shot:
+    """Observation of the shape of `ordinary`: other places, and noise ten times as strong."""
+    echoes = [one._replace(u=one.w, w=one.u, doppler_bin=-one.doppler_bin) for one in RESOLVED]
+    return observed(echoes, SNR_DB - 10, seed=1, layout=SIX)
+
+
+@cache
+def lone(frame: FrameName = "panel") -> Shot:
+    """One scatterer far above the noise, in a region that holds its mirror images as well.
+
+    Parameters
+    ----------
+    frame : {"panel", "paper"}
+
+    Returns
+    -------
+    Shot
+    """
+    region, (u, w), velocity_mps = LONE_VIEWS[frame]
+    layout = Layout(LONE_SYSTEM, (10, 10), get_frame(frame), region, LONE_BASE_STATION_M)
+    echo = Echo(LONE_RANGE_M / LONE_SYSTEM.range_bin_m, velocity_mps / LONE_SYSTEM.velocity_bin_mps, u, w)
+    return observed([echo], LONE_SNR_DB, layout=layout)
+
+
+@cache
+def paper_frame() -> Shot:
+    """Two scatterers in the paper's frame."""
+    return observed(RESOLVED[::2], SNR_DB, layout=Layout(frame=PaperFrame(), region=PAPER_REGION))
+
+
+@cache
+def small_array() -> Shot:
+    """Three scatterers seen by 2 x 2 elements."""
+    return observed(RESOLVED, SNR_DB, layout=Layout(array=(2, 2)))
+
+
+@cache
+def wide_array() -> Shot:
+    """Three scatterers seen by 7 x 3 elements."""
+    return observed(RESOLVED, SNR_DB, layout=Layout(array=(7, 3)))
+
+
+@cache
+def high_array() -> Shot:
+    """Three scatterers seen by 3 x 7 elements."""
+    return observed(RESOLVED, SNR_DB, layout=Layout(array=(3, 7)))
+
+
+@cache
+def noise() -> Shot:
+    """Noise alone."""
+    return observed([], SNR_DB, layout=SIX)
+
+
+@cache
+def silence() -> Shot:
+    """Zeros."""
+    return with_cells(noise(), np.zeros_like(noise().seen.cells))
+
+
+@cache
+def minimal() -> Shot:
+    """One scatterer in a region of one reachable cell: the smallest gate, with its margins."""
+    return observed(
+        [Echo(41.0 / SYSTEM.range_bin_m, 0.0, 0.0, 0.22)], SNR_DB, layout=SIX._replace(region=SPECK)
+    )

@@ -1,0 +1,52 @@
+"""Stress of built-in estimators by parameters of their own: subarrays, windows, single precision."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from isacbench.checking.promises.image_promises import EVERY, FOUND, RESOLVED_ECHOES, Imaging
+from isacbench.checking.promises.small_scenes import NARROW, RESOLVED, Echo, Layout, observed
+from isacbench.errors import InputError
+from isacbench.plugins.registry import get_detector, get_estimator
+
+
+@pytest.mark.parametrize("name", ["music2d", "music2d_joint", "esprit2d"])
+@pytest.mark.parametrize("shape", [(8, 8), (5, 12), (3, 2)])
+@pytest.mark.parametrize("fraction", [0.01, 0.5, 1.0])
+def test_one_echo_is_one_point_whatever_share_of_the_array_a_subarray_takes(name, shape, fraction):
+    shot = observed([Echo(9.3, 0.7, 0.05, -0.08)], layout=Layout(array=shape, region=NARROW))
+    imaging = Imaging(get_estimator(name, subarray_fraction=fraction), shot)
+    for promise in (*EVERY, *RESOLVED_ECHOES):
+        assert promise.drift(imaging) <= promise.bound, promise.name
+
+
+@pytest.mark.parametrize("name", ["fft4d", "music2d", "esprit2d"])
+@pytest.mark.parametrize("training", [1, 5, 12])
+def test_echoes_are_found_with_any_window_that_fits_the_map(name, training):
+    detector = get_detector("osca", training=training, order_axis=1)
+    imaging = Imaging(get_estimator(name, detector=detector), observed(RESOLVED, 20.0))
+    assert FOUND.drift(imaging) <= FOUND.bound
+
+
+def test_a_window_larger_than_the_map_is_refused():
+    detector = get_detector("osca", training=40, order_axis=1)
+    with pytest.raises(InputError, match="window"):
+        get_estimator("music2d", detector=detector).estimate(observed(RESOLVED, 20.0).observation())
+
+
+@pytest.mark.parametrize("name", ["fft4d", "music2d", "esprit2d", "music2d_joint"])
+@pytest.mark.parametrize("snr_db", [20.0, 60.0])
+def test_every_stage_in_single_precision_is_that_in_double_precision(name, snr_db):
+    estimator = get_estimator(name, precision="double")
+    observation = observed(RESOLVED, snr_db).observation()
+    double = estimator.diagnose(observation)
+    single = estimator.diagnose(
+        dataclasses.replace(observation, cells=observation.cells.astype(np.complex64))
+    )
+    assert single.cell == double.cell
+    assert np.abs(single.power - double.power).max() < 1e-6 * double.power.max()
+    np.testing.assert_array_equal(single.detection.mask, double.detection.mask)
+    np.testing.assert_allclose(single.detection.threshold, double.detection.threshold, rtol=1e-4)
+    for one, two in zip(single.spectra, double.spectra, strict=True):
+        np.testing.assert_allclose(np.sort(one.peaks), np.sort(two.peaks), atol=1e-4)

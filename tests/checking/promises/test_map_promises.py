@@ -1,0 +1,213 @@
+"""Promises of detectors: kept by the built-in ones, and each broken by one that was made to break it."""
+
+import dataclasses
+import time
+import warnings
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.checking.promises import map_promises
+from isacbench.checking.promises.promise import NotApplicableError, Promise
+from isacbench.checking.stress.case import DetectorCase
+from isacbench.checking.stress.cases.map_cases import BlankMap, MapLevel, MapRange, MapWindow, Rate
+from isacbench.checking.stress.runs.examining import BROKEN, examine
+from isacbench.checking.stress.runs.families import find_families
+from isacbench.checking.stress.runs.random_search import cases_from
+from isacbench.errors import InputError
+from isacbench.plugins.contracts import Detection
+from isacbench.plugins.registry import detector_names, get_detector
+
+NAMES = detector_names()
+
+
+@dataclass(frozen=True)
+class Faulty:
+    """Cell averaging with a fault."""
+
+    name: ClassVar[str] = "faulty"
+    pfa: float = 1e-3
+    training: int | tuple[int, ...] = 3
+    guard: int | tuple[int, ...] = 1
+    fault: str = field(default="none")
+
+    def detect(self, power, looks=1, cells=None):
+        if self.fault == "any window":
+            return Detection(power > 2, np.full(power.shape, 2.0), np.ones(power.shape))
+        found = get_detector("ca", pfa=self.pfa, training=self.training, guard=self.guard).detect(
+            power, looks, cells
+        )
+        tested = power if cells is None else power[cells]
+        mask, threshold, noise = found.mask, found.threshold.copy(), found.noise.copy()
+        match self.fault:
+            case "raises":
+                raise ZeroDivisionError("no luck")
+            case "warns":
+                warnings.warn("hm", RuntimeWarning, stacklevel=1)
+            case "refuses":
+                raise InputError("not this map")
+            case "nan":
+                noise.flat[0] = np.nan
+            case "flat":
+                noise = noise.ravel()
+            case "other mask":
+                mask = ~mask
+            case "random":
+                noise += noise * 1e-9 * (1 + time.perf_counter_ns() % 997)
+            case "other where listed" if cells is not None:
+                threshold *= 1 + 1e-9
+            case "reads memory" if not power.flags.c_contiguous:
+                threshold *= 1 + 1e-9
+            case "absolute threshold":
+                threshold += 1e-3
+                mask = tested > threshold
+            case "rounds":
+                threshold *= 1 + 1e-8 * np.frexp(tested.max())[0]
+                mask = tested > threshold
+            case "detects":
+                threshold *= 0.0
+                mask = tested > threshold
+            case "single alone" if power.dtype == np.float32:
+                threshold *= 1 + 1e-5
+            case "zeros beyond the border":
+                padded = np.pad(power, 4)
+                whole = get_detector("ca", pfa=self.pfa, training=self.training, guard=self.guard)
+                threshold = whole.detect(padded, looks).threshold[4:-4, 4:-4]
+                mask = tested > threshold
+            case "factor 1.1":
+                threshold *= 1.1
+                mask = tested > threshold
+            case "any rate":
+                threshold *= self.pfa
+                mask = tested > threshold
+            case "one rate":
+                threshold = noise * 7.0
+                mask = tested > threshold
+            case "mask of another rate" if self.pfa < 1e-3:
+                threshold *= 2.0
+            case "more at half the rate" if self.pfa < 1e-3:
+                mask, threshold = power >= 0, threshold * (1 + 1e-9)
+        return Detection(mask, threshold, noise)
+
+
+def broken(case, detector):
+    return [verdict.promise for verdict in examine(case, detector) if verdict.outcome in BROKEN]
+
+
+FAULTS = [
+    ("raises", MapLevel(), "finite"),
+    ("warns", MapLevel(), "finite"),
+    ("refuses", MapLevel(), "finite"),
+    ("nan", MapLevel(), "finite"),
+    ("flat", MapLevel(), "finite"),
+    ("other mask", MapLevel(), "finite"),
+    ("random", MapLevel(), "repeat"),
+    ("other where listed", MapLevel(), "listed cells"),
+    ("reads memory", MapLevel(), "memory order"),
+    ("absolute threshold", MapLevel(), "scale by powers of two"),
+    ("rounds", MapLevel(), "scale"),
+    ("detects", BlankMap(filled="constant"), "nothing detected"),
+    ("single alone", MapLevel(), "single precision"),
+    ("factor 1.1", Rate(exponent=-2.0), "false-alarm rate"),
+    ("factor 1.1", Rate(exponent=-0.31, looks=16), "false-alarm rate"),
+    ("zeros beyond the border", Rate(), "false-alarm rate"),
+    ("any rate", Rate(), "order of rates"),
+    ("one rate", Rate(), "order of rates"),
+    ("mask of another rate", Rate(), "order of rates"),
+    ("more at half the rate", Rate(), "order of rates"),
+    ("any window", MapWindow(length=8), "refused"),
+]
+
+
+@pytest.mark.parametrize(("fault", "case", "promise"), FAULTS)
+def test_a_fault_breaks_the_promise_that_is_there_for_it(fault, case, promise):
+    class Narrow(type(case)):
+        """Of its promises the first and the one that is meant."""
+
+        @property
+        def promises(self):
+            first, *others = super().promises
+            return (first, *(one for one in others if one.name == promise))
+
+    assert promise in broken(Narrow(**dataclasses.asdict(case)), Faulty(fault=fault))
+
+
+@pytest.mark.parametrize("family", find_families([], {"detector"}))
+def test_without_a_fault_every_promise_is_kept_on_a_case_of_every_family(family):
+    assert not broken(family.table()[-1], Faulty())
+
+
+def test_every_promise_of_a_detector_is_broken_by_some_fault():
+    named = {one.name for one in vars(map_promises).values() if isinstance(one, Promise)}
+    parts_of_finite = {"shapes", "mask", "threshold and noise"}
+    assert named - parts_of_finite == {promise for _, _, promise in FAULTS}
+
+
+CASES = [
+    MapLevel(exponent=76.0),
+    MapRange(range_db=300.0),
+    BlankMap(filled="constant", exponent=-0.3),
+    MapWindow(n_axes=1, length=9, training=3, guard=1),
+    MapWindow(length=9, width=8),
+    Rate(exponent=-15.0, looks=16),
+    Rate(exponent=-0.31, looks=2),
+]
+
+
+def in_turn(cases):
+    """Gives every case to every second detector, and to the others among the slow tests."""
+    return [
+        pytest.param(name, case, id=f"{name}-{case.spec}", marks=() if (i + j) % 2 else pytest.mark.slow)
+        for i, case in enumerate(cases)
+        for j, name in enumerate(NAMES)
+    ]
+
+
+@pytest.mark.parametrize(("name", "case"), in_turn(CASES))
+def test_built_in_detectors_keep_every_promise(name, case):
+    assert not broken(case, get_detector(name))
+
+
+@given(
+    case=st.sampled_from([MapLevel, MapRange, BlankMap, MapWindow]).flatmap(cases_from),
+    name=st.sampled_from(NAMES),
+)
+@settings(max_examples=6, deadline=None)
+def test_built_in_detectors_keep_the_promises_of_whatever_the_search_draws(case, name):
+    assert not broken(case, get_detector(name))
+
+
+@pytest.mark.parametrize(
+    ("detector", "why"),
+    [
+        (get_detector("ca", pfa=1e-12), "too rare to measure at pfa = 1e-12"),
+        (get_detector("ca", threshold="paper"), "is not meant to keep the rate"),
+    ],
+)
+def test_a_rate_is_measured_where_it_is_promised_and_not_too_rare(detector, why):
+    with pytest.raises(NotApplicableError, match=why):
+        map_promises.FALSE_ALARM_RATE.drift(map_promises.TestedMap(detector, np.ones((9, 9))))
+
+
+def test_a_detector_without_the_parameter_of_a_case_is_left_out():
+    @dataclass(frozen=True)
+    class Fixed:
+        name: ClassVar[str] = "fixed"
+
+    [verdict] = examine(Rate(), Fixed())
+    assert (verdict.outcome, verdict.message) == ("skipped", "it has no parameter pfa")
+
+
+def test_families_of_detectors_make_maps_of_power_that_follow_from_the_seed():
+    for family in find_families([], {"detector"}):
+        assert issubclass(family, DetectorCase)
+        for case in family.table():
+            power = case.power(1)
+            assert power.dtype == np.float64
+            assert np.isfinite(power).all()
+            assert (power >= 0).all()
+            assert np.array_equal(power, case.power(1))
