@@ -1,4 +1,4 @@
-"""Bit rates of a frame: what its data could carry, and what the PRS, the prefix and errors take of it."""
+"""Bit rates of a frame: free of errors, and achievable at a bit error rate."""
 
 from __future__ import annotations
 
@@ -26,37 +26,19 @@ class FrameRates:
     Attributes
     ----------
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    frame_time_s : float
-        All symbols with their prefixes; suffixes overlap the next prefix.
     n_data_bits : int
         Bits of the elements that the PRS leaves.
     bit_rate_bps : float
-        Data bits over the frame's time.
-    without_prs_bps : float
-        What it would be if the PRS carried data as well.
-    without_prefix_bps : float
-        What it would be if there were neither PRS nor prefix.
+        Data bits over the time of all symbols with their prefixes; a suffix overlaps
+        the next prefix.
     """
 
     modulation: Modulation
-    frame_time_s: float
     n_data_bits: int
     bit_rate_bps: float
-    without_prs_bps: float
-    without_prefix_bps: float
-
-    @property
-    def prs_share(self) -> float:
-        """Share of the bits that the PRS costs."""
-        return 1 - self.bit_rate_bps / self.without_prs_bps
-
-    @property
-    def prefix_share(self) -> float:
-        """Share of the time that the cyclic prefix costs."""
-        return 1 - self.without_prs_bps / self.without_prefix_bps
 
     def achievable_rate_bps(self, ber: ArrayLike) -> NDArray[np.float64]:
-        """Rate up to which a code could make the decided bits free of errors.
+        """Compute the rate up to which a code could make the decided bits free of errors.
 
         Parameters
         ----------
@@ -77,7 +59,7 @@ class FrameRates:
 
 
 def frame_rates(system: System, modulation: Modulation) -> FrameRates:
-    """Bit rates of a frame.
+    """Count the bits of a frame, and its bit rate.
 
     Parameters
     ----------
@@ -97,25 +79,15 @@ def frame_rates(system: System, modulation: Modulation) -> FrameRates:
     --------
     >>> from isacbench.model.numerology import System
     >>> rates = frame_rates(System(), "256qam")
-    >>> round(rates.bit_rate_bps / 1e9, 3), round(rates.prs_share, 4), round(rates.prefix_share, 4)
-    (2.977, 0.0536, 0.2)
+    >>> rates.n_data_bits, round(rates.bit_rate_bps / 1e9, 3)
+    (3473408, 2.977)
     """
-    n_bits = bits_per_symbol(modulation)
-    is_prs = prs_elements(system)
-    n_data_bits = n_bits * (is_prs.size - int(is_prs.sum()))
-    frame_time_s = system.n_symbols * system.symbol_time_s
-    return FrameRates(
-        modulation=modulation,
-        frame_time_s=frame_time_s,
-        n_data_bits=n_data_bits,
-        bit_rate_bps=n_data_bits / frame_time_s,
-        without_prs_bps=n_bits * is_prs.size / frame_time_s,
-        without_prefix_bps=n_bits * system.bandwidth_hz,
-    )
+    n_data_bits = bits_per_symbol(modulation) * int((~prs_elements(system)).sum())
+    return FrameRates(modulation, n_data_bits, n_data_bits / (system.n_symbols * system.symbol_time_s))
 
 
 def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:
-    """Information that a decided bit carries: the capacity of the binary symmetric channel, in bits.
+    """Compute the information that a decided bit carries: the capacity of the binary symmetric channel.
 
     Parameters
     ----------
@@ -125,7 +97,7 @@ def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float64, same shape
-        From 0 to 1.
+        In bits, from 0 to 1.
 
     Raises
     ------

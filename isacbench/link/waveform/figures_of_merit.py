@@ -1,4 +1,4 @@
-"""Figures of merit of the waveform: what it takes of time and band, and how high its peaks are."""
+"""Figures of merit of the waveform: time, band and peaks."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
 
 OFFSETS = (1, 10, 100, 1000)
-"""Subcarrier spacings beyond the edge of the band at which out-of-band levels are told."""
+"""Subcarrier spacings beyond the edge of the band at which out-of-band levels are given."""
 
 
 @dataclass(frozen=True)
 class WaveformMerits:
-    """What the waveform of a system takes, whatever it carries.
+    """Figures of merit of a waveform that do not depend on its data.
 
     Attributes
     ----------
@@ -43,11 +43,11 @@ class WaveformMerits:
     isi_free_range_m : float
         Range up to which echoes stay inside the undisturbed prefix.
     prs_share : float
-        Resource elements that carry the PRS, of all.
+        Share of the resource elements that carry the PRS.
     occupied_bandwidth_hz : float
         Bandwidth with 99 % of the power.
     out_of_band_db : tuple of float
-        Power density beside the band over that inside, at `OFFSETS`.
+        Power density outside the band over that inside, in dB, at `OFFSETS`.
     plain_out_of_band_db : tuple of float
         The same of a waveform without a suffix.
     """
@@ -117,7 +117,7 @@ def draw_papr_db(
         Of the data; the PRS lies between it.
     n_frames : int
     seed : int
-        What the data follow from, not negative.
+        Seed of the data, not negative.
     drawn : callable, optional
         Called after every frame.
 
@@ -140,5 +140,14 @@ def draw_papr_db(
 
 
 def without_suffix(system: System) -> System:
-    """Leave the suffix, and with it the smooth window, out of a system."""
+    """Leave the suffix, and with it the smooth window, out of a system.
+
+    Parameters
+    ----------
+    system : System
+
+    Returns
+    -------
+    System
+    """
     return replace(system, cyclic_suffix_ratio=0.0)

@@ -1,10 +1,11 @@
-"""Gold sequences of length 31, from which 5G draws what looks random and everybody knows."""
+"""Gold sequences of length 31: the pseudo-random bits of 5G reference signals."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.signal import max_len_seq
 
 from isacbench.errors import require
 from isacbench.model.number_limits import require_count
@@ -13,20 +14,18 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 REGISTER = 31
-"""Bits that both m-sequences follow from."""
+"""Bits in the register of either m-sequence."""
 
 SKIPPED = 1600
-"""Bits N_C of both m-sequences before the first that counts."""
+"""Bits N_C that both m-sequences drop at their start."""
 
-FIRST_TAPS = (0, 3)
-SECOND_TAPS = (0, 1, 2, 3)
-
-STEP = REGISTER - max(SECOND_TAPS)
-"""Bits that follow at once from those before: no tap reaches one that is not there yet."""
+FIRST_TAPS = (3,)
+SECOND_TAPS = (1, 2, 3)
+"""Taps of the registers besides tap 0."""
 
 
 def gold_sequence(c_init: ArrayLike, length: int) -> NDArray[np.uint8]:
-    """Pseudo-random bits c(0), c(1), ... of one or several initial values.
+    """Generate the pseudo-random bits c(0), c(1), ... of one or several initial values.
 
     Parameters
     ----------
@@ -58,22 +57,18 @@ def gold_sequence(c_init: ArrayLike, length: int) -> NDArray[np.uint8]:
     integral = values.dtype.kind in "iu" and bool(np.all((values >= 0) & (values < 2**REGISTER)))
     require(integral, "c_init", c_init, f"whole numbers from 0 to {2**REGISTER - 1}")
     require_count("length", length, smallest=0)
-    second = (values.astype(np.int64)[..., None] >> np.arange(REGISTER)) & 1
-    first = np.zeros(REGISTER, dtype=np.uint8)
-    first[0] = 1
-    n_bits = SKIPPED + length
-    bits = _m_sequence(first, FIRST_TAPS, n_bits) ^ _m_sequence(second.astype(np.uint8), SECOND_TAPS, n_bits)
-    return bits[..., SKIPPED:]
+    first = _m_sequence([1, *[0] * (REGISTER - 1)], FIRST_TAPS, length)
+    bits = np.empty((*values.shape, length), dtype=np.uint8)
+    for place, value in np.ndenumerate(values):
+        start = [int(value) >> bit & 1 for bit in range(REGISTER)]
+        bits[place] = first ^ _m_sequence(start, SECOND_TAPS, length)
+    return bits
 
 
-def _m_sequence(start: NDArray[np.uint8], taps: tuple[int, ...], length: int) -> NDArray[np.uint8]:
-    """Sequences (..., length) that go on from (..., 31) bits: x(n + 31) is the sum of x(n + tap) modulo 2."""
-    bits = np.zeros((*start.shape[:-1], max(length, REGISTER)), dtype=np.uint8)
-    bits[..., :REGISTER] = start
-    for first in range(REGISTER, length, STEP):
-        stop = min(first + STEP, length)
-        base = first - REGISTER
-        bits[..., first:stop] = np.bitwise_xor.reduce(
-            [bits[..., base + tap : base + tap + stop - first] for tap in taps]
-        )
-    return bits[..., :length]
+def _m_sequence(start: list[int], taps: tuple[int, ...], length: int) -> NDArray[np.uint8]:
+    """Bits (length,) behind the skipped ones: x(n + 31) is the sum of x(n) and of x(n + tap) modulo 2."""
+    if not any(start):
+        return np.zeros(length, dtype=np.uint8)
+    bits, _ = max_len_seq(REGISTER, start, SKIPPED + length, taps)
+    sequence: NDArray[np.uint8] = bits[SKIPPED:].astype(np.uint8)
+    return sequence

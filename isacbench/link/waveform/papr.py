@@ -1,4 +1,4 @@
-"""Peak-to-average power ratio of OFDM symbols: measured, and the chance that theory gives it."""
+"""Peak-to-average power ratio of OFDM symbols: measured, and its distribution in theory."""
 
 from __future__ import annotations
 
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
-
-CACHED_SAMPLES = 2**16
-"""Samples of which the largest is found at a time, while they are in the cache."""
 
 MOST_CROSSINGS_AT = 0.5
 """Power over its mean at which an envelope of Gaussian samples crosses upwards most often."""
@@ -60,13 +57,8 @@ def symbol_papr_db(symbols: ArrayLike, oversampling: int = 4) -> Floats:
         )
     mean = float(np.mean(grid.real**2 + grid.imag**2))
     require(0 < mean < np.inf, "mean power of the symbols", mean, "a positive number")
-    n_samples = oversampling * len(grid)
-    peak = np.empty(grid.shape[1])
-    n_together = max(CACHED_SAMPLES // n_samples, 1)
-    for start in range(0, peak.size, n_together):
-        some = slice(start, start + n_together)
-        samples = scipy.fft.ifft(grid.T[some], n_samples, axis=1, norm="forward")
-        peak[some] = (samples.real**2 + samples.imag**2).max(axis=1) / len(grid)
+    samples = scipy.fft.ifft(grid.T, oversampling * len(grid), axis=1, norm="forward")
+    peak = (samples.real**2 + samples.imag**2).max(axis=1) / len(grid)
     papr_db: Floats = 10 * np.log10(peak / mean)
     return papr_db
 
@@ -116,16 +108,14 @@ def papr_ccdf(papr_db: ArrayLike, n_subcarriers: int, *, oversampled: bool = Tru
     return probability
 
 
-def exceeded_papr_db(probability: float, n_subcarriers: int, *, oversampled: bool = True) -> float:
-    """Invert `papr_ccdf`: the peak-to-average power ratio that a share of the symbols exceeds.
+def exceeded_papr_db(probability: float, n_subcarriers: int) -> float:
+    """Invert `papr_ccdf` of the continuous envelope: the ratio that a share of the symbols exceeds.
 
     Parameters
     ----------
     probability : float
         Between 0 and 1.
     n_subcarriers : int
-    oversampled : bool
-        As for `papr_ccdf`.
 
     Returns
     -------
@@ -144,8 +134,6 @@ def exceeded_papr_db(probability: float, n_subcarriers: int, *, oversampled: boo
     """
     require(0 < probability < 1, "probability", probability, "a number between 0 and 1")
     expected = -np.log1p(-probability) / n_subcarriers
-    if not oversampled:
-        return float(10 * np.log10(-np.log(-np.expm1(-expected))))
     # γ exp(-2γ) is known, and γ at least 1/2: the lower branch of Lambert's function.
     known = 3 / np.pi * expected**2
     allowed = bool(2 * known <= np.exp(-1))

@@ -1,4 +1,4 @@
-"""Choices of a link: what is sent, and how it is sensed with."""
+"""Transmitted signal, and the way in which it is sensed with."""
 
 from __future__ import annotations
 
@@ -52,22 +52,26 @@ class Signal:
 
     @property
     def has_unit_modulus(self) -> bool:
-        """Whether all symbols that are sensed with have the same power."""
+        """True where all symbols that are sensed with have the same power."""
         return self.sensing == "prs" or self.modulation == "qpsk"
 
     @property
     def is_plain(self) -> bool:
-        """Whether division leaves echo and noise as the closed form has them: all elements, equal powers."""
+        """True where division leaves echo and noise as in the closed form: all elements, equal powers."""
         return self.sensing == "all" and self.has_unit_modulus
 
 
 def require_n_id(n_id: object) -> None:
     """Refuse what is no identity of a PRS sequence.
 
+    Parameters
+    ----------
+    n_id : object
+
     Raises
     ------
     InputError
-        Naming it.
+        If it is not a whole number from 0 to 4095.
     """
     allowed = type(n_id) is int and 0 <= n_id <= LARGEST_N_ID
     require(allowed, "n_id", n_id, f"a whole number from 0 to {LARGEST_N_ID}")
