@@ -1,4 +1,4 @@
-"""Prediction of a reception: error rates and error vectors over a channel that is given."""
+"""Prediction of bit error rates over a channel that is given."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WEAKEST_DB, STRONGEST_DB = -120.0, 120.0
 def response_ber(
     modulation: Modulation, response: ArrayLike, snr_db: float, n_symbols: ArrayLike | None = None
 ) -> float:
-    """Bit error rate over a channel that the user knows: the mean over its elements, each in white noise.
+    """Predict the bit error rate over a known channel: the mean over its elements, each in white noise.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def response_ber(
 
 
 def _interpolated_ber(modulation: Modulation, snr_db: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`isacbench.link.waveform.qam.awgn_ber` of many SNRs, from a table."""
+    """Interpolate `isacbench.link.waveform.qam.awgn_ber` in a table, for many SNRs."""
     within_db = np.clip(snr_db, WEAKEST_DB, STRONGEST_DB)
     first, last = np.floor(within_db.min() / STEP_DB), np.ceil(within_db.max() / STEP_DB)
     table_db = STEP_DB * np.arange(first, last + 2)
@@ -72,35 +72,8 @@ def _interpolated_ber(modulation: Modulation, snr_db: NDArray[np.float64]) -> ND
     return rates
 
 
-def response_evm(response: ArrayLike, snr_db: float) -> float:
-    """Error vector magnitude behind division by a channel that the user knows.
-
-    Noise is divided with it: the root mean square is that of σ/|H|, and weak
-    elements make most of it.
-
-    Parameters
-    ----------
-    response : array_like of complex, any shape
-        Of the elements that carry data; none is 0.
-    snr_db : float
-        Of an element whose response is 1.
-
-    Returns
-    -------
-    float
-        Over the root mean square of data symbols, 1.
-
-    Examples
-    --------
-    >>> response_evm([1.0], 20.0)
-    0.1
-    """
-    power = np.abs(np.asarray(response)) ** 2
-    return float(np.sqrt(10 ** (-snr_db / 10) * np.mean(1 / power)))
-
-
 def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -> float:
-    """SNR in which the receiver with a noisy channel estimate is as good as one that knows the channel.
+    """Compute the SNR at which a known channel gives the error rate of a noisy channel estimate.
 
     The estimate is off by e, of power σ² times the noise gain. Its part in phase
     with the channel scales symbols and noise alike, so that thresholds are off in
@@ -139,26 +112,3 @@ def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -
     share = (2 * n_levels**2 - 2 * n_levels - 1) / (2 * n_levels**2 - 2)
     noise_power = 10 ** (-snr_db / 10)
     return snr_db - 10 * float(np.log10(1 + noise_gain * (share + noise_power / 2)))
-
-
-def estimated_evm(snr_db: float, noise_gain: float) -> float:
-    """Error vector magnitude in white noise behind division by a noisy channel estimate.
-
-    All of the estimate's error counts here, in phase or not.
-
-    Parameters
-    ----------
-    snr_db : float
-    noise_gain : float
-
-    Returns
-    -------
-    float
-        To first order in the noise gain.
-
-    Examples
-    --------
-    >>> round(estimated_evm(20.0, 0.02), 4)
-    0.101
-    """
-    return float(np.sqrt(10 ** (-snr_db / 10) * (1 + noise_gain)))

@@ -1,4 +1,4 @@
-"""The user's receiver: what arrives of a frame, equalised, decided, and counted against what was sent."""
+"""Receiver of a user: frames received, equalised, decided, and compared with what was sent."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LOWEST_SNR_DB = -20 * float(np.log10(LARGEST_NOISE_AMPLITUDE))
 
 @dataclass(frozen=True)
 class Reception:
-    """What became of the data of one frame.
+    """Errors in the received data of one frame.
 
     Attributes
     ----------
@@ -48,8 +48,8 @@ class Reception:
         Data bits of the frame.
     n_bit_errors : int
     evm : float
-        Error vector magnitude: root mean square of what equalised data symbols
-        are off, whose own is 1.
+        Error vector magnitude: root mean square error of equalised data symbols,
+        whose own root mean square is 1.
     channel_power_db : float
         Mean power of the channel over the frame: a fade takes it below 0.
     channel_error_db : float
@@ -76,16 +76,6 @@ class Reception:
     def evm_db(self) -> float:
         """Error vector magnitude in dB."""
         return _db(self.evm**2)
-
-    @property
-    def evm_percent(self) -> float:
-        """Error vector magnitude in percent."""
-        return 100 * self.evm
-
-    @property
-    def equalised_snr_db(self) -> float:
-        """Power of data symbols over that of their errors, behind the equaliser."""
-        return -self.evm_db
 
 
 def receive(
@@ -150,13 +140,14 @@ def receive(
     _require_allowed(grid, system, snr_db, knowledge)
     response = drawn_response(system, channel, trial, seed)
     received = _received(grid.symbols, response, snr_db, trial, seed)
-    power = _power(_different(response))
+    power = _power(response)
     known, error_db = response, float("nan")
     if knowledge == "prs":
         known = prs_estimator(system, time_order).estimate(received, grid.symbols)
-        error_db = _db(_power(_different(known) - _different(response)) / power)
-    equalised = received
-    equalised *= _inverse(known)
+        error_db = _db(_power(known - response) / power)
+    # An element without any signal tells nothing: it is taken as 0.
+    inverse = np.divide(1, known, out=np.zeros_like(known), where=known != 0)
+    equalised = received * inverse
     is_data = ~grid.is_prs.T
     data = equalised.T[is_data]
     decided = decide_bits(data, grid.modulation)
@@ -175,7 +166,7 @@ def receive(
 
 
 def drawn_response(system: System, channel: Channel, trial: int = 0, seed: int = 0) -> Complex:
-    """Channel on every resource element as `receive` draws it.
+    """Draw the channel on every resource element, as `receive` does.
 
     Parameters
     ----------
@@ -186,7 +177,7 @@ def drawn_response(system: System, channel: Channel, trial: int = 0, seed: int =
 
     Returns
     -------
-    ndarray of complex128, shape (n_subcarriers, n_symbols)
+    ndarray of complex128, shape (n_subcarriers, n_symbols) or (n_subcarriers, 1)
         As `isacbench.link.reception.channel.channel_response` returns it.
 
     Raises
@@ -209,7 +200,7 @@ def expected_ber(
     trial: int = 0,
     seed: int = 0,
 ) -> float:
-    """Bit error rate that theory expects of `receive`, given the fade and not the noise.
+    """Predict the bit error rate of `receive`, given the fade and not the noise.
 
     Parameters
     ----------
@@ -232,9 +223,9 @@ def expected_ber(
     response = drawn_response(system, channel, trial, seed)
     if knowledge == "prs":
         snr_db = effective_snr_db(modulation, snr_db, prs_estimator(system, time_order).noise_gain)
-    different, is_data = _different(response), ~prs_elements(system)
-    n_symbols = is_data if different.shape == is_data.shape else is_data.sum(axis=1, keepdims=True)
-    return response_ber(modulation, different, snr_db, n_symbols)
+    is_data = ~prs_elements(system)
+    n_symbols = is_data.sum(axis=1, keepdims=True) if response.shape[1] == 1 else is_data
+    return response_ber(modulation, response, snr_db, n_symbols)
 
 
 def _require_allowed(grid: ResourceGrid, system: System, snr_db: float, knowledge: Knowledge) -> None:
@@ -263,25 +254,11 @@ def _unit_noise(shape: tuple[int, int], trial: int, seed: int) -> Complex:
     return noise
 
 
-def _inverse(response: Complex) -> Complex:
-    """Reciprocal of a response; 0 where it is 0, because such an element tells nothing."""
-    different = _different(response)
-    inverse = np.zeros_like(different)
-    np.divide(1, different, out=inverse, where=different != 0)
-    return np.broadcast_to(inverse, response.shape)
-
-
-def _different(response: Complex) -> Complex:
-    """Symbols of a response that do not share the memory of one: (n_subcarriers, n_symbols or 1)."""
-    return response[:, :1] if response.strides[1] == 0 else response
-
-
 def _power(values: Complex) -> float:
     """Mean power; NaN of nothing."""
     if not values.size:
         return float("nan")
-    flat = values.ravel(order="K")
-    return float(np.vdot(flat, flat).real / flat.size)
+    return float(np.mean(values.real**2 + values.imag**2))
 
 
 def _db(power: float) -> float:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.fft
 
+from isacbench.cores import available_cores
 from isacbench.errors import InputError, require
 from isacbench.link.waveform.ofdm import checked_grid, layout, n_samples, transmit_window
 from isacbench.model.frozen_arrays import freeze_arrays
@@ -289,7 +290,8 @@ class _Receiver:
 
     def spectra(self, periods: range) -> Complex:
         """Unitary DFTs (periods, E, n_subcarriers) of all samples; the window is the useful part."""
-        spectra: Complex = scipy.fft.fft(self.samples(periods), axis=2, norm="ortho", overwrite_x=True)
+        samples = self.samples(periods)
+        spectra: Complex = scipy.fft.fft(samples, axis=2, norm="ortho", workers=available_cores())
         spectra += self.sent[periods.start : periods.stop, None, :] * self.standing
         return spectra
 
@@ -311,11 +313,14 @@ class _Receiver:
     def _arriving(self, waves: _Waves, period: int) -> Complex:
         """Received samples (E, n_window) of waves in a period."""
         spectrum = self.sent[period - waves.lag] * waves.spectrum
-        useful = scipy.fft.ifft(spectrum, axis=1, norm="ortho", overwrite_x=True)
+        useful = scipy.fft.ifft(spectrum, axis=1, norm="ortho", workers=available_cores())
         samples: Complex = useful if self.n_before == 0 else useful[:, self.time]
-        samples *= waves.table
         turned = np.exp(2j * np.pi * waves.turns * self.parts.n_symbol * period)[:, None]
-        return turned * samples if waves.gain is None else (turned * waves.gain).T @ samples
+        if waves.gain is None:
+            samples *= waves.table * turned
+            return samples
+        samples *= waves.table
+        return (waves.gain * turned).T @ samples
 
     def _response(self, index: Index) -> Complex:
         """Response (E, n_subcarriers) of paths together, Doppler aside."""
