@@ -201,15 +201,19 @@ def modulate(symbols: ArrayLike, system: System, oversampling: int = 1) -> Compl
     True
     """
     parts = layout(system, oversampling)
-    sent = checked_grid(symbols, system).T
-    useful = np.sqrt(oversampling) * scipy.fft.ifft(sent, parts.n_useful, axis=1, norm="ortho")
-    prefix, suffix = useful[:, parts.n_useful - parts.n_prefix :], useful[:, : parts.n_suffix]
-    pieces = np.concatenate([prefix, useful, suffix], axis=1)
-    pieces *= transmit_window(parts, np.arange(-parts.n_prefix, parts.n_useful + parts.n_suffix))
-    frame = pieces[:, : parts.n_symbol]
-    suffixes = pieces[:, parts.n_symbol :]
-    frame[1:, : parts.n_suffix] += suffixes[:-1]
-    waveform: Complex = np.append(frame, suffixes[-1])
+    sent = np.sqrt(oversampling) * checked_grid(symbols, system).T
+    useful = scipy.fft.ifft(sent, parts.n_useful, axis=1, norm="ortho")
+    waveform: Complex = np.empty(n_samples(parts, system.n_symbols), dtype=np.complex128)
+    frame, tail = np.split(waveform, [system.n_symbols * parts.n_symbol])
+    by_symbol = frame.reshape(system.n_symbols, parts.n_symbol)
+    by_symbol[:, parts.n_prefix :] = useful
+    by_symbol[:, : parts.n_prefix] = useful[:, parts.n_useful - parts.n_prefix :]
+    # Prefixes rise while the suffixes of the symbols before them fall, the last one into the tail.
+    rising = transmit_window(parts, np.arange(parts.n_suffix) - parts.n_prefix)
+    suffixes = useful[:, : parts.n_suffix] * (1 - rising)
+    by_symbol[:, : parts.n_suffix] *= rising
+    by_symbol[1:, : parts.n_suffix] += suffixes[:-1]
+    tail[:] = suffixes[-1]
     return waveform
 
 

@@ -95,8 +95,9 @@ def modulate_bits(bits: ArrayLike, modulation: Modulation) -> NDArray[np.complex
         raise InputError(f"bits of shape {values.shape}: allowed is one axis of a multiple of {n_bits}")
     if values.dtype.kind not in "biu" or (values.size and (values.min() < 0 or values.max() > 1)):
         raise InputError(f"bits of dtype {values.dtype}: allowed are the whole numbers 0 and 1")
-    words = np.packbits(values.astype(np.uint8, copy=False).reshape(-1, n_bits), axis=1)[:, 0]
-    return _constellation(n_bits)[words >> (8 - n_bits)]
+    place_values = 2 ** np.arange(n_bits, dtype=np.uint8)[::-1]
+    words = values.astype(np.uint8, copy=False).reshape(-1, n_bits) @ place_values
+    return _constellation(n_bits)[words]
 
 
 def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]:
@@ -133,7 +134,7 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     for axis, amplitude in enumerate((received.real, received.imag)):
         # Levels are 2 units apart, the lowest at 1 - L.
         level = np.rint(amplitude * (0.5 / _unit(n_bits)) + highest / 2)
-        bits[:, axis::2] = labels[np.clip(level, 0, highest).astype(np.uint8)]
+        bits[:, axis::2] = np.take(labels, np.clip(level, 0, highest).astype(np.uint8), axis=0)
     return bits.ravel()
 
 
