@@ -65,7 +65,7 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
 
 
 def library_code(plugin: object, harness: Iterable[str] = ()) -> str:
-    """Digest of the code of isacbench that a plugin runs, and that of the harness.
+    """Compute the digest of the code of isacbench that a plugin and the harness run.
 
     Parameters
     ----------
@@ -99,7 +99,16 @@ def _shown(file: PluginFile) -> str:
 
 
 def plugin_parts(plugin: object) -> Iterator[object]:
-    """Yield a plugin and the dataclasses among its parameters, at any depth."""
+    """Yield a plugin and the dataclasses among its parameters, at any depth.
+
+    Parameters
+    ----------
+    plugin : object
+
+    Yields
+    ------
+    object
+    """
     if isinstance(plugin, (list, tuple)):
         for item in plugin:
             yield from plugin_parts(item)
