@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, get_args, get_type_hints, runtime_checkable
 
 from isacbench.display import brief
 from isacbench.dsp.detection import Detection as Detection
@@ -40,16 +40,12 @@ class Needs:
     """
 
     elements: Literal["plane", "cross", "none"] = "plane"
-    integration: Literal["noncoherent", "element"] | None = "noncoherent"
+    integration: Literal["noncoherent", "element", None] = "noncoherent"
     cells: Literal["gate", "detected", "none"] = "gate"
 
     def __post_init__(self) -> None:
-        for name, allowed in (
-            ("elements", ("plane", "cross", "none")),
-            ("integration", ("noncoherent", "element", None)),
-            ("cells", ("gate", "detected", "none")),
-        ):
-            value = getattr(self, name)
+        for name, hint in get_type_hints(Needs).items():
+            allowed, value = get_args(hint), getattr(self, name)
             require(value in allowed, f"needs.{name}", value, f"one of {', '.join(map(str, allowed))}")
 
 

@@ -66,8 +66,8 @@ def _spelled(estimator: object) -> str:
     """Name of an object and its parameters, as a specification shows them."""
     plugin = type(estimator)
     name = getattr(plugin, "name", None)
-    is_named = isinstance(name, str) and callable(getattr(plugin, "estimate", None))
-    if not (is_frozen_dataclass(plugin) and is_named):
+    has_method = callable(getattr(plugin, "estimate", None))
+    if not (is_frozen_dataclass(plugin) and isinstance(name, str) and has_method):
         raise InputError(
             f"estimators: {estimator!r:.80}: allowed are specifications such as 'music2d[pfa=1e-4]' and "
             "instances of frozen dataclasses with a name and a method estimate"

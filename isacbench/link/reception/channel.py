@@ -6,13 +6,15 @@ Delays count from the first path to arrive: the user's clock is that path's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, get_args
 
 import numpy as np
+import pandas as pd
 from scipy import constants
 
 from isacbench.errors import InputError, require, unknown_name
-from isacbench.link.reception.delay_profiles import ProfileName, delay_profile
 from isacbench.link.waveform.propagation import Paths
 from isacbench.model.number_limits import LARGEST_PLACE_M
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
 
 Polarization = Literal["vertical", "horizontal"]
+
+ProfileName = Literal["tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e"]
+
+WITH_LINE_OF_SIGHT: tuple[ProfileName, ...] = ("tdl_d", "tdl_e")
 
 LARGEST_INTERFERENCE = 1e-4
 """Power that Doppler may spread from each subcarrier over the others, relative to its own."""
@@ -78,7 +84,7 @@ class Awgn:
         -------
         Paths
         """
-        return Paths(np.ones((1, 1)), np.zeros(1), np.zeros(1))
+        return Paths(np.ones((1, 1), dtype=np.complex128), np.zeros(1), np.zeros(1))
 
 
 @dataclass(frozen=True)
@@ -343,3 +349,65 @@ def _along_delay(system: System, delay_s: NDArray[np.float64]) -> NDArray[np.com
     frequency_hz = system.subcarrier_spacing_hz * np.arange(system.n_subcarriers)
     phases: NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(frequency_hz, delay_s))
     return phases
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Taps of a channel.
+
+    Attributes
+    ----------
+    delay : ndarray of float64, shape (n_taps,)
+        In units of the rms delay spread, the first tap at 0.
+    power : ndarray of float64, shape (n_taps,)
+        Mean powers, together 1.
+    has_line_of_sight : bool
+        True if the first tap is a constant ray. All other taps are Rayleigh
+        fading.
+    """
+
+    delay: NDArray[np.float64]
+    power: NDArray[np.float64]
+    has_line_of_sight: bool
+
+
+def delay_profile(name: ProfileName) -> Profile:
+    """Look up the taps of a profile.
+
+    Parameters
+    ----------
+    name : {"tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e"}
+        The last two have a line of sight.
+
+    Returns
+    -------
+    Profile
+
+    Raises
+    ------
+    InputError
+        If there is no such profile.
+
+    References
+    ----------
+    3GPP TR 38.901, tables 7.7.2-1 to 7.7.2-5.
+
+    Examples
+    --------
+    >>> delay_profile("tdl_a").delay.size
+    23
+    """
+    if name not in get_args(ProfileName):
+        raise unknown_name("profile", name, get_args(ProfileName))
+    taps = _taps().loc[[name]]
+    power = 10 ** (taps["power_db"].to_numpy() / 10)
+    return Profile(taps["delay"].to_numpy(), power / power.sum(), name in WITH_LINE_OF_SIGHT)
+
+
+@cache
+def _taps() -> pd.DataFrame:
+    """Delay and power of the taps of all profiles, indexed by the profile.
+
+    A line of sight is a tap of its own, at the delay of the Rayleigh tap behind it.
+    """
+    return pd.read_csv(Path(__file__).with_name("delay_profiles.csv"), index_col="profile")

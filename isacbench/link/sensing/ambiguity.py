@@ -79,10 +79,11 @@ def point_spread(
     """
     mask = sensed_elements(system, sensing)
     n_subcarriers, n_symbols = mask.shape
-    range_turns = np.outer(range_offset_bins, np.arange(n_subcarriers)) / n_subcarriers
-    doppler_turns = np.outer(np.arange(n_symbols), doppler_offset_bins) / n_symbols
-    spread: Complex = np.exp(2j * np.pi * range_turns) @ mask @ np.exp(-2j * np.pi * doppler_turns)
-    return spread / mask.sum()
+    range_turns = np.outer(np.asarray(range_offset_bins), np.arange(n_subcarriers)) / n_subcarriers
+    doppler_turns = np.outer(np.arange(n_symbols), np.asarray(doppler_offset_bins)) / n_symbols
+    total = np.exp(2j * np.pi * range_turns) @ mask @ np.exp(-2j * np.pi * doppler_turns)
+    spread: Complex = total / mask.sum()
+    return spread
 
 
 def prs_ambiguities(system: System, n_lobes: int = 4) -> list[Ambiguity]:

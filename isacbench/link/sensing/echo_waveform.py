@@ -215,7 +215,7 @@ def interference_to_echo_db(scenario: Scenario) -> float:
     float
         In dB; -inf where no echo is late.
     """
-    scatterers, is_late = scenario.scatterers, _is_late(scenario)
+    scatterers, is_late = scenario.scatterers, scenario.range_m > scenario.system.isi_free_range_m
     unit, power = scatterers.power_in_units
     if power == 0 or not is_late.any():
         return -np.inf
@@ -225,15 +225,10 @@ def interference_to_echo_db(scenario: Scenario) -> float:
     return float(share_db)
 
 
-def _is_late(scenario: Scenario) -> NDArray[np.bool_]:
-    is_late: NDArray[np.bool_] = scenario.range_m > scenario.system.isi_free_range_m
-    return is_late
-
-
 def _warn_of_interference(scenario: Scenario) -> None:
-    is_late = _is_late(scenario)
+    limit_m = scenario.system.isi_free_range_m
+    is_late = scenario.range_m > limit_m
     if is_late.any():
-        limit_m = scenario.system.isi_free_range_m
         beyond_m = scenario.range_m.max() - limit_m
         warnings.warn(
             f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from "

@@ -55,13 +55,6 @@ class Interference:
     useful_gain: Complex
     power: Floats
 
-    @property
-    def to_signal_db(self) -> Floats:
-        """Interference over what is left of the echo, in dB; -inf where nothing interferes."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio_db = 10 * np.log10(self.power) - 20 * np.log10(np.abs(self.useful_gain))
-        return np.where(self.power == 0, -np.inf, ratio_db)
-
 
 def echo_interference(
     system: System, range_m: ArrayLike, velocity_mps: ArrayLike, n_previous: int | None = None
@@ -91,8 +84,8 @@ def echo_interference(
     Examples
     --------
     >>> from isacbench.model.numerology import System
-    >>> echo_interference(System(), [100.0, 100.0, 200.0], [0.0, 30.0, 0.0]).to_signal_db.round(1).tolist()
-    [-inf, -19.5, -7.3]
+    >>> echo_interference(System(), [100.0, 100.0, 200.0], [0.0, 30.0, 0.0]).power.round(3).tolist()
+    [0.0, 0.011, 0.156]
     """
     delay_s = 2 * np.asarray(range_m, dtype=np.float64) / SPEED_OF_LIGHT_MPS
     doppler_hz = 2 * np.asarray(velocity_mps, dtype=np.float64) * system.carrier_hz / SPEED_OF_LIGHT_MPS

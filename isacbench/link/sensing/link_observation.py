@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 PLAIN = Signal()
 
-ANY_DRAW = np.inf, 0, 0
-"""SNR, trial and seed in place of all others, where weights depend on none of them."""
-
 
 class SignalSimulator(Simulator):
     """Observations of one scenario that is illuminated by a signal.
@@ -112,9 +109,7 @@ class SignalSimulator(Simulator):
         -------
         Weights
         """
-        if self.signal.has_unit_modulus:
-            return self._weights(*ANY_DRAW)
-        return self._weights(self._known_snr_db(snr_db), trial, seed)
+        return self._weights(*self._draw(snr_db, trial, seed))
 
     def echo_cells(self, snr_db: float, trial: int = 0, seed: int = 0) -> Complex:
         """Compute noise-free cells, not to be written to.
@@ -130,9 +125,7 @@ class SignalSimulator(Simulator):
         """
         if self.signal.sensing == "all" and self.signal.division == "reciprocal":
             return self.clean
-        if self.signal.has_unit_modulus:
-            return self._echo(*ANY_DRAW)
-        return self._echo(self._known_snr_db(snr_db), trial, seed)
+        return self._echo(*self._draw(snr_db, trial, seed))
 
     def noise_cells(self, snr_db: float, trial: int = 0, seed: int = 0) -> Complex:
         """Compute noise of unit power at the receiver, not to be written to.
@@ -148,11 +141,14 @@ class SignalSimulator(Simulator):
         -------
         ndarray of complex128, shape (n_range, n_doppler, P, Q)
         """
-        return self._noise(self._known_snr_db(snr_db), trial, seed)
+        known_snr_db, *_ = self._draw(snr_db, trial, seed)
+        return self._noise(known_snr_db, trial, seed)
 
-    def _known_snr_db(self, snr_db: float) -> float:
-        """SNR that the division follows from."""
-        return snr_db if self.signal.division == "wiener" and not self.signal.has_unit_modulus else np.inf
+    def _draw(self, snr_db: float, trial: int, seed: int) -> tuple[float, int, int]:
+        """SNR, trial and seed that the weights follow from, with constants for what does not matter."""
+        if self.signal.has_unit_modulus:
+            return np.inf, 0, 0
+        return (snr_db if self.signal.division == "wiener" else np.inf), trial, seed
 
 
 @lru_cache(maxsize=2)

@@ -320,7 +320,8 @@ class _Receiver:
             samples *= waves.table * turned
             return samples
         samples *= waves.table
-        return (waves.gain * turned).T @ samples
+        at_elements: Complex = (waves.gain * turned).T @ samples
+        return at_elements
 
     def _response(self, index: Index) -> Complex:
         """Response (E, n_subcarriers) of paths together, Doppler aside."""

@@ -96,7 +96,7 @@ def modulate_bits(bits: ArrayLike, modulation: Modulation) -> NDArray[np.complex
     if values.dtype.kind not in "biu" or (values.size and (values.min() < 0 or values.max() > 1)):
         raise InputError(f"bits of dtype {values.dtype}: allowed are the whole numbers 0 and 1")
     place_values = 2 ** np.arange(n_bits, dtype=np.uint8)[::-1]
-    words = values.astype(np.uint8, copy=False).reshape(-1, n_bits) @ place_values
+    words: NDArray[np.uint8] = values.astype(np.uint8, copy=False).reshape(-1, n_bits) @ place_values
     return _constellation(n_bits)[words]
 
 
@@ -216,8 +216,6 @@ def _axis_levels(bits: NDArray[np.uint8]) -> NDArray[np.int64]:
 def _constellation(n_bits: int) -> NDArray[np.complex128]:
     """Symbols (2 ** n_bits,), read-only."""
     words = _words(n_bits)
-    points: NDArray[np.complex128] = _unit(n_bits) * (
-        _axis_levels(words[:, ::2]) + 1j * _axis_levels(words[:, 1::2])
-    )
+    points = _unit(n_bits) * (_axis_levels(words[:, ::2]) + 1j * _axis_levels(words[:, 1::2]))
     points.setflags(write=False)
     return points

@@ -1,4 +1,4 @@
-"""The resource grid of a frame: the positioning reference signal, and data everywhere else."""
+"""Resource grid of a frame: positioning reference signal from Gold sequences, and data everywhere else."""
 
 from __future__ import annotations
 
@@ -6,19 +6,31 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.signal import max_len_seq
 
 from isacbench.choices import Modulation
 from isacbench.display import brief
-from isacbench.link.waveform.gold import gold_sequence
+from isacbench.errors import require
 from isacbench.link.waveform.qam import bits_per_symbol, modulate_bits
 from isacbench.link.waveform.sent_signal import require_n_id
 from isacbench.model.echo import random_stream
+from isacbench.model.number_limits import require_count
 from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from isacbench.model.numerology import System
+
+REGISTER = 31
+"""Bits in the register of either m-sequence."""
+
+SKIPPED = 1600
+"""Bits N_C that both m-sequences drop at their start."""
+
+FIRST_TAPS = (3,)
+SECOND_TAPS = (1, 2, 3)
+"""Taps of the registers besides tap 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +40,10 @@ class ResourceGrid:
     Attributes
     ----------
     symbols : ndarray of complex128, shape (n_subcarriers, n_symbols)
-        What every resource element carries, unit mean power, read-only. The
+        Symbol of every resource element, unit mean power, read-only. The
         subcarriers of a symbol lie side by side in memory.
     is_prs : ndarray of bool, same shape
-        Which of them carry the PRS; all others carry data.
+        True where an element carries the PRS; all others carry data.
     bits : ndarray of uint8, shape (n_bits,)
         Data, in the order of the resource elements that carry it: symbol by
         symbol, the lowest subcarrier first.
@@ -57,7 +69,7 @@ def draw_grid(
     system : System
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
     trial, seed : int
-        Which data, not negative. Modulations have data of their own.
+        Trial and seed of the data, not negative. Each modulation has its own data.
     n_id : int
         Identity of the PRS sequence, 0 to 4095.
 
@@ -100,7 +112,7 @@ def _random_bits(n_bits: int, stream: np.random.Generator) -> NDArray[np.uint8]:
 
 
 def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
-    """Symbols of the positioning reference signal on the resource grid.
+    """Compute the symbols of the positioning reference signal on the resource grid.
 
     Parameters
     ----------
@@ -136,7 +148,7 @@ def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
 
 
 def prs_c_init(slot: NDArray[np.int64], symbol: NDArray[np.int64], n_id: int) -> NDArray[np.int64]:
-    """Initial values of the Gold sequences of PRS symbols.
+    """Compute the initial values of the Gold sequences of PRS symbols.
 
     Parameters
     ----------
@@ -168,3 +180,53 @@ def prs_c_init(slot: NDArray[np.int64], symbol: NDArray[np.int64], n_id: int) ->
     require_n_id(n_id)
     high, low = divmod(n_id, 1024)
     return (2**22 * high + 2**10 * (SLOT_SYMBOLS * slot + symbol + 1) * (2 * low + 1) + low) % 2**31
+
+
+def gold_sequence(c_init: ArrayLike, length: int) -> NDArray[np.uint8]:
+    """Generate the pseudo-random bits c(0), c(1), ... of one or several initial values.
+
+    Parameters
+    ----------
+    c_init : array_like of int, any shape
+        Initial values of the second m-sequence, 0 to 2³¹ - 1.
+    length : int
+        Bits of each sequence.
+
+    Returns
+    -------
+    ndarray of uint8, shape (*c_init.shape, length)
+        Zeros and ones.
+
+    Raises
+    ------
+    InputError
+        If an initial value or the length is out of range.
+
+    References
+    ----------
+    3GPP TS 38.211, 5.2.1.
+
+    Examples
+    --------
+    >>> gold_sequence(1, 8).tolist()
+    [0, 0, 0, 0, 0, 0, 1, 0]
+    """
+    values = np.asarray(c_init)
+    integral = values.dtype.kind in "iu" and bool(np.all((values >= 0) & (values < 2**REGISTER)))
+    require(integral, "c_init", c_init, f"whole numbers from 0 to {2**REGISTER - 1}")
+    require_count("length", length, smallest=0)
+    first = _m_sequence([1, *[0] * (REGISTER - 1)], FIRST_TAPS, length)
+    bits = np.empty((*values.shape, length), dtype=np.uint8)
+    for place, value in np.ndenumerate(values):
+        start = [int(value) >> bit & 1 for bit in range(REGISTER)]
+        bits[place] = first ^ _m_sequence(start, SECOND_TAPS, length)
+    return bits
+
+
+def _m_sequence(start: list[int], taps: tuple[int, ...], length: int) -> NDArray[np.uint8]:
+    """Bits (length,) behind the skipped ones: x(n + 31) is the sum of x(n) and of x(n + tap) modulo 2."""
+    if not any(start):
+        return np.zeros(length, dtype=np.uint8)
+    bits, _ = max_len_seq(REGISTER, start, SKIPPED + length, taps)
+    sequence: NDArray[np.uint8] = bits[SKIPPED:].astype(np.uint8)
+    return sequence

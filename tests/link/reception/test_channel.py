@@ -10,9 +10,9 @@ from isacbench.link.reception.channel import (
     TappedDelay,
     TwoRay,
     channel_response,
+    delay_profile,
     reflection_coefficient,
 )
-from isacbench.link.reception.delay_profiles import delay_profile
 from isacbench.link.waveform.ofdm import demodulate
 from isacbench.link.waveform.propagation import Paths, propagate
 from isacbench.link.waveform.resource_grid import draw_grid

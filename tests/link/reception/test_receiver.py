@@ -7,11 +7,16 @@ from scipy.special import ndtr
 from scipy.stats import binom
 
 from isacbench.errors import InputError
-from isacbench.link.reception import error_prediction
+from isacbench.link.reception import receiver
 from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, channel_response
 from isacbench.link.reception.channel_estimation import prs_estimator
-from isacbench.link.reception.error_prediction import effective_snr_db, response_ber
-from isacbench.link.reception.receiver import drawn_response, expected_ber, receive
+from isacbench.link.reception.receiver import (
+    drawn_response,
+    effective_snr_db,
+    expected_ber,
+    receive,
+    response_ber,
+)
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, constellation, decide_bits
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
 from isacbench.model.echo import random_stream, white_gaussian
@@ -318,9 +323,9 @@ def test_the_expected_error_rate_is_the_mean_over_all_data_and_nothing_else(spee
 
 @pytest.mark.parametrize("modulation", ["qpsk", "256qam"])
 def test_error_rates_from_a_table_are_those_of_the_closed_form(modulation):
-    snr_db = np.random.default_rng(0).uniform(-50, 40, error_prediction.MOST_SUMMED + 1)
+    snr_db = np.random.default_rng(0).uniform(-50, 40, receiver.MOST_SUMMED + 1)
     snr_db[0], snr_db[1] = -np.inf, np.inf
-    rates = error_prediction._interpolated_ber(modulation, snr_db)
+    rates = receiver._interpolated_ber(modulation, snr_db)
     exact = awgn_ber(modulation, snr_db)
     np.testing.assert_allclose(rates[1:], exact[1:], rtol=1e-7, atol=1e-15)
     np.testing.assert_allclose(rates[0], exact[0], rtol=1e-6)

@@ -126,19 +126,18 @@ def test_the_error_of_a_divided_grid_is_the_stated_one_in_the_mean(modulation, r
 def test_interference_begins_where_the_undisturbed_prefix_ends():
     system = System()
     before_m, behind_m = np.array([-0.2, 0.7]) + system.isi_free_range_m
-    before, behind = echo_interference(system, [before_m, behind_m], 0.0).to_signal_db
-    assert before == -np.inf
-    assert behind > -120
+    before, behind = echo_interference(system, [before_m, behind_m], 0.0).power
+    assert before == 0
+    assert behind > 1e-12
 
 
 def test_an_echo_of_nothing_but_earlier_symbols_has_no_useful_gain():
     parts, system = layout(SMALL), SMALL
     found = path_interference(system, (parts.n_symbol + 0.5) / system.bandwidth_hz, 0.0)
     assert found.useful_gain == 0
-    assert found.to_signal_db == np.inf
+    assert found.power > 0
     nothing = path_interference(system, (parts.n_symbol + 0.5) / system.bandwidth_hz, 0.0, n_previous=0)
     assert nothing.power == 0
-    assert nothing.to_signal_db == -np.inf
 
 
 def test_many_paths_are_those_one_by_one():

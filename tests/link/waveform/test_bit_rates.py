@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.link.waveform.bit_rates import frame_rates, hard_decision_capacity
+from isacbench.link.waveform.figures_of_merit import frame_rates, hard_decision_capacity
 from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.numerology import System

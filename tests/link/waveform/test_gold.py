@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from py3gpp import nrPRBS
 
 from isacbench.errors import InputError
-from isacbench.link.waveform.gold import gold_sequence
+from isacbench.link.waveform.resource_grid import gold_sequence
 
 C_INITS = st.integers(0, 2**31 - 1)
 
