@@ -48,11 +48,6 @@ class Reception:
 
     Attributes
     ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    channel : str
-        Name of the channel.
-    snr_db : float
-    knowledge : {"prs", "perfect"}
     n_bits : int
         Data bits of the frame.
     n_bit_errors : int
@@ -66,10 +61,6 @@ class Reception:
         NaN where the channel is known.
     """
 
-    modulation: Modulation
-    channel: str
-    snr_db: float
-    knowledge: Knowledge
     n_bits: int
     n_bit_errors: int
     evm: float
@@ -162,10 +153,6 @@ def receive(
     decided = decide_bits(data, grid.modulation)
     data -= grid.symbols.T[is_data]
     return Reception(
-        modulation=grid.modulation,
-        channel=channel.name,
-        snr_db=float(snr_db),
-        knowledge=knowledge,
         n_bits=decided.size,
         n_bit_errors=int(np.count_nonzero(decided != grid.bits)),
         evm=float(np.sqrt(_power(data))),

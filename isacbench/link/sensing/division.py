@@ -15,17 +15,64 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from isacbench.choices import Division
+from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError, unknown_name
-from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.qam import bits_per_symbol
+from isacbench.link.waveform.resource_grid import draw_grid, require_n_id
 from isacbench.model.prs import resource_elements
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from isacbench.choices import Sensing
-    from isacbench.link.waveform.sent_signal import Signal
     from isacbench.model.numerology import System
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Transmitted signal, and how its echo is divided by it.
+
+    Attributes
+    ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+        Of the data; the PRS is QPSK always.
+    sensing : {"all", "prs"}
+        Resource elements that are sensed with: the whole grid, or the PRS alone.
+    division : {"reciprocal", "matched", "wiener"}
+        Of received Y by sent X: Y/X, which strengthens the noise of weak
+        symbols; Y X*, whose echo has the power of the symbols on it; and
+        Y X*/(|X|² + 1/SNR), which is between them and takes the SNR of the
+        echo as known. All three are the same where |X| = 1.
+    n_id : int
+        Identity of the PRS sequence, 0 to 4095.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
+    """
+
+    modulation: Modulation = "qpsk"
+    sensing: Sensing = "all"
+    division: Division = "reciprocal"
+    n_id: int = 0
+
+    def __post_init__(self) -> None:
+        bits_per_symbol(self.modulation)
+        if self.sensing not in get_args(Sensing):
+            raise unknown_name("sensing", self.sensing, get_args(Sensing))
+        if self.division not in get_args(Division):
+            raise unknown_name("division", self.division, get_args(Division))
+        require_n_id(self.n_id)
+
+    @property
+    def has_unit_modulus(self) -> bool:
+        """True where all symbols that are sensed with have the same power."""
+        return self.sensing == "prs" or self.modulation == "qpsk"
+
+    @property
+    def is_plain(self) -> bool:
+        """True where division leaves echo and noise as in the closed form: all elements, equal powers."""
+        return self.sensing == "all" and self.has_unit_modulus
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,12 +18,11 @@ import scipy.fft
 from isacbench.cores import available_cores
 from isacbench.dsp.partial_dft import doppler_rows
 from isacbench.errors import InputError, InputWarning
-from isacbench.link.sensing.division import division_factors, sensed_elements
+from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.link.sensing.interference import echo_interference
 from isacbench.link.waveform.ofdm import layout
 from isacbench.link.waveform.propagation import Paths, propagate, received_symbols
 from isacbench.link.waveform.resource_grid import draw_grid
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.echo import (
     Simulator,
     echo_parameters,

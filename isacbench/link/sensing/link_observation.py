@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.link.sensing.division import division_weights, symbol_moduli
+from isacbench.link.sensing.division import Signal, division_weights, symbol_moduli
 from isacbench.link.sensing.noise_colouring import coloured_noise
 from isacbench.link.sensing.weighted_echo import weighted_echo
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.echo import Simulator, random_stream
 
 if TYPE_CHECKING:

@@ -62,7 +62,7 @@ def observe(
     if (modulation, sensing, division) == ("qpsk", "all", "reciprocal"):
         return observe_plainly(scenario, snr_db, trial, seed)
     # Loaded where it is needed: the link brings in what most runs do without.
+    from isacbench.link.sensing.division import Signal
     from isacbench.link.sensing.link_observation import kept_simulator
-    from isacbench.link.waveform.sent_signal import Signal
 
     return kept_simulator(scenario, Signal(modulation, sensing, division)).observe(snr_db, trial, seed)

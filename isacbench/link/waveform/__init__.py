@@ -8,5 +8,4 @@ __all__ = [
     "propagation",
     "qam",
     "resource_grid",
-    "sent_signal",
 ]

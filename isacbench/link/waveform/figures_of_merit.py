@@ -161,7 +161,6 @@ class FrameRates:
 
     Attributes
     ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
     n_data_bits : int
         Bits of the elements that the PRS leaves.
     bit_rate_bps : float
@@ -169,7 +168,6 @@ class FrameRates:
         the next prefix.
     """
 
-    modulation: Modulation
     n_data_bits: int
     bit_rate_bps: float
 
@@ -219,7 +217,7 @@ def frame_rates(system: System, modulation: Modulation) -> FrameRates:
     (3473408, 2.977)
     """
     n_data_bits = bits_per_symbol(modulation) * int((~prs_elements(system)).sum())
-    return FrameRates(modulation, n_data_bits, n_data_bits / (system.n_symbols * system.symbol_time_s))
+    return FrameRates(n_data_bits, n_data_bits / (system.n_symbols * system.symbol_time_s))
 
 
 def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:

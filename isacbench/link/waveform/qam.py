@@ -216,6 +216,7 @@ def _axis_levels(bits: NDArray[np.uint8]) -> NDArray[np.int64]:
 def _constellation(n_bits: int) -> NDArray[np.complex128]:
     """Symbols (2 ** n_bits,), read-only."""
     words = _words(n_bits)
-    points = _unit(n_bits) * (_axis_levels(words[:, ::2]) + 1j * _axis_levels(words[:, 1::2]))
+    points = np.empty(len(words), dtype=np.complex128)
+    points.real, points.imag = (_unit(n_bits) * _axis_levels(words[:, axis::2]) for axis in (0, 1))
     points.setflags(write=False)
     return points

@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.link.sensing.division import division_factors, division_weights, symbol_moduli
+from isacbench.link.sensing.division import Signal, division_factors, division_weights, symbol_moduli
 from isacbench.link.waveform.qam import constellation
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.numerology import System
 
 SMALL = System(n_subcarriers=64, n_symbols=28)

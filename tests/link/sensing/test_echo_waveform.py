@@ -9,6 +9,7 @@ import pytest
 from isacbench import get_estimator, load_scenario, observe, score
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError, InputWarning
+from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.echo_waveform import (
     echo_paths,
     interference_to_echo_db,
@@ -21,7 +22,6 @@ from isacbench.link.waveform.ofdm import demodulate
 from isacbench.link.waveform.propagation import received_symbols
 from isacbench.link.waveform.qam import constellation
 from isacbench.link.waveform.resource_grid import draw_grid
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, resource_grid
 from isacbench.model.frame import get_frame

@@ -9,12 +9,11 @@ import isacbench
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
 from isacbench.link.sensing import weighted_echo as weighted_echo_module
-from isacbench.link.sensing.division import symbol_moduli
+from isacbench.link.sensing.division import Signal, symbol_moduli
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.sensing.observing import observe
 from isacbench.link.sensing.weighted_echo import weighted_echo
 from isacbench.link.waveform.resource_grid import draw_grid
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.echo import Simulator, clean_echo, resource_grid
 from isacbench.model.gate import build_gate
 from isacbench.model.numerology import System

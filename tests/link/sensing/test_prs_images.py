@@ -10,9 +10,9 @@ import isacbench
 from isacbench.dsp.bursts import symbol_bursts
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.sensing.observing import observe
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, echo_parameters
 from isacbench.model.scene import Scatterers
