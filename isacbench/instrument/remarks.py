@@ -15,12 +15,9 @@ Estimators of other packages may remark the same:
 from __future__ import annotations
 
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self, get_args
+from typing import Literal, NamedTuple, Self, get_args
 
 from isacbench.errors import unknown_name
-
-if TYPE_CHECKING:
-    from contextvars import Token
 
 Remark = Literal["unseparated"]
 """Remarks that there are.
@@ -67,15 +64,15 @@ class Remarks:
 
     def __init__(self) -> None:
         self.counts: dict[Remark, Count] = {}
-        self._token: Token[Remarks | None] | None = None
+        self._outer: Remarks | None = None
 
     def __enter__(self) -> Self:
-        self._token = _current.set(self)
+        self._outer = _current.get()
+        _current.set(self)
         return self
 
     def __exit__(self, *_: object) -> None:
-        assert self._token is not None
-        _current.reset(self._token)
+        _current.set(self._outer)
 
     def sentences(self) -> list[str]:
         """Write one sentence for each remark of which there were cases."""

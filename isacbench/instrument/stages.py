@@ -24,7 +24,6 @@ from isacbench.errors import unknown_name
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
-    from contextvars import Token
 
 Stage = Literal["rdm", "detection", "subspace", "spectrum", "peaks", "refinement"]
 """Steps of an estimate, in the order of the chain.
@@ -87,17 +86,17 @@ class StageClock:
         self._now = now
         self._running: list[Stage] = []
         self._since = self._start = 0.0
-        self._token: Token[StageClock | None] | None = None
+        self._outer: StageClock | None = None
 
     def __enter__(self) -> Self:
-        self._token = _current.set(self)
+        self._outer = _current.get()
+        _current.set(self)
         self._start = self._now()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.total_s = self._now() - self._start
-        assert self._token is not None
-        _current.reset(self._token)
+        _current.set(self._outer)
 
     @contextmanager
     def _running_stage(self, name: Stage) -> Iterator[None]:

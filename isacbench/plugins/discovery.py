@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -167,25 +167,23 @@ def isolated_plugins() -> Iterator[None]:
 @lru_cache(maxsize=8)
 def _installed(kind: PluginKind, _path: tuple[object, ...]) -> tuple[RegisteredPlugin, ...]:
     """Entries of the packages on the import path; cached, because a run asks often."""
-    return tuple(_installed_entry(kind, entry_point) for entry_point in entry_points(group=GROUPS[kind]))
+    return tuple(
+        RegisteredPlugin(
+            kind,
+            entry.name,
+            entry.value,
+            entry.dist.name if entry.dist else entry.value,
+            entry.dist.version if entry.dist else None,
+            entry.load,
+        )
+        for entry in entry_points(group=GROUPS[kind])
+    )
 
 
 def _import_path() -> tuple[tuple[str, int], ...]:
     """Folders that packages are found in, and the time of the last installation or removal in each."""
     folders = (Path(folder) for folder in sys.path)
     return tuple((str(folder), folder.stat().st_mtime_ns) for folder in folders if folder.exists())
-
-
-def _installed_entry(kind: PluginKind, entry_point: EntryPoint) -> RegisteredPlugin:
-    distribution = entry_point.dist
-    return RegisteredPlugin(
-        kind,
-        entry_point.name,
-        entry_point.value,
-        distribution.name if distribution else entry_point.value,
-        distribution.version if distribution else None,
-        entry_point.load,
-    )
 
 
 def _local_entry(file: PluginFile, kind: PluginKind, plugin: type[Any]) -> RegisteredPlugin:

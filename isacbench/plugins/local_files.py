@@ -136,12 +136,8 @@ def _run(file: PluginFile) -> ModuleType:
     module = ModuleType(file.module_name)
     module.__file__ = file.code_name
     # Without a time of modification an entry stays, though no such file exists.
-    linecache.cache[file.code_name] = (
-        len(file.source),
-        None,
-        file.source.splitlines(keepends=True),
-        file.code_name,
-    )
+    lines = file.source.splitlines(keepends=True)
+    linecache.cache[file.code_name] = len(file.source), None, lines, file.code_name
     sys.modules[file.module_name] = module
     try:
         # What it prints is no part of a command's output, which may be JSON.

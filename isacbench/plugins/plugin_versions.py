@@ -171,7 +171,7 @@ def _library_digest(
 
 
 def class_digest(classes: Iterable[type[Any]], module: str) -> str:
-    """Compute the digest of classes that no file holds, and of the functions and classes of their module that they use.
+    """Compute the digest of classes without a file, and of all of their module that they use.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def class_digest(classes: Iterable[type[Any]], module: str) -> str:
 
 
 def _members(thing: Any) -> list[tuple[str, Any]]:
-    """Members of a class that its author wrote, those that dataclasses make left out, or a function itself."""
+    """Members of a class but for those that dataclasses make, or a function itself."""
     if isinstance(thing, FunctionType):
         return [("", thing)]
     return [

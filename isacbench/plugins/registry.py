@@ -224,12 +224,11 @@ def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dic
     ('osca', 1)
     """
     plugin = _load(_registered(kind, name))
-    return _as_json(field_defaults(plugin)), _as_json(values_before(plugin))
-
-
-def _as_json(params: dict[str, Any]) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(json.dumps({name: _plain(value) for name, value in params.items()}))
-    return content
+    defaults, before = (
+        {key: _plain(value) for key, value in values.items()}
+        for values in (field_defaults(plugin), values_before(plugin))
+    )
+    return defaults, before
 
 
 def distribution(kind: PluginKind, name: str) -> str:
@@ -365,13 +364,13 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
         raise InputError(f"{kind} {name} cannot be built: {type(error).__name__}: {error}") from error
 
 
-def required_fields(plugin: type[Any]) -> list[str]:
-    """List the fields of a plugin's class that have no default.
+def required_fields(plugin: Any) -> list[str]:
+    """List the fields of a dataclass that have no default.
 
     Parameters
     ----------
-    plugin : type
-        A dataclass.
+    plugin : type or object
+        A dataclass, or an instance of one.
 
     Returns
     -------
@@ -396,14 +395,11 @@ def field_defaults(plugin: Any) -> dict[str, Any]:
     -------
     dict of str to Any
     """
-    fields = dataclasses.fields(plugin)
-    made = {
-        field.name: field.default_factory()
-        for field in fields
-        if field.default_factory is not dataclasses.MISSING
+    return {
+        field.name: field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+        for field in dataclasses.fields(plugin)
+        if field.name not in required_fields(plugin)
     }
-    plain = {field.name: field.default for field in fields if field.default is not dataclasses.MISSING}
-    return plain | made
 
 
 def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:

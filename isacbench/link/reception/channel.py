@@ -219,12 +219,10 @@ class TappedDelay:
 
     def __post_init__(self) -> None:
         delay_profile(self.profile)
-        spread_s = self.delay_spread_s
-        require(0 <= spread_s < np.inf, "delay_spread_s", spread_s, "a number of s from 0")
+        allowed = 0 <= self.delay_spread_s < np.inf
+        require(allowed, "delay_spread_s", self.delay_spread_s, "a number of s from 0")
         allowed = 0 <= self.speed_mps < SPEED_OF_LIGHT_MPS
-        require(
-            allowed, "speed_mps", self.speed_mps, "a number of m/s from 0 to less than the speed of light"
-        )
+        require(allowed, "speed_mps", self.speed_mps, "a number of m/s from 0, below that of light")
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
         """Draw one fade: one path for each tap, of a moving user `RAYS_A_TAP` for each fading tap.

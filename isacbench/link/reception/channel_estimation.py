@@ -84,7 +84,14 @@ class PrsEstimator:
         ndarray of complex128, shape (n_subcarriers, n_symbols) or (n_subcarriers, 1)
             One column where the channel is taken as constant.
         """
-        raw = np.stack([self._raw(received, sent, burst) for burst in self.bursts])
+        raw = np.stack(
+            [
+                np.sum(received[:, burst] * sent[:, burst].conj(), axis=1, where=self.is_prs[:, burst])
+                / self._count(burst)
+                for burst in self.bursts
+            ]
+        )
+        # The PRS has unit power: these are least squares of every subcarrier for itself.
         projected = (raw @ self.basis.conj()) @ self.basis.T
         by_symbol: NDArray[np.complex128] = self.along_time @ projected
         return by_symbol.T
@@ -93,14 +100,6 @@ class PrsEstimator:
         """PRS elements (n_subcarriers,) of a burst."""
         count: NDArray[np.int64] = self.is_prs[:, burst].sum(axis=1)
         return count
-
-    def _raw(
-        self, received: NDArray[np.complex128], sent: NDArray[np.complex128], burst: NDArray[np.int64]
-    ) -> NDArray[np.complex128]:
-        """Least squares (n_subcarriers,) of every subcarrier for itself; the PRS has unit power."""
-        products = received[:, burst] * sent[:, burst].conj()
-        total: NDArray[np.complex128] = np.sum(products, axis=1, where=self.is_prs[:, burst])
-        return total / self._count(burst)
 
 
 @lru_cache(maxsize=8)

@@ -21,6 +21,7 @@ Dirichlet kernel sin(πε)/(N sin(πε/N)), and P = 1 - a², which for small ε 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -123,13 +124,9 @@ def path_interference(
         raise InputError(
             "range or delay, and speed or Doppler: allowed are finite numbers, no negative delay"
         )
-    parts = layout(system)
-    paths = zip(delays.ravel().tolist(), dopplers.ravel().tolist(), strict=True)
-    found = [_path_interference(late, ratio, parts, n_previous) for late, ratio in paths]
-    gain, power = (
-        np.array(found, dtype=np.complex128).reshape(*delays.shape, 2).transpose(-1, *range(delays.ndim))
-    )
-    return Interference(gain, power.real)
+    of_path = partial(_path_interference, parts=layout(system), n_previous=n_previous)
+    gain, power = np.vectorize(of_path, otypes=[np.complex128, np.float64])(delays, dopplers)
+    return Interference(gain, power)
 
 
 def _path_interference(

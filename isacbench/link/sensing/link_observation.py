@@ -84,17 +84,10 @@ class SignalSimulator(Simulator):
         """
         if self.signal.is_plain:
             return super().observe(snr_db, trial, seed)
-        noise_amplitude = self.noise_amplitude(snr_db)
-        cells = self.echo_cells(snr_db, trial, seed)
-        if noise_amplitude:
-            noise = noise_amplitude * self.noise_cells(snr_db, trial, seed)
-            noise += cells
-            return self._sensed(noise)
-        return self._sensed(cells.copy())
-
-    def _sensed(self, cells: Complex) -> Observation:
-        """Observation that tells which resource elements were sensed with."""
-        return replace(self.observation(cells), sensing=self.signal.sensing)
+        amplitude = self.noise_amplitude(snr_db)
+        noise = amplitude * self.noise_cells(snr_db, trial, seed) if amplitude else 0
+        observation = self.observation(self.echo_cells(snr_db, trial, seed) + noise)
+        return replace(observation, sensing=self.signal.sensing)
 
     def weights(self, snr_db: float, trial: int = 0, seed: int = 0) -> Weights:
         """Compute the weights of echo and noise on the resource grid.

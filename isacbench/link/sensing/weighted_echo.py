@@ -90,6 +90,8 @@ def _doppler_lines(
     symbols = np.arange(n_symbols)
     profiles = np.exp(2j * np.pi * np.outer(speeds, symbols) / n_symbols)
     rows = doppler_rows(gate.doppler_bins, n_symbols)
+    # The weights are real: half the operations.
+    columns = (rows[:, None] * profiles).reshape(-1, n_symbols).T.copy().view(np.float64)
     amplitudes = echo.gain[:, None] * coordinates
     echoes_of = [np.flatnonzero(of_speed == k) for k in range(speeds.size)]
     lines = np.empty((n_subcarriers, len(rows), coordinates.shape[1]), dtype=np.complex128)
@@ -98,12 +100,9 @@ def _doppler_lines(
     for first in range(0, n_subcarriers, n_together):
         part = slice(first, min(first + n_together, n_subcarriers))
         subcarriers = np.arange(part.start, part.stop)
-        profile = np.empty((subcarriers.size, len(rows), speeds.size), dtype=np.complex128)
+        profile = (weight[part] @ columns).view(np.complex128).reshape(-1, len(rows), speeds.size)
         at_speed = np.empty((subcarriers.size, speeds.size, coordinates.shape[1]), dtype=np.complex128)
         for k, echoes in enumerate(echoes_of):
-            # The weights are real: half the operations.
-            columns = (rows * profiles[k]).T.copy().view(np.float64)
-            profile[:, :, k] = (weight[part] @ columns).view(np.complex128)
             delays = np.exp(-2j * np.pi / n_subcarriers * np.outer(subcarriers, echo.range_bin[echoes]))
             at_speed[:, k] = delays @ amplitudes[echoes]
         lines[part] = profile @ at_speed

@@ -3,7 +3,6 @@
 __all__ = [
     "figures_of_merit",
     "ofdm",
-    "papr",
     "power_spectrum",
     "propagation",
     "qam",

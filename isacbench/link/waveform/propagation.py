@@ -264,14 +264,13 @@ class _Receiver:
         self.n_elements: int = paths.gain.shape[1]
         # Of these a demodulator sees one symbol alone, at full amplitude.
         is_undisturbed = demodulates & (self.delay <= self.parts.n_prefix - self.parts.n_suffix)
-        self.standing = self._response(np.flatnonzero(is_undisturbed & (self.turns == 0)))
+        standing = np.flatnonzero(is_undisturbed & (self.turns == 0))
+        self.standing = self._response(standing)
         moving = np.flatnonzero(is_undisturbed & (self.turns != 0))
         _, speed, counts = np.unique(self.turns[moving], return_inverse=True, return_counts=True)
         # Paths of one speed are summed where that leaves fewer waves.
         self.crowds = [moving[speed == k] for k in np.flatnonzero(counts >= self.n_elements)]
-        is_single = ~(is_undisturbed & (self.turns == 0))
-        is_single[[path for crowd in self.crowds for path in crowd]] = False
-        self.single = np.flatnonzero(is_single)
+        self.single = np.setdiff1d(np.arange(self.delay.size), np.concatenate([standing, *self.crowds]))
 
     def runs(self, n_periods: int) -> Iterator[range]:
         """Consecutive runs of periods that are held at a time."""

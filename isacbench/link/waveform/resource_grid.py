@@ -99,19 +99,15 @@ def draw_grid(
     n_bits = bits_per_symbol(modulation)
     is_prs = prs_elements(system)
     n_data = is_prs.size - int(is_prs.sum())
-    bits = _random_bits(n_data * n_bits, random_stream("data", trial, seed, modulation))
+    # Eight bits of every random byte.
+    packed = random_stream("data", trial, seed, modulation).bytes(-(-n_data * n_bits // 8))
+    bits = np.unpackbits(np.frombuffer(packed, dtype=np.uint8), count=n_data * n_bits)
     # Symbols by subcarriers, so that one mask writes them in the standard's order.
     by_symbol = prs_symbols(system, n_id).T.copy()
     by_symbol[~is_prs.T] = modulate_bits(bits, modulation)
     for array in (by_symbol, is_prs, bits):
         array.setflags(write=False)
     return ResourceGrid(by_symbol.T, is_prs, bits, modulation)
-
-
-def _random_bits(n_bits: int, stream: np.random.Generator) -> NDArray[np.uint8]:
-    """Zeros and ones (n_bits,), eight of every random byte."""
-    packed = np.frombuffer(stream.bytes(-(-n_bits // 8)), dtype=np.uint8)
-    return np.unpackbits(packed, count=n_bits)
 
 
 @lru_cache(maxsize=2, typed=True)

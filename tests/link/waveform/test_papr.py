@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
+from isacbench.link.waveform.figures_of_merit import exceeded_papr_db, papr_ccdf, symbol_papr_db
 from isacbench.link.waveform.ofdm import layout, modulate
-from isacbench.link.waveform.papr import exceeded_papr_db, papr_ccdf, symbol_papr_db
 from isacbench.link.waveform.qam import constellation
 from isacbench.model.numerology import System
 
