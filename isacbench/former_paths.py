@@ -65,11 +65,25 @@ class FormerPaths(MetaPathFinder, Loader):
     ) -> ModuleSpec | None:
         """Find the paths of `PRESENT` and those below them.
 
-        Parameters and result are those of `importlib.abc.MetaPathFinder.find_spec`.
+        Parameters
+        ----------
+        fullname : str
+        path : sequence of str or None
+        target : module, optional
+
+        Returns
+        -------
+        ModuleSpec or None
+            None for every other path.
         """
         moved = present_path(fullname) != fullname
         return ModuleSpec(fullname, self, is_package=True) if moved else None
 
     def exec_module(self, module: ModuleType) -> None:
-        """Put the module at the present path in the place of the imported one."""
+        """Put the module at the present path in the place of the imported one.
+
+        Parameters
+        ----------
+        module : module
+        """
         sys.modules[module.__name__] = import_module(present_path(module.__name__))

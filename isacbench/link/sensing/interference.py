@@ -86,7 +86,7 @@ def echo_interference(
     --------
     >>> from isacbench.model.numerology import System
     >>> echo_interference(System(), [100.0, 100.0, 200.0], [0.0, 30.0, 0.0]).power.round(3).tolist()
-    [0.0, 0.011, 0.156]
+    [0.0, 0.011, 0.157]
     """
     delay_s = 2 * np.asarray(range_m, dtype=np.float64) / SPEED_OF_LIGHT_MPS
     doppler_hz = 2 * np.asarray(velocity_mps, dtype=np.float64) * system.carrier_hz / SPEED_OF_LIGHT_MPS
