@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.fft
+from threadpoolctl import threadpool_limits
 
 from isacbench.cores import available_cores
 from isacbench.errors import InputError, require
@@ -283,8 +284,10 @@ class _Receiver:
         received = np.zeros((len(periods), self.n_elements, self.time.size), dtype=np.complex128)
         for waves in self._waves():
             first, last = max(periods.start, waves.lag), min(periods.stop, len(self.sent) + waves.lag)
-            for period in range(first, last):
-                received[period - periods.start] += self._arriving(waves, period)
+            # Threads of BLAS cost more than they save in products of this size.
+            with threadpool_limits(limits=1, user_api="blas"):
+                for period in range(first, last):
+                    received[period - periods.start] += self._arriving(waves, period)
         return received
 
     def spectra(self, periods: range) -> Complex:
