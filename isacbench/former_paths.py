@@ -1,4 +1,4 @@
-"""Import paths that CONTRIBUTING named in version 0.1: each gives the module at its present place."""
+"""Former import paths, of version 0.1: each gives the module at its present path."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PRESENT = {
 
 
 def present_path(module: str) -> str:
-    """Path at which a module lies now.
+    """Look up the present path of a module.
 
     Parameters
     ----------
@@ -43,32 +43,47 @@ def present_path(module: str) -> str:
     Returns
     -------
     str
-        The same name where the module has not moved. What a former package
-        held is looked for in the present one.
+        The same name where the module has not moved. Modules of a former package
+        are those of the present one.
 
     Examples
     --------
     >>> present_path("isacbench.contracts"), present_path("numpy")
     ('isacbench.plugins.contracts', 'numpy')
     """
-    parts = module.split(".")
-    for n in range(len(parts), 0, -1):
-        present = PRESENT.get(".".join(parts[:n]))
-        if present is not None:
-            return ".".join([present, *parts[n:]])
+    for former in sorted(PRESENT, key=len, reverse=True):
+        if f"{module}.".startswith(f"{former}."):
+            return PRESENT[former] + module.removeprefix(former)
     return module
 
 
 class FormerPaths(MetaPathFinder, Loader):
-    """Importer of modules by their former paths: the module itself, not a second copy of it."""
+    """Importer of modules by their former paths; there is no second copy of a module."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Claim the paths of `PRESENT` and what lies under them, and no other."""
+        """Find the paths of `PRESENT` and those below them.
+
+        Parameters
+        ----------
+        fullname : str
+        path : sequence of str or None
+        target : module, optional
+
+        Returns
+        -------
+        ModuleSpec or None
+            None for every other path.
+        """
         moved = present_path(fullname) != fullname
         return ModuleSpec(fullname, self, is_package=True) if moved else None
 
     def exec_module(self, module: ModuleType) -> None:
-        """Put the module at the present path in the place of the one that the import began with."""
+        """Put the module at the present path in the place of the imported one.
+
+        Parameters
+        ----------
+        module : module
+        """
         sys.modules[module.__name__] = import_module(present_path(module.__name__))

@@ -13,8 +13,7 @@ from isacbench.cubes.cube import Cube, require_shape
 from isacbench.cubes.opening import open_cube, read_grid
 from isacbench.cubes.transform import GateTransform
 from isacbench.errors import InputError
-from isacbench.link.sensing.division import division_factors, sensed_elements
-from isacbench.link.waveform.sent_signal import Signal
+from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation, cross_elements
 

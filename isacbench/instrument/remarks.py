@@ -1,7 +1,7 @@
-"""What an estimator has to say about an image beside its cloud: where the data leave something open.
+"""Remarks of an estimator on an image: places where the data leave something open.
 
-A remark is no error and no warning: the image is taken, and what was open is
-left out of it. Nobody need listen. Within `Remarks` they are counted.
+A remark is no error and no warning: the image is valid, and what is open is left
+out of it. Remarks are counted within `Remarks`, and ignored elsewhere.
 Estimators of other packages may remark the same:
 
 >>> from isacbench.instrument.remarks import Remarks, remark
@@ -15,20 +15,16 @@ Estimators of other packages may remark the same:
 from __future__ import annotations
 
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self, get_args
+from typing import Literal, NamedTuple, Self, get_args
 
 from isacbench.errors import unknown_name
 
-if TYPE_CHECKING:
-    from contextvars import Token
-    from types import TracebackType
-
 Remark = Literal["unseparated"]
-"""What can be remarked.
+"""Remarks that there are.
 
 unseparated
-    Subspaces of whose dimensions rounding has the choice: at the order asked
-    for, signal and noise are not separated (`isacbench.dsp.angles.eigenpairs`).
+    Subspaces whose dimensions depend on rounding: at the order asked for,
+    signal and noise are not separated (`isacbench.dsp.angles.eigenpairs`).
     Directions come from the dimensions that are determined, if any.
 """
 
@@ -39,18 +35,18 @@ _SENTENCES: dict[Remark, str] = {
 }
 
 _current: ContextVar[Remarks | None] = ContextVar("current", default=None)
-"""Who listens; of the context, so that threads which an estimator starts are not heard."""
+"""Counter of remarks. It belongs to the context: threads that an estimator starts have none."""
 
 
 class Count(NamedTuple):
-    """How many of how many.
+    """Count of a remark.
 
     Attributes
     ----------
     n : int
-        Those that the remark is about.
+        Cases that the remark is about.
     of : int
-        Those that were looked at.
+        Cases that were examined.
     """
 
     n: int
@@ -58,7 +54,7 @@ class Count(NamedTuple):
 
 
 class Remarks:
-    """Counts the remarks that are made within it; a context manager. Of two, the inner one alone hears them.
+    """Counter of the remarks within it; a context manager. Of two nested ones only the inner one counts.
 
     Attributes
     ----------
@@ -68,39 +64,33 @@ class Remarks:
 
     def __init__(self) -> None:
         self.counts: dict[Remark, Count] = {}
-        self._token: Token[Remarks | None] | None = None
+        self._outer: Remarks | None = None
 
     def __enter__(self) -> Self:
-        self._token = _current.set(self)
+        self._outer = _current.get()
+        _current.set(self)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        assert self._token is not None
-        _current.reset(self._token)
-
-    def add(self, name: Remark, n: int, of: int) -> None:
-        """Count more of them."""
-        before = self.counts.get(name, Count(0, 0))
-        self.counts[name] = Count(before.n + n, before.of + of)
+    def __exit__(self, *_: object) -> None:
+        _current.set(self._outer)
 
     def sentences(self) -> list[str]:
-        """One sentence for each remark that is about anything."""
+        """Write one sentence for each remark of which there were cases."""
         return [
             f"{count.n} of {count.of} {_SENTENCES[name]}" for name, count in self.counts.items() if count.n
         ]
 
 
 def remark(name: Remark, n: int, of: int) -> None:
-    """Say that something is so of n out of many; costs nothing to speak of where nobody listens.
+    """Remark on n cases out of many, if a `Remarks` counts.
 
     Parameters
     ----------
     name : {"unseparated"}
         See `Remark`.
     n, of : int
-        How many of how many; 0 of them count as looked at.
+        Cases that the remark is about, and cases examined. Also remark with n = 0,
+        so that all examined cases count.
 
     Raises
     ------
@@ -111,4 +101,5 @@ def remark(name: Remark, n: int, of: int) -> None:
         raise unknown_name("remark", name, REMARKS)
     remarks = _current.get()
     if remarks is not None:
-        remarks.add(name, n, of)
+        before = remarks.counts.get(name, Count(0, 0))
+        remarks.counts[name] = Count(before.n + n, before.of + of)

@@ -1,7 +1,7 @@
-"""Stages of an estimate: where its time goes, told by the estimator itself.
+"""Stages of an estimate: steps that the estimator marks, so that they are timed.
 
-An estimator wraps its steps in `stage`. As long as nobody measures this costs
-a fraction of a microsecond; within a `StageClock` every stage collects its time.
+An estimator wraps its steps in `stage`. Within a `StageClock` every stage
+collects its time; without one a stage costs a fraction of a microsecond.
 Estimators of other packages may do the same:
 
 >>> from isacbench.instrument.stages import stage
@@ -15,21 +15,21 @@ Estimators of other packages may do the same:
 from __future__ import annotations
 
 import time
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Literal, Protocol, Self, get_args
+from typing import TYPE_CHECKING, Literal, Self, get_args
 
 from isacbench.errors import unknown_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from contextvars import Token
-    from types import TracebackType
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
 
 Stage = Literal["rdm", "detection", "subspace", "spectrum", "peaks", "refinement"]
 """Steps of an estimate, in the order of the chain.
 
 rdm
-    Reading and tapering range-Doppler cells, whatever makes maps.
+    Reading and tapering range-Doppler cells.
 detection
     Power map, noise and floors, CFAR over range-Doppler cells.
 subspace
@@ -45,58 +45,17 @@ refinement
 
 STAGES: tuple[Stage, ...] = get_args(Stage)
 
-_ALLOWED = frozenset(STAGES)
-
 _current: ContextVar[StageClock | None] = ContextVar("current", default=None)
-"""The clock that measures; of the context, so that threads which an estimator starts have none."""
-
-
-class _Marker(Protocol):
-    """What `stage` returns."""
-
-    def __enter__(self) -> None:
-        """Begin."""
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """End; exceptions pass."""
-
-
-class _Unmeasured:
-    """A stage that nobody measures."""
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass
-
-
-class _Measured:
-    """A stage whose time a clock collects."""
-
-    def __init__(self, clock: StageClock, name: Stage) -> None:
-        self._clock, self._name = clock, name
-
-    def __enter__(self) -> None:
-        self._clock._begin(self._name)
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._clock._end()
+"""Clock that measures. It belongs to the context: threads that an estimator starts have none."""
 
 
 class StageClock:
-    """Wall time of what runs within it, as a whole and by stage; a context manager, entered once.
+    """Clock of the wall time within it, as a whole and by stage; a context manager, entered once.
 
-    Times of stages are exclusive: while an inner stage runs, the outer one's
-    stands still. Threads that an estimator starts have no clock of their own:
-    the stage that waits for them has their time. Of two clocks, one within
-    the other, the inner one alone sees the stages that run in it.
+    Times of stages are exclusive: an inner stage stops the outer one. Threads
+    that an estimator starts have no clock: their time counts for the stage
+    that waits for them. Of two nested clocks only the inner one sees the
+    stages within it.
 
     Parameters
     ----------
@@ -108,7 +67,7 @@ class StageClock:
     seconds : dict of str to float
         Time in s of each stage that occurred.
     total_s : float
-        From entering to leaving, what belongs to no stage included.
+        Time from entering to leaving, inside and outside of stages.
 
     Examples
     --------
@@ -127,38 +86,39 @@ class StageClock:
         self._now = now
         self._running: list[Stage] = []
         self._since = self._start = 0.0
-        self._token: Token[StageClock | None] | None = None
+        self._outer: StageClock | None = None
 
     def __enter__(self) -> Self:
-        self._token = _current.set(self)
+        self._outer = _current.get()
+        _current.set(self)
         self._start = self._now()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.total_s = self._now() - self._start
-        assert self._token is not None
-        _current.reset(self._token)
+        _current.set(self._outer)
 
-    def _begin(self, name: Stage) -> None:
+    @contextmanager
+    def _running_stage(self, name: Stage) -> Iterator[None]:
+        """Give a stage the time that passes within it."""
+        self._account()
+        self.seconds.setdefault(name, 0.0)
+        self._running.append(name)
+        try:
+            yield
+        finally:
+            self._account()
+            self._running.pop()
+
+    def _account(self) -> None:
+        """Give the time since the last call to the stage that is running."""
         now = self._now()
         if self._running:
             self.seconds[self._running[-1]] += now - self._since
-        self.seconds.setdefault(name, 0.0)
-        self._running.append(name)
-        self._since = now
-
-    def _end(self) -> None:
-        now = self._now()
-        self.seconds[self._running.pop()] += now - self._since
         self._since = now
 
 
-_unmeasured = _Unmeasured()
-
-
-def stage(name: Stage) -> _Marker:
+def stage(name: Stage) -> AbstractContextManager[None]:
     """Mark a stage of an estimate; a context manager.
 
     Parameters
@@ -166,12 +126,16 @@ def stage(name: Stage) -> _Marker:
     name : {"rdm", "detection", "subspace", "spectrum", "peaks", "refinement"}
         See `Stage`.
 
+    Returns
+    -------
+    context manager
+
     Raises
     ------
     InputError
         If there is no such stage.
     """
-    if name not in _ALLOWED:
+    if name not in STAGES:
         raise unknown_name("stage", name, STAGES)
     clock = _current.get()
-    return _unmeasured if clock is None else _Measured(clock, name)
+    return nullcontext() if clock is None else clock._running_stage(name)

@@ -1,9 +1,9 @@
-"""The small contracts between the harness and its plugins."""
+"""Contracts between the harness and its plugins."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, get_args, get_type_hints, runtime_checkable
 
 from isacbench.display import brief
 from isacbench.dsp.detection import Detection as Detection
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Needs:
-    """What an estimator reads of an observation: nothing else is computed for it.
+    """Parts of an observation that an estimator reads; nothing else is computed for it.
 
     Attributes
     ----------
@@ -40,16 +40,12 @@ class Needs:
     """
 
     elements: Literal["plane", "cross", "none"] = "plane"
-    integration: Literal["noncoherent", "element"] | None = "noncoherent"
+    integration: Literal["noncoherent", "element", None] = "noncoherent"
     cells: Literal["gate", "detected", "none"] = "gate"
 
     def __post_init__(self) -> None:
-        for name, allowed in (
-            ("elements", ("plane", "cross", "none")),
-            ("integration", ("noncoherent", "element", None)),
-            ("cells", ("gate", "detected", "none")),
-        ):
-            value = getattr(self, name)
+        for name, hint in get_type_hints(Needs).items():
+            allowed, value = get_args(hint), getattr(self, name)
             require(value in allowed, f"needs.{name}", value, f"one of {', '.join(map(str, allowed))}")
 
 
@@ -67,7 +63,16 @@ class Estimator(Protocol):
     name: ClassVar[str]
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
+        """Image one observation.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        PointCloud
+        """
 
 
 @runtime_checkable
@@ -80,7 +85,17 @@ class TruthEstimator(Estimator, Protocol):
     needs_truth: ClassVar[bool]
 
     def estimate(self, observation: Observation, truth: PointCloud | None = None) -> PointCloud:
-        """Image one observation, knowing its truth."""
+        """Image one observation, knowing its truth.
+
+        Parameters
+        ----------
+        observation : Observation
+        truth : PointCloud, optional
+
+        Returns
+        -------
+        PointCloud
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +109,7 @@ class Spectrum:
     level_db : ndarray of float64, shape (g,)
         Level of the spectrum in dB; the estimator chooses its zero.
     threshold_db : float, ndarray of float64 of shape (g,), or None
-        What a peak has to exceed; None where the estimator has no threshold.
+        Level that a peak has to exceed; None where the estimator has no threshold.
     peaks : ndarray of float64, shape (k,)
         Direction cosines that the estimator takes for echoes.
     label : {"u", "w"}
@@ -112,14 +127,14 @@ class Spectrum:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What an estimator saw on its way to a cloud, enough to draw its range-Doppler map and its spectra.
+    """Intermediate results of an estimator: its range-Doppler map, detections and spectra.
 
     Attributes
     ----------
     power : ndarray of float64, shape (n_range, n_doppler)
-        The map that the detector saw.
+        Power of the map that was detected on.
     detection : Detection
-        What the detector said of it.
+        Detections in that map.
     range_bins : ndarray of int64, shape (n_range,)
         Range bins of the map.
     doppler_bins : ndarray of int64, shape (n_doppler,)
@@ -129,7 +144,7 @@ class Diagnosis:
     cell : (int, int) or None
         Range and Doppler bin of that cell, None where nothing was detected.
     separated : bool or None
-        Whether signal and noise subspaces of that cell are separated, so that
+        True if signal and noise subspaces of that cell are separated, so that
         their directions are more than rounding; None where there are none.
     """
 
@@ -146,14 +161,23 @@ class Diagnosis:
 
 @runtime_checkable
 class Diagnoser(Protocol):
-    """An estimator that shows its work. Optional: figures of maps and spectra are drawn of those that do."""
+    """Estimator that shows its intermediate results. Optional: figures of maps and spectra need it."""
 
     def diagnose(self, observation: Observation) -> Diagnosis:
-        """Look at one observation as `Estimator.estimate` does, and say what was seen."""
+        """Process one observation as `Estimator.estimate` does, and keep intermediate results.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        Diagnosis
+        """
 
 
 def needs_of(estimator: Estimator) -> Needs:
-    """What an estimator declares to need; all of the gate on all elements where it declares nothing.
+    """Look up the needs of an estimator: all of the gate on all elements where it declares nothing.
 
     Parameters
     ----------
@@ -166,7 +190,7 @@ def needs_of(estimator: Estimator) -> Needs:
     Raises
     ------
     TypeError
-        If its ``needs`` is no `Needs`.
+        If its ``needs`` is not a `Needs`.
     """
     needs = getattr(estimator, "needs", Needs())
     if not isinstance(needs, Needs):

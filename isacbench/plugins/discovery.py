@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -21,7 +21,7 @@ GROUPS: dict[PluginKind, str] = {"estimator": "isacbench.estimators", "detector"
 
 @dataclass(frozen=True)
 class RegisteredPlugin:
-    """A name, and the class that is registered under it.
+    """Registered name of a class.
 
     Attributes
     ----------
@@ -59,7 +59,15 @@ _local: dict[PluginFile, tuple[RegisteredPlugin, ...]] = {}
 
 
 def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
-    """Everything registered of a kind, by name.
+    """Look up everything registered of a kind, by name.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+
+    Returns
+    -------
+    dict of str to RegisteredPlugin
 
     Raises
     ------
@@ -77,8 +85,8 @@ def load_plugin_file(path: str | Path) -> list[str]:
     Parameters
     ----------
     path : str or Path
-        A self-contained file: it may import what is installed, and nothing
-        that lies beside it, for other processes get its content alone.
+        A self-contained file. It may import what is installed, but no file next
+        to it, because other processes get its content alone.
 
     Returns
     -------
@@ -123,12 +131,23 @@ def register_plugin(file: PluginFile) -> list[str]:
 
 
 def entries_of(file: PluginFile) -> tuple[RegisteredPlugin, ...]:
-    """What a plugin file has registered, whatever it was called then; nothing if it is not registered."""
+    """Look up what a file of this content has registered.
+
+    Parameters
+    ----------
+    file : PluginFile
+        Its name does not matter.
+
+    Returns
+    -------
+    tuple of RegisteredPlugin
+        Empty if no such file is registered.
+    """
     return next((found for other, found in _local.items() if other.digest == file.digest), ())
 
 
 def local_plugins() -> tuple[PluginFile, ...]:
-    """Plugin files of this process in order: what another one has to register for the same names."""
+    """List the plugin files of this process in order; another process registers them for the same names."""
     return tuple(_local)
 
 
@@ -147,33 +166,24 @@ def isolated_plugins() -> Iterator[None]:
 
 @lru_cache(maxsize=8)
 def _installed(kind: PluginKind, _path: tuple[object, ...]) -> tuple[RegisteredPlugin, ...]:
-    """Entries of the packages on the import path: to look for them takes a while, and a run asks often."""
-    return tuple(_installed_entry(kind, entry_point) for entry_point in entry_points(group=GROUPS[kind]))
+    """Entries of the packages on the import path; cached, because a run asks often."""
+    return tuple(
+        RegisteredPlugin(
+            kind,
+            entry.name,
+            entry.value,
+            entry.dist.name if entry.dist else entry.value,
+            entry.dist.version if entry.dist else None,
+            entry.load,
+        )
+        for entry in entry_points(group=GROUPS[kind])
+    )
 
 
 def _import_path() -> tuple[tuple[str, int], ...]:
-    """Folders that packages are found in, and when one was last installed in each, updated or removed."""
-    return tuple((folder, _changed_ns(Path(folder))) for folder in sys.path)
-
-
-def _changed_ns(folder: Path) -> int:
-    """When a folder was changed last, 0 where there is none."""
-    try:
-        return folder.stat().st_mtime_ns
-    except OSError:
-        return 0
-
-
-def _installed_entry(kind: PluginKind, entry_point: EntryPoint) -> RegisteredPlugin:
-    distribution = entry_point.dist
-    return RegisteredPlugin(
-        kind,
-        entry_point.name,
-        entry_point.value,
-        distribution.name if distribution else entry_point.value,
-        distribution.version if distribution else None,
-        entry_point.load,
-    )
+    """Folders that packages are found in, and the time of the last installation or removal in each."""
+    folders = (Path(folder) for folder in sys.path)
+    return tuple((str(folder), folder.stat().st_mtime_ns) for folder in folders if folder.exists())
 
 
 def _local_entry(file: PluginFile, kind: PluginKind, plugin: type[Any]) -> RegisteredPlugin:
@@ -186,13 +196,10 @@ def _by_name(found: Iterable[RegisteredPlugin]) -> dict[str, RegisteredPlugin]:
     named: dict[str, RegisteredPlugin] = {}
     for entry in found:
         if entry.name in named:
+            first, second = (f"{one.origin} ({one.target})" for one in (named[entry.name], entry))
             raise InputError(
-                f"{entry.kind} {entry.name!r} is registered twice, by {_described(named[entry.name])} and by "
-                f"{_described(entry)}: names must be unique, uninstall or rename one"
+                f"{entry.kind} {entry.name!r} is registered twice, by {first} and by {second}: "
+                "names must be unique, uninstall or rename one"
             )
         named[entry.name] = entry
     return named
-
-
-def _described(entry: RegisteredPlugin) -> str:
-    return f"{entry.origin} ({entry.target})"

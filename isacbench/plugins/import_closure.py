@@ -1,8 +1,7 @@
-"""Import closure: a module and all that it imports, directly or not, as far as some packages reach.
+"""Import closure: a module and all that it imports, directly or not, within some packages.
 
-Rows follow from code. A change of code that a row does not follow from leaves
-the row as it is. Import statements tell the two apart, wherever they stand,
-and those for type checkers do not count. Nothing is imported to find out.
+It is the code that a row follows from. It is read from import statements at any
+depth, without those for type checkers, and nothing is imported.
 """
 
 from __future__ import annotations
@@ -21,10 +20,8 @@ from isacbench.former_paths import present_path
 
 CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
 
-STATEMENT = re.compile(r"(?:^|[:;])[ \t]*((?:from[ \t.]|import[ \t]).*)", re.MULTILINE)
-"""Lines that may be import statements; the text of a docstring may look like one, too."""
-
-FOR_TYPES = re.compile(r"^if (?:typing\.)?TYPE_CHECKING:\n(?:(?:[ \t]+.*)?\n)+", re.MULTILINE)
+BLOCKS = "body", "orelse", "finalbody", "handlers", "cases"
+"""Attributes of a statement that hold further statements."""
 
 BY_NAME = re.compile(rb"\b(?:import_module|__import__)\b")
 """Imports that no statement shows."""
@@ -92,12 +89,31 @@ def import_closure(
 
 
 def is_importable(module: str) -> bool:
-    """Tell whether another process with the same paths finds a module by its name."""
+    """Tell whether another process with the same paths finds a module by its name.
+
+    Parameters
+    ----------
+    module : str
+
+    Returns
+    -------
+    bool
+    """
     return module.partition(".")[0] != "__main__" and _spec(module) is not None
 
 
 def digest_of(code: Mapping[str, bytes]) -> str:
-    """SHA-256 of code by name, hexadecimal."""
+    """Compute the digest of code and of its names.
+
+    Parameters
+    ----------
+    code : mapping of str to bytes
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal.
+    """
     total = hashlib.sha256()
     for name, content in sorted(code.items()):
         total.update(f"{name}\0{len(content)}\0".encode() + content)
@@ -110,10 +126,11 @@ def source_imports(text: str, module: str, is_package: bool) -> tuple[str, ...]:
     Parameters
     ----------
     text : str
+        Of broken syntax nothing is listed.
     module : str
         Dotted name, which relative imports refer to.
     is_package : bool
-        Whether it is the ``__init__`` of a package.
+        True for the ``__init__`` of a package.
 
     Returns
     -------
@@ -125,40 +142,28 @@ def source_imports(text: str, module: str, is_package: bool) -> tuple[str, ...]:
     ('far.near', 'far.near.thing')
     """
     package = module if is_package else module.rpartition(".")[0]
-    lines = FOR_TYPES.sub("", text)
-    names = {
-        name for found in STATEMENT.finditer(lines) for name in _named(_statement(lines, found), package)
-    }
-    return tuple(sorted(names))
-
-
-def _statement(text: str, found: re.Match[str]) -> str:
-    """Import statement that begins at a match: to the end of the line, or of its parentheses."""
-    line = found[1]
-    if "(" not in line.partition("#")[0]:
-        return line
-    lines = []
-    for part in text[found.start(1) :].splitlines():
-        lines.append(part.partition("#")[0])
-        if ")" in lines[-1]:
-            break
-    return "\n".join(lines)
-
-
-def _named(statement: str, package: str) -> Iterator[str]:
-    """Names that a statement imports; none where it is a piece of prose."""
     try:
-        nodes = ast.parse(statement.strip().rstrip("\\")).body
+        tree = ast.parse(text)
     except SyntaxError:
-        return
-    for node in nodes:
+        return ()
+    names: set[str] = set()
+    for node in _statements(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
-            yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+            names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
+    return tuple(sorted(names))
+
+
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Statements at any depth, but for those that type checkers alone read."""
+    is_for_types = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+    for block in BLOCKS[is_for_types:]:
+        for statement in getattr(node, block, ()):
+            yield statement
+            yield from _statements(statement)
 
 
 def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:

@@ -11,19 +11,17 @@ import io
 import json
 import pickle
 import sys
-import uuid
 from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar
-from weakref import WeakValueDictionary
 
 import cloudpickle
 
 from isacbench.errors import InputError
 from isacbench.plugins.import_closure import is_importable
 from isacbench.plugins.plugin_versions import plugin_parts
-from isacbench.plugins.registry import canonical_params, is_frozen_dataclass
+from isacbench.plugins.registry import canonical_params, field_defaults, is_frozen_dataclass
 from isacbench.plugins.specifications import spell_spec
 
 if TYPE_CHECKING:
@@ -67,16 +65,12 @@ def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estim
 def _spelled(estimator: object) -> str:
     """Name of an object and its parameters, as a specification shows them."""
     plugin = type(estimator)
-    if isinstance(estimator, type) or not is_frozen_dataclass(plugin):
-        shown = f"the class {estimator.__name__}" if isinstance(estimator, type) else repr(estimator)[:80]
-        raise InputError(
-            f"estimators: {shown}: allowed are specifications such as 'music2d[pfa=1e-4]' and instances of "
-            "frozen dataclasses with a name and a method estimate"
-        )
     name = getattr(plugin, "name", None)
-    if not isinstance(name, str) or not callable(getattr(plugin, "estimate", None)):
+    has_method = callable(getattr(plugin, "estimate", None))
+    if not (is_frozen_dataclass(plugin) and isinstance(name, str) and has_method):
         raise InputError(
-            f"estimators: {plugin.__name__} must have a class attribute name, a text, and a method estimate"
+            f"estimators: {estimator!r:.80}: allowed are specifications such as 'music2d[pfa=1e-4]' and "
+            "instances of frozen dataclasses with a name and a method estimate"
         )
     try:
         params = json.loads(canonical_params(estimator))
@@ -92,32 +86,27 @@ def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
     unlike: dict[str, Any] = {}
     for field in dataclasses.fields(plugin):
         value = getattr(plugin, field.name)
-        if field.name in params and value != _default(field):
+        if field.name in params and value != field_defaults(plugin).get(field.name, dataclasses.MISSING):
             own = params[field.name]
             is_plugin = isinstance(own, dict)
             unlike[field.name] = {"name": own["name"], **_unlike_defaults(value, own)} if is_plugin else own
     return unlike
 
 
-def _default(field: dataclasses.Field[Any]) -> Any:
-    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-
-
 class Instances(Mapping[str, "Estimator"]):
-    """Estimators that are objects, by the texts that stand for them, on their way between processes.
+    """Estimators that are objects, by the texts that stand for them.
 
-    In the process that they come from they stay the objects that they are.
+    In another process they are unpickled where they are first asked for, when
+    the files of their plugins are registered.
 
     Parameters
     ----------
-    estimators : mapping of str to Estimator
+    estimators : mapping of str to Estimator, optional
     """
 
     def __init__(self, estimators: Mapping[str, Estimator] | None = None) -> None:
         self._estimators: Mapping[str, Estimator] | None = estimators or {}
         self._packed = b""
-        self._token = uuid.uuid4().hex
-        _here[self._token] = self
 
     def __getitem__(self, text: str) -> Estimator:
         return self._unpacked()[text]
@@ -129,25 +118,12 @@ class Instances(Mapping[str, "Estimator"]):
         return len(self._unpacked())
 
     def _unpacked(self) -> Mapping[str, Estimator]:
-        """Estimators; only where they are asked for, when files of plugins are registered."""
         if self._estimators is None:
             self._estimators = pickle.loads(self._packed)
         return self._estimators
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self._token, self._packed or _packed(self._unpacked()))
-
-
-_here: WeakValueDictionary[str, Instances] = WeakValueDictionary()
-"""Those of this process, by their tokens."""
-
-
-def _restored(token: str, packed: bytes) -> Instances:
-    if token in _here:
-        return _here[token]
-    instances = Instances()
-    instances._estimators, instances._packed = None, packed
-    return instances
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_estimators": None, "_packed": self._packed or _packed(self._unpacked())}
 
 
 class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""Local plugin files: one self-contained file, known by its content, imported without being installed."""
+"""Local plugin files: self-contained, identified by their content, imported without an installation."""
 
 from __future__ import annotations
 
@@ -18,9 +18,7 @@ from isacbench.errors import InputError
 from isacbench.files.checked_files import SOURCE_BYTES, read_text, require_file
 
 METHODS = {"estimator": "estimate", "detector": "detect"}
-"""What makes a class with a name a plugin."""
-
-MISSING = "there is no such file"
+"""Method that makes a class with a name a plugin of a kind."""
 
 DIGEST_SHOWN = 8
 """Digits of the digest that tell files of one name apart in tracebacks."""
@@ -45,6 +43,14 @@ class PluginFile:
     def read(cls, path: str | Path) -> PluginFile:
         """Read a file.
 
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        PluginFile
+
         Raises
         ------
         InputError
@@ -53,13 +59,8 @@ class PluginFile:
         path = Path(path)
         if path.suffix != ".py":
             raise InputError(f"plugin {path}: allowed is a Python file that ends in .py")
-        try:
-            require_file(path, missing=MISSING)
-            return cls(path.name, read_text(path, SOURCE_BYTES))
-        except InputError as error:
-            reason = str(error).removeprefix(f"{path}: ")
-            told = reason if reason == MISSING else f"cannot be read: {reason}"
-            raise InputError(f"plugin {path}: {told}") from error
+        require_file(path)
+        return cls(path.name, read_text(path, SOURCE_BYTES))
 
     @property
     def digest(self) -> str:
@@ -68,7 +69,7 @@ class PluginFile:
 
     @property
     def code_name(self) -> str:
-        """What tracebacks call the file: its name behind a part of its digest."""
+        """Name of the file in tracebacks: a part of its digest, and its name."""
         return f"plugin-{self.digest[:DIGEST_SHOWN]}/{self.filename}"
 
     @property
@@ -120,7 +121,12 @@ def import_plugins(file: PluginFile) -> list[tuple[str, type[Any]]]:
 
 
 def forget_module(file: PluginFile) -> None:
-    """Undo the import of a plugin file."""
+    """Undo the import of a plugin file.
+
+    Parameters
+    ----------
+    file : PluginFile
+    """
     sys.modules.pop(file.module_name, None)
     linecache.cache.pop(file.code_name, None)
 
@@ -130,24 +136,19 @@ def _run(file: PluginFile) -> ModuleType:
     module = ModuleType(file.module_name)
     module.__file__ = file.code_name
     # Without a time of modification an entry stays, though no such file exists.
-    linecache.cache[file.code_name] = (
-        len(file.source),
-        None,
-        file.source.splitlines(keepends=True),
-        file.code_name,
-    )
+    lines = file.source.splitlines(keepends=True)
+    linecache.cache[file.code_name] = len(file.source), None, lines, file.code_name
     sys.modules[file.module_name] = module
     try:
         # What it prints is no part of a command's output, which may be JSON.
         with redirect_stdout(sys.stderr):
             exec(compile(file.source, file.code_name, "exec", dont_inherit=True), vars(module))
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         forget_module(file)
+        if not isinstance(error, (Exception, SystemExit)):
+            raise
         reason = f"{_place(file, error)}{type(error).__name__}: {error}"
         raise InputError(f"plugin {file.filename}: cannot be imported: {reason}") from error
-    except BaseException:
-        forget_module(file)
-        raise
     return module
 
 

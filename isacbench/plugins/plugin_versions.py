@@ -6,18 +6,24 @@ A checkout changes its code without changing its version. The digest tells.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib import import_module
+from types import CodeType, FunctionType
 from typing import Any
 
-from isacbench.plugins.code_digests import class_digest
 from isacbench.plugins.discovery import GROUPS, entries, local_plugins
 from isacbench.plugins.import_closure import digest_of, import_closure, is_importable
 from isacbench.plugins.local_files import PluginFile
 
 LIBRARY = "isacbench"
+
+PLAIN = bool, int, float, complex, str, bytes, type(None), tuple
+"""Types of class attributes that count in a digest."""
+
+MADE_BY_PYTHON = "__module__", "__doc__", "__firstlineno__", "__static_attributes__"
 
 
 def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
@@ -65,7 +71,7 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
 
 
 def library_code(plugin: object, harness: Iterable[str] = ()) -> str:
-    """Digest of the code of isacbench that a plugin runs, and that of the harness.
+    """Compute the digest of the code of isacbench that a plugin and the harness run.
 
     Parameters
     ----------
@@ -99,7 +105,16 @@ def _shown(file: PluginFile) -> str:
 
 
 def plugin_parts(plugin: object) -> Iterator[object]:
-    """Yield a plugin and the dataclasses among its parameters, at any depth."""
+    """Yield a plugin and the dataclasses among its parameters, at any depth.
+
+    Parameters
+    ----------
+    plugin : object
+
+    Yields
+    ------
+    object
+    """
     if isinstance(plugin, (list, tuple)):
         for item in plugin:
             yield from plugin_parts(item)
@@ -153,3 +168,82 @@ def _library_digest(
     packages = {LIBRARY, *(_root(module) for module in modules)}
     code = import_closure(modules | harness, packages, dict(sources))
     return digest_of({name: text for name, text in code.items() if name.partition(".")[0] == LIBRARY})
+
+
+def class_digest(classes: Iterable[type[Any]], module: str) -> str:
+    """Compute the digest of classes without a file, and of all of their module that they use.
+
+    Parameters
+    ----------
+    classes : iterable of type
+    module : str
+        Classes of other modules do not count.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal: the same in every process of one version of
+        Python that has the classes by their code.
+    """
+    waiting: list[Any] = [one for one in classes if one.__module__ == module]
+    texts: dict[str, str] = {}
+    while waiting:
+        thing = waiting.pop()
+        if thing.__qualname__ in texts:
+            continue
+        members = _members(thing)
+        constants = sorted(f"{name}={value!r}" for name, value in members if isinstance(value, PLAIN))
+        functions = [one for _, member in sorted(members) for one in _unwrapped(member)]
+        texts[thing.__qualname__] = repr([*constants, *(_text(one.__code__) for one in functions)])
+        for function in functions:
+            used = (function.__globals__.get(name) for name in _names(function.__code__))
+            waiting += [
+                one for one in used if isinstance(one, (FunctionType, type)) and one.__module__ == module
+            ]
+    return hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest()
+
+
+def _members(thing: Any) -> list[tuple[str, Any]]:
+    """Members of a class but for those that dataclasses make, or a function itself."""
+    if isinstance(thing, FunctionType):
+        return [("", thing)]
+    return [
+        (name, value)
+        for name, value in vars(thing).items()
+        if name not in MADE_BY_PYTHON and not (name.startswith("__") and _is_made(value))
+    ]
+
+
+def _is_made(value: object) -> bool:
+    """Tell whether a function was compiled from a text of the library of dataclasses."""
+    return isinstance(value, FunctionType) and value.__code__.co_filename == "<string>"
+
+
+def _unwrapped(member: Any) -> list[FunctionType]:
+    """Functions behind a member of a class: of a property, a class method or a function itself."""
+    if isinstance(member, property):
+        found = [member.fget, member.fset, member.fdel]
+    else:
+        found = [getattr(member, "__func__", getattr(member, "func", member))]
+    return [one for one in found if isinstance(one, FunctionType)]
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    """Global names that code uses, that of functions inside included."""
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
+def _text(code: CodeType) -> str:
+    """Instructions, names and constants of code, but neither its file nor its lines."""
+    constants = [
+        _text(one)
+        if isinstance(one, CodeType)
+        else repr(sorted(one, key=repr))
+        if isinstance(one, frozenset)
+        else repr(one)
+        for one in code.co_consts
+    ]
+    return repr((code.co_name, code.co_code.hex(), code.co_names, code.co_varnames, constants))

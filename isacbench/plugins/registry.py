@@ -1,4 +1,4 @@
-"""Names to estimators and detectors: found through entry points, parameters parsed, checked and filled in."""
+"""Registry of estimators and detectors: built by name, with parameters that are checked."""
 
 from __future__ import annotations
 
@@ -6,29 +6,25 @@ import dataclasses
 import inspect
 import json
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
+from typing import Any, cast, get_args, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from isacbench.added_fields import identity_fields, values_before
-from isacbench.errors import InputError, nearest, unknown_name
+from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.contracts import Detector, Estimator
-from isacbench.plugins.discovery import (
-    PluginKind,
-    RegisteredPlugin,
-    entries,
-)
+from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries
 from isacbench.plugins.local_files import METHODS
 from isacbench.plugins.specifications import Spec, parse_spec, spec_variants
 
 
 def estimator_names() -> list[str]:
-    """Names of the registered estimators, sorted."""
+    """List the names of the registered estimators, sorted."""
     return sorted(entries("estimator"))
 
 
 def detector_names() -> list[str]:
-    """Names of the registered detectors, sorted."""
+    """List the names of the registered detectors, sorted."""
     return sorted(entries("detector"))
 
 
@@ -89,7 +85,15 @@ def get_detector(name: str, **params: Any) -> Detector:
 
 
 def sees_truth(name: str) -> bool:
-    """Tell whether a registered estimator is shown the truth, so that it does not compete.
+    """Tell whether a registered estimator sees the truth, so that it does not compete.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    bool
 
     Raises
     ------
@@ -101,10 +105,7 @@ def sees_truth(name: str) -> bool:
     >>> sees_truth("oracle"), sees_truth("music2d")
     (True, False)
     """
-    registered = entries("estimator")
-    if name not in registered:
-        raise unknown_name("estimator", name, sorted(registered))
-    return bool(getattr(_load(registered[name]), "needs_truth", False))
+    return bool(getattr(_load(_registered("estimator", name)), "needs_truth", False))
 
 
 def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
@@ -128,17 +129,25 @@ def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
     --------
     >>> require_plugins("estimator", ["music2d", "music2d[pfa=[1e-3,1e-4]]"])
     """
-    registered = entries(kind)
     for text in specs:
         for _, spec in spec_variants(text):
             if spec.params:
                 _build(kind, spec.name, spec.params)
-            elif spec.name not in registered:
-                raise unknown_name(kind, spec.name, sorted(registered))
+            else:
+                _registered(kind, spec.name)
 
 
 def build_estimator(spec: str) -> Estimator:
-    """Build the one estimator that ``name[param=value,...]`` describes."""
+    """Build the one estimator that ``name[param=value,...]`` describes.
+
+    Parameters
+    ----------
+    spec : str
+
+    Returns
+    -------
+    Estimator
+    """
     name, params = parse_spec(spec)
     return get_estimator(name, **params)
 
@@ -170,7 +179,11 @@ def build_estimators_of(spec: str) -> list[tuple[str, Estimator]]:
 
 
 def canonical_params(plugin: object) -> str:
-    """Every parameter of an estimator, a detector or the like, a dataclass, as canonical JSON.
+    """Write every parameter of a dataclass, such as an estimator or a detector, as canonical JSON.
+
+    Parameters
+    ----------
+    plugin : Estimator, Detector or other dataclass
 
     Returns
     -------
@@ -185,7 +198,12 @@ def canonical_params(plugin: object) -> str:
 
 
 def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Defaults of a registered plugin's parameters, in terms of JSON as `canonical_params` has them.
+    """Look up the defaults of a registered plugin's parameters, in terms of JSON as in `canonical_params`.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+    name : str
 
     Returns
     -------
@@ -205,26 +223,35 @@ def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dic
     >>> defaults["detector"]["name"], defaults["detector"]["order_axis"]
     ('osca', 1)
     """
-    registered = entries(kind)
-    if name not in registered:
-        raise unknown_name(kind, name, sorted(registered))
-    plugin = _load(registered[name])
-    defaults = {key: value for field in dataclasses.fields(plugin) for key, value in _default(field).items()}
-    return _as_json(defaults), _as_json(values_before(plugin))
-
-
-def _as_json(params: dict[str, Any]) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(json.dumps({name: _plain(value) for name, value in params.items()}))
-    return content
+    plugin = _load(_registered(kind, name))
+    defaults, before = (
+        {key: _plain(value) for key, value in values.items()}
+        for values in (field_defaults(plugin), values_before(plugin))
+    )
+    return defaults, before
 
 
 def distribution(kind: PluginKind, name: str) -> str:
-    """Name and version of the package that registers a name, such as ``isacbench 0.1.0``."""
+    """Look up name and version of the package that registers a name, such as ``isacbench 0.1.0``.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
+    name : str
+
+    Returns
+    -------
+    str
+    """
     return entries(kind)[name].origin
 
 
 def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
     """Describe every registered estimator or detector.
+
+    Parameters
+    ----------
+    kind : {"estimator", "detector"}
 
     Returns
     -------
@@ -235,19 +262,29 @@ def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
     described = []
     for name, entry in sorted(entries(kind).items()):
         plugin = _load(entry)
-        hints = parameter_types(kind, plugin)
+        parameters: dict[str, dict[str, Any]] = {
+            key: {"type": inspect.formatannotation(hint, base_module=Detector.__module__)}
+            for key, hint in parameter_types(kind, plugin).items()
+        }
+        for key, value in field_defaults(plugin).items():
+            parameters[key]["default"] = _plain(value)
         described.append(
             {
                 "name": name,
                 "description": (inspect.getdoc(plugin) or "").partition("\n")[0],
-                "parameters": {
-                    field.name: _describe_field(field, hints[field.name])
-                    for field in dataclasses.fields(plugin)
-                },
+                "parameters": parameters,
                 "package": entry.origin,
             }
         )
     return described
+
+
+def _registered(kind: PluginKind, name: str) -> RegisteredPlugin:
+    """Look up a registered name."""
+    registered = entries(kind)
+    if name not in registered:
+        raise unknown_name(kind, name, sorted(registered))
+    return registered[name]
 
 
 def _load(entry: RegisteredPlugin) -> type[Any]:
@@ -268,29 +305,34 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
 
 
 def is_frozen_dataclass(plugin: object) -> bool:
-    """Whether something is a class, a dataclass and frozen."""
-    if not (inspect.isclass(plugin) and dataclasses.is_dataclass(plugin)):
-        return False
-    return bool(plugin.__dataclass_params__.frozen)  # type: ignore[attr-defined]
+    """Tell whether something is a class, a dataclass and frozen.
+
+    Parameters
+    ----------
+    plugin : object
+
+    Returns
+    -------
+    bool
+    """
+    parameters = getattr(plugin, "__dataclass_params__", None)
+    return inspect.isclass(plugin) and bool(getattr(parameters, "frozen", False))
 
 
 def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
     """Instance of a registered class with checked parameters."""
-    registered = entries(kind)
     if "[" in name:
-        raise InputError(f"{kind} {name!r}: allowed is a bare name, parameters are given beside it")
-    if name not in registered:
-        raise unknown_name(kind, name, sorted(registered))
-    return construct(kind, name, _load(registered[name]), params)
+        raise InputError(f"{kind} {name!r}: allowed is a bare name; parameters are arguments of their own")
+    return construct(kind, name, _load(_registered(kind, name)), params)
 
 
 def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]) -> Any:
-    """Instance of a dataclass with parameters that are checked against the types of its fields.
+    """Build a dataclass of parameters that are checked against the types of its fields.
 
     Parameters
     ----------
     kind, name : str
-        What it is, and what it is called, for messages.
+        Kind and name of it in messages.
     plugin : type
         A dataclass with a class attribute ``name``.
     params : mapping of str to Any
@@ -311,7 +353,7 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
     checked = {
         key: check_parameter(f"{kind} {name}", key, value, hints[key]) for key, value in params.items()
     }
-    missing = [field.name for field in required_fields(plugin) if field.name not in checked]
+    missing = [name for name in required_fields(plugin) if name not in checked]
     if missing:
         raise InputError(f"{kind} {name}: missing parameter {', '.join(missing)}")
     try:
@@ -322,17 +364,58 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
         raise InputError(f"{kind} {name} cannot be built: {type(error).__name__}: {error}") from error
 
 
-def required_fields(plugin: type[Any]) -> list[dataclasses.Field[Any]]:
-    """Fields of a plugin's class that have no default."""
+def required_fields(plugin: Any) -> list[str]:
+    """List the fields of a dataclass that have no default.
+
+    Parameters
+    ----------
+    plugin : type or object
+        A dataclass, or an instance of one.
+
+    Returns
+    -------
+    list of str
+    """
     return [
-        field
+        field.name
         for field in dataclasses.fields(plugin)
         if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
     ]
 
 
+def field_defaults(plugin: Any) -> dict[str, Any]:
+    """Collect the defaults of the fields of a dataclass that have one.
+
+    Parameters
+    ----------
+    plugin : type or object
+        A dataclass, or an instance of one.
+
+    Returns
+    -------
+    dict of str to Any
+    """
+    return {
+        field.name: field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+        for field in dataclasses.fields(plugin)
+        if field.name not in required_fields(plugin)
+    }
+
+
 def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
-    """Types of a plugin's fields; `Detector` resolves even where it is imported for type checking only."""
+    """Resolve the types of a plugin's fields, `Detector` even where it is imported for type checking only.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the plugin in messages.
+    plugin : type
+        A dataclass with a class attribute ``name``.
+
+    Returns
+    -------
+    dict of str to type
+    """
     try:
         hints = get_type_hints(plugin, localns={"Detector": Detector}, include_extras=True)
     except NameError as error:
@@ -344,7 +427,25 @@ def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
 
 
 def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
-    """Value of a parameter, a nested detector built, held to the type of its field."""
+    """Check a value of a parameter against the type of its field, and build a nested detector.
+
+    Parameters
+    ----------
+    where, key : str
+        Plugin and parameter in messages.
+    value : object
+    hint : type
+
+    Returns
+    -------
+    object
+        Value as the field takes it.
+
+    Raises
+    ------
+    InputError
+        If the value is not allowed.
+    """
     if Detector in (hint, *get_args(hint)):
         if isinstance(value, str):
             value = Spec(value, {})
@@ -361,17 +462,7 @@ def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
             dict.fromkeys(found["msg"].removeprefix("Input should be ") for found in error.errors())
         )
         shown = f"{value.name}[...]" if isinstance(value, Spec) else repr(value)
-        raise InputError(f"{where}: {key} = {shown}: should be {wanted}{_suggestion(value, hint)}") from error
-
-
-def _suggestion(value: Any, hint: Any) -> str:
-    """Nearest of the words that a field takes."""
-    members = (hint, *get_args(hint))
-    words = [word for member in members if get_origin(member) is Literal for word in get_args(member)]
-    close = (
-        nearest(value, [word for word in words if isinstance(word, str)]) if isinstance(value, str) else None
-    )
-    return "" if close is None else f"; did you mean {close!r}?"
+        raise InputError(f"{where}: {key} = {shown}: should be {wanted}") from error
 
 
 def _plain_params(plugin: Any) -> dict[str, Any]:
@@ -383,20 +474,3 @@ def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         return {"name": getattr(value, "name", type(value).__name__), **_plain_params(value)}
     return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
-
-
-def _describe_field(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
-    """Type of a parameter in words, and its default where it has one."""
-    described: dict[str, Any] = {"type": inspect.formatannotation(hint, base_module=Detector.__module__)}
-    for value in _default(field).values():
-        described["default"] = _plain(value)
-    return described
-
-
-def _default(field: dataclasses.Field[Any]) -> dict[str, Any]:
-    """Default of a field by its name; empty where it has none."""
-    if field.default is not dataclasses.MISSING:
-        return {field.name: field.default}
-    if field.default_factory is not dataclasses.MISSING:
-        return {field.name: field.default_factory()}
-    return {}

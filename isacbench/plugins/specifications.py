@@ -5,15 +5,16 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping
 
 MAX_VARIANTS = 1000
-"""More variants than anyone compares in a run: a larger grid is a slip of the pen."""
+"""Most variants of a grid; a larger one is most likely a mistake."""
 
 
 class Spec(NamedTuple):
@@ -56,7 +57,7 @@ def parse_spec(text: str) -> Spec:
     Raises
     ------
     InputError
-        Quoting the text and saying where it breaks, or that it is a grid.
+        If the text is broken, or a grid.
 
     Examples
     --------
@@ -91,9 +92,8 @@ def spec_variants(text: str) -> list[SpelledVariant]:
     Raises
     ------
     InputError
-        Quoting the text and saying where it breaks, or which list of
-        alternatives is empty, repeats itself or makes more than
-        `MAX_VARIANTS` combinations.
+        If the text is broken, or a list of alternatives is empty, repeats itself
+        or makes more than `MAX_VARIANTS` combinations.
 
     Examples
     --------
@@ -113,6 +113,10 @@ def spell_spec(name: str, params: Mapping[str, Any]) -> str:
         In terms of JSON, as the column ``params`` of a run has them: tuples
         are lists, and a detector is an object with its ``name``.
 
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> spell_spec("a", {"detector": {"guard": [0, 3], "name": "ca"}, "pfa": None, "on": True})
@@ -123,7 +127,16 @@ def spell_spec(name: str, params: Mapping[str, Any]) -> str:
 
 
 def spell_value(value: Any) -> str:
-    """Spell the value of a parameter likewise.
+    """Spell the value of a parameter, as `spell_spec` does.
+
+    Parameters
+    ----------
+    value : object
+        In terms of JSON.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -157,7 +170,7 @@ class _SpecParser:
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self.tokens = self.TOKEN.findall(text)
+        self.tokens: list[str] = self.TOKEN.findall(text)
 
     def parse(self) -> list[_Option]:
         options = self.spec(self.word("a name"))
@@ -166,44 +179,40 @@ class _SpecParser:
         return options
 
     def spec(self, name: str) -> list[_Option]:
+        """Options of a name whose parameters may follow."""
         if not self.take("["):
             return [_Option(Spec(name, {}), name)]
         params: dict[str, list[_Option]] = {}
-        while not self.take("]"):
+        for _ in self.items("]"):
             key = self.word("a parameter or ']'")
             if key in params:
                 raise InputError(f"{self.text!r}: parameter {key!r} is given twice")
             self.expect("=")
-            params[key] = self.value(key)
-            self.separate("]")
-        return [
-            _Option(
-                Spec(name, {key: option.value for key, option in zip(params, combined, strict=True)}),
-                f"{name}[{','.join(f'{key}={o.text}' for key, o in zip(params, combined, strict=True))}]",
-            )
-            for combined in self.combinations([*params.values()])
-        ]
-
-    def value(self, key: str) -> list[_Option]:
-        """Options of a parameter's value."""
-        return self.alternatives(key) if self.take("[") else self.single(key)
+            params[key] = self.alternatives(key) if self.take("[") else self.single(key)
+        options = []
+        for combined in self.combinations(params.values()):
+            of_key = dict(zip(params, combined, strict=True))
+            text = ",".join(f"{key}={option.text}" for key, option in of_key.items())
+            spec = Spec(name, {key: option.value for key, option in of_key.items()})
+            options.append(_Option(spec, f"{name}[{text}]"))
+        return options
 
     def alternatives(self, key: str) -> list[_Option]:
         """Options of a list of alternatives whose bracket is already taken."""
         options: list[_Option] = []
-        while not self.take("]"):
-            options += self.single(key)
+        # By what they mean, not by how they are spelled; 1 and 1.0 are not the same everywhere.
+        meanings: set[str] = set()
+        for _ in self.items("]"):
+            for option in self.single(key):
+                if repr(option.value) in meanings:
+                    raise InputError(f"{self.text!r}: {key!r} lists the alternative {option.text} twice")
+                meanings.add(repr(option.value))
+                options.append(option)
             self.limit(len(options))
-            self.separate("]")
         if not options:
             raise InputError(
                 f"{self.text!r}: {key!r} has an empty list of alternatives; allowed is [value,...]"
             )
-        # By what they mean, not by how they are spelled; 1 and 1.0 are not the same everywhere.
-        meanings = [repr(option.value) for option in options]
-        for index, option in enumerate(options):
-            if meanings[index] in meanings[:index]:
-                raise InputError(f"{self.text!r}: {key!r} lists the alternative {option.text} twice")
         return options
 
     def single(self, key: str) -> list[_Option]:
@@ -211,24 +220,26 @@ class _SpecParser:
         if self.tokens[:1] == ["["]:
             raise self.broken("a value, not alternatives among alternatives (a tuple takes parentheses),")
         if self.take("("):
-            return self.tuples(key)
+            items = [self.alternatives(key) if self.take("[") else self.single(key) for _ in self.items(")")]
+            return [
+                _Option(
+                    tuple(item.value for item in combined), f"({','.join(item.text for item in combined)})"
+                )
+                for combined in self.combinations(items)
+            ]
         word = self.word("a value")
         return self.spec(word) if self.tokens[:1] == ["["] else [_Option(self.scalar(word), word)]
 
-    def tuples(self, key: str) -> list[_Option]:
-        """Options of a tuple whose parenthesis is already taken."""
-        items: list[list[_Option]] = []
-        while not self.take(")"):
-            items.append(self.value(key))
-            self.separate(")")
-        return [
-            _Option(tuple(item.value for item in combined), f"({','.join(item.text for item in combined)})")
-            for combined in self.combinations(items)
-        ]
+    def items(self, closing: str) -> Iterator[None]:
+        """Stop before every item of a list whose opening bracket is already taken."""
+        while not self.take(closing):
+            yield
+            if self.tokens[:1] != [closing]:
+                self.expect(",", f"',' or {closing!r}")
 
-    def combinations(self, parts: Sequence[list[_Option]]) -> list[tuple[_Option, ...]]:
+    def combinations(self, parts: Collection[list[_Option]]) -> Iterator[tuple[_Option, ...]]:
         self.limit(math.prod(len(options) for options in parts))
-        return list(itertools.product(*parts))
+        return itertools.product(*parts)
 
     def limit(self, n: int) -> None:
         if n > MAX_VARIANTS:
@@ -238,20 +249,14 @@ class _SpecParser:
         if word in self.LITERALS:
             return self.LITERALS[word]
         for number in (int, float):
-            try:
+            with suppress(ValueError):
                 return number(word)
-            except ValueError:
-                continue
         return word
 
     def word(self, wanted: str) -> str:
         if not self.tokens or self.tokens[0] in "[](),=":
             raise self.broken(wanted)
-        return str(self.tokens.pop(0))
-
-    def separate(self, closing: str) -> None:
-        if self.tokens[:1] != [closing]:
-            self.expect(",", f"',' or {closing!r}")
+        return self.tokens.pop(0)
 
     def expect(self, token: str, wanted: str = "") -> None:
         if not self.take(token):

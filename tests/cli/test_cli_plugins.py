@@ -88,7 +88,7 @@ def test_list_and_image_know_plugin_files_and_several_of_them(cli, write_plugin)
 def test_a_plugin_file_that_is_none_ends_in_one_line_and_code_2(cli, command):
     result = cli(command, "--plugin", "gone.py")
     assert result.exit_code == 2
-    assert result.stderr == "isacbench: plugin gone.py: there is no such file\n"
+    assert result.stderr == "isacbench: gone.py: does not exist\n"
 
 
 def test_an_image_takes_one_estimator_and_no_grid(cli):

@@ -12,9 +12,9 @@ from isacbench import observe_cube
 from isacbench.cubes import frame_observation, transform
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
+from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.waveform.resource_grid import draw_grid
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.echo import resource_grid
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation, cross_elements

@@ -22,7 +22,7 @@ from isacbench.errors import InputError, unknown_name
 from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, require_closed_form
 from isacbench.link.reception.channel_estimation import require_estimable
 from isacbench.link.reception.receiver import Knowledge, expected_ber, receive
-from isacbench.link.waveform.bit_rates import frame_rates
+from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream

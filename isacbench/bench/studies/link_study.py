@@ -27,8 +27,8 @@ from isacbench.bench.studies.link_reception import UserScene, build_channel, bui
 from isacbench.bench.studies.medians import median_times
 from isacbench.bench.studies.study import Entry, ImagedScene, build_estimators, element_snrs_db
 from isacbench.errors import InputError
+from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
-from isacbench.link.waveform.sent_signal import Signal
 
 if TYPE_CHECKING:
     from isacbench.bench.studies.study import Scene

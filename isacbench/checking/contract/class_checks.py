@@ -145,7 +145,7 @@ def _is_named(subject: PluginSubject) -> str:
 def _is_built(subject: PluginSubject) -> str:
     if missing := required_fields(subject.plugin_class):
         raise BrokenPromiseError(
-            f"parameter {missing[0].name} has no default: give every parameter one, for results name an "
+            f"parameter {missing[0]} has no default: give every parameter one, for results name an "
             "estimator without parameters"
         )
     subject.plugin  # noqa: B018  built here first

@@ -1,4 +1,4 @@
-"""Channels from the base station to the user: paths of the waveform, and what they do to resource elements.
+"""Channels from the base station to the user: paths of the waveform, and their factors on resource elements.
 
 Delays count from the first path to arrive: the user's clock is that path's.
 """
@@ -6,13 +6,15 @@ Delays count from the first path to arrive: the user's clock is that path's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, get_args
 
 import numpy as np
+import pandas as pd
 from scipy import constants
 
 from isacbench.errors import InputError, require, unknown_name
-from isacbench.link.reception.delay_profiles import ProfileName, delay_profile
 from isacbench.link.waveform.propagation import Paths
 from isacbench.model.number_limits import LARGEST_PLACE_M
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
@@ -24,11 +26,12 @@ if TYPE_CHECKING:
 
 Polarization = Literal["vertical", "horizontal"]
 
+ProfileName = Literal["tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e"]
+
+WITH_LINE_OF_SIGHT: tuple[ProfileName, ...] = ("tdl_d", "tdl_e")
+
 LARGEST_INTERFERENCE = 1e-4
 """Power that Doppler may spread from each subcarrier over the others, relative to its own."""
-
-CANCELLED = 1e-24
-"""Power of two rays of power 1 that is nothing but rounding."""
 
 RAYS_A_TAP = 16
 """Rays that a fading tap of a moving user consists of."""
@@ -38,7 +41,7 @@ LINE_OF_SIGHT_DOPPLER = 0.7
 
 
 class Channel(Protocol):
-    """What is between base station and user.
+    """Channel between base station and user.
 
     Attributes
     ----------
@@ -54,7 +57,7 @@ class Channel(Protocol):
         ----------
         system : System
         stream : Generator
-            Where chance comes from, if there is any.
+            Random numbers, for channels that are random.
 
         Returns
         -------
@@ -65,18 +68,28 @@ class Channel(Protocol):
 
 @dataclass(frozen=True)
 class Awgn:
-    """One path that changes nothing: the noise of the receiver is all there is."""
+    """One path that changes nothing: the receiver adds white noise."""
 
     name: ClassVar[str] = "awgn"
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
-        """One path without delay."""
-        return _paths(np.ones(1), np.zeros(1), np.zeros(1))
+        """Make one path without delay.
+
+        Parameters
+        ----------
+        system : System
+        stream : Generator
+
+        Returns
+        -------
+        Paths
+        """
+        return Paths(np.ones((1, 1), dtype=np.complex128), np.zeros(1), np.zeros(1))
 
 
 @dataclass(frozen=True)
 class TwoRay:
-    """A direct ray, and one reflected by a smooth ground: nothing about it is random.
+    """Direct ray, and one reflected by a smooth ground; nothing about them is random.
 
     The gain is such that the mean power over the subcarriers is 1: an SNR with
     this channel is that of what arrives, interference of the rays included.
@@ -131,12 +144,16 @@ class TwoRay:
             raise unknown_name("polarization", self.polarization, get_args(Polarization))
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
-        """Direct and reflected ray, in this order.
+        """Make the direct and the reflected ray, in this order.
 
-        Raises
-        ------
-        InputError
-            If they cancel.
+        Parameters
+        ----------
+        system : System
+        stream : Generator
+
+        Returns
+        -------
+        Paths
         """
         direct_m = np.hypot(self.distance_m, self.base_station_height_m - self.ue_height_m)
         heights_m = self.base_station_height_m + self.ue_height_m
@@ -155,20 +172,13 @@ class TwoRay:
         delay_s = np.array([0.0, longer_m / SPEED_OF_LIGHT_MPS])
         gain = np.array([1.0, reflected])
         response = _along_delay(system, delay_s) @ gain
-        power = float(np.mean(np.abs(response) ** 2))
-        if power <= CANCELLED:
-            raise InputError(
-                f"two_ray: at heights of {self.base_station_height_m:g} m and {self.ue_height_m:g} m and a "
-                f"distance of {self.distance_m:g} m the rays cancel but for rounding; allowed are places "
-                "where something arrives"
-            )
-        gain /= np.sqrt(power)
-        return _paths(gain, delay_s, np.zeros(2))
+        gain /= np.sqrt(np.mean(np.abs(response) ** 2))
+        return Paths(gain[:, None], delay_s, np.zeros(2))
 
 
 @dataclass(frozen=True)
 class TappedDelay:
-    """Taps that fade independently, as 3GPP has them; the mean power over all fades is 1.
+    """Taps of a 3GPP profile that fade independently; the mean power over all fades is 1.
 
     The power of one frame is not 1: fades of the whole band belong to the
     channel. A user at rest sees the same channel during the whole frame.
@@ -209,15 +219,23 @@ class TappedDelay:
 
     def __post_init__(self) -> None:
         delay_profile(self.profile)
-        spread_s = self.delay_spread_s
-        require(0 <= spread_s < np.inf, "delay_spread_s", spread_s, "a number of s from 0")
+        allowed = 0 <= self.delay_spread_s < np.inf
+        require(allowed, "delay_spread_s", self.delay_spread_s, "a number of s from 0")
         allowed = 0 <= self.speed_mps < SPEED_OF_LIGHT_MPS
-        require(
-            allowed, "speed_mps", self.speed_mps, "a number of m/s from 0 to less than the speed of light"
-        )
+        require(allowed, "speed_mps", self.speed_mps, "a number of m/s from 0, below that of light")
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
-        """Draw one fade: a path a tap of a user at rest, `RAYS_A_TAP` a fading tap of a moving one."""
+        """Draw one fade: one path for each tap, of a moving user `RAYS_A_TAP` for each fading tap.
+
+        Parameters
+        ----------
+        system : System
+        stream : Generator
+
+        Returns
+        -------
+        Paths
+        """
         profile = delay_profile(self.profile)
         n_fixed = int(profile.has_line_of_sight)
         n_rays = RAYS_A_TAP if self.speed_mps else 1
@@ -232,13 +250,13 @@ class TappedDelay:
             gain = np.append(np.sqrt(profile.power[0]) * np.exp(2j * np.pi * turns), gain)
             delay = np.append(profile.delay[0], delay)
             doppler_hz = np.append(LINE_OF_SIGHT_DOPPLER * largest_hz, doppler_hz)
-        return _paths(gain, self.delay_spread_s * delay, doppler_hz)
+        return Paths(gain[:, None], self.delay_spread_s * delay, doppler_hz)
 
 
 def reflection_coefficient(
     sine: float, permittivity: float, conductivity_spm: float, carrier_hz: float, polarization: Polarization
 ) -> complex:
-    """Fresnel's reflection coefficient of a smooth ground.
+    """Compute Fresnel's reflection coefficient of a smooth ground.
 
     Parameters
     ----------
@@ -266,7 +284,7 @@ def reflection_coefficient(
 
 
 def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
-    """What each resource element is multiplied by on its way to the first antenna, in closed form.
+    """Compute the channel on every resource element to the first antenna, in closed form.
 
     Parameters
     ----------
@@ -275,9 +293,8 @@ def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
 
     Returns
     -------
-    ndarray of complex128, shape (n_subcarriers, n_symbols)
-        Read-only, the subcarriers of a symbol side by side. Without Doppler
-        all symbols share the memory of one.
+    ndarray of complex128, shape (n_subcarriers, n_symbols) or (n_subcarriers, 1)
+        Factor on each resource element; one column where no path has Doppler.
 
     Raises
     ------
@@ -286,14 +303,15 @@ def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
         interfere with each other: no factor of single elements describes that.
     """
     require_closed_form(system, paths)
-    along_delay = _along_delay(system, paths.delay_s).T
-    gain = paths.gain[:, 0]
-    shape = (system.n_symbols, system.n_subcarriers)
+    gain, along_delay = paths.gain[:, 0], _along_delay(system, paths.delay_s)
     if not paths.doppler_hz.any():
-        return np.broadcast_to(gain @ along_delay, shape).T
-    along_time = _along_time(system, paths.doppler_hz) * gain
-    by_symbol: NDArray[np.complex128] = along_time @ along_delay
-    by_symbol.setflags(write=False)
+        return (along_delay @ gain)[:, None]
+    share = paths.doppler_hz / system.subcarrier_spacing_hz
+    # The FFT over a symbol that turns loses this.
+    kept = np.sinc(share) / np.sinc(share / system.n_subcarriers)
+    time_s = system.symbol_time_s * np.arange(system.n_symbols)
+    along_time = np.exp(2j * np.pi * np.outer(time_s, paths.doppler_hz)) * (kept * gain)
+    by_symbol: NDArray[np.complex128] = along_time @ along_delay.T
     return by_symbol.T
 
 
@@ -324,12 +342,6 @@ def require_closed_form(system: System, paths: Paths) -> None:
         )
 
 
-def _paths(
-    gain: NDArray[np.complex128 | np.float64], delay_s: NDArray[np.float64], doppler_hz: NDArray[np.float64]
-) -> Paths:
-    return Paths(gain.astype(np.complex128)[:, None], delay_s, doppler_hz)
-
-
 def _along_delay(system: System, delay_s: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Phases (n_subcarriers, n_paths) of delays."""
     frequency_hz = system.subcarrier_spacing_hz * np.arange(system.n_subcarriers)
@@ -337,11 +349,63 @@ def _along_delay(system: System, delay_s: NDArray[np.float64]) -> NDArray[np.com
     return phases
 
 
-def _along_time(system: System, doppler_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Phases (n_symbols, n_paths) of Doppler, with what the FFT over a turning symbol loses."""
-    share = doppler_hz / system.subcarrier_spacing_hz
-    kept = np.sinc(share) / np.sinc(share / system.n_subcarriers)
-    time_s = system.symbol_time_s * np.arange(system.n_symbols)
-    phases = np.exp(2j * np.pi * np.outer(time_s, doppler_hz))
-    phases *= kept
-    return phases
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Taps of a channel.
+
+    Attributes
+    ----------
+    delay : ndarray of float64, shape (n_taps,)
+        In units of the rms delay spread, the first tap at 0.
+    power : ndarray of float64, shape (n_taps,)
+        Mean powers, together 1.
+    has_line_of_sight : bool
+        True if the first tap is a constant ray. All other taps are Rayleigh
+        fading.
+    """
+
+    delay: NDArray[np.float64]
+    power: NDArray[np.float64]
+    has_line_of_sight: bool
+
+
+def delay_profile(name: ProfileName) -> Profile:
+    """Look up the taps of a profile.
+
+    Parameters
+    ----------
+    name : {"tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e"}
+        The last two have a line of sight.
+
+    Returns
+    -------
+    Profile
+
+    Raises
+    ------
+    InputError
+        If there is no such profile.
+
+    References
+    ----------
+    3GPP TR 38.901, tables 7.7.2-1 to 7.7.2-5.
+
+    Examples
+    --------
+    >>> delay_profile("tdl_a").delay.size
+    23
+    """
+    if name not in get_args(ProfileName):
+        raise unknown_name("profile", name, get_args(ProfileName))
+    taps = _taps().loc[[name]]
+    power = 10 ** (taps["power_db"].to_numpy() / 10)
+    return Profile(taps["delay"].to_numpy(), power / power.sum(), name in WITH_LINE_OF_SIGHT)
+
+
+@cache
+def _taps() -> pd.DataFrame:
+    """Delay and power of the taps of all profiles, indexed by the profile.
+
+    A line of sight is a tap of its own, at the delay of the Rayleigh tap behind it.
+    """
+    return pd.read_csv(Path(__file__).with_name("delay_profiles.csv"), index_col="profile")

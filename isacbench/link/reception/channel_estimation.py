@@ -1,7 +1,7 @@
-"""The user's estimate of the channel: what the PRS tells about every resource element.
+"""Estimation of the user's channel on every resource element from the PRS.
 
 Four PRS symbols in turn touch every subcarrier. What they say, one number a
-subcarrier, is noisy; a channel whose paths arrive within the prefix can only
+subcarrier, is noisy. A channel whose paths arrive within the prefix can only
 be a sum of few responses. Projecting on these, the first discrete prolate
 spheroidal sequences, loses nothing of the channel and most of the noise.
 """
@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import eigh_tridiagonal, matmul_toeplitz
+from scipy.signal.windows import dpss
 
 from isacbench.errors import InputError, require
 from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
@@ -30,6 +30,10 @@ MOST_BESIDES = 48
 """Basis responses over one a delay bin: ln(n_subcarriers) of them have a share between all and nothing."""
 
 
+FEWEST_POINTS = 3
+"""Subcarriers from which SciPy has prolate spheroidal sequences."""
+
+
 @dataclass(frozen=True, eq=False)
 class PrsEstimator:
     """Least-squares estimator of the channel from the PRS.
@@ -44,8 +48,9 @@ class PrsEstimator:
     bursts : tuple of ndarray of int64
         Symbols of each burst; every subcarrier carries PRS in some of them.
     is_prs : ndarray of bool, shape (n_subcarriers, n_symbols)
-    along_time : ndarray of float64, shape (n_symbols, n_bursts)
-        How much of each burst's estimate is in that of a symbol.
+    along_time : ndarray of float64, shape (n_symbols, n_bursts) or (1, n_bursts)
+        Weight of each burst's estimate in that of a symbol; one row where the
+        channel is taken as constant.
     """
 
     basis: NDArray[np.complex128]
@@ -76,47 +81,30 @@ class PrsEstimator:
 
         Returns
         -------
-        ndarray of complex128, shape (n_subcarriers, n_symbols)
-            Read-only, the subcarriers of a symbol side by side. Of a channel
-            taken as constant all symbols share the memory of one.
+        ndarray of complex128, shape (n_subcarriers, n_symbols) or (n_subcarriers, 1)
+            One column where the channel is taken as constant.
         """
-        raw = np.stack([self._raw(received, sent, burst) for burst in self.bursts])
-        if self.is_constant:
-            smooth = self._projected(self.along_time[:1] @ raw)
-            return np.broadcast_to(smooth, self.is_prs.T.shape).T
-        by_symbol: NDArray[np.complex128] = self.along_time @ self._projected(raw)
-        by_symbol.setflags(write=False)
+        raw = np.stack(
+            [
+                np.sum(received[:, burst] * sent[:, burst].conj(), axis=1, where=self.is_prs[:, burst])
+                / self._count(burst)
+                for burst in self.bursts
+            ]
+        )
+        # The PRS has unit power: these are least squares of every subcarrier for itself.
+        projected = (raw @ self.basis.conj()) @ self.basis.T
+        by_symbol: NDArray[np.complex128] = self.along_time @ projected
         return by_symbol.T
-
-    @property
-    def is_constant(self) -> bool:
-        """Whether all symbols have the same estimate."""
-        return bool(np.all(self.along_time == self.along_time[0]))
 
     def _count(self, burst: NDArray[np.int64]) -> NDArray[np.int64]:
         """PRS elements (n_subcarriers,) of a burst."""
         count: NDArray[np.int64] = self.is_prs[:, burst].sum(axis=1)
         return count
 
-    def _raw(
-        self, received: NDArray[np.complex128], sent: NDArray[np.complex128], burst: NDArray[np.int64]
-    ) -> NDArray[np.complex128]:
-        """Least squares (n_subcarriers,) of every subcarrier for itself; the PRS has unit power."""
-        products = received[:, burst] * sent[:, burst].conj()
-        total: NDArray[np.complex128] = np.sum(products, axis=1, where=self.is_prs[:, burst])
-        return total / self._count(burst)
-
-    def _projected(self, responses: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Nearest sums of the basis to responses (n, n_subcarriers)."""
-        if self.basis.shape[0] == self.basis.shape[1]:
-            return responses
-        projected: NDArray[np.complex128] = (responses @ self.basis.conj()) @ self.basis.T
-        return projected
-
 
 @lru_cache(maxsize=8)
 def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
-    """Channel estimator of a frame.
+    """Build the channel estimator of a frame.
 
     Parameters
     ----------
@@ -150,7 +138,7 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
 
 
 def require_estimable(system: System, time_order: int = 0) -> None:
-    """Refuse what `prs_estimator` cannot estimate, at hardly any cost.
+    """Refuse what `prs_estimator` cannot estimate, without building it.
 
     Parameters
     ----------
@@ -182,9 +170,9 @@ def _bursts(is_prs: NDArray[np.bool_]) -> tuple[NDArray[np.int64], ...]:
 
 
 def _along_time(n_symbols: int, bursts: tuple[NDArray[np.int64], ...], order: int) -> NDArray[np.float64]:
-    """Least-squares polynomials: weights (n_symbols, n_bursts) of the bursts in every symbol."""
+    """Weights (n_symbols or 1, n_bursts) of the bursts in every symbol: least-squares polynomials."""
     if order == 0:
-        return np.full((n_symbols, len(bursts)), 1 / len(bursts))
+        return np.full((1, len(bursts)), 1 / len(bursts))
     middle = np.array([burst.mean() for burst in bursts])
     # Times from -1 to 1, for the sake of digits.
     at_bursts, at_symbols = (
@@ -203,34 +191,13 @@ def _basis(n_subcarriers: int, latest: float) -> NDArray[np.complex128]:
     between bins and at the limits leave beyond.
     """
     width = max(latest, 1.0)
-    if width >= n_subcarriers:
+    if width >= n_subcarriers or n_subcarriers < FEWEST_POINTS:
         return np.eye(n_subcarriers, dtype=np.complex128)
     n_most = min(int(np.ceil(width)) + MOST_BESIDES, n_subcarriers)
-    sequences, concentration = _prolate_sequences(n_subcarriers, width / n_subcarriers, n_most)
-    kept = sequences[:, concentration >= LEAST_CONCENTRATION]
+    sequences, concentration = dpss(n_subcarriers, width / 2, n_most, norm=2, return_ratios=True)
+    kept = sequences[concentration >= LEAST_CONCENTRATION].T
     # The sequences are symmetric about delay 0, the prefix about half of its length.
     turn = np.exp(-1j * np.pi * latest / n_subcarriers * np.arange(n_subcarriers))
     basis: NDArray[np.complex128] = kept * turn[:, None]
     basis.setflags(write=False)
     return basis
-
-
-def _prolate_sequences(
-    n: int, bandwidth: float, n_sequences: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Discrete prolate spheroidal sequences (n, n_sequences), and how much of each is within the bandwidth.
-
-    They are orthonormal, the most concentrated first. Slepian's tridiagonal
-    matrix has them as eigenvectors, far apart where their concentrations are
-    next to each other (Bell Syst. Tech. J. 57, 1978).
-
-    `scipy.signal.windows.dpss` has them too, but fails for few subcarriers.
-    """
-    index = np.arange(n)
-    diagonal = ((n - 1 - 2 * index) / 2) ** 2 * np.cos(np.pi * bandwidth)
-    beside = index[1:] * (n - index[1:]) / 2
-    _, ascending = eigh_tridiagonal(diagonal, beside, select="i", select_range=(n - n_sequences, n - 1))
-    sequences: NDArray[np.float64] = ascending[:, ::-1].astype(np.float64, copy=False)
-    within = bandwidth * np.sinc(bandwidth * index)
-    concentration: NDArray[np.float64] = np.sum(sequences * matmul_toeplitz(within, sequences), axis=0)
-    return sequences, concentration

@@ -1,4 +1,4 @@
-"""The user's receiver: what arrives of a frame, equalised, decided, and counted against what was sent."""
+"""Receiver of a user: frames equalised, decided and compared with what was sent; error rates predicted."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from isacbench.errors import InputError, require, unknown_name
 from isacbench.link.reception.channel import channel_response
 from isacbench.link.reception.channel_estimation import prs_estimator
-from isacbench.link.reception.error_prediction import effective_snr_db, response_ber
-from isacbench.link.waveform.qam import decide_bits
+from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, decide_bits
 from isacbench.model.echo import random_stream, white_gaussian
 from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
 from isacbench.model.prs import prs_elements
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from isacbench.choices import Modulation
     from isacbench.link.reception.channel import Channel
@@ -28,28 +28,32 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 Knowledge = Literal["prs", "perfect"]
-"""What the user knows of the channel: an estimate from the PRS, or all."""
+"""Knowledge that the user has of the channel: an estimate from the PRS, or all."""
 
 LOWEST_SNR_DB = -20 * float(np.log10(LARGEST_NOISE_AMPLITUDE))
+
+MOST_SUMMED = 2**12
+"""Elements up to which the closed form is summed for each; beyond, a table of it is interpolated."""
+
+STEP_DB = 0.05
+"""Of the table. Cubics through logarithms of error rates are off by less than 1e-7 of them."""
+
+WEAKEST_DB, STRONGEST_DB = -120.0, 120.0
+"""Ends of the table, beyond which error rates are constant."""
 
 
 @dataclass(frozen=True)
 class Reception:
-    """What became of the data of one frame.
+    """Errors in the received data of one frame.
 
     Attributes
     ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    channel : str
-        Name of the channel.
-    snr_db : float
-    knowledge : {"prs", "perfect"}
     n_bits : int
         Data bits of the frame.
     n_bit_errors : int
     evm : float
-        Error vector magnitude: root mean square of what equalised data symbols
-        are off, whose own is 1.
+        Error vector magnitude: root mean square error of equalised data symbols,
+        whose own root mean square is 1.
     channel_power_db : float
         Mean power of the channel over the frame: a fade takes it below 0.
     channel_error_db : float
@@ -57,10 +61,6 @@ class Reception:
         NaN where the channel is known.
     """
 
-    modulation: Modulation
-    channel: str
-    snr_db: float
-    knowledge: Knowledge
     n_bits: int
     n_bit_errors: int
     evm: float
@@ -76,16 +76,6 @@ class Reception:
     def evm_db(self) -> float:
         """Error vector magnitude in dB."""
         return _db(self.evm**2)
-
-    @property
-    def evm_percent(self) -> float:
-        """Error vector magnitude in percent."""
-        return 100 * self.evm
-
-    @property
-    def equalised_snr_db(self) -> float:
-        """Power of data symbols over that of their errors, behind the equaliser."""
-        return -self.evm_db
 
 
 def receive(
@@ -150,22 +140,19 @@ def receive(
     _require_allowed(grid, system, snr_db, knowledge)
     response = drawn_response(system, channel, trial, seed)
     received = _received(grid.symbols, response, snr_db, trial, seed)
-    power = _power(_different(response))
+    power = _power(response)
     known, error_db = response, float("nan")
     if knowledge == "prs":
         known = prs_estimator(system, time_order).estimate(received, grid.symbols)
-        error_db = _db(_power(_different(known) - _different(response)) / power)
-    equalised = received
-    equalised *= _inverse(known)
+        error_db = _db(_power(known - response) / power)
+    # An element without any signal tells nothing: it is taken as 0.
+    inverse = np.divide(1, known, out=np.zeros_like(known), where=known != 0)
+    equalised = received * inverse
     is_data = ~grid.is_prs.T
     data = equalised.T[is_data]
     decided = decide_bits(data, grid.modulation)
     data -= grid.symbols.T[is_data]
     return Reception(
-        modulation=grid.modulation,
-        channel=channel.name,
-        snr_db=float(snr_db),
-        knowledge=knowledge,
         n_bits=decided.size,
         n_bit_errors=int(np.count_nonzero(decided != grid.bits)),
         evm=float(np.sqrt(_power(data))),
@@ -175,7 +162,7 @@ def receive(
 
 
 def drawn_response(system: System, channel: Channel, trial: int = 0, seed: int = 0) -> Complex:
-    """Channel on every resource element as `receive` draws it.
+    """Draw the channel on every resource element, as `receive` does.
 
     Parameters
     ----------
@@ -186,7 +173,7 @@ def drawn_response(system: System, channel: Channel, trial: int = 0, seed: int =
 
     Returns
     -------
-    ndarray of complex128, shape (n_subcarriers, n_symbols)
+    ndarray of complex128, shape (n_subcarriers, n_symbols) or (n_subcarriers, 1)
         As `isacbench.link.reception.channel.channel_response` returns it.
 
     Raises
@@ -209,7 +196,7 @@ def expected_ber(
     trial: int = 0,
     seed: int = 0,
 ) -> float:
-    """Bit error rate that theory expects of `receive`, given the fade and not the noise.
+    """Predict the bit error rate of `receive`, given the fade and not the noise.
 
     Parameters
     ----------
@@ -232,9 +219,100 @@ def expected_ber(
     response = drawn_response(system, channel, trial, seed)
     if knowledge == "prs":
         snr_db = effective_snr_db(modulation, snr_db, prs_estimator(system, time_order).noise_gain)
-    different, is_data = _different(response), ~prs_elements(system)
-    n_symbols = is_data if different.shape == is_data.shape else is_data.sum(axis=1, keepdims=True)
-    return response_ber(modulation, different, snr_db, n_symbols)
+    is_data = ~prs_elements(system)
+    n_symbols = is_data.sum(axis=1, keepdims=True) if response.shape[1] == 1 else is_data
+    return response_ber(modulation, response, snr_db, n_symbols)
+
+
+def response_ber(
+    modulation: Modulation, response: ArrayLike, snr_db: float, n_symbols: ArrayLike | None = None
+) -> float:
+    """Predict the bit error rate over a known channel: the mean over its elements, each in white noise.
+
+    Parameters
+    ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+    response : array_like of complex, any shape
+        Of the elements that carry data.
+    snr_db : float
+        Of an element whose response is 1.
+    n_symbols : array_like, shape of `response`, optional
+        Data symbols that each element of the response stands for; the same
+        for all unless given.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        If there is no such modulation.
+
+    Examples
+    --------
+    >>> response_ber("qpsk", [1.0, 1.0], 9.59) == float(awgn_ber("qpsk", 9.59))
+    True
+    """
+    with np.errstate(divide="ignore"):
+        gain_db = 20 * np.log10(np.abs(np.asarray(response)))
+    element_snr_db = snr_db + gain_db
+    error_rates = awgn_ber if element_snr_db.size <= MOST_SUMMED else _interpolated_ber
+    weights = None if n_symbols is None else np.asarray(n_symbols, dtype=np.float64)
+    return float(np.average(error_rates(modulation, element_snr_db), weights=weights))
+
+
+def _interpolated_ber(modulation: Modulation, snr_db: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Interpolate `isacbench.link.waveform.qam.awgn_ber` in a table, for many SNRs."""
+    within_db = np.clip(snr_db, WEAKEST_DB, STRONGEST_DB)
+    first, last = np.floor(within_db.min() / STEP_DB), np.ceil(within_db.max() / STEP_DB)
+    table_db = STEP_DB * np.arange(first, last + 2)
+    smallest = np.finfo(np.float64).tiny
+    logarithm = CubicSpline(table_db, np.log(np.maximum(awgn_ber(modulation, table_db), smallest)))
+    rates: NDArray[np.float64] = np.exp(logarithm(within_db))
+    return rates
+
+
+def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -> float:
+    """Compute the SNR at which a known channel gives the error rate of a noisy channel estimate.
+
+    The estimate is off by e, of power σ² times the noise gain. Its part in phase
+    with the channel scales symbols and noise alike, so that thresholds are off in
+    proportion to their place: nothing in QPSK, whose only threshold is 0. Its part
+    in quadrature turns symbols, which adds the other axis's amplitude to each
+    and makes both smaller by the second order. Over all thresholds of L levels an
+    axis the noise grows by
+
+        noise_gain ((2L² - 2L - 1) / (2L² - 2) + σ²/2),
+
+    half of the noise gain for QPSK, and nearly all of it for many levels.
+
+    Parameters
+    ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+    snr_db : float
+    noise_gain : float
+        Of the estimator, `PrsEstimator.noise_gain`.
+
+    Returns
+    -------
+    float
+        To first order in the noise gain, which is small.
+
+    Raises
+    ------
+    InputError
+        If there is no such modulation.
+
+    Examples
+    --------
+    >>> round(10.0 - effective_snr_db("qpsk", 10.0, 0.02), 3)
+    0.048
+    """
+    n_levels = 2 ** (bits_per_symbol(modulation) // 2)
+    share = (2 * n_levels**2 - 2 * n_levels - 1) / (2 * n_levels**2 - 2)
+    noise_power = 10 ** (-snr_db / 10)
+    return snr_db - 10 * float(np.log10(1 + noise_gain * (share + noise_power / 2)))
 
 
 def _require_allowed(grid: ResourceGrid, system: System, snr_db: float, knowledge: Knowledge) -> None:
@@ -263,25 +341,11 @@ def _unit_noise(shape: tuple[int, int], trial: int, seed: int) -> Complex:
     return noise
 
 
-def _inverse(response: Complex) -> Complex:
-    """Reciprocal of a response; 0 where it is 0, because such an element tells nothing."""
-    different = _different(response)
-    inverse = np.zeros_like(different)
-    np.divide(1, different, out=inverse, where=different != 0)
-    return np.broadcast_to(inverse, response.shape)
-
-
-def _different(response: Complex) -> Complex:
-    """Symbols of a response that do not share the memory of one: (n_subcarriers, n_symbols or 1)."""
-    return response[:, :1] if response.strides[1] == 0 else response
-
-
 def _power(values: Complex) -> float:
     """Mean power; NaN of nothing."""
     if not values.size:
         return float("nan")
-    flat = values.ravel(order="K")
-    return float(np.vdot(flat, flat).real / flat.size)
+    return float(np.mean(values.real**2 + values.imag**2))
 
 
 def _db(power: float) -> float:

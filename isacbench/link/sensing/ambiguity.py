@@ -1,4 +1,4 @@
-"""Ambiguity in range and Doppler: the image of one scatterer where part of the resource grid is sensed with.
+"""Ambiguity in range and Doppler: the image of one scatterer, sensed with a part of the resource grid.
 
 The PRS leaves gaps along both axes, and gaps have ambiguities. Its comb of four
 takes every fourth subcarrier: alone it repeats an echo every N_c/4 range bins.
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from isacbench.link.sensing.division import sensed_elements
-from isacbench.model.kernels import dirichlet
 from isacbench.model.prs import COMB_SIZE, SLOT_PERIOD, SLOT_SYMBOLS
 
 if TYPE_CHECKING:
@@ -27,16 +26,16 @@ if TYPE_CHECKING:
     Complex = NDArray[np.complex128]
 
 CANCELLED = 1e-9
-"""Height below which an echo does not show again but for rounding."""
+"""Height below which a repetition of an echo is rounding."""
 
 
 class Ambiguity(NamedTuple):
-    """A place where an echo shows again.
+    """Repetition of an echo at another place.
 
     Attributes
     ----------
     range_m, speed_mps : float
-        From the echo to there.
+        Distance from the echo.
     height : float
         Amplitude over that of the echo.
     """
@@ -49,17 +48,16 @@ class Ambiguity(NamedTuple):
 def point_spread(
     system: System, sensing: Sensing, range_offset_bins: ArrayLike, doppler_offset_bins: ArrayLike
 ) -> Complex:
-    """Range-Doppler response to an echo of unit power, over its peak.
+    """Compute the range-Doppler response to an echo, relative to its peak.
 
-    It is the correlation of noise between cells, too: equal weights of the
-    elements that are sensed with make both.
+    It is also the correlation of noise between cells.
 
     Parameters
     ----------
     system : System
     sensing : {"all", "prs"}
     range_offset_bins, doppler_offset_bins : array_like, shapes (r,) and (d,)
-        From the echo to where it is looked at, fractional ones too.
+        Distances from the echo, fractional ones too.
 
     Returns
     -------
@@ -80,30 +78,16 @@ def point_spread(
     [[1.0, 0.0, 0.927]]
     """
     mask = sensed_elements(system, sensing)
-    ranges, dopplers = (
-        np.atleast_1d(np.asarray(x, np.float64)) for x in (range_offset_bins, doppler_offset_bins)
-    )
-    spread = np.zeros((ranges.size, dopplers.size), dtype=np.complex128)
-    step = COMB_SIZE if sensing == "prs" else 1
-    for first in range(min(step, len(mask))):
-        along_range = _comb_response(np.arange(first, len(mask), step), ranges / len(mask))
-        turns = np.outer(np.flatnonzero(mask[first]), dopplers) / system.n_symbols
-        spread += np.outer(along_range, np.exp(-2j * np.pi * turns).sum(axis=0))
-    spread /= mask.sum()
+    n_subcarriers, n_symbols = mask.shape
+    range_turns = np.outer(np.asarray(range_offset_bins), np.arange(n_subcarriers)) / n_subcarriers
+    doppler_turns = np.outer(np.arange(n_symbols), np.asarray(doppler_offset_bins)) / n_symbols
+    total = np.exp(2j * np.pi * range_turns) @ mask @ np.exp(-2j * np.pi * doppler_turns)
+    spread: Complex = total / mask.sum()
     return spread
 
 
-def _comb_response(subcarriers: NDArray[np.int64], turns: NDArray[np.float64]) -> Complex:
-    """Sum over evenly spaced subcarriers of echoes that turn so often from one subcarrier to the next."""
-    first, n = subcarriers[0], subcarriers.size
-    step = subcarriers[1] - first if n > 1 else 1
-    unitary = dirichlet(turns * step * n, [0.0], n)[:, 0]
-    response: Complex = np.sqrt(n) * unitary * np.exp(2j * np.pi * first * turns)
-    return response
-
-
 def prs_ambiguities(system: System, n_lobes: int = 4) -> list[Ambiguity]:
-    """Where an echo shows again when the PRS alone is sensed with.
+    """List the repetitions of an echo where the PRS alone is sensed with.
 
     Parameters
     ----------

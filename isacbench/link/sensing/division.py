@@ -1,4 +1,4 @@
-"""Division by the transmitted symbols: what it leaves of echo and noise on every resource element.
+"""Division by the transmitted symbols: weights of echo and noise on every resource element.
 
 Of a resource element that receives Y = X S + N, division makes
 
@@ -15,17 +15,64 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from isacbench.choices import Division
+from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError, unknown_name
-from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.qam import bits_per_symbol
+from isacbench.link.waveform.resource_grid import draw_grid, require_n_id
 from isacbench.model.prs import resource_elements
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from isacbench.choices import Sensing
-    from isacbench.link.waveform.sent_signal import Signal
     from isacbench.model.numerology import System
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Transmitted signal, and how its echo is divided by it.
+
+    Attributes
+    ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+        Of the data; the PRS is QPSK always.
+    sensing : {"all", "prs"}
+        Resource elements that are sensed with: the whole grid, or the PRS alone.
+    division : {"reciprocal", "matched", "wiener"}
+        Of received Y by sent X: Y/X, which strengthens the noise of weak
+        symbols; Y X*, whose echo has the power of the symbols on it; and
+        Y X*/(|X|² + 1/SNR), which is between them and takes the SNR of the
+        echo as known. All three are the same where |X| = 1.
+    n_id : int
+        Identity of the PRS sequence, 0 to 4095.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
+    """
+
+    modulation: Modulation = "qpsk"
+    sensing: Sensing = "all"
+    division: Division = "reciprocal"
+    n_id: int = 0
+
+    def __post_init__(self) -> None:
+        bits_per_symbol(self.modulation)
+        if self.sensing not in get_args(Sensing):
+            raise unknown_name("sensing", self.sensing, get_args(Sensing))
+        if self.division not in get_args(Division):
+            raise unknown_name("division", self.division, get_args(Division))
+        require_n_id(self.n_id)
+
+    @property
+    def has_unit_modulus(self) -> bool:
+        """True where all symbols that are sensed with have the same power."""
+        return self.sensing == "prs" or self.modulation == "qpsk"
+
+    @property
+    def is_plain(self) -> bool:
+        """True where division leaves echo and noise as in the closed form: all elements, equal powers."""
+        return self.sensing == "all" and self.has_unit_modulus
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,26 +90,16 @@ class Weights:
     echo: NDArray[np.float64]
     noise: NDArray[np.float64]
 
-    @property
-    def noise_factor(self) -> float:
-        """Noise power of a range-Doppler cell over that of the receiver; echoes peak as they do."""
-        return float(np.mean(self.noise**2))
-
-    @property
-    def pedestal(self) -> float:
-        """Mean power that an echo of power N_c N_sym in its cell leaves in the others of the map."""
-        return float(np.var(self.echo))
-
 
 def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0) -> NDArray[np.float64]:
-    """Moduli of the symbols that are sensed with, 0 on the other resource elements.
+    """Draw the moduli of the symbols that are sensed with, 0 on the other resource elements.
 
     Parameters
     ----------
     system : System
     signal : Signal
     trial, seed : int
-        Which data.
+        Trial and seed of the data.
 
     Returns
     -------
@@ -82,7 +119,7 @@ def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0)
 
 
 def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
-    """Resource elements that are sensed with, of which there must be some.
+    """Find the resource elements that are sensed with, and refuse a grid without any.
 
     Parameters
     ----------
@@ -108,7 +145,7 @@ def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
 
 
 def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: float = np.inf) -> Weights:
-    """Weights of echo and noise behind a division.
+    """Compute the weights of echo and noise behind a division.
 
     Parameters
     ----------
@@ -117,8 +154,8 @@ def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: fl
     division : {"reciprocal", "matched", "wiener"}
         Y/X; Y X*; or Y X*/(|X|² + 1/SNR).
     snr_db : float
-        SNR that Wiener division takes as known; infinity makes it reciprocal,
-        and very low ones matched.
+        SNR that Wiener division takes as known. Infinity makes it reciprocal,
+        a very low SNR matched.
 
     Returns
     -------
@@ -145,7 +182,7 @@ def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: fl
     elif division == "matched":
         filter_gain = moduli
     elif division == "wiener":
-        filter_gain = _wiener_gain(moduli, divisor, float(snr_db))
+        filter_gain = moduli / (divisor**2 + 10 ** (-snr_db / 10))
     else:
         raise unknown_name("division", division, get_args(Division))
     scale = 1 / np.mean(filter_gain * moduli)
@@ -160,7 +197,7 @@ def division_factors(
     snr_db: float = np.inf,
     unit: float | None = None,
 ) -> NDArray[np.complex128]:
-    """What received resource elements are multiplied by to divide them by what was sent.
+    """Compute the factors on received resource elements that divide them by what was sent.
 
     Parameters
     ----------
@@ -197,22 +234,7 @@ def division_factors(
         factors: NDArray[np.complex128] = sensed / (sent * np.mean(sensed))
         return factors
     moduli = np.abs(sent)
-    amplitude = _root_mean_square(moduli[sensed]) if unit is None else unit
+    amplitude = np.sqrt(np.mean(moduli[sensed] ** 2)) if unit is None else unit
     weights = division_weights(np.where(sensed, moduli, 0) / amplitude, division, snr_db)
     factors = (weights.noise / amplitude * sent.conj() / moduli).astype(np.complex128, copy=False)
     return factors
-
-
-def _root_mean_square(moduli: NDArray[np.float64]) -> float:
-    """Root mean square, in units of the largest, of which no square overflows."""
-    largest = float(np.max(moduli))
-    return largest * float(np.sqrt(np.mean((moduli / largest) ** 2)))
-
-
-def _wiener_gain(
-    moduli: NDArray[np.float64], divisor: NDArray[np.float64], snr_db: float
-) -> NDArray[np.float64]:
-    """|X|/(|X|² + 1/SNR) up to a constant, of which neither end of the SNR overflows."""
-    if snr_db > 0:
-        return moduli / (divisor**2 + 10 ** (-snr_db / 10))
-    return moduli / (1 + moduli**2 * 10 ** (snr_db / 10))

@@ -1,4 +1,4 @@
-"""The echo of a scene as a waveform: received at the array, with noise, and observed through the demodulator.
+"""Echo of a scene as a waveform: received at the array, with noise, and observed through the demodulator.
 
 Nothing here knows the closed form of the echo on a resource element. Scatterers
 are paths of the waveform, what arrives is demodulated and divided by what was
@@ -9,23 +9,20 @@ that neither the waveform of all elements nor their resource grid is ever held.
 from __future__ import annotations
 
 import warnings
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 
 from isacbench.cores import available_cores
-from isacbench.dsp.partial_dft import doppler_rows, range_method, range_rows
+from isacbench.dsp.partial_dft import doppler_rows
 from isacbench.errors import InputError, InputWarning
-from isacbench.link.sensing.division import division_factors, sensed_elements
+from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.link.sensing.interference import echo_interference
 from isacbench.link.waveform.ofdm import layout
 from isacbench.link.waveform.propagation import Paths, propagate, received_symbols
 from isacbench.link.waveform.resource_grid import draw_grid
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.echo import (
     Simulator,
     echo_parameters,
@@ -50,12 +47,9 @@ if TYPE_CHECKING:
 
     Complex = NDArray[np.complex128]
 
-SYMBOLS_TOGETHER = 16
-"""Symbols whose range bins are collected before their Doppler transform."""
-
 
 def echo_paths(scenario: Scenario, elements: ArrayLike) -> Paths:
-    """Paths from the base station by way of every scatterer to elements of the virtual array.
+    """Make the paths from the base station by way of every scatterer to elements of the virtual array.
 
     Parameters
     ----------
@@ -66,13 +60,13 @@ def echo_paths(scenario: Scenario, elements: ArrayLike) -> Paths:
     Returns
     -------
     Paths
-        One a scatterer, of delay 2R/c and Doppler 2v f_c/c. Nothing folds: a
+        One for each scatterer, of delay 2R/c and Doppler 2v f_c/c. Nothing folds: a
         delay beyond a symbol is what it is.
 
     Raises
     ------
     InputError
-        If an element is none of the array.
+        If an element is not one of the array.
     """
     places = np.asarray(elements)
     n_p, n_q = scenario.array.shape
@@ -95,7 +89,7 @@ def received_waveform(
     trial: int = 0,
     seed: int = 0,
 ) -> Complex:
-    """Waveform that elements of the virtual array receive of a frame, echoes and noise.
+    """Compute the waveform that elements of the virtual array receive of a frame, echoes and noise.
 
     Parameters
     ----------
@@ -108,8 +102,8 @@ def received_waveform(
         Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element;
         infinity for no noise. A sample has the noise power of a resource element.
     trial, seed : int
-        Which noise. That of an element does not depend on which others are
-        asked for.
+        Trial and seed of the noise. That of an element does not depend on the
+        other elements.
 
     Returns
     -------
@@ -120,7 +114,7 @@ def received_waveform(
     Raises
     ------
     InputError
-        If an element is none of the array, an echo takes longer than the frame,
+        If an element is not one of the array, an echo takes longer than the frame,
         or `propagate` refuses the system or `Simulator.noise_amplitude` the SNR.
 
     Warns
@@ -158,7 +152,7 @@ def observe_waveform(
         Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element;
         infinity for no noise.
     trial, seed : int
-        Which data and which noise. The noise is that of `received_waveform`,
+        Trial and seed of data and noise. The noise is that of `received_waveform`,
         not the draw of `isacbench.observe`.
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
         Of the data.
@@ -198,7 +192,7 @@ def observe_waveform(
         noise = _noise_symbols(system, _noise_streams(scenario, elements, trial, seed))
         symbols = (echo + amplitude * white for echo, white in zip(symbols, noise, strict=True))
     divided = (received * by[:, None] for received, by in zip(symbols, factors.T, strict=True))
-    cells = _gate_cells(divided, simulator.gate, system, len(elements))
+    cells = _gate_cells(divided, simulator.gate, system)
     if not amplitude and is_dust(cells, echo_parameters(scenario), np.sqrt(system.processing_gain)):
         cells[:] = 0
     observation = simulator.observation(cells.reshape(*simulator.gate.shape, *scenario.array.shape))
@@ -206,7 +200,7 @@ def observe_waveform(
 
 
 def interference_to_echo_db(scenario: Scenario) -> float:
-    """Interference of late echoes on a resource element, over the power of all echoes.
+    """Compute the interference of late echoes on a resource element, over the power of all echoes.
 
     Late are echoes from beyond the undisturbed cyclic prefix. What they bring
     includes what Doppler within a symbol does to them.
@@ -220,7 +214,7 @@ def interference_to_echo_db(scenario: Scenario) -> float:
     float
         In dB; -inf where no echo is late.
     """
-    scatterers, is_late = scenario.scatterers, _is_late(scenario)
+    scatterers, is_late = scenario.scatterers, scenario.range_m > scenario.system.isi_free_range_m
     unit, power = scatterers.power_in_units
     if power == 0 or not is_late.any():
         return -np.inf
@@ -230,15 +224,10 @@ def interference_to_echo_db(scenario: Scenario) -> float:
     return float(share_db)
 
 
-def _is_late(scenario: Scenario) -> NDArray[np.bool_]:
-    is_late: NDArray[np.bool_] = scenario.range_m > scenario.system.isi_free_range_m
-    return is_late
-
-
 def _warn_of_interference(scenario: Scenario) -> None:
-    is_late = _is_late(scenario)
+    limit_m = scenario.system.isi_free_range_m
+    is_late = scenario.range_m > limit_m
     if is_late.any():
-        limit_m = scenario.system.isi_free_range_m
         beyond_m = scenario.range_m.max() - limit_m
         warnings.warn(
             f"scenario {scenario.name}: echoes of {is_late.sum()} of {is_late.size} scatterers come from "
@@ -263,42 +252,18 @@ def _noise_symbols(system: System, streams: list[np.random.Generator]) -> Iterat
     """Demodulate unit white noise (n_subcarriers, E) of one symbol after the other."""
     parts = layout(system)
 
-    def useful(stream: np.random.Generator) -> Complex:
-        return white_gaussian(stream, (parts.n_symbol,))[parts.n_prefix :]
-
-    with ThreadPoolExecutor(available_cores()) as threads:
-        for _ in range(system.n_symbols):
-            samples = np.stack(list(threads.map(useful, streams)))
-            yield scipy.fft.fft(samples, axis=1, norm="ortho", overwrite_x=True, workers=available_cores()).T
+    for _ in range(system.n_symbols):
+        samples = np.stack(
+            [white_gaussian(stream, (parts.n_symbol,))[parts.n_prefix :] for stream in streams]
+        )
+        yield scipy.fft.fft(samples, axis=1, norm="ortho", workers=available_cores()).T
 
 
-def _gate_cells(symbols: Iterable[Complex], gate: Gate, system: System, n_elements: int) -> Complex:
+def _gate_cells(symbols: Iterable[Complex], gate: Gate, system: System) -> Complex:
     """Range-Doppler cells (n_range, n_doppler, E) of divided symbols (n_subcarriers, E)."""
-    along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
-    at_range = _RangeBins(gate, system)
-    n_range, n_doppler = gate.shape
-    cells = np.zeros((n_doppler, n_range * n_elements), dtype=np.complex128)
-    remaining = iter(symbols)
-    first = 0
-    while together := [at_range(symbol).ravel() for symbol in islice(remaining, SYMBOLS_TOGETHER)]:
-        last = first + len(together)
-        cells += along_doppler[:, first:last] @ np.stack(together)
-        first = last
-    return np.ascontiguousarray(cells.reshape(n_doppler, n_range, n_elements).swapaxes(0, 1))
-
-
-class _RangeBins:
-    """Range bins of a gate of single symbols, the faster of two ways."""
-
-    def __init__(self, gate: Gate, system: System) -> None:
-        self._bins = gate.range_bins % system.n_subcarriers
-        by_product = range_method(self._bins.size, system.n_subcarriers, "contiguous") == "partial"
-        self._rows = range_rows(self._bins, system.n_subcarriers) if by_product else None
-
-    def __call__(self, symbol: Complex) -> Complex:
-        """Bins (n_range, E) of a symbol (n_subcarriers, E)."""
-        if self._rows is not None:
-            product: Complex = self._rows @ symbol
-            return product
-        lines: Complex = scipy.fft.ifft(symbol, axis=0, norm="ortho", workers=available_cores())
-        return lines[self._bins]
+    bins = gate.range_bins % system.n_subcarriers
+    at_range = np.stack(
+        [scipy.fft.ifft(symbol, axis=0, norm="ortho", workers=available_cores())[bins] for symbol in symbols]
+    )
+    cells = np.tensordot(doppler_rows(gate.doppler_bins, system.n_symbols), at_range, axes=1)
+    return np.ascontiguousarray(cells.swapaxes(0, 1))

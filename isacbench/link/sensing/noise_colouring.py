@@ -1,4 +1,4 @@
-"""Coloured noise in the gate: what unequal weights on the resource grid make of white noise.
+"""Colouring of noise in the gate, as by unequal weights on the resource grid.
 
 Noise of weights q[n, m] has, between cells Δr and Δd bins apart, the covariance
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 NEGLIGIBLE = 1e-12
 """Share of the largest below which covariances and eigenvalues are rounding."""
 
-LEVELS = (0.99, 0.98, 0.95, 0.9, 0.8, 0.6, 0.0)
+LEVELS = (1.0, 0.99, 0.98, 0.95, 0.9, 0.8, 0.6, 0.0)
 """Shares of the resource elements below a level, tried in turn; at the last one what remains is white."""
 
 MOST_NUMBERS = 2**22
@@ -55,7 +55,7 @@ MOST_NUMBERS = 2**22
 
 
 def noise_covariance(weight: NDArray[np.float64]) -> Complex:
-    """Covariance of unit noise between range-Doppler cells.
+    """Compute the covariance of weighted unit noise between range-Doppler cells.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def coloured_noise(white: Complex, weight: NDArray[np.float64], stream: np.rando
     weight : ndarray of float64, shape (n_subcarriers, n_symbols)
         Amplitude q of the noise on each resource element, 0 or more.
     stream : Generator
-        What more numbers are drawn from, where a torus is larger than the gate.
+        Random numbers for the part of a torus outside the gate.
 
     Returns
     -------
@@ -98,19 +98,21 @@ def coloured_noise(white: Complex, weight: NDArray[np.float64], stream: np.rando
     covariance = noise_covariance(weight)
     if _is_white_along_range(covariance, shape):
         return _coloured_along_doppler(white, covariance)
-    spectrum = _small_spectrum(covariance, shape)
-    if spectrum is not None:
-        return _embedded(white, spectrum, stream)
-    if power.min() == 0 or not _small_tori(shape, weight.shape):
-        return _embedded(white, power, stream)
-    level, spectrum = _level(power, shape)
-    coloured = _embedded(white, spectrum, stream)
-    coloured += _drawn_on_grid(np.sqrt(np.maximum(power - level, 0)), white.shape, stream)
-    return coloured
+    # Below the lowest of unequal levels nothing is left to embed.
+    levels = np.quantile(power, LEVELS if power.min() > 0 else LEVELS[:1], method="lower")
+    for level, torus in product(levels, _small_tori(shape, power.shape)):
+        below = noise_covariance(np.sqrt(np.minimum(power, level)))
+        spectrum = _spectrum(below, shape, torus)
+        if spectrum is not None:
+            coloured = _embedded(white, spectrum, stream)
+            if level < levels[0]:
+                coloured += _drawn_on_grid(np.sqrt(np.maximum(power - level, 0)), white.shape, stream)
+            return coloured
+    return _embedded(white, power, stream)
 
 
 def _is_white_along_range(covariance: Complex, shape: tuple[int, ...]) -> bool:
-    """Whether cells of different range are uncorrelated in the gate."""
+    """Tell whether cells of different range are uncorrelated in the gate."""
     lags = _lags(shape[0], len(covariance))
     largest = float(covariance[0, 0].real)
     return bool(np.all(np.abs(covariance[lags[lags % len(covariance) != 0]]) <= NEGLIGIBLE * largest))
@@ -139,23 +141,6 @@ def _small_tori(shape: tuple[int, ...], whole: tuple[int, ...]) -> list[tuple[in
     ]
     tori = sorted(product(*lengths), key=lambda torus: torus[0] * torus[1])
     return [torus for torus in tori if torus != whole]
-
-
-def _small_spectrum(covariance: Complex, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Eigenvalues on the smallest torus on which none is negative, None if that is the whole map."""
-    spectra = (_spectrum(covariance, shape, torus) for torus in _small_tori(shape, covariance.shape))
-    return next((spectrum for spectrum in spectra if spectrum is not None), None)
-
-
-def _level(power: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[float, NDArray[np.float64]]:
-    """Highest level for which noise up to it has no negative eigenvalues on a small torus, and these."""
-    for level in np.quantile(power, LEVELS, method="lower"):
-        spectrum = _small_spectrum(noise_covariance(np.sqrt(np.minimum(power, level))), shape)
-        if spectrum is not None:
-            break
-    # White at the lowest level, which every torus embeds.
-    assert spectrum is not None
-    return float(level), spectrum
 
 
 def _spectrum(

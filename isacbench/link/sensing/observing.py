@@ -1,4 +1,4 @@
-"""One door to observations: the closed form where it holds, and the link where it does not."""
+"""Observations of a scenario: by the closed form where it holds, else through the link."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def observe(
         Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element,
         whatever is sensed with; infinity for no noise.
     trial, seed : int
-        Which noise, and which data.
+        Trial and seed of noise and data.
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
         Of the data.
     sensing : {"all", "prs"}
         Resource elements that are sensed with: the whole grid, or the PRS alone.
     division : {"reciprocal", "matched", "wiener"}
-        How what was received is divided by what was sent; of no account where
+        Division of what was received by what was sent. All give the same where
         all symbols have the same power, as in QPSK and in the PRS.
 
     Returns
@@ -62,7 +62,7 @@ def observe(
     if (modulation, sensing, division) == ("qpsk", "all", "reciprocal"):
         return observe_plainly(scenario, snr_db, trial, seed)
     # Loaded where it is needed: the link brings in what most runs do without.
+    from isacbench.link.sensing.division import Signal
     from isacbench.link.sensing.link_observation import kept_simulator
-    from isacbench.link.waveform.sent_signal import Signal
 
     return kept_simulator(scenario, Signal(modulation, sensing, division)).observe(snr_db, trial, seed)

@@ -1,4 +1,4 @@
-"""The clean echo behind weights on the resource grid: range-Doppler cells of the gate, without the full cube.
+"""Clean echo behind weights on the resource grid: range-Doppler cells of the gate, without the full cube.
 
 Echoes of one speed share a Doppler profile, and weights a[n, m] then act on
 every subcarrier by one number a Doppler bin and speed:
@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.dsp.partial_dft import doppler_rows, range_bins_by_fft, range_method, range_rows
+from isacbench.dsp.partial_dft import doppler_rows, range_bins_by_fft
 from isacbench.model.echo import echo_parameters, element_responses, is_dust
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from isacbench.model.echo import EchoParameters
@@ -34,11 +32,11 @@ MOST_NUMBERS = 2**23
 """Complex numbers of an intermediate array that are held at a time: 128 MB."""
 
 ROUNDINGS = 32.0
-"""Roundings of the largest singular value below which a dimension of the directions is none."""
+"""Roundings of the largest singular value below which a dimension of the directions is rounding."""
 
 
 def weighted_echo(scenario: Scenario, gate: Gate, weight: NDArray[np.float64]) -> Complex:
-    """Noise-free range-Doppler cells of the gate on every virtual element, of a weighted resource grid.
+    """Compute the noise-free range-Doppler cells of the gate behind weights on the resource grid.
 
     Parameters
     ----------
@@ -72,48 +70,40 @@ def _dimensions(responses: Complex) -> tuple[Complex, Complex]:
 
 def _cells(echo: EchoParameters, gate: Gate, weight: NDArray[np.float64], coordinates: Complex) -> Complex:
     """Cells (n_range, n_doppler, k) of echoes whose responses have k coordinates."""
-    n_range, n_doppler = gate.shape
-    n_subcarriers, n_dimensions = len(weight), coordinates.shape[1]
-    if range_method(n_range, n_subcarriers) == "partial":
-        rows = range_rows(gate.range_bins, n_subcarriers)
-        cells = np.zeros((n_range, n_doppler * n_dimensions), dtype=np.complex128)
-        for part, at_doppler in _doppler_lines(echo, gate, weight, coordinates):
-            cells += rows[:, part] @ at_doppler.reshape(len(at_doppler), -1)
-        return cells.reshape(n_range, n_doppler, n_dimensions)
-    # Whole lines of subcarriers are held here, of as many dimensions as memory allows.
+    (n_range, n_doppler), n_subcarriers, n_dimensions = gate.shape, len(weight), coordinates.shape[1]
     cells = np.empty((n_range, n_doppler, n_dimensions), dtype=np.complex128)
+    # Whole lines of subcarriers are held, of as many dimensions as memory allows.
     n_together = max(MOST_NUMBERS // (n_subcarriers * n_doppler), 1)
     for first in range(0, n_dimensions, n_together):
         some = slice(first, first + n_together)
-        lines = np.empty((n_subcarriers, n_doppler, cells[:, :, some].shape[2]), dtype=np.complex128)
-        for part, at_doppler in _doppler_lines(echo, gate, weight, coordinates[:, some]):
-            lines[part] = at_doppler
+        lines = _doppler_lines(echo, gate, weight, coordinates[:, some])
         cells[:, :, some] = range_bins_by_fft(lines, gate.range_bins)
     return cells
 
 
 def _doppler_lines(
     echo: EchoParameters, gate: Gate, weight: NDArray[np.float64], coordinates: Complex
-) -> Iterator[tuple[slice, Complex]]:
-    """Doppler bins (n, n_doppler, k) of consecutive subcarriers, few at a time."""
+) -> Complex:
+    """Doppler bins (n_subcarriers, n_doppler, k) of all subcarriers, a few of them at a time."""
     n_subcarriers, n_symbols = weight.shape
     speeds, of_speed = np.unique(echo.doppler_bin, return_inverse=True)
     symbols = np.arange(n_symbols)
     profiles = np.exp(2j * np.pi * np.outer(speeds, symbols) / n_symbols)
     rows = doppler_rows(gate.doppler_bins, n_symbols)
+    # The weights are real: half the operations.
+    columns = (rows[:, None] * profiles).reshape(-1, n_symbols).T.copy().view(np.float64)
     amplitudes = echo.gain[:, None] * coordinates
     echoes_of = [np.flatnonzero(of_speed == k) for k in range(speeds.size)]
+    lines = np.empty((n_subcarriers, len(rows), coordinates.shape[1]), dtype=np.complex128)
     largest = max(speeds.size * max(coordinates.shape[1], len(rows)), len(echo.gain), 1)
     n_together = max(MOST_NUMBERS // largest, 1)
     for first in range(0, n_subcarriers, n_together):
         part = slice(first, min(first + n_together, n_subcarriers))
         subcarriers = np.arange(part.start, part.stop)
-        profile = np.empty((subcarriers.size, len(rows), speeds.size), dtype=np.complex128)
+        profile = (weight[part] @ columns).view(np.complex128).reshape(-1, len(rows), speeds.size)
         at_speed = np.empty((subcarriers.size, speeds.size, coordinates.shape[1]), dtype=np.complex128)
         for k, echoes in enumerate(echoes_of):
-            # The weights are real: half the operations.
-            columns = (rows * profiles[k]).T.copy().view(np.float64)
-            profile[:, :, k] = (weight[part] @ columns).view(np.complex128)
             delays = np.exp(-2j * np.pi / n_subcarriers * np.outer(subcarriers, echo.range_bin[echoes]))
             at_speed[:, k] = delays @ amplitudes[echoes]
-        yield part, profile @ at_speed
+        lines[part] = profile @ at_speed
+    return lines

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 WHOLE = 1e-9
 """Largest distance of a prefix or suffix from whole samples, as a fraction of the useful part: rounding."""
 
-CACHED_SAMPLES = 2**16
-"""Samples transformed at a time: a mebibyte, which is copied to its place while it is in the cache."""
-
 
 @dataclass(frozen=True)
 class SymbolLayout:
@@ -88,7 +85,7 @@ def layout(system: System, oversampling: int = 1) -> SymbolLayout:
 
 
 def checked_grid(symbols: ArrayLike, system: System) -> Complex:
-    """Symbols as an array of the system's shape.
+    """Convert symbols to an array, and refuse another shape than the system's.
 
     Parameters
     ----------
@@ -102,12 +99,13 @@ def checked_grid(symbols: ArrayLike, system: System) -> Complex:
     Raises
     ------
     InputError
-        If the shape is another one.
+        If the shape is another one, or a symbol is not finite.
     """
     grid = np.asarray(symbols, dtype=np.complex128)
     shape = system.n_subcarriers, system.n_symbols
     if grid.shape != shape:
         raise InputError(f"symbols of shape {grid.shape}: allowed is {shape}, subcarriers by symbols")
+    _require_finite("symbols hold", grid)
     return grid
 
 
@@ -203,14 +201,19 @@ def modulate(symbols: ArrayLike, system: System, oversampling: int = 1) -> Compl
     True
     """
     parts = layout(system, oversampling)
-    by_symbol = checked_grid(symbols, system).T
+    sent = np.sqrt(oversampling) * checked_grid(symbols, system).T
+    useful = scipy.fft.ifft(sent, parts.n_useful, axis=1, norm="ortho")
     waveform: Complex = np.empty(n_samples(parts, system.n_symbols), dtype=np.complex128)
-    frame, tail = _frame(waveform, parts, system.n_symbols), waveform[waveform.size - parts.n_suffix :]
-    n_together = max(CACHED_SAMPLES // parts.n_useful, 1)
-    for start in range(0, system.n_symbols, n_together):
-        some = slice(start, start + n_together)
-        _write_bodies(by_symbol[some], frame[some], parts, np.sqrt(oversampling))
-    _overlap(frame, tail, parts)
+    frame, tail = np.split(waveform, [system.n_symbols * parts.n_symbol])
+    by_symbol = frame.reshape(system.n_symbols, parts.n_symbol)
+    by_symbol[:, parts.n_prefix :] = useful
+    by_symbol[:, : parts.n_prefix] = useful[:, parts.n_useful - parts.n_prefix :]
+    # Prefixes rise while the suffixes of the symbols before them fall, the last one into the tail.
+    rising = transmit_window(parts, np.arange(parts.n_suffix) - parts.n_prefix)
+    suffixes = useful[:, : parts.n_suffix] * (1 - rising)
+    by_symbol[:, : parts.n_suffix] *= rising
+    by_symbol[1:, : parts.n_suffix] += suffixes[:-1]
+    tail[:] = suffixes[-1]
     return waveform
 
 
@@ -242,9 +245,10 @@ def demodulate(waveform: ArrayLike, system: System) -> Complex:
     n_least = system.n_symbols * parts.n_symbol
     if received.ndim == 0 or len(received) < n_least:
         raise InputError(f"waveform of shape {received.shape}: allowed are {n_least} samples or more")
-    useful = _frame(received, parts, system.n_symbols)[:, parts.n_prefix :]
+    by_symbol = received[:n_least].reshape(system.n_symbols, parts.n_symbol, *received.shape[1:])
+    useful = by_symbol[:, parts.n_prefix :]
+    _require_finite("waveform holds", useful)
     grid: Complex = scipy.fft.fft(useful, axis=1, norm="ortho").swapaxes(0, 1)
-    _require_finite("waveform holds", grid[0])
     return grid
 
 
@@ -264,37 +268,6 @@ def _rise(place: NDArray[np.float64]) -> NDArray[np.float64]:
     return rise
 
 
-def _require_finite(what: str, one_of_each: Complex) -> None:
-    """Refuse what was not finite before its transform, told by one value of every symbol.
-
-    A value that is not finite spoils all that follow from it.
-    """
-    if not np.isfinite(one_of_each).all():
-        raise InputError(f"{what} values that are not finite: allowed are ordinary numbers")
-
-
-def _frame(waveform: Complex, parts: SymbolLayout, n_symbols: int) -> Complex:
-    """View a waveform as symbols (n_symbols, n_symbol, *trailing), without the last suffix."""
-    within = waveform[: n_symbols * parts.n_symbol]
-    return within.reshape(n_symbols, parts.n_symbol, *waveform.shape[1:])
-
-
-def _write_bodies(by_symbol: Complex, frame: Complex, parts: SymbolLayout, amplitude: float) -> None:
-    """Write prefix and useful part of symbols (m, n_subcarriers) to (m, n_symbol), without the window."""
-    useful = scipy.fft.ifft(by_symbol, parts.n_useful, axis=1, norm="ortho")
-    if amplitude != 1:
-        useful *= amplitude
-    _require_finite("symbols hold", useful[:, 0])
-    frame[:, parts.n_prefix :] = useful
-    frame[:, : parts.n_prefix] = useful[:, parts.n_useful - parts.n_prefix :]
-
-
-def _overlap(frame: Complex, tail: Complex, parts: SymbolLayout) -> None:
-    """Let prefixes rise while the suffixes of the symbols before them fall, the last into the tail."""
-    n = parts.n_suffix
-    rising = _rise(np.arange(n) / n) if n else np.empty(0)
-    falling = 1 - rising
-    suffixes = frame[:, parts.n_prefix : parts.n_prefix + n] * falling
-    frame[:, :n] *= rising
-    frame[1:, :n] += suffixes[:-1]
-    tail[:] = suffixes[-1]
+def _require_finite(what: str, values: Complex) -> None:
+    if not np.isfinite(values).all():
+        raise InputError(f"{what} values that are not finite; allowed are finite numbers")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.optimize import brentq
 
 from isacbench.errors import InputError, require
@@ -19,15 +19,11 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-MOST_TERMS = 2**18
-"""Terms of a sum over subcarriers that are in memory at a time: two mebibytes, which a cache holds."""
-
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 """Quadrature over one subcarrier spacing, in which the spectrum of a window has a few half-waves."""
 
 CELLS_A_SPACING = 32
-CELL_NODES, CELL_WEIGHTS = np.polynomial.legendre.leggauss(4)
-"""Quadrature over a cell, a small part of a spacing."""
+"""Cells of the spline through the spectrum of one subcarrier."""
 
 LARGEST_SHARE = 0.999
 
@@ -83,15 +79,11 @@ def power_density(system: System, frequency_hz: ArrayLike) -> Floats:
     rectangular window.
     """
     frequency_hz = np.asarray(frequency_hz, dtype=np.float64)
-    subcarriers_hz = system.subcarrier_spacing_hz * np.arange(system.n_subcarriers)
-    density = np.empty(frequency_hz.size)
-    n_together = max(MOST_TERMS // system.n_subcarriers, 1)
-    for start in range(0, density.size, n_together):
-        some = slice(start, start + n_together)
-        distance_hz = frequency_hz.ravel()[some, None] - subcarriers_hz
-        density[some] = np.sum(window_spectrum(system, distance_hz) ** 2, axis=1)
+    density = np.zeros(frequency_hz.shape)
+    for subcarrier in range(system.n_subcarriers):
+        density += window_spectrum(system, frequency_hz - subcarrier * system.subcarrier_spacing_hz) ** 2
     density /= system.n_subcarriers * system.symbol_time_s
-    return density.reshape(frequency_hz.shape)
+    return density
 
 
 def mean_power(system: System) -> float:
@@ -221,24 +213,18 @@ def occupied_bandwidth_hz(system: System, share: float = 0.99) -> float:
     # The sidelobes of one subcarrier beyond x of them hold less than 1/(π² x) of its power.
     beyond = int(np.ceil(1 / (1 - share)))
     gathered = _gathered_power(system, n + beyond)
+    middle = float(gathered(0.0))
     from_subcarriers = (n - 1) / 2 - np.arange(n)
 
     def excess(half_width: float) -> float:
-        return 2 * float(gathered(half_width + from_subcarriers).mean()) - share * mean_power(system)
+        return 2 * float(gathered(half_width + from_subcarriers).mean() - middle) - share * mean_power(system)
 
     return 2 * float(brentq(excess, 0, n / 2 + beyond)) * system.subcarrier_spacing_hz
 
 
-def _gathered_power(system: System, n_spacings: int) -> CubicHermiteSpline:
-    """Power of one subcarrier between its frequency and one some spacings away, negative below it."""
-    width = 1 / CELLS_A_SPACING
-    edge = width * np.arange(-n_spacings * CELLS_A_SPACING, n_spacings * CELLS_A_SPACING + 1)
-
-    def density(spacings: NDArray[np.floating]) -> Floats:
-        spectrum = window_spectrum(system, spacings * system.subcarrier_spacing_hz)
-        value: Floats = spectrum**2 * system.subcarrier_spacing_hz / system.symbol_time_s
-        return value
-
-    cells = width / 2 * (density(edge[:-1, None] + width / 2 * (1 + CELL_NODES)) @ CELL_WEIGHTS)
-    power = np.concatenate([[0.0], np.cumsum(cells)])
-    return CubicHermiteSpline(edge, power - power[edge.size // 2], density(edge))
+def _gathered_power(system: System, n_spacings: int) -> PPoly:
+    """Integrate the power of one subcarrier over its spectrum, up to some subcarrier spacings away."""
+    spacing_hz = system.subcarrier_spacing_hz
+    spacings = np.arange(-n_spacings * CELLS_A_SPACING, n_spacings * CELLS_A_SPACING + 1) / CELLS_A_SPACING
+    density = window_spectrum(system, spacings * spacing_hz) ** 2 * spacing_hz / system.symbol_time_s
+    return CubicSpline(spacings, density).antiderivative()

@@ -16,10 +16,8 @@ DFT.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -32,7 +30,7 @@ from isacbench.model.frozen_arrays import freeze_arrays
 from isacbench.model.number_limits import require_all
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -48,9 +46,6 @@ SAMPLES_TOGETHER = 2**23
 
 TABLE_VALUES = 2**19
 """Values of a table of paths and samples made at a time: 8 MB."""
-
-FEW_VALUES = 2**17
-"""Values to work on up to which starting threads takes longer than the work."""
 
 WHOLE = 4 * np.finfo(np.float64).eps
 """Relative distance up to which a delay is a whole number of samples: rounding of seconds."""
@@ -111,8 +106,7 @@ def delay_samples(delay_s: ArrayLike, system: System) -> Floats:
     """
     delay = np.asarray(delay_s, dtype=np.float64) * system.bandwidth_hz
     whole = np.rint(delay)
-    samples: Floats = np.where(np.abs(delay - whole) <= WHOLE * whole, whole, delay)
-    return samples
+    return np.where(np.abs(delay - whole) <= WHOLE * whole, whole, delay)
 
 
 def shown_lags(delay: ArrayLike, parts: SymbolLayout, n_before: int = 0) -> tuple[Floats, Floats]:
@@ -190,16 +184,13 @@ def propagate(symbols: ArrayLike, system: System, paths: Paths) -> Complex:
     frame_s = n_samples(parts, system.n_symbols) / system.bandwidth_hz
     longest_s = float(paths.delay_s.max(initial=0))
     require(longest_s <= frame_s, "paths.delay_s, the longest,", longest_s, f"up to {frame_s:g}, the frame")
-    periods = _Periods(symbols, system, paths, n_before=parts.n_prefix)
-    n = n_samples(parts, system.n_symbols) + int(np.ceil(periods.delay.max(initial=0)))
-    received: Complex = np.empty((paths.gain.shape[1], n), dtype=np.complex128)
-    for together in _runs(-(-n // parts.n_symbol), periods.n_together):
-        block = periods.samples(together)
-        first = together.start * parts.n_symbol
-        # Explicit sizes, because -1 cannot be resolved where there are no elements.
-        joined = block.transpose(1, 0, 2).reshape(len(received), len(together) * parts.n_symbol)
-        received[:, first : first + joined.shape[1]] = joined[:, : n - first]
-    return received.T
+    receiver = _Receiver(symbols, system, paths, demodulates=False)
+    n = n_samples(parts, system.n_symbols) + int(np.ceil(receiver.delay.max(initial=0)))
+    n_periods = -(-n // parts.n_symbol)
+    received: Complex = np.empty((paths.gain.shape[1], n_periods, parts.n_symbol), dtype=np.complex128)
+    for together in receiver.runs(n_periods):
+        received[:, together.start : together.stop] = receiver.samples(together).swapaxes(0, 1)
+    return received.reshape(len(received), n_periods * parts.n_symbol)[:, :n].T
 
 
 def received_symbols(symbols: ArrayLike, system: System, paths: Paths) -> Iterator[Complex]:
@@ -226,116 +217,124 @@ def received_symbols(symbols: ArrayLike, system: System, paths: Paths) -> Iterat
         If the grid does not have the system's shape or is not finite, or
         prefix or suffix are no whole samples.
     """
-    periods = _Periods(symbols, system, paths, n_before=0)
-    return _demodulated(periods, system.n_symbols)
+    receiver = _Receiver(symbols, system, paths, demodulates=True)
+    return (
+        spectrum.T for together in receiver.runs(system.n_symbols) for spectrum in receiver.spectra(together)
+    )
 
 
-def _demodulated(periods: _Periods, n_symbols: int) -> Iterator[Complex]:
-    for together in _runs(n_symbols, periods.n_together):
-        yield from (grid.T for grid in periods.spectra(together))
+class _Waves(NamedTuple):
+    """Waves that a receiver's window shows in every period of the symbol sent `lag` periods before.
 
-
-def _runs(n: int, n_together: int) -> Iterator[range]:
-    """Consecutive runs of so many of the first n numbers."""
-    return (range(first, min(first + n_together, n)) for first in range(0, n, n_together))
-
-
-class _Periods:
-    """Received samples of symbol periods, as one window a period sees them.
-
-    `n_before` samples of each period lie before the useful part: none where a
-    demodulator looks, the whole prefix where the windows are to join. Time is
-    in samples from the start of a period's useful part throughout.
+    Attributes
+    ----------
+    lag : int
+    spectrum : ndarray of complex128, shape (k, n_subcarriers)
+        Factors on the symbol's spectrum.
+    table : ndarray of complex128, shape (k, n_window) or (1, n_window)
+        Factors on the samples: transmit window, and Doppler within a period.
+    turns : ndarray of float64, shape (k,) or (1,)
+        Doppler in turns a sample.
+    gain : ndarray of complex128, shape (k, E), or None
+        Amplitude of each wave at each element; None where wave and element are one.
     """
 
-    def __init__(self, symbols: ArrayLike, system: System, paths: Paths, n_before: int) -> None:
-        self.parts = layout(system)
-        self.sent = _by_symbol(symbols, system)
-        self.delay = delay_samples(paths.delay_s, system)
-        # Whole turns a sample leave no trace in samples but the sign that they
-        # have at the zero of the phase, which may be midway between two samples.
-        turns = paths.doppler_hz / system.bandwidth_hz
-        whole = np.rint(turns)
-        self.turns = turns - whole
-        is_reversed = np.mod(whole, 2) * (self.parts.n_useful - 1) % 2 == 1
-        self.gain = np.where(is_reversed[:, None], -paths.gain, paths.gain)
-        self.n_before = n_before
-        self.n_window = n_before + self.parts.n_useful
-        self.n_elements: int = paths.gain.shape[1]
+    lag: int
+    spectrum: Complex
+    table: Complex
+    turns: Floats
+    gain: Complex | None
 
-    @property
-    def n_together(self) -> int:
-        """Periods that are made at a time."""
-        n_periods: int = SAMPLES_TOGETHER // max(self.n_elements * self.n_window, 1)
-        return max(n_periods, available_cores())
+
+class _Receiver:
+    """Windows of received samples, one a symbol period.
+
+    A demodulator's window is the useful part. Other windows begin with the
+    prefix, so that they join. Time is in samples from the start of a period's
+    useful part throughout.
+    """
+
+    def __init__(self, symbols: ArrayLike, system: System, paths: Paths, *, demodulates: bool) -> None:
+        self.parts = layout(system)
+        self.sent = np.ascontiguousarray(checked_grid(symbols, system).T)
+        self.delay = delay_samples(paths.delay_s, system)
+        self.turns = paths.doppler_hz / system.bandwidth_hz
+        self.gain = paths.gain
+        self.n_before = 0 if demodulates else self.parts.n_prefix
+        self.time = np.arange(-self.n_before, self.parts.n_useful)
+        self.n_elements: int = paths.gain.shape[1]
+        # Of these a demodulator sees one symbol alone, at full amplitude.
+        is_undisturbed = demodulates & (self.delay <= self.parts.n_prefix - self.parts.n_suffix)
+        standing = np.flatnonzero(is_undisturbed & (self.turns == 0))
+        self.standing = self._response(standing)
+        moving = np.flatnonzero(is_undisturbed & (self.turns != 0))
+        _, speed, counts = np.unique(self.turns[moving], return_inverse=True, return_counts=True)
+        # Paths of one speed are summed where that leaves fewer waves.
+        self.crowds = [moving[speed == k] for k in np.flatnonzero(counts >= self.n_elements)]
+        self.single = np.setdiff1d(np.arange(self.delay.size), np.concatenate([standing, *self.crowds]))
+
+    def runs(self, n_periods: int) -> Iterator[range]:
+        """Consecutive runs of periods that are held at a time."""
+        n_together = max(SAMPLES_TOGETHER // max(self.n_elements * self.time.size, 1), 1)
+        for first in range(0, n_periods, n_together):
+            yield range(first, min(first + n_together, n_periods))
 
     def samples(self, periods: range) -> Complex:
-        """Received samples (periods, E, n_window)."""
-        received = self._nothing(len(periods))
-        for lag, index in self._of_lags(np.arange(self.delay.size)):
-            self._add_paths(received, periods, lag, index)
+        """Received samples (periods, E, n_window), but for the paths in `standing`."""
+        received = np.zeros((len(periods), self.n_elements, self.time.size), dtype=np.complex128)
+        for waves in self._waves():
+            first, last = max(periods.start, waves.lag), min(periods.stop, len(self.sent) + waves.lag)
+            # Threads of BLAS cost more than they save in products of this size.
+            with threadpool_limits(limits=1, user_api="blas"):
+                for period in range(first, last):
+                    received[period - periods.start] += self._arriving(waves, period)
         return received
 
     def spectra(self, periods: range) -> Complex:
-        """Unitary DFTs (periods, E, n_subcarriers) of the samples; the window is the useful part."""
-        spectra = self._moving_spectra(periods)
-        if self._standing.size:
-            sent = self.sent[periods.start : periods.stop, None, :]
-            spectra += sent * self._standing_response
+        """Unitary DFTs (periods, E, n_subcarriers) of all samples; the window is the useful part."""
+        samples = self.samples(periods)
+        spectra: Complex = scipy.fft.fft(samples, axis=2, norm="ortho", workers=available_cores())
+        spectra += self.sent[periods.start : periods.stop, None, :] * self.standing
         return spectra
 
-    def _moving_spectra(self, periods: range) -> Complex:
-        received = self._nothing(len(periods))
-        if self._standing.size == self.delay.size:
-            return received
-        for index in self._of_crowded_speeds:
-            self._add_speed(received, periods, index)
-        for lag, index in self._of_lags(self._single):
-            self._add_paths(received, periods, lag, index)
-        workers = _n_threads(received.size)
-        spectra: Complex = scipy.fft.fft(received, axis=2, norm="ortho", overwrite_x=True, workers=workers)
-        return spectra
+    def _waves(self) -> Iterator[_Waves]:
+        """Waves of crowds, then those of single paths in blocks."""
+        for crowd in self.crowds:
+            turns = self.turns[crowd[:1]]
+            yield _Waves(0, self._response(crowd), self._doppler(turns), turns, None)
+        lowest, highest = shown_lags(self.delay, self.parts, self.n_before)
+        for lag in np.unique(np.concatenate([lowest, lowest + 1, highest])).astype(int).tolist():
+            is_shown = (lowest[self.single] <= lag) & (lag <= highest[self.single])
+            for some in self._blocks(self.single[is_shown]):
+                table = self._doppler(self.turns[some])
+                table *= transmit_window(
+                    self.parts, self.time + lag * self.parts.n_symbol - self.delay[some, None]
+                )
+                yield _Waves(lag, self._ramps(some, lag), table, self.turns[some], self.gain[some])
 
-    def _nothing(self, n_periods: int) -> Complex:
-        return np.zeros((n_periods, self.n_elements, self.n_window), dtype=np.complex128)
-
-    @cached_property
-    def _is_undisturbed(self) -> NDArray[np.bool_]:
-        """Of which paths the useful part sees one symbol alone, at full amplitude."""
-        undisturbed: NDArray[np.bool_] = self.delay <= self.parts.n_prefix - self.parts.n_suffix
-        return undisturbed
-
-    @cached_property
-    def _standing(self) -> Index:
-        return np.flatnonzero(self._is_undisturbed & (self.turns == 0))
-
-    @cached_property
-    def _of_crowded_speeds(self) -> list[Index]:
-        """Undisturbed moving paths, speed by speed, where a speed has no fewer of them than elements."""
-        index = np.flatnonzero(self._is_undisturbed & (self.turns != 0))
-        _, speed, counts = np.unique(self.turns[index], return_inverse=True, return_counts=True)
-        return [index[speed == k] for k in np.flatnonzero(counts >= self.n_elements)]
-
-    @cached_property
-    def _single(self) -> Index:
-        """Paths that are neither."""
-        together = np.concatenate([self._standing, *self._of_crowded_speeds])
-        return np.setdiff1d(np.arange(self.delay.size), together)
-
-    @cached_property
-    def _standing_response(self) -> Complex:
-        return self._response(self._standing)
+    def _arriving(self, waves: _Waves, period: int) -> Complex:
+        """Received samples (E, n_window) of waves in a period."""
+        spectrum = self.sent[period - waves.lag] * waves.spectrum
+        useful = scipy.fft.ifft(spectrum, axis=1, norm="ortho", workers=available_cores())
+        samples: Complex = useful if self.n_before == 0 else useful[:, self.time]
+        turned = np.exp(2j * np.pi * waves.turns * self.parts.n_symbol * period)[:, None]
+        if waves.gain is None:
+            samples *= waves.table * turned
+            return samples
+        samples *= waves.table
+        at_elements: Complex = (waves.gain * turned).T @ samples
+        return at_elements
 
     def _response(self, index: Index) -> Complex:
-        """Response (E, n_subcarriers) of some paths, Doppler aside."""
+        """Response (E, n_subcarriers) of paths together, Doppler aside."""
         response: Complex = np.zeros((self.n_elements, self.parts.n_useful), dtype=np.complex128)
-        for some in self._in_blocks(index):
+        for some in self._blocks(index):
             response += self.gain[some].T @ self._ramps(some, lag=0)
         return response
 
-    def _in_blocks(self, index: Index) -> list[Index]:
-        n_paths = max(TABLE_VALUES // self.n_window, 1)
-        return [index[first : first + n_paths] for first in range(0, index.size, n_paths)]
+    def _blocks(self, index: Index) -> Iterator[Index]:
+        n_together = max(TABLE_VALUES // self.time.size, 1)
+        return (index[first : first + n_together] for first in range(0, index.size, n_together))
 
     def _ramps(self, index: Index, lag: int) -> Complex:
         """Phases (k, n_subcarriers) by which spectra of the symbols sent so many periods before are late."""
@@ -344,89 +343,10 @@ class _Periods:
 
     def _doppler(self, turns: Floats) -> Complex:
         """Doppler (k, n_window) within a period; its phase is zero in the middle of the useful part."""
-        time = np.arange(self.n_window) - self.n_before - (self.parts.n_useful - 1) / 2
-        return _exponentials(turns, time)
-
-    def _of_period(self, turns: Floats, period: int) -> Complex:
-        """Doppler (k,) from the first period to another."""
-        of_one = turns * self.parts.n_symbol
-        return _exponentials(of_one - np.rint(of_one), np.array([period]))[:, 0]
-
-    def _of_lags(self, index: Index) -> Iterator[tuple[int, Index]]:
-        """Which of some paths show symbols sent so many periods before."""
-        lowest, highest = shown_lags(self.delay[index], self.parts, self.n_before)
-        for lag in np.unique(np.concatenate([lowest, lowest + 1, highest])):
-            shown = index[(lowest <= lag) & (lag <= highest)]
-            if shown.size:
-                yield int(lag), shown
-
-    def _window(self, index: Index, lag: int) -> Floats:
-        """Transmit window (k, n_window) of symbols sent so many periods before."""
-        since = np.arange(self.n_window) - self.n_before + lag * self.parts.n_symbol
-        return transmit_window(self.parts, since - self.delay[index, None])
-
-    def _add_paths(self, received: Complex, periods: range, lag: int, index: Index) -> None:
-        """Add what paths show of symbols sent so many periods before."""
-        shown = range(max(periods.start, lag), min(periods.stop, len(self.sent) + lag))
-        for some in self._in_blocks(index) if shown else []:
-            ramps, table = self._ramps(some, lag), self._doppler(self.turns[some])
-            table *= self._window(some, lag)
-
-            def add(period: int, some: Index = some, ramps: Complex = ramps, table: Complex = table) -> None:
-                waves = self._waves(self.sent[period - lag] * ramps)
-                waves *= table
-                gain = self.gain[some] * self._of_period(self.turns[some], period)[:, None]
-                received[period - periods.start] += gain.T @ waves
-
-            _side_by_side(add, shown, table.size)
-
-    def _add_speed(self, received: Complex, periods: range, index: Index) -> None:
-        """Add undisturbed paths of one speed, summed before their inverse DFT."""
-        response, turns = self._response(index), self.turns[index[:1]]
-        doppler = self._doppler(turns)
-
-        def add(period: int) -> None:
-            waves = self._waves(self.sent[period] * response)
-            waves *= doppler * self._of_period(turns, period)
-            received[period - periods.start] += waves
-
-        _side_by_side(add, periods, response.size)
-
-    def _waves(self, spectra: Complex) -> Complex:
-        """Periodic waves (k, n_window) of spectra (k, n_subcarriers), which are overwritten."""
-        waves: Complex = scipy.fft.ifft(spectra, axis=1, norm="ortho", overwrite_x=True)
-        if self.n_before == 0:
-            return waves
-        return np.concatenate([waves[:, self.parts.n_useful - self.n_before :], waves], axis=1)
+        return _exponentials(turns, self.time - (self.parts.n_useful - 1) / 2)
 
 
-def _side_by_side(add: Callable[[int], None], periods: range, n_values: int) -> None:
-    """Work on periods of so many values, in several threads; each has samples of its own."""
-    n_threads = _n_threads(n_values * len(periods))
-    if n_threads == 1:
-        for period in periods:
-            add(period)
-        return
-    with threadpool_limits(limits=1), ThreadPoolExecutor(n_threads) as threads:
-        for _ in threads.map(add, periods):
-            pass
-
-
-def _n_threads(n_values: int) -> int:
-    return 1 if n_values <= FEW_VALUES else available_cores()
-
-
-def _by_symbol(symbols: ArrayLike, system: System) -> Complex:
-    """Grid as (n_symbols, n_subcarriers)."""
-    grid = checked_grid(symbols, system)
-    require_all("symbols", np.abs(grid), np.isfinite(grid), "finite numbers")
-    return np.ascontiguousarray(grid.T)
-
-
-def _exponentials(turns: Floats, steps: NDArray[np.integer[Any] | np.floating[Any]]) -> Complex:
+def _exponentials(turns: Floats, steps: NDArray[np.integer | np.floating]) -> Complex:
     """Exponentials exp(j2π turn step), shape (k, steps)."""
-    phase = np.multiply.outer(2 * np.pi * turns, steps)
-    exponentials: Complex = np.empty(phase.shape, dtype=np.complex128)
-    np.cos(phase, out=exponentials.real)
-    np.sin(phase, out=exponentials.imag)
+    exponentials: Complex = np.exp(2j * np.pi * np.multiply.outer(turns, steps))
     return exponentials

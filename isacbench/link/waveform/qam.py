@@ -1,9 +1,9 @@
-"""Gray-mapped QAM: bits to symbols, symbols to bits, and how often that goes wrong in white noise."""
+"""Gray-mapped QAM: bits to symbols, symbols to bits, and bit error rates in white noise."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from scipy.special import ndtr
@@ -18,7 +18,15 @@ BITS: dict[Modulation, int] = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
 
 
 def bits_per_symbol(modulation: Modulation) -> int:
-    """Bits of a symbol.
+    """Count the bits of a symbol.
+
+    Parameters
+    ----------
+    modulation : {"qpsk", "16qam", "64qam", "256qam"}
+
+    Returns
+    -------
+    int
 
     Raises
     ------
@@ -31,7 +39,7 @@ def bits_per_symbol(modulation: Modulation) -> int:
 
 
 def constellation(modulation: Modulation) -> NDArray[np.complex128]:
-    """Symbols of unit mean power, by the number that their bits spell, first bit highest.
+    """List the symbols of unit mean power, by the number that their bits spell, first bit highest.
 
     Parameters
     ----------
@@ -87,17 +95,13 @@ def modulate_bits(bits: ArrayLike, modulation: Modulation) -> NDArray[np.complex
         raise InputError(f"bits of shape {values.shape}: allowed is one axis of a multiple of {n_bits}")
     if values.dtype.kind not in "biu" or (values.size and (values.min() < 0 or values.max() > 1)):
         raise InputError(f"bits of dtype {values.dtype}: allowed are the whole numbers 0 and 1")
-    words = values.astype(np.uint8, copy=False).reshape(-1, n_bits)
-    # Eight bits at most: numbers of words fit into a byte.
-    index = np.zeros(len(words), dtype=np.uint8)
-    for bit in words.T:
-        index += index
-        index += bit
-    return _constellation(n_bits)[index]
+    place_values = 2 ** np.arange(n_bits, dtype=np.uint8)[::-1]
+    words: NDArray[np.uint8] = values.astype(np.uint8, copy=False).reshape(-1, n_bits) @ place_values
+    return _constellation(n_bits)[words]
 
 
 def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]:
-    """Bits of the nearest symbols of the constellation.
+    """Decide for the nearest symbols of the constellation, and give their bits.
 
     Parameters
     ----------
@@ -124,17 +128,18 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     received = np.asarray(symbols, dtype=np.complex128).ravel()
     if np.isnan(received).any():
         raise InputError(f"symbols hold {int(np.isnan(received).sum())} NaN: allowed are numbers")
-    words = np.zeros(received.size, dtype=np.uint8)
-    for amplitude, share in zip((received.real, received.imag), _axis_words(n_bits), strict=True):
+    labels = _axis_labels(n_bits // 2)
+    highest = len(labels) - 1
+    bits = np.empty((received.size, n_bits), dtype=np.uint8)
+    for axis, amplitude in enumerate((received.real, received.imag)):
         # Levels are 2 units apart, the lowest at 1 - L.
-        highest = len(share) - 1
         level = np.rint(amplitude * (0.5 / _unit(n_bits)) + highest / 2)
-        words += share[np.clip(level, 0, highest, out=level).astype(np.uint8)]
-    return np.unpackbits(words[:, None], axis=1)[:, -n_bits:].ravel()
+        bits[:, axis::2] = np.take(labels, np.clip(level, 0, highest).astype(np.uint8), axis=0)
+    return bits.ravel()
 
 
 def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
-    """Bit error rate of nearest-symbol decisions in white Gaussian noise, exactly.
+    """Compute the exact bit error rate of nearest-symbol decisions in white Gaussian noise.
 
     Real and imaginary part decide half of the bits each. Of each bit, of every
     level sent, the probabilities of all levels decided for that differ in the
@@ -166,30 +171,20 @@ def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
     0.001279
     """
     n_bits = bits_per_symbol(modulation)
-    labels = _axis_labels(n_bits // 2).astype(np.int64)
+    labels = _axis_labels(n_bits // 2)
     n_levels = len(labels)
-    # Standard deviation along one axis, in units of half the distance of levels.
-    with np.errstate(over="ignore"):
-        sigma = 10 ** (-np.asarray(snr_db, dtype=np.float64) / 20) / np.sqrt(2) / _unit(n_bits)
+    n_wrong = (labels[:, None, :] != labels).sum(axis=2)
     levels = 2.0 * np.arange(n_levels) + 1 - n_levels
-    n_wrong = (labels[:, None, :] != labels[None, :, :]).sum(axis=2)
-    rate = np.zeros(sigma.shape)
-    with np.errstate(divide="ignore"):
-        for sent in range(n_levels):
-            for decided in range(n_levels):
-                if n_wrong[sent, decided]:
-                    rate += n_wrong[sent, decided] * _share(levels[sent], levels[decided], n_levels, sigma)
-    total: NDArray[np.float64] = rate / (n_levels * n_bits // 2)
-    return total
-
-
-def _share(sent: float, decided: float, n_levels: int, sigma: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Probability that noise moves one level into the cell of another; tails keep their digits."""
-    distance = abs(decided - sent)
-    near = ndtr(-(distance - 1) / sigma)
-    is_outermost = abs(decided) == n_levels - 1
-    share: NDArray[np.float64] = near if is_outermost else near - ndtr(-(distance + 1) / sigma)
-    return share
+    distance = np.abs(levels[:, None] - levels)
+    is_outermost = np.abs(levels) == n_levels - 1
+    with np.errstate(over="ignore", divide="ignore"):
+        # Standard deviation along one axis, in units of half the distance of levels.
+        sigma = 10 ** (-np.asarray(snr_db, dtype=np.float64) / 20) / np.sqrt(2) / _unit(n_bits)
+        sigma = sigma[..., None, None]
+        # Probability of each decided level, as a difference of tails, which keep their digits.
+        share = ndtr((1 - distance) / sigma) - np.where(is_outermost, 0, ndtr(-(1 + distance) / sigma))
+    rate: NDArray[np.float64] = (n_wrong * share).sum(axis=(-2, -1)) / (n_levels * n_bits // 2)
+    return rate
 
 
 def _unit(n_bits: int) -> float:
@@ -197,27 +192,18 @@ def _unit(n_bits: int) -> float:
     return float(np.sqrt(3 / 2 / (2**n_bits - 1)))
 
 
-@lru_cache
+def _words(n_bits: int) -> NDArray[np.uint8]:
+    """Bits (2 ** n_bits, n_bits) of all words, in the order of the numbers that they spell."""
+    return np.unpackbits(np.arange(2**n_bits, dtype=np.uint8)[:, None], axis=1)[:, -n_bits:]
+
+
 def _axis_labels(n_bits: int) -> NDArray[np.uint8]:
     """Bits (2 ** n_bits, n_bits) of the levels along one axis, the lowest level first."""
-    words = np.arange(2**n_bits)
-    bits = (words[:, None] >> np.arange(n_bits)[::-1]) & 1
-    labels = bits[np.argsort(_axis_levels(bits))].astype(np.uint8)
-    labels.setflags(write=False)
-    return labels
+    words = _words(n_bits)
+    return words[np.argsort(_axis_levels(words))]
 
 
-@lru_cache
-def _axis_words(n_bits: int) -> NDArray[np.uint8]:
-    """What the levels (2, n_levels) of both axes add to the number that the bits of a symbol spell."""
-    labels = _axis_labels(n_bits // 2)
-    real = (labels * 2 ** np.arange(n_bits - 1, 0, -2, dtype=np.uint8)).sum(axis=1, dtype=np.uint8)
-    words = np.stack([real, real >> 1])
-    words.setflags(write=False)
-    return words
-
-
-def _axis_levels(bits: NDArray[Any]) -> NDArray[np.int64]:
+def _axis_levels(bits: NDArray[np.uint8]) -> NDArray[np.int64]:
     """Levels (n,), odd numbers, of bits (n, k): each further bit says on which side of the middle one is."""
     signs = 1 - 2 * bits.astype(np.int64)
     level = np.ones(len(bits), dtype=np.int64)
@@ -228,9 +214,9 @@ def _axis_levels(bits: NDArray[Any]) -> NDArray[np.int64]:
 
 @lru_cache
 def _constellation(n_bits: int) -> NDArray[np.complex128]:
-    words = np.arange(2**n_bits)
-    bits = (words[:, None] >> np.arange(n_bits)[::-1]) & 1
+    """Symbols (2 ** n_bits,), read-only."""
+    words = _words(n_bits)
     points = np.empty(len(words), dtype=np.complex128)
-    points.real, points.imag = (_unit(n_bits) * _axis_levels(bits[:, axis::2]) for axis in (0, 1))
+    points.real, points.imag = (_unit(n_bits) * _axis_levels(words[:, axis::2]) for axis in (0, 1))
     points.setflags(write=False)
     return points

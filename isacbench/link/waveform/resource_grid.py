@@ -1,24 +1,39 @@
-"""The resource grid of a frame: the positioning reference signal, and data everywhere else."""
+"""Resource grid of a frame: positioning reference signal from Gold sequences, and data everywhere else."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.signal import max_len_seq
 
 from isacbench.choices import Modulation
 from isacbench.display import brief
-from isacbench.link.waveform.gold import gold_sequence
+from isacbench.errors import require
 from isacbench.link.waveform.qam import bits_per_symbol, modulate_bits
-from isacbench.link.waveform.sent_signal import require_n_id
 from isacbench.model.echo import random_stream
+from isacbench.model.number_limits import require_count
 from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.model.numerology import System
+
+LARGEST_N_ID = 4095
+"""Largest identity of a PRS sequence (3GPP TS 38.211, 7.4.1.7.2)."""
+
+REGISTER = 31
+"""Bits in the register of either m-sequence."""
+
+SKIPPED = 1600
+"""Bits N_C that both m-sequences drop at their start."""
+
+FIRST_TAPS = (3,)
+SECOND_TAPS = (1, 2, 3)
+"""Taps of the registers besides tap 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +43,10 @@ class ResourceGrid:
     Attributes
     ----------
     symbols : ndarray of complex128, shape (n_subcarriers, n_symbols)
-        What every resource element carries, unit mean power, read-only. The
+        Symbol of every resource element, unit mean power, read-only. The
         subcarriers of a symbol lie side by side in memory.
     is_prs : ndarray of bool, same shape
-        Which of them carry the PRS; all others carry data.
+        True where an element carries the PRS; all others carry data.
     bits : ndarray of uint8, shape (n_bits,)
         Data, in the order of the resource elements that carry it: symbol by
         symbol, the lowest subcarrier first.
@@ -57,7 +72,7 @@ def draw_grid(
     system : System
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
     trial, seed : int
-        Which data, not negative. Modulations have data of their own.
+        Trial and seed of the data, not negative. Each modulation has its own data.
     n_id : int
         Identity of the PRS sequence, 0 to 4095.
 
@@ -84,23 +99,20 @@ def draw_grid(
     n_bits = bits_per_symbol(modulation)
     is_prs = prs_elements(system)
     n_data = is_prs.size - int(is_prs.sum())
-    bits = _random_bits(n_data * n_bits, random_stream("data", trial, seed, modulation))
+    # Eight bits of every random byte.
+    packed = random_stream("data", trial, seed, modulation).bytes(-(-n_data * n_bits // 8))
+    bits = np.unpackbits(np.frombuffer(packed, dtype=np.uint8), count=n_data * n_bits)
     # Symbols by subcarriers, so that one mask writes them in the standard's order.
-    by_symbol = prs_symbols(system, n_id).T
+    by_symbol = prs_symbols(system, n_id).T.copy()
     by_symbol[~is_prs.T] = modulate_bits(bits, modulation)
     for array in (by_symbol, is_prs, bits):
         array.setflags(write=False)
     return ResourceGrid(by_symbol.T, is_prs, bits, modulation)
 
 
-def _random_bits(n_bits: int, stream: np.random.Generator) -> NDArray[np.uint8]:
-    """Zeros and ones (n_bits,), eight of every random byte."""
-    packed = np.frombuffer(stream.bytes(-(-n_bits // 8)), dtype=np.uint8)
-    return np.unpackbits(packed, count=n_bits)
-
-
+@lru_cache(maxsize=2, typed=True)
 def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
-    """Symbols of the positioning reference signal on the resource grid.
+    """Compute the symbols of the positioning reference signal on the resource grid.
 
     Parameters
     ----------
@@ -112,7 +124,7 @@ def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
     -------
     ndarray of complex128, shape (n_subcarriers, n_symbols)
         QPSK of unit power on the elements of `isacbench.model.prs.prs_elements`,
-        0 elsewhere.
+        0 elsewhere; read-only.
 
     Raises
     ------
@@ -124,32 +136,31 @@ def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
     3GPP TS 38.211, 7.4.1.7.2.
     """
     is_prs = prs_elements(system)
-    symbols = np.flatnonzero(is_prs.any(axis=0))
-    n_most = int(is_prs.sum(axis=0).max())
-    sequences = gold_sequence(prs_c_init(*np.divmod(symbols, SLOT_SYMBOLS), n_id), 2 * n_most)
-    qpsk = modulate_bits(sequences.ravel(), "qpsk").reshape(len(symbols), n_most)
+    require_n_id(n_id)
     by_symbol = np.zeros(is_prs.T.shape, dtype=np.complex128)
-    for symbol, values in zip(symbols, qpsk, strict=True):
-        places = np.flatnonzero(is_prs[:, symbol])
-        by_symbol[symbol, places] = values[: places.size]
+    for symbol in np.flatnonzero(is_prs.any(axis=0)):
+        slot, symbol_of_slot = divmod(int(symbol), SLOT_SYMBOLS)
+        bits = gold_sequence(prs_c_init(slot, symbol_of_slot, n_id), 2 * int(is_prs[:, symbol].sum()))
+        by_symbol[symbol, is_prs[:, symbol]] = modulate_bits(bits, "qpsk")
+    by_symbol.setflags(write=False)
     return by_symbol.T
 
 
-def prs_c_init(slot: NDArray[np.int64], symbol: NDArray[np.int64], n_id: int) -> NDArray[np.int64]:
-    """Initial values of the Gold sequences of PRS symbols.
+def prs_c_init(slot: int, symbol: int, n_id: int) -> int:
+    """Compute the initial value of the Gold sequence of a PRS symbol.
 
     Parameters
     ----------
-    slot : ndarray of int64, shape (n,)
+    slot : int
         Slot in the radio frame.
-    symbol : ndarray of int64, shape (n,)
+    symbol : int
         Symbol in the slot.
     n_id : int
         Identity of the sequence, 0 to 4095.
 
     Returns
     -------
-    ndarray of int64, shape (n,)
+    int
 
     Raises
     ------
@@ -162,9 +173,69 @@ def prs_c_init(slot: NDArray[np.int64], symbol: NDArray[np.int64], n_id: int) ->
 
     Examples
     --------
-    >>> prs_c_init(np.array([0]), np.array([2]), n_id=0).tolist()
-    [3072]
+    >>> prs_c_init(0, 2, n_id=0)
+    3072
     """
     require_n_id(n_id)
     high, low = divmod(n_id, 1024)
     return (2**22 * high + 2**10 * (SLOT_SYMBOLS * slot + symbol + 1) * (2 * low + 1) + low) % 2**31
+
+
+def gold_sequence(c_init: int, length: int) -> NDArray[np.uint8]:
+    """Generate the pseudo-random bits c(0), c(1), ... of an initial value.
+
+    Parameters
+    ----------
+    c_init : int
+        Initial value of the second m-sequence, 0 to 2³¹ - 1.
+    length : int
+
+    Returns
+    -------
+    ndarray of uint8, shape (length,)
+        Zeros and ones.
+
+    Raises
+    ------
+    InputError
+        If the initial value or the length is out of range.
+
+    References
+    ----------
+    3GPP TS 38.211, 5.2.1.
+
+    Examples
+    --------
+    >>> gold_sequence(1, 8).tolist()
+    [0, 0, 0, 0, 0, 0, 1, 0]
+    """
+    allowed = type(c_init) is int and 0 <= c_init < 2**REGISTER
+    require(allowed, "c_init", c_init, f"a whole number from 0 to {2**REGISTER - 1}")
+    require_count("length", length, smallest=0)
+    first = _m_sequence([1, *[0] * (REGISTER - 1)], FIRST_TAPS, length)
+    return first ^ _m_sequence([c_init >> bit & 1 for bit in range(REGISTER)], SECOND_TAPS, length)
+
+
+def _m_sequence(start: list[int], taps: tuple[int, ...], length: int) -> NDArray[np.uint8]:
+    """Bits (length,) behind the skipped ones: x(n + 31) is the sum of x(n) and of x(n + tap) modulo 2."""
+    if not any(start):
+        return np.zeros(length, dtype=np.uint8)
+    bits, _ = max_len_seq(REGISTER, start, SKIPPED + length, taps)
+    sequence: NDArray[np.uint8] = bits[SKIPPED:].astype(np.uint8)
+    return sequence
+
+
+def require_n_id(n_id: object) -> None:
+    """Refuse what is no identity of a PRS sequence.
+
+    Parameters
+    ----------
+    n_id : object
+
+    Raises
+    ------
+    InputError
+        If it is not a whole number from 0 to 4095.
+    """
+    allowed = type(n_id) is int and 0 <= n_id <= LARGEST_N_ID
+    require(allowed, "n_id", n_id, f"a whole number from 0 to {LARGEST_N_ID}")

@@ -10,9 +10,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from isacbench.files.checked_files import make_own_folder
-from isacbench.link.waveform.figures_of_merit import without_suffix
+from isacbench.link.waveform.figures_of_merit import papr_ccdf, without_suffix
 from isacbench.link.waveform.ofdm import modulate
-from isacbench.link.waveform.papr import papr_ccdf
 from isacbench.link.waveform.power_spectrum import mean_power, measured_density, out_of_band_db, power_density
 from isacbench.model.prs import SLOT_SYMBOLS
 from isacbench.report.drawing.panels import panel_grid

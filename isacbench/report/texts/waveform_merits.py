@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.link.waveform.bit_rates import frame_rates
-from isacbench.link.waveform.figures_of_merit import OFFSETS
-from isacbench.link.waveform.papr import exceeded_papr_db
+from isacbench.link.waveform.figures_of_merit import OFFSETS, exceeded_papr_db, frame_rates
 from isacbench.report.tables.run_tables import Grid
 
 if TYPE_CHECKING:

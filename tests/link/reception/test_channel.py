@@ -10,9 +10,9 @@ from isacbench.link.reception.channel import (
     TappedDelay,
     TwoRay,
     channel_response,
+    delay_profile,
     reflection_coefficient,
 )
-from isacbench.link.reception.delay_profiles import delay_profile
 from isacbench.link.waveform.ofdm import demodulate
 from isacbench.link.waveform.propagation import Paths, propagate
 from isacbench.link.waveform.resource_grid import draw_grid
@@ -65,7 +65,7 @@ def test_the_closed_form_is_a_plain_double_loop(n_paths, speed_hz, seed):
     gain = stream.standard_normal((n_paths, 2)) @ [1, 1j]
     delay_s = stream.uniform(0, system.isi_free_delay_s, n_paths)
     doppler_hz = stream.uniform(-speed_hz, speed_hz, n_paths)
-    response = channel_response(system, Paths(gain[:, None], delay_s, doppler_hz))
+    response = np.broadcast_to(channel_response(system, Paths(gain[:, None], delay_s, doppler_hz)), (7, 3))
     samples = (np.arange(7) - 3) / system.bandwidth_hz
     for n in range(7):
         for m in range(3):
@@ -143,9 +143,7 @@ def test_a_moving_user_sees_the_correlation_of_rays_from_all_around():
 
 
 def test_a_user_at_rest_sees_one_response_in_all_symbols():
-    response = channel_response(SMALL, draw(TappedDelay()))
-    assert np.all(response == response[:, :1])
-    assert not response.flags.writeable
+    assert channel_response(SMALL, draw(TappedDelay())).shape == (SMALL.n_subcarriers, 1)
 
 
 @given(
@@ -219,10 +217,3 @@ def test_paths_beyond_the_prefix_and_fast_ones_have_no_closed_form():
     fast = Paths(np.ones((1, 1), complex), np.zeros(1), np.array([5000.0]))
     with pytest.raises(InputError, match=r"Doppler of 0\.0208 subcarrier spacings"):
         channel_response(SMALL, fast)
-
-
-def test_two_rays_that_cancel_are_refused():
-    """Flat on the ground the reflection is the direct ray turned round."""
-    channel = TwoRay(base_station_height_m=1e-12, ue_height_m=1e-12, distance_m=1e6)
-    with pytest.raises(InputError, match=r"^two_ray: .* distance of 1e\+06 m the rays cancel"):
-        draw(channel)

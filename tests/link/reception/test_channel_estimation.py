@@ -95,8 +95,10 @@ def test_polynomials_in_time_are_followed_up_to_the_order(order):
     )(np.arange(224))
     received = np.where(np.isnan(sounded), 1, sounded) * grid.symbols
     estimate = estimator.estimate(received, grid.symbols)
-    np.testing.assert_allclose(estimate, np.tile(values, (64, 1)), rtol=0, atol=1e-3)
-    assert estimator.is_constant == (order == 0)
+    assert estimate.shape == (64, 1 if order == 0 else 224)
+    np.testing.assert_allclose(
+        np.broadcast_to(estimate, (64, 224)), np.tile(values, (64, 1)), rtol=0, atol=1e-3
+    )
 
 
 def test_each_order_costs_noise():
@@ -115,7 +117,7 @@ def test_a_flat_channel_is_known_whatever_the_frame(n_subcarriers, n_symbols, pr
     grid = draw_grid(system)
     estimator = prs_estimator(system)
     estimate = estimator.estimate(2j * grid.symbols, grid.symbols)
-    np.testing.assert_allclose(estimate, np.full(grid.symbols.shape, 2j), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(estimate, np.full((n_subcarriers, 1), 2j), rtol=0, atol=1e-3)
     gram = estimator.basis.conj().T @ estimator.basis
     np.testing.assert_allclose(gram, np.eye(gram.shape[0]), rtol=0, atol=1e-10)
 

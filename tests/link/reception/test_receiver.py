@@ -3,20 +3,20 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.special import erfc, ndtr
+from scipy.special import ndtr
 from scipy.stats import binom
 
 from isacbench.errors import InputError
-from isacbench.link.reception import error_prediction
+from isacbench.link.reception import receiver
 from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, channel_response
 from isacbench.link.reception.channel_estimation import prs_estimator
-from isacbench.link.reception.error_prediction import (
+from isacbench.link.reception.receiver import (
+    drawn_response,
     effective_snr_db,
-    estimated_evm,
+    expected_ber,
+    receive,
     response_ber,
-    response_evm,
 )
-from isacbench.link.reception.receiver import drawn_response, expected_ber, receive
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, constellation, decide_bits
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
 from isacbench.model.echo import random_stream, white_gaussian
@@ -61,29 +61,6 @@ def error_moments(modulation, snr_db):
     return 2 * first, 2 * (second - first**2)
 
 
-def published_ber(modulation, snr_db):
-    """Sums of Cho and Yoon (2002), equations 14 to 16, for square constellations."""
-    n_bits = bits_per_symbol(modulation)
-    size = 2**n_bits
-    side = 2 ** (n_bits // 2)
-    snr = 10 ** (snr_db / 10)
-    total = 0.0
-    for k in range(1, n_bits // 2 + 1):
-        for i in range(round((1 - 2.0**-k) * side)):
-            floor = i * 2 ** (k - 1) // side
-            weight = 2 ** (k - 1) - int(np.floor(i * 2 ** (k - 1) / side + 0.5))
-            total += (-1) ** floor * weight * erfc((2 * i + 1) * np.sqrt(3 * snr / (2 * (size - 1)))) / side
-    return total / (n_bits // 2)
-
-
-@pytest.mark.parametrize("modulation", MODULATIONS)
-@pytest.mark.parametrize("snr_db", [-10.0, 0.0, 7.0, 15.0, 25.0])
-def test_the_closed_form_is_the_published_one(modulation, snr_db):
-    assert awgn_ber(modulation, snr_db) == pytest.approx(
-        published_ber(modulation, snr_db), rel=1e-9, abs=1e-15
-    )
-
-
 SNRS_DB = {
     "qpsk": (0.0, 3.0, 6.0, 9.0, 12.0),
     "16qam": (3.0, 8.0, 12.0, 16.0, 19.0),
@@ -121,8 +98,7 @@ def test_bit_errors_in_white_noise_are_those_of_the_closed_form(grids, modulatio
     evm = 10 ** (-snr_db / 20)
     n = reception.n_bits / bits_per_symbol(modulation)
     assert reception.evm == pytest.approx(evm, rel=4 / np.sqrt(n) / 2)
-    assert reception.equalised_snr_db == pytest.approx(snr_db, abs=0.03)
-    assert reception.evm_percent == pytest.approx(100 * 10 ** (reception.evm_db / 20))
+    assert reception.evm_db == pytest.approx(-snr_db, abs=0.03)
     assert np.isnan(reception.channel_error_db)
 
 
@@ -149,11 +125,12 @@ def test_bit_errors_over_a_known_channel_are_those_of_its_elements(small_grids, 
     # All symbols see one response, and all subcarriers carry as many data symbols.
     ber = response_ber(modulation, response[:, 0], snr_db)
     assert is_likely(reception.n_bit_errors, reception.n_bits, ber, len(FADED))
-    response = response[~grid.is_prs]
+    response = np.broadcast_to(response, grid.is_prs.shape)[~grid.is_prs]
     # Errors of weak elements count most: the kurtosis of the mean is that of 1/|H|².
     inverse = 1 / np.abs(response) ** 2
     deviation = np.sqrt(np.sum(inverse**2)) / np.sum(inverse)
-    assert reception.evm == pytest.approx(response_evm(response, snr_db), rel=4 * deviation / 2)
+    evm = np.sqrt(10 ** (-snr_db / 10) * np.mean(inverse))
+    assert reception.evm == pytest.approx(evm, rel=4 * deviation / 2)
     assert reception.channel_power_db == pytest.approx(
         10 * np.log10(np.mean(np.abs(response) ** 2)), abs=0.05
     )
@@ -228,7 +205,7 @@ def test_errors_of_estimates_and_of_symbols_are_those_of_the_noise_gain(small_gr
     assert error == pytest.approx(0.01 * estimator.noise_gain, rel=4 / np.sqrt(n))
     evm = np.sqrt(np.mean([reception.evm**2 for reception in receptions]))
     # The estimate adds 1.1 %, ten times what is allowed.
-    assert evm == pytest.approx(estimated_evm(20.0, estimator.noise_gain), rel=1.1e-3)
+    assert evm == pytest.approx(np.sqrt(0.01 * (1 + estimator.noise_gain)), rel=1.1e-3)
 
 
 @pytest.mark.parametrize("modulation", MODULATIONS)
@@ -337,7 +314,7 @@ def test_the_expected_error_rate_is_the_mean_over_all_data_and_nothing_else(spee
     """Counts of a frame tell a mean over some symbols from that over all: fades move through the frame."""
     system = System(n_symbols=n_symbols)
     channel = TappedDelay("tdl_a", 53e-9, speed_mps)
-    response = drawn_response(system, channel, trial=3)
+    response = np.broadcast_to(drawn_response(system, channel, trial=3), (2048, n_symbols))
     with np.errstate(divide="ignore"):
         snr_db = 20.0 + 20 * np.log10(np.abs(response[~prs_elements(system)]))
     expected = expected_ber("qpsk", system, channel, 20.0, knowledge="perfect", trial=3)
@@ -346,9 +323,9 @@ def test_the_expected_error_rate_is_the_mean_over_all_data_and_nothing_else(spee
 
 @pytest.mark.parametrize("modulation", ["qpsk", "256qam"])
 def test_error_rates_from_a_table_are_those_of_the_closed_form(modulation):
-    snr_db = np.random.default_rng(0).uniform(-50, 40, error_prediction.MOST_SUMMED + 1)
+    snr_db = np.random.default_rng(0).uniform(-50, 40, receiver.MOST_SUMMED + 1)
     snr_db[0], snr_db[1] = -np.inf, np.inf
-    rates = error_prediction._interpolated_ber(modulation, snr_db)
+    rates = receiver._interpolated_ber(modulation, snr_db)
     exact = awgn_ber(modulation, snr_db)
     np.testing.assert_allclose(rates[1:], exact[1:], rtol=1e-7, atol=1e-15)
     np.testing.assert_allclose(rates[0], exact[0], rtol=1e-6)

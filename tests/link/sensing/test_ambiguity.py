@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from isacbench.errors import InputError
 from isacbench.link.sensing.ambiguity import point_spread, prs_ambiguities
@@ -24,18 +22,11 @@ def summed(system, sensing, range_offset, doppler_offset):
     return np.exp(2j * np.pi * phase).mean(axis=-1)
 
 
-@given(
-    st.integers(1, 18),
-    st.integers(3, 75),
-    st.sampled_from(["all", "prs"]),
-    st.lists(st.floats(-40, 40), min_size=1, max_size=3),
-    st.lists(st.floats(-90, 90), min_size=1, max_size=3),
-)
-@settings(max_examples=30, derandomize=True, deadline=None)
-def test_closed_form_is_the_sum_over_resource_elements(n, m, sensing, range_offset, doppler_offset):
-    system = System(n_subcarriers=n, n_symbols=m)
+@pytest.mark.parametrize("sensing", ["all", "prs"])
+def test_the_point_spread_is_the_sum_over_resource_elements(sensing):
+    system, range_offset, doppler_offset = System(n_subcarriers=18, n_symbols=75), [0, -3.3, 40], [0.4, -90]
     spread = point_spread(system, sensing, range_offset, doppler_offset)
-    np.testing.assert_allclose(spread, summed(system, sensing, range_offset, doppler_offset), atol=1e-11)
+    np.testing.assert_allclose(spread, summed(system, sensing, range_offset, doppler_offset), atol=1e-12)
 
 
 @pytest.mark.parametrize("sensing", ["all", "prs"])

@@ -2,19 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.link.sensing.interference import (
-    doppler_gain,
-    doppler_leakage,
-    echo_interference,
-    mean_inverse_power,
-    path_interference,
-)
+from isacbench.link.sensing.interference import echo_interference, path_interference
 from isacbench.link.waveform.ofdm import layout
 from isacbench.link.waveform.propagation import Paths, received_symbols
+from isacbench.link.waveform.qam import constellation
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
 
@@ -46,21 +41,6 @@ def closed_form(system, delay_samples, doppler_ratio):
     return np.exp(2j * np.pi * (m * turn - n * delay_samples / system.n_subcarriers))
 
 
-@settings(max_examples=40)
-@given(ratio=st.floats(-100, 100), n=st.integers(1, 40))
-def test_the_gain_is_the_mean_of_the_doppler_phase(ratio, n):
-    phases = np.exp(2j * np.pi * ratio * (np.arange(n) - (n - 1) / 2) / n)
-    assert doppler_gain(ratio, n) == pytest.approx(phases.mean(), abs=1e-11)
-
-
-@given(ratio=st.floats(-2, 2), n=st.integers(1, 32))
-def test_leakage_is_what_a_transform_makes_of_the_doppler_phase(ratio, n):
-    turned = np.exp(2j * np.pi * ratio * (np.arange(n) - (n - 1) / 2) / n)
-    spectra = np.fft.fft(turned[:, None] * np.fft.ifft(np.eye(n), axis=0, norm="ortho"), axis=0, norm="ortho")
-    received, sent = np.indices((n, n))
-    np.testing.assert_allclose(doppler_leakage(ratio, sent - received, n), spectra, atol=1e-12)
-
-
 @pytest.mark.parametrize("doppler_ratio", [1e-9, 1e-6, 1e-3, 1e-2])
 def test_interference_of_slow_echoes_grows_as_the_square_of_their_speed(doppler_ratio):
     system = System()
@@ -72,7 +52,7 @@ def test_interference_of_slow_echoes_grows_as_the_square_of_their_speed(doppler_
 def test_inside_the_undisturbed_prefix_what_is_not_useful_interferes(doppler_ratio, share):
     delay_s = share * 2 / SMALL.bandwidth_hz
     found = path_interference(SMALL, delay_s, doppler_ratio * SMALL.subcarrier_spacing_hz)
-    gain = doppler_gain(doppler_ratio, 16)
+    gain = np.mean(np.exp(2j * np.pi * doppler_ratio * (np.arange(16) - 7.5) / 16)).real
     assert found.useful_gain == pytest.approx(gain, abs=1e-12)
     assert found.power == pytest.approx(1 - gain**2, abs=1e-12)
 
@@ -136,43 +116,36 @@ def test_the_error_of_a_divided_grid_is_the_stated_one_in_the_mean(modulation, r
     error = (received / grid.symbols / echo)[:, 1:] * data - 1
     of_data = np.abs(error[np.isfinite(error)]) ** 2
     spread = of_data.std() / np.sqrt(of_data.size)
-    assert of_data.mean() == pytest.approx(
-        found.grid_error_power(mean_inverse_power(modulation)), abs=5 * spread
-    )
+    mean_inverse_power = np.mean(1 / np.abs(constellation(modulation)) ** 2)
+    expected = np.abs(1 - found.useful_gain) ** 2 + mean_inverse_power * found.power
+    assert of_data.mean() == pytest.approx(expected, abs=5 * spread)
     useful = (1 + error[np.isfinite(error)]).mean()
     assert useful == pytest.approx(found.useful_gain, abs=5 * np.sqrt(of_data.mean() / of_data.size))
-
-
-def test_inverse_powers_are_those_of_the_amplitudes():
-    # 16-QAM has powers 2, 10, 18 over 10, of 4, 8 and 4 points.
-    assert mean_inverse_power("16qam") == pytest.approx((4 * 5 + 8 * 1 + 4 * 10 / 18) / 16)
-    assert mean_inverse_power("qpsk") == pytest.approx(1)
 
 
 def test_interference_begins_where_the_undisturbed_prefix_ends():
     system = System()
     before_m, behind_m = np.array([-0.2, 0.7]) + system.isi_free_range_m
-    before, behind = echo_interference(system, [before_m, behind_m], 0.0).to_signal_db
-    assert before == -np.inf
-    assert behind > -120
+    before, behind = echo_interference(system, [before_m, behind_m], 0.0).power
+    assert before == 0
+    assert behind > 1e-12
 
 
 def test_an_echo_of_nothing_but_earlier_symbols_has_no_useful_gain():
     parts, system = layout(SMALL), SMALL
     found = path_interference(system, (parts.n_symbol + 0.5) / system.bandwidth_hz, 0.0)
     assert found.useful_gain == 0
-    assert found.to_signal_db == np.inf
+    assert found.power > 0
     nothing = path_interference(system, (parts.n_symbol + 0.5) / system.bandwidth_hz, 0.0, n_previous=0)
     assert nothing.power == 0
-    assert nothing.to_signal_db == -np.inf
 
 
 def test_many_paths_are_those_one_by_one():
-    delay_s = np.linspace(0, 60, 1000).reshape(500, 2) / SMALL.bandwidth_hz
+    delay_s = np.linspace(0, 60, 10).reshape(5, 2) / SMALL.bandwidth_hz
     doppler_hz = np.array([0.0, 1e4])
     together = path_interference(SMALL, delay_s, doppler_hz)
-    assert together.power.shape == (500, 2)
-    for k in (0, 123, 499):
+    assert together.power.shape == (5, 2)
+    for k in range(5):
         alone = path_interference(SMALL, delay_s[k], doppler_hz)
         np.testing.assert_allclose(together.power[k], alone.power, atol=1e-15)
         np.testing.assert_allclose(together.useful_gain[k], alone.useful_gain, atol=1e-15)

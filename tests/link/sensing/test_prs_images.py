@@ -10,9 +10,9 @@ import isacbench
 from isacbench.dsp.bursts import symbol_bursts
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.sensing.observing import observe
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, echo_parameters
 from isacbench.model.scene import Scatterers
@@ -105,7 +105,7 @@ def test_grating_lobes_do_not_count_as_noise(space, snr_db):
     scene = holding(space, list(xyz), np.linspace(-14, 14, 12))
     simulator = SignalSimulator(scene, PRS)
     observation = simulator.observe(snr_db)
-    expected = simulator.noise_power(snr_db) * simulator.weights(snr_db).noise_factor
+    expected = simulator.noise_power(snr_db) * np.mean(simulator.weights(snr_db).noise ** 2)
     measured = white_noise(GatedMap.of(observation, observation.cells))
     assert measured == pytest.approx(expected, rel=0.3)
     as_of_whole_frame = dataclasses.replace(observation, sensing="all")

@@ -3,8 +3,12 @@ import pytest
 from scipy.constants import speed_of_light
 
 from isacbench.errors import InputError
-from isacbench.link.waveform.figures_of_merit import draw_papr_db, waveform_merits, without_suffix
-from isacbench.link.waveform.papr import symbol_papr_db
+from isacbench.link.waveform.figures_of_merit import (
+    draw_papr_db,
+    symbol_papr_db,
+    waveform_merits,
+    without_suffix,
+)
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.numerology import System
 

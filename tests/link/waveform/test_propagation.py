@@ -216,7 +216,7 @@ def test_grids_of_another_system_and_endless_frames_are_refused():
     path = Paths([[1.0]], [0.0], [0.0])
     with pytest.raises(InputError, match=r"symbols of shape \(32, 3\): allowed is \(32, 2\)"):
         propagate(np.ones((32, 3)), system, path)
-    with pytest.raises(InputError, match="symbols holds nan"):
+    with pytest.raises(InputError, match="symbols hold values that are not finite"):
         received_symbols(np.full((32, 2), np.nan), system, path)
     with pytest.raises(InputError, match=r"paths\.delay_s, the longest, = 1.0: allowed is up to"):
         propagate(np.ones((32, 2)), system, Paths([[1.0]], [1.0], [0.0]))

@@ -7,9 +7,9 @@ import pytest
 from py3gpp import nrPRBS, nrSymbolModulate
 
 from isacbench.errors import InputError
+from isacbench.link.sensing.division import Signal
 from isacbench.link.waveform.qam import bits_per_symbol, constellation, modulate_bits
 from isacbench.link.waveform.resource_grid import draw_grid, prs_c_init, prs_symbols
-from isacbench.link.waveform.sent_signal import Signal
 from isacbench.model.numerology import System
 from isacbench.model.prs import prs_elements
 
@@ -52,13 +52,14 @@ def test_initial_values_are_those_of_the_printed_formula(n_id):
     # A radio frame at 240 kHz has 160 slots: large ones pass 2³¹.
     slot, symbol = (axis.ravel() for axis in np.mgrid[:160:13, :14])
     expected = [c_init_as_printed(int(a), int(b), n_id) for a, b in zip(slot, symbol, strict=True)]
-    assert prs_c_init(slot, symbol, n_id).tolist() == expected
+    found = [prs_c_init(int(a), int(b), n_id) for a, b in zip(slot, symbol, strict=True)]
+    assert found == expected
 
 
 def test_some_initial_values_worked_out_by_hand():
-    slot, symbol = np.array([0, 4, 4]), np.array([2, 2, 13])
-    assert prs_c_init(slot, symbol, 0).tolist() == [3 * 1024, 59 * 1024, 70 * 1024]
-    assert prs_c_init(slot, symbol, 1024 + 5).tolist() == [
+    places = [(0, 2), (4, 2), (4, 13)]
+    assert [prs_c_init(*place, 0) for place in places] == [3 * 1024, 59 * 1024, 70 * 1024]
+    assert [prs_c_init(*place, 1024 + 5) for place in places] == [
         2**22 + 33 * 1024 + 5,
         2**22 + 649 * 1024 + 5,
         2**22 + 770 * 1024 + 5,
@@ -101,7 +102,7 @@ def test_symbols_slots_and_identities_have_sequences_of_their_own():
 def test_an_identity_that_does_not_exist_is_an_error(n_id):
     for call in (
         lambda: prs_symbols(SYSTEM, n_id),
-        lambda: prs_c_init(np.array([0]), np.array([2]), n_id),
+        lambda: prs_c_init(0, 2, n_id),
         lambda: draw_grid(SYSTEM, n_id=n_id),
         lambda: Signal(n_id=n_id),
     ):

@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from isacbench.errors import InputError
-from isacbench.link.waveform.sent_signal import Signal
+from isacbench.link.sensing.division import Signal
 
 
 def test_the_default_signal_is_plain():
