@@ -155,7 +155,8 @@ def observe_cube(
         if symbols is not None or not sensed.all():
             known = np.ones(sensed.shape) if symbols is None else symbols
             factors = division_factors(known, sensed, signal.division, np.inf if snr_db is None else snr_db)
-    return CubeObservation(array_or_path, scenario, factors, workers, sensing)
+        source = cube if cube.is_held else array_or_path
+    return CubeObservation(source, scenario, factors, workers, sensing)
 
 
 def _read_transmitted(transmitted: ArrayLike | str | Path) -> NDArray[Any]:

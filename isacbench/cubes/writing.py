@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from isacbench.cubes.cube import ComplexArray, describe_array, require_cube
-from isacbench.cubes.formats.cube_files import CUBE
+from isacbench.cubes.cube import CUBE_NAME, ComplexArray, require_cube
+from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
 from isacbench.errors import InputError
-from isacbench.files.arrays.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
 from isacbench.files.checked_files import is_there
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ class CubeWriter:
         if block.dtype.kind != "c" or block.shape[1:] != self.shape[1:]:
             raise InputError(
                 f"{self.path}: a block takes complex numbers of shape "
-                f"(n, {', '.join(map(str, self.shape[1:]))}), not {describe_array(block.shape, block.dtype)}"
+                f"(n, {', '.join(map(str, self.shape[1:]))}), not {block.dtype} of shape {block.shape}"
             )
         stop = first_subcarrier + len(block)
         if not 0 <= first_subcarrier < stop <= self.shape[0]:
@@ -210,7 +209,7 @@ def _create_hdf5(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Wri
 
     chunks = chunk_lengths(shape, dtype.itemsize)
     with h5py.File(path, "w") as file:
-        dataset = file.create_dataset(CUBE.name, shape, dtype, chunks=chunks)
+        dataset = file.create_dataset(CUBE_NAME, shape, dtype, chunks=chunks)
 
         def write(first_subcarrier: int, block: ComplexArray) -> None:
             dataset[first_subcarrier : first_subcarrier + len(block)] = block
@@ -223,7 +222,7 @@ def _create_zarr(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Wri
     import zarr
 
     array = zarr.open_group(path, mode="w").create_array(
-        CUBE.name,
+        CUBE_NAME,
         shape=shape,
         dtype=dtype,
         chunks=chunk_lengths(shape, dtype.itemsize),

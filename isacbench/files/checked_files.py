@@ -28,6 +28,9 @@ CLOUD_BYTES = 2**28
 GRID_BYTES = 2**28
 """A transmitted grid as complex128: 16.8 million resource elements, 36 times the paper's."""
 
+HELD_BYTES = 2**32
+"""An array or a file of a format that is read as a whole: a cube four times the paper's."""
+
 MANIFEST_BYTES = 2**28
 """The manifest of a run: some hundred thousand scenes."""
 
