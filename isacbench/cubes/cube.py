@@ -141,7 +141,16 @@ class Cube(ABC):
 
 
 def is_complex(dtype: np.dtype[Any]) -> bool:
-    """Whether a type is complex64 or complex128, in any byte order."""
+    """Tell if a type is complex64 or complex128, in any byte order.
+
+    Parameters
+    ----------
+    dtype : dtype
+
+    Returns
+    -------
+    bool
+    """
     return dtype.kind == "c" and dtype.itemsize in (8, 16)
 
 
@@ -151,7 +160,7 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
     Parameters
     ----------
     name : str
-        What the message calls it.
+        Name in messages.
     shape : tuple of int
     dtype : dtype
 
@@ -169,7 +178,8 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
     if not is_complex(dtype):
         raise InputError(f"{name}: holds {_kind(dtype)}; a cube takes complex64 or complex128")
     if len(shape) != 4:
-        raise InputError(f"{name}: has {len(shape)} {'axis' if len(shape) == 1 else 'axes'}, shape {shape}; a cube takes four: {AXES}")
+        axes = f"{len(shape)} {'axis' if len(shape) == 1 else 'axes'}"
+        raise InputError(f"{name}: has {axes}, shape {shape}; a cube takes four: {AXES}")
     if min(shape) < 1:
         raise InputError(f"{name}: is empty, shape {shape}; a cube takes at least one of {AXES} each")
     n_subcarriers, n_symbols, n_p, n_q = (int(length) for length in shape)
@@ -182,7 +192,7 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
     Parameters
     ----------
     name : str
-        What the message calls it.
+        Name in messages.
     shape : tuple of int
     dtype : dtype
 
@@ -215,9 +225,9 @@ def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
     ----------
     cube : Cube
     system : System
-        Its numbers of subcarriers and symbols are asked for,
+        Has the subcarriers and symbols that are wanted.
     array : VirtualArray
-        and its elements along u and along w.
+        Has the elements along u and along w that are wanted.
 
     Raises
     ------

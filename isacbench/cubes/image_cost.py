@@ -67,7 +67,7 @@ class Step:
 
 @dataclass(frozen=True)
 class ImagePlan:
-    """What an estimator's image of a frame takes.
+    """Cost of an estimator's image of a frame.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""From a cube to the cells of a gate, tile by tile and in several threads, without ever holding the cube."""
+"""Transform of a cube to the cells of a gate, tile by tile and in several threads."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class GateTransform:
 
     @property
     def range_method(self) -> RangeMethod:
-        """How the range bins come about where subcarriers are not side by side."""
+        """Transform to range bins of blocks whose subcarriers are not side by side."""
         return range_method(self.gate.range_bins.size, self.system.n_subcarriers)
 
     def cells(
@@ -143,7 +143,7 @@ class GateTransform:
         return cells
 
     def _has_fast_lines(self, block: Complex) -> bool:
-        """Whether an FFT yields the range bins of a block fastest."""
+        """Tell if an FFT yields the range bins of a block fastest."""
         n_subcarriers = self.system.n_subcarriers
         method = range_method(self.gate.range_bins.size, n_subcarriers, "contiguous")
         return len(block) == n_subcarriers and is_element_major(block) and method == "fft"
@@ -169,7 +169,7 @@ def _in_order(threads: ThreadPoolExecutor, work: Any, tiles: Iterator[Tile], n_a
 
 
 def _find_fault(cube: Cube, elements: NDArray[np.intp]) -> str:
-    """Where the first number is that is not finite, or what else is wrong."""
+    """Describe the first number that is not finite by its place, or else an overflow."""
     for tile in cube.tiles(elements):
         block = tile.load()
         faulty = ~np.isfinite(block)

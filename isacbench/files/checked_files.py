@@ -45,21 +45,21 @@ KINDS: dict[str, Callable[[int], bool]] = {
 
 
 def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
-    """Refuse what is no file that can be read to its end: reading a pipe or a device may never come back.
+    """Refuse a path that is no file that can be read to its end, such as a pipe.
 
     Parameters
     ----------
     path : Path
         Symbolic links are followed.
     limit_bytes : int, optional
-        Most that it may hold.
+        Largest size.
     missing : str
-        What to say of a file that is not there.
+        Words for a file that does not exist.
 
     Returns
     -------
     int
-        Bytes that it holds.
+        Size in bytes.
 
     Raises
     ------
@@ -78,7 +78,16 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
 
 
 def is_there(path: Path) -> bool:
-    """Whether there is anything under a name, if only a symbolic link that leads nowhere."""
+    """Tell if a name is taken, if only by a symbolic link that leads nowhere.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):
@@ -89,7 +98,11 @@ def is_there(path: Path) -> bool:
 
 
 def require_writable(path: Path) -> None:
-    """Refuse to write where something else than a file is: a pipe would wait for its reader for ever.
+    """Refuse to write where something other than a file is, such as a pipe or a folder.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -104,6 +117,10 @@ def require_writable(path: Path) -> None:
 def require_picture(path: Path) -> None:
     """Refuse a picture without an extension of a format that can be drawn.
 
+    Parameters
+    ----------
+    path : Path
+
     Raises
     ------
     InputError
@@ -114,7 +131,11 @@ def require_picture(path: Path) -> None:
 
 
 def require_replaceable(path: Path) -> None:
-    """Refuse a file to write, before the work whose result it takes, where it could not be made or replaced.
+    """Refuse a file that could not be made or replaced, before the work whose result it takes.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -136,8 +157,13 @@ def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> 
     ----------
     path : Path
     limit_bytes : int
+        Largest size.
     missing : str
-        What to say of a file that is not there.
+        Words for a file that does not exist.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -154,7 +180,7 @@ def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> 
 
 
 def require_inside(path: Path, *folders: Path) -> None:
-    """Refuse a file that a file or folder of somebody else's leads to, but that lies outside.
+    """Refuse a file outside some folders that a file or folder of another person leads to.
 
     What comes from a stranger must not make anybody read, and quote in
     messages, files that the stranger does not have.
@@ -162,9 +188,9 @@ def require_inside(path: Path, *folders: Path) -> None:
     Parameters
     ----------
     path : Path
-        What is named, or found.
+        Named or found path.
     *folders : Path
-        Where it may lie, the first one for messages.
+        Allowed folders, the first one for messages.
 
     Raises
     ------
@@ -184,7 +210,7 @@ def require_inside(path: Path, *folders: Path) -> None:
 
 
 def open_own(path: Path, flags: int) -> int:
-    """Open a file of our own in a folder that somebody else may have filled: never through a symbolic link.
+    """Open a file of our own for writing, never through a symbolic link.
 
     Parameters
     ----------
@@ -213,7 +239,11 @@ def open_own(path: Path, flags: int) -> int:
 
 
 def make_own_folder(path: Path) -> None:
-    """Make a folder in one that somebody else may have filled, unless it is there: never a link to elsewhere.
+    """Make a folder, unless it is there, never through a symbolic link.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -229,7 +259,15 @@ def make_own_folder(path: Path) -> None:
 
 
 def binary_size(n_bytes: int) -> str:
-    """Write a number of bytes for people.
+    """Write a number of bytes in units of 1024.
+
+    Parameters
+    ----------
+    n_bytes : int
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -243,7 +281,7 @@ def binary_size(n_bytes: int) -> str:
 
 
 def _looked_at(path: Path) -> os.stat_result | None:
-    """What the system says of a path; None where there is nothing."""
+    """Status of a path, None where there is nothing."""
     try:
         return path.stat()
     except (FileNotFoundError, NotADirectoryError):

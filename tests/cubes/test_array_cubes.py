@@ -75,7 +75,9 @@ def test_whatever_the_chunks_tiles_add_up_and_read_only_chunks_of_requested_elem
         read_chunks.append((n.start, m.start, p.start // chunks[2], q.start // chunks[3]))
         return array[box]
 
-    stored = ChunkedArray(array.shape, array.dtype, array.copy, chunks=chunks, read_box=read)
+    stored = ChunkedArray(
+        array.shape, array.dtype, array.copy, chunks=chunks, read_box=read, require_filled=lambda: None
+    )
     cube = ChunkedCube("c", stored, tile_bytes)
     assert np.array_equal(sum_of_tiles(cube, elements), of_elements(array, elements))
     assert {place[2:] for place in read_chunks} == wanted

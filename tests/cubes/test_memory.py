@@ -1,4 +1,4 @@
-"""A file that can be read in parts is never held as a whole, and libraries of file formats are loaded with the first file of theirs."""
+"""Files that can be read in parts are never held as a whole; libraries load with the first file of theirs."""
 
 from __future__ import annotations
 

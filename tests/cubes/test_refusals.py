@@ -158,7 +158,7 @@ def test_a_truncated_npy_file_says_how_much_it_lacks(tmp_path, order):
 
 def test_an_array_of_python_objects_is_no_cube(tmp_path):
     objects = np.full(SHAPE, None)
-    with pytest.raises(InputError, match="^array: holds no numbers"):
+    with pytest.raises(InputError, match=r"^array: holds no numbers"):
         open_cube(objects)
     np.savez(tmp_path / "c.npz", cube=ARRAY, notes=objects)
     with open_cube(tmp_path / "c.npz") as cube:
@@ -227,7 +227,8 @@ def test_a_stored_array_that_is_shorter_than_its_header_says_is_refused(tmp_path
         with zipfile.ZipFile(tmp_path / "c.npz", "w", method) as archive:
             archive.writestr("cube.npy", data[:-8])
         assert refusal(tmp_path / "c.npz") == (
-            f"cube: is truncated: complex64 of shape {SHAPE} takes {len(data)} bytes, the file has {len(data) - 8}"
+            f"cube: is truncated: complex64 of shape {SHAPE} takes {len(data)} bytes, "
+            f"the file has {len(data) - 8}"
         )
 
 

@@ -13,7 +13,7 @@ from isacbench.bench.store import journal, validation
 from isacbench.bench.suites import suite
 from isacbench.bench.suites.suite import load_suite
 from isacbench.cubes import open_cube, read_grid
-from isacbench.files import checked_files, toml_files
+from isacbench.files import checked_files
 from isacbench.files.arrays import zarr_stores
 from isacbench.files.checked_files import binary_size
 from isacbench.model.cloud import PointCloud
@@ -187,7 +187,6 @@ def test_the_documentation_has_the_limits_that_hold():
     text = (Path(__file__).parents[2] / "docs" / "hostile-files.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE))
     assert rows["a scenario or a suite"] == binary_size(checked_files.TOML_BYTES)
-    assert rows["a dotted key in it"] == f"{toml_files.MOST_PARTS} parts"
     assert rows["a name of a scenario or a suite"] == f"{scenario.MAX_NAME} characters"
     assert suite.MAX_NAME == scenario.MAX_NAME
     assert rows["a point cloud, in its file and as arrays"] == binary_size(checked_files.CLOUD_BYTES)

@@ -85,7 +85,9 @@ def _read_member(path: Path, name: str) -> NDArray[Any]:
     return values
 
 
-def _listed(file: IO[bytes], name: str, held_bytes: int, read: Any, is_mapped: bool = False) -> StoredArray | str:
+def _listed(
+    file: IO[bytes], name: str, held_bytes: int, read: Any, is_mapped: bool = False
+) -> StoredArray | str:
     """Describe the array whose npy header begins at the position of a file."""
     version = np.lib.format.read_magic(file)
     if version not in HEADER_READERS:

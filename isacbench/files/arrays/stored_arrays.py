@@ -63,7 +63,7 @@ class StoredArray:
         return f"{self.dtype.newbyteorder('=')} of shape {self.shape}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ChunkedArray(StoredArray):
     """Array in a file of chunks.
 
@@ -77,9 +77,9 @@ class ChunkedArray(StoredArray):
         Raises `InputError` if chunks were never written; libraries give zeros for them.
     """
 
-    chunks: Lengths = ()
-    read_box: Callable[[Box], NDArray[Any]] = np.empty
-    require_filled: Callable[[], None] = lambda: None
+    chunks: Lengths
+    read_box: Callable[[Box], NDArray[Any]]
+    require_filled: Callable[[], None]
 
 
 class ArrayFile(NamedTuple):

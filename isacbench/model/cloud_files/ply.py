@@ -149,7 +149,7 @@ def _wanted_properties(path: Path, vertex: _Element) -> list[str]:
     """Names of the properties that hold x, y, z, v and, if there, power."""
     if vertex.has_list:
         raise InputError(f"{path}: element vertex: has a list property; only plain ones can be read")
-    wanted = [name for name in ("x", "y", "z", "v", "velocity", "power") if name in vertex.codes]
+    wanted: list[str] = [name for name in ("x", "y", "z", "v", "velocity", "power") if name in vertex.codes]
     speeds = {"v", "velocity"} & {*wanted}
     if wanted[:3] != ["x", "y", "z"] or len(speeds) != 1:
         raise InputError(

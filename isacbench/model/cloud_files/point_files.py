@@ -279,8 +279,8 @@ def _write_mat(points: Floats, path: Path) -> None:
 
     # xyz last: a file cut off between two arrays, which the parser accepts, then lacks what it cannot lack.
     arrays = {"power": points[:, 4], "velocity": points[:, 3], "xyz": points[:, :3]}
-    with path.open("wb") as file:
-        savemat(file, arrays, oned_as="column")
+    path.open("wb").close()  # Says why a file cannot be written, which savemat does not.
+    savemat(path, arrays, appendmat=False, oned_as="column")
 
 
 _READERS: dict[str, Callable[[Path], Floats]] = {
