@@ -1,7 +1,7 @@
 """Files that users name: looked at before they are opened, read up to a limit, written where they belong.
 
-Whatever comes from disk may be a mistake, or somebody's trap: a pipe that
-nobody writes to, a device without an end, a link to a file elsewhere.
+A path may lead to something else than a file by mistake: a pipe without a
+writer, a device without an end, a link to a file elsewhere.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 TOML_BYTES = 2**20
@@ -35,13 +34,6 @@ MANIFEST_BYTES = 2**28
 """The manifest of a run: some hundred thousand scenes."""
 
 PICTURES = ".png", ".pdf", ".svg"
-
-KINDS: dict[str, Callable[[int], bool]] = {
-    "a folder": stat.S_ISDIR,
-    "a pipe": stat.S_ISFIFO,
-    "a socket": stat.S_ISSOCK,
-    "a device": lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode),
-}
 
 
 def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
@@ -182,8 +174,8 @@ def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> 
 def require_inside(path: Path, *folders: Path) -> None:
     """Refuse a file outside some folders that a file or folder of another person leads to.
 
-    What comes from a stranger must not make anybody read, and quote in
-    messages, files that the stranger does not have.
+    A stranger's file must not make a user read files that the stranger does
+    not have, and quote them in messages.
 
     Parameters
     ----------
@@ -292,7 +284,7 @@ def _looked_at(path: Path) -> os.stat_result | None:
 
 def _require_regular(path: Path, found: os.stat_result, prefix: str = "") -> None:
     if not stat.S_ISREG(found.st_mode):
-        kind = next((kind for kind, holds in KINDS.items() if holds(found.st_mode)), "something else")
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
         raise InputError(f"{path}: {prefix}is {kind}, not a file")
 
 
