@@ -39,9 +39,9 @@ class Tile(NamedTuple):
     Attributes
     ----------
     subcarriers, symbols : slice
-        What it covers, with explicit bounds and step 1.
+        Covered part, with explicit bounds and step 1.
     elements : ndarray of intp, shape (e,)
-        Array elements it covers, as indices into the requested list.
+        Covered array elements, as indices into the requested list.
     load : callable
         Returns the values, complex of the cube's precision and native byte
         order, shape (subcarriers, symbols, e), in any strides. The array may
@@ -176,7 +176,7 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
         one of them empty.
     """
     if not is_complex(dtype):
-        raise InputError(f"{name}: holds {_kind(dtype)}; a cube takes complex64 or complex128")
+        raise InputError(f"{name}: holds {dtype.newbyteorder('=')}; a cube takes complex64 or complex128")
     if len(shape) != 4:
         axes = f"{len(shape)} {'axis' if len(shape) == 1 else 'axes'}"
         raise InputError(f"{name}: has {axes}, shape {shape}; a cube takes four: {AXES}")
@@ -204,7 +204,8 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
     """
     if not (is_complex(dtype) or dtype.kind in "iuf"):
         raise InputError(
-            f"{name}: holds {_kind(dtype)}; a transmitted grid takes complex64, complex128 or real numbers"
+            f"{name}: holds {dtype.newbyteorder('=')}; "
+            "a transmitted grid takes complex64, complex128 or real numbers"
         )
     if len(shape) != 2 or min(shape) < 1:
         raise InputError(
@@ -248,16 +249,3 @@ def _permuted(shape: tuple[int, ...], wanted: tuple[int, ...]) -> str:
     if not fitting:
         return ""
     return f". The axes look permuted: numpy.transpose with axes {' or '.join(map(str, fitting))} would fit"
-
-
-def _kind(dtype: np.dtype[Any]) -> str:
-    """Content of an array that is refused, in words."""
-    if dtype.kind == "c":
-        return f"complex{8 * dtype.itemsize}"
-    if dtype.kind == "f":
-        return f"real numbers ({dtype.newbyteorder('=')})"
-    if dtype.kind in "iu":
-        return f"integers ({dtype.newbyteorder('=')})"
-    if dtype.names is not None:
-        return f"records of {', '.join(f'{name} ({dtype[name]})' for name in dtype.names)}"
-    return f"no numbers ({dtype})"

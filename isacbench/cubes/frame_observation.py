@@ -103,14 +103,13 @@ def observe_cube(
         not matter.
     transmitted : array_like, str or Path, optional
         Transmitted grid, shape (n_subcarriers, n_symbols), or the file that
-        holds it, by which the cube is then divided. Without it the one beside
-        the cube in its file, and where there is none the cube counts as
-        divided.
+        holds it. The cube is divided by it. Without it the transmitted grid in
+        the file of the cube is taken; a cube without one counts as divided.
     workers : int, optional
         Threads of the transform; by default all cores.
     sensing : {"all", "prs"}
-        Resource elements that are sensed with. What is not sensed with need
-        not be known: there the transmitted grid may be anything.
+        Resource elements that are sensed with. In the others the transmitted
+        grid may hold anything.
     division : {"reciprocal", "matched", "wiener"}
         How the cube is divided by the transmitted grid.
     snr_db : float, optional
@@ -163,7 +162,7 @@ def _require_known(
     """Refuse divisions that lack the transmitted grid or the SNR, and an SNR that is not used."""
     if symbols is None and division != "reciprocal":
         raise InputError(
-            f"{cube.name}: division = {division!r} takes the transmitted grid, and there is none; allowed is "
+            f"{cube.name}: division = {division!r} takes the transmitted grid, which is missing; allowed is "
             "'reciprocal' for a cube that is divided"
         )
     if division == "wiener" and (snr_db is None or np.isnan(snr_db)):

@@ -99,15 +99,15 @@ def read_grid(path: str | Path) -> ComplexArray:
 
 
 def _open_file(path: Path, tile_bytes: int) -> Cube:
-    """Open the cube of a file, with the transmitted grid beside it."""
+    """Open the cube of a file, with its transmitted grid."""
     _require_format(path)
     with listed_arrays(path) as file:
         name, stored = _choose(path, file, CUBE_NAME, 4)
         cube = _cube_of(_called(path, name), stored, tile_bytes)
         cube.close = file.close
-        beside = file.arrays.get(GRID_NAME)
-        if isinstance(beside, StoredArray):
-            cube.transmitted = _read_grid(path, GRID_NAME, beside)
+        grid = file.arrays.get(GRID_NAME)
+        if isinstance(grid, StoredArray):
+            cube.transmitted = _read_grid(path, GRID_NAME, grid)
             if cube.transmitted.shape != cube.shape[:2]:
                 raise InputError(
                     f"{path}: {GRID_NAME} has shape {cube.transmitted.shape}; the cube beside it takes "

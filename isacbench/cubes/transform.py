@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 TILES_AHEAD = 1
-"""Tiles that wait beside those being transformed: a source that reads in sequence goes on meanwhile."""
+"""Tiles that are read in advance while others are transformed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class GateTransform:
         elements : ndarray of int, shape (e, 2)
             Places (p, q).
         factors : ndarray of complex, shape (n_subcarriers, n_symbols), optional
-            What each resource element is multiplied by first.
+            Factor of each resource element, applied first.
         workers : int, optional
             Threads; by default all cores.
 
@@ -89,7 +89,7 @@ class GateTransform:
             large for its precision.
         """
         n_workers = available_cores() if workers is None else workers
-        # What is not finite is looked for at the end, once.
+        # Numbers that are not finite are looked for once, at the end.
         with np.errstate(all="ignore"):
             weights = None if factors is None else factors.astype(cube.dtype)
             sums = self._summed(cube, elements, weights, n_workers)

@@ -92,7 +92,7 @@ def create_cube(
 ) -> Iterator[CubeWriter]:
     """Create a file for a cube, and fill it block by block.
 
-    The file is written beside its place under a hidden name, and moved there
+    The file is written in the same folder under a hidden name, and renamed
     when the ``with`` block ends with all subcarriers written; otherwise it is
     removed.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 MOST_QUOTED = 200
-"""Characters of somebody's text that a message repeats."""
+"""Most characters of a foreign text that a message repeats."""
 
 # Control characters (escape sequences begin with them), what turns the direction of text, ends of lines
-# that are none to a terminal, halves of characters, and what no alphabet has.
+# that a terminal does not know, surrogates, and code points that are no characters.
 HIDDEN = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufff9-\ufffb\ufffe\uffff\ud800-\udfff]"
 )

@@ -35,7 +35,7 @@ FEW_SPEEDS = 4
 """Echoes a speed from which it pays to sum those of each speed first."""
 
 DUST = 16.0
-"""Roundings of the largest value that echoes could have together, up to which their sum is none."""
+"""Roundings of the largest value that echoes could have together, up to which their sum counts as zero."""
 
 MOST_PRODUCTS = 2**24
 """Products of one echo and one cell held at a time: 256 MB."""
@@ -247,7 +247,7 @@ def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> n
     trial, seed : int
         Not negative.
     *purpose : str
-        What else is drawn, each with a stream of its own.
+        Name of another draw, each with a stream of its own.
 
     Returns
     -------

@@ -59,7 +59,7 @@ def require_all(name: str, values: ArrayLike, allowed: ArrayLike, limits: str) -
     values : array_like
     allowed : array_like of bool, same shape
     limits : str
-        What is allowed, in words.
+        Allowed values, in words.
 
     Raises
     ------

@@ -51,9 +51,9 @@ def refusal(path, opening=open_cube):
 @pytest.mark.parametrize(
     ("array", "reason"),
     [
-        (ARRAY.real, r"holds real numbers \(float32\); a cube takes complex64 or complex128"),
-        (np.ones(SHAPE, ">i2"), r"holds integers \(int16\); a cube takes complex64 or complex128"),
-        (np.ones(SHAPE, bool), r"holds no numbers \(bool\); a cube takes"),
+        (ARRAY.real, r"holds float32; a cube takes complex64 or complex128"),
+        (np.ones(SHAPE, ">i2"), r"holds int16; a cube takes complex64 or complex128"),
+        (np.ones(SHAPE, bool), r"holds bool; a cube takes"),
         (np.ones(SHAPE, np.clongdouble), "holds complex256; a cube takes complex64 or complex128"),
         (ARRAY[0], r"has 3 axes, shape \(10, 3, 4\); a cube takes four: \(subcarriers, symbols, P, Q\)"),
         (ARRAY[0, 0, 0], r"has 1 axis, shape \(4,\); a cube takes four"),
@@ -73,8 +73,8 @@ def test_an_array_that_is_no_cube_is_refused(tmp_path, array, reason):
 @pytest.mark.parametrize(
     ("array", "reason"),
     [
-        (ARRAY.real, r"cube: holds real numbers \(float32\)"),
-        (np.ones(SHAPE, np.int16), r"cube: holds integers \(int16\)"),
+        (ARRAY.real, r"cube: holds float32"),
+        (np.ones(SHAPE, np.int16), r"cube: holds int16"),
         (np.ones((1, 2, 3, 4, 5), np.complex64), "cube: has 5 axes"),
     ],
 )
@@ -88,8 +88,9 @@ def test_a_named_array_that_is_no_cube_is_refused(tmp_path, kind, array, reason)
 def test_records_of_other_numbers_than_single_or_double_are_refused(tmp_path, part):
     with h5py.File(tmp_path / "cube.h5", "w") as file:
         file["cube"] = np.ones(SHAPE, [("real", part), ("imag", part)])
-    found = {"f2": "float16", "i4": "int32"}[part]
-    assert refusal(tmp_path / "cube.h5").startswith(f"cube: holds records of real ({found}), imag ({found});")
+    assert refusal(tmp_path / "cube.h5").startswith(
+        f"cube: holds [('real', '<{part}'), ('imag', '<{part}')];"
+    )
 
 
 def test_other_things_than_arrays_and_paths_are_refused():
@@ -158,7 +159,7 @@ def test_a_truncated_npy_file_says_how_much_it_lacks(tmp_path, order):
 
 def test_an_array_of_python_objects_is_no_cube(tmp_path):
     objects = np.full(SHAPE, None)
-    with pytest.raises(InputError, match=r"^array: holds no numbers"):
+    with pytest.raises(InputError, match=r"^array: holds object"):
         open_cube(objects)
     np.savez(tmp_path / "c.npz", cube=ARRAY, notes=objects)
     with open_cube(tmp_path / "c.npz") as cube:

@@ -11,7 +11,6 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench import observe, observe_cube
 from isacbench.cubes.simulating import FrameSimulator, write_frame
 from isacbench.dsp.rangedoppler import range_doppler_map
-from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.gate import build_gate
 

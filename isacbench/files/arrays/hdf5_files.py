@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from isacbench.files.arrays.stored_arrays import Box
 
 CLASS_ATTRIBUTE, EMPTY_ATTRIBUTE, SPARSE_ATTRIBUTE = "MATLAB_class", "MATLAB_empty", "MATLAB_sparse"
-"""Attributes that MATLAB writes beside a variable, an array without elements and a sparse matrix."""
+"""Attributes that MATLAB gives a variable, an array without elements and a sparse matrix."""
 
 INTEGER_CLASSES = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 NUMBER_CLASSES = {"double", "single", "logical", *INTEGER_CLASSES}

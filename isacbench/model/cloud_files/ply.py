@@ -22,34 +22,31 @@ MOST_DIGITS = 18
 
 _BYTE_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LIST = "list"
-_TYPE_CODES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
+_SIGNED = {"char": "int8", "short": "int16", "int": "int32"}
+_UNSIGNED = {f"u{name}": f"u{number}" for name, number in _SIGNED.items()}
+_TYPES = {**_SIGNED, **_UNSIGNED, "float": "float32", "double": "float64"}
+_TYPES.update({number: number for number in _TYPES.values()})
+"""NumPy's names of the types of properties, which PLY files name as C or as NumPy does."""
 
 
 @dataclass
 class _Element:
-    """Element of a PLY header: its property names and type codes, in order."""
+    """Element of a PLY header: its names and types of the properties, in order."""
 
     name: str
     count: int
-    codes: dict[str, str] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
 
     @property
     def has_list(self) -> bool:
         """True if the records differ in length."""
-        return _LIST in self.codes.values()
+        return _LIST in self.types.values()
 
     def dtype(self, byte_order: str) -> np.dtype[np.void]:
         """Layout of one binary record."""
-        return np.dtype([(name, byte_order + code) for name, code in self.codes.items()])
+        return np.dtype(
+            [(name, np.dtype(kind).newbyteorder(byte_order)) for name, kind in self.types.items()]
+        )
 
 
 def write_ply(points: Floats, path: Path) -> None:
@@ -127,11 +124,11 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[_Element]]:
             case ["element", name, count] if count.isdecimal() and len(count) <= MOST_DIGITS:
                 elements.append(_Element(name, int(count)))
             case ["property", "list", _, _, name] if elements:
-                elements[-1].codes[name] = _LIST
-            case ["property", type_name, name] if elements and type_name in _TYPE_CODES:
-                if name in elements[-1].codes:
+                elements[-1].types[name] = _LIST
+            case ["property", type_name, name] if elements and type_name in _TYPES:
+                if name in elements[-1].types:
                     raise InputError(f"{path}: row {number}: property {name} appears twice")
-                elements[-1].codes[name] = _TYPE_CODES[type_name]
+                elements[-1].types[name] = _TYPES[type_name]
             case ["comment" | "obj_info", *_]:
                 pass
             case [] if number == len(lines):
@@ -149,12 +146,12 @@ def _wanted_properties(path: Path, vertex: _Element) -> list[str]:
     """Names of the properties that hold x, y, z, v and, if there, power."""
     if vertex.has_list:
         raise InputError(f"{path}: element vertex: has a list property; only plain ones can be read")
-    wanted: list[str] = [name for name in ("x", "y", "z", "v", "velocity", "power") if name in vertex.codes]
+    wanted: list[str] = [name for name in ("x", "y", "z", "v", "velocity", "power") if name in vertex.types]
     speeds = {"v", "velocity"} & {*wanted}
     if wanted[:3] != ["x", "y", "z"] or len(speeds) != 1:
         raise InputError(
             f"{path}: element vertex: takes properties x, y, z and either v or velocity, optionally power; "
-            f"it has {shortened(', '.join(vertex.codes)) or 'none'}"
+            f"it has {shortened(', '.join(vertex.types)) or 'none'}"
         )
     return wanted
 
@@ -167,7 +164,7 @@ def _ascii_vertices(
     lines = [TextLine(number, line) for number, line in enumerate(text, first_row) if line.strip()]
     start = sum(element.count for element in before)
     _require_whole(path, len(lines) - start, vertex.count)
-    names = list(vertex.codes)
+    names = list(vertex.types)
     values = parse_rows(path, lines[start : start + vertex.count], names, delimiter=None)
     return values[:, [names.index(name) for name in columns]]
 

@@ -68,7 +68,7 @@ def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
 MAX_NAME = 200
 """Characters of a name: it stands in every row and above every picture."""
 
-# Strict, because a number in quotes or a `true` for a number is a slip of the pen.
+# Strict, because a number in quotes or a `true` for a number is a typing error.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Finite, Field(gt=0)]
 NonNegative = Annotated[Finite, Field(ge=0)]
@@ -125,7 +125,7 @@ class _ObjectTable(_Table):
     amplitude: Positive = 1.0
 
     def scatterers(self, source: Path) -> Scatterers:
-        """Scatterers of the object; `source` is the scenario's file, beside which its own are looked up."""
+        """Scatterers of the object; `source` is the scenario's file, in whose folder its own are looked up."""
         sizes = self.model_dump(exclude={"kind", *_ObjectTable.model_fields})
         xyz = np.array(self.position_m) + self.outline(**sizes)
         return Scatterers(xyz, np.full(len(xyz), self.velocity_mps), np.full(len(xyz), self.amplitude))
@@ -173,7 +173,7 @@ class _PointsTable(_Table):
 
     def scatterers(self, source: Path) -> Scatterers:
         path = source.parent / self.file
-        # Where the scenario is a symbolic link, its files may lie beside what it stands for.
+        # Where the scenario is a symbolic link, its files may lie in the folder of its target.
         require_inside(path, source.parent, source.resolve().parent)
         xyz, velocity, amplitude = read_points_csv(path)
         return Scatterers(
