@@ -125,7 +125,7 @@ class _ObjectTable(_Table):
     amplitude: Positive = 1.0
 
     def scatterers(self, source: Path) -> Scatterers:
-        """Scatterers of the object; `source` is the scenario's file, in whose folder its own are looked up."""
+        """Scatterers of the object; `source` is the scenario's file, whose folder holds its own."""
         sizes = self.model_dump(exclude={"kind", *_ObjectTable.model_fields})
         xyz = np.array(self.position_m) + self.outline(**sizes)
         return Scatterers(xyz, np.full(len(xyz), self.velocity_mps), np.full(len(xyz), self.amplitude))
