@@ -44,9 +44,7 @@ class _Element:
 
     def dtype(self, byte_order: str) -> np.dtype[np.void]:
         """Layout of one binary record."""
-        return np.dtype(
-            [(name, np.dtype(kind).newbyteorder(byte_order)) for name, kind in self.types.items()]
-        )
+        return np.dtype([(name, byte_order + np.dtype(kind).str[1:]) for name, kind in self.types.items()])
 
 
 def write_ply(points: Floats, path: Path) -> None:
