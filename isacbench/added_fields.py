@@ -46,7 +46,7 @@ def added_field(default: T, *, before: T) -> T:
 
 
 def identity_fields(instance: Any) -> dict[str, Any]:
-    """Values of a dataclass by field, without those that stand for the behaviour before their field.
+    """List the values of a dataclass, without those that stand for the behaviour before their field.
 
     Parameters
     ----------
@@ -68,7 +68,17 @@ def identity_fields(instance: Any) -> dict[str, Any]:
 
 
 def values_before(plugin: Any) -> dict[str, Any]:
-    """Values that stand for the behaviour before, of the fields of a dataclass that were added later."""
+    """List the values that stand for the behaviour before the later fields of a dataclass.
+
+    Parameters
+    ----------
+    plugin : dataclass
+
+    Returns
+    -------
+    dict of str to object
+        By name of the field.
+    """
     fields = dataclasses.fields(plugin)
     return {field.name: field.metadata[BEFORE] for field in fields if BEFORE in field.metadata}
 

@@ -1,6 +1,6 @@
 """Words that suites, options and functions choose from, apart from the code that gives them a meaning.
 
-A suite is held to them before NumPy is imported, so that a slip of the pen is told at once.
+A suite is held to them before NumPy is imported, so that a typing error is reported at once.
 """
 
 from __future__ import annotations

@@ -73,6 +73,15 @@ def _wrapped(text: str, width: int) -> list[str]:
 def span(values: ArrayLike, unit: str = "") -> str:
     """Write the smallest and the largest of some numbers, with those that are not finite counted.
 
+    Parameters
+    ----------
+    values : array_like
+    unit : str
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> span([3.0, 1.25, float("nan")], "m")
@@ -97,6 +106,14 @@ def span(values: ArrayLike, unit: str = "") -> str:
 def array_brief(array: np.ndarray[Any, Any]) -> str:
     """Write the type and the shape of an array.
 
+    Parameters
+    ----------
+    array : ndarray
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> import numpy as np
@@ -110,6 +127,14 @@ def brief(instance: Any) -> str:
     """Write a dataclass with the types and shapes of its arrays and tables instead of their values.
 
     To be assigned to ``__repr__`` in the body of a dataclass.
+
+    Parameters
+    ----------
+    instance : dataclass
+
+    Returns
+    -------
+    str
 
     Examples
     --------

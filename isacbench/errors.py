@@ -1,4 +1,4 @@
-"""What a user's mistake ends in: one exception, one warning, and words that help."""
+"""The exception and the warning of a user's mistake, and words that help."""
 
 from __future__ import annotations
 
@@ -22,7 +22,18 @@ class InputWarning(UserWarning):
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str | None:
-    """Name that was probably meant by one that does not exist, None where no one is near.
+    """Find the name that was probably meant by one that does not exist.
+
+    Parameters
+    ----------
+    name : str
+    allowed : iterable of str
+        Names that exist.
+
+    Returns
+    -------
+    str or None
+        None where no name is similar.
 
     Examples
     --------
@@ -40,6 +51,16 @@ def nearest(name: str, allowed: Iterable[str]) -> str | None:
 
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """Answer a name that does not exist with the nearest one that does, and with all of them.
+
+    Parameters
+    ----------
+    name : str
+    allowed : iterable of str
+        Names that exist.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -62,6 +83,10 @@ def unknown_name(what: str, name: str, allowed: Iterable[str]) -> InputError:
     name : str
     allowed : iterable of str
         Names that exist.
+
+    Returns
+    -------
+    InputError
     """
     return InputError(f"unknown {what} {name!r}: {did_you_mean(name, allowed)}")
 
@@ -72,11 +97,11 @@ def require(allowed: bool, name: str, value: object, limits: str) -> None:
     Parameters
     ----------
     allowed : bool
-        Whether it is.
+        True if the value is allowed.
     name : str
     value : object
     limits : str
-        What is allowed, in words.
+        Allowed values, in words.
 
     Raises
     ------

@@ -10,7 +10,6 @@ __all__ = [
     "CubeWriter",
     "Tile",
     "create_cube",
-    "formats",
     "frame_observation",
     "image_cost",
     "open_cube",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
 from itertools import permutations
 from math import prod
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from isacbench.files.checked_files import GRID_BYTES, binary_size
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from isacbench.cubes.tiling import Extent, Indices
     from isacbench.model.array import VirtualArray
     from isacbench.model.numerology import System
 
@@ -23,6 +26,9 @@ ComplexArray: TypeAlias = NDArray[np.complexfloating[Any, Any]]
 
 TILE_BYTES = 32 * 2**20
 """Memory that a tile touches, unless told otherwise: 64 subcarriers at the paper's size in complex64."""
+
+CUBE_NAME, GRID_NAME = "cube", "transmitted"
+"""Names of a cube and of a transmitted grid in files of several arrays."""
 
 AXES = "(subcarriers, symbols, P, Q)"
 
@@ -33,9 +39,9 @@ class Tile(NamedTuple):
     Attributes
     ----------
     subcarriers, symbols : slice
-        What it covers, with explicit bounds and step 1.
+        Covered part, with explicit bounds and step 1.
     elements : ndarray of intp, shape (e,)
-        Array elements it covers, as indices into the requested list.
+        Covered array elements, as indices into the requested list.
     load : callable
         Returns the values, complex of the cube's precision and native byte
         order, shape (subcarriers, symbols, e), in any strides. The array may
@@ -50,37 +56,52 @@ class Tile(NamedTuple):
     load: Callable[[], ComplexArray]
 
 
-class Cube(Protocol):
+class Cube(ABC):
     """A recorded frame: one complex number for every subcarrier, symbol and array element.
+
+    Closed at the end of a ``with`` block.
 
     Attributes
     ----------
     name : str
-        What messages call it: its file, and the array in it.
+        Name in messages: the file, and the array in it.
     shape : (int, int, int, int)
         Subcarriers N, symbols M, elements P along u and Q along w.
     dtype : dtype
         complex64 or complex128, native byte order.
     transmitted : ndarray of complex, shape (N, M), or None
         Transmitted grid that the same file holds.
+    is_held : bool
+        True if the whole cube is in memory.
+    close : callable
+        Closes the file; no tile may be loaded after.
+
+    Parameters
+    ----------
+    name : str
+    shape : tuple of int
+    dtype : dtype
+
+    Raises
+    ------
+    InputError
+        If an array of that shape and type is no cube.
 
     See Also
     --------
     isacbench.cubes.opening.open_cube
     """
 
-    name: str
-    shape: tuple[int, int, int, int]
-    dtype: np.dtype[Any]
-    transmitted: ComplexArray | None
+    def __init__(self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        self.name = name
+        self.shape = require_cube(name, shape, dtype)
+        self.dtype = dtype.newbyteorder("=")
+        self.transmitted: ComplexArray | None = None
+        self.is_held = False
+        self.close: Callable[[], None] = lambda: None
 
     def tiles(self, elements: NDArray[np.intp]) -> Iterator[Tile]:
-        """Cut the cube of some elements into tiles.
-
-        The cube is linear in what follows, so tiles need not be disjoint: the
-        values of an element are the *sum* of the tiles that cover it. (They
-        are disjoint but for compressed MATLAB files, which hold all real parts
-        before the first imaginary part.)
+        """Cut the cube of some elements into disjoint tiles.
 
         Parameters
         ----------
@@ -96,9 +117,21 @@ class Cube(Protocol):
         InputError
             If an element lies outside the array.
         """
+        outside = ((elements < 0) | (elements >= self.shape[2:])).any(axis=1)
+        if outside.any():
+            p, q = elements[outside.argmax()].tolist()
+            raise InputError(f"{self.name}: has no element ({p}, {q}); its array is {self.shape[2:]}")
+        if len(elements):
+            for extent in self._extents(elements):
+                yield Tile(*extent, partial(self._load, extent, elements[extent.elements]))
 
-    def close(self) -> None:
-        """Close the files that were opened for this cube; no tile may be loaded after."""
+    @abstractmethod
+    def _extents(self, elements: Indices) -> Iterator[Extent]:
+        """Cut the cube of some elements (e, 2), one at least, into extents."""
+
+    @abstractmethod
+    def _load(self, extent: Extent, elements: Indices) -> ComplexArray:
+        """Read the values (subcarriers, symbols, e) of an extent and its elements (e, 2)."""
 
     def __enter__(self) -> Self:
         return self
@@ -107,19 +140,17 @@ class Cube(Protocol):
         self.close()
 
 
-def describe_array(shape: tuple[int, ...], dtype: np.dtype[Any]) -> str:
-    """Words for an array in messages.
-
-    Examples
-    --------
-    >>> describe_array((3, 4), np.dtype("c8"))
-    'complex64 of shape (3, 4)'
-    """
-    return f"{dtype.newbyteorder('=')} of shape {shape}"
-
-
 def is_complex(dtype: np.dtype[Any]) -> bool:
-    """Whether a type is complex64 or complex128, in any byte order."""
+    """Tell if a type is complex64 or complex128, in any byte order.
+
+    Parameters
+    ----------
+    dtype : dtype
+
+    Returns
+    -------
+    bool
+    """
     return dtype.kind == "c" and dtype.itemsize in (8, 16)
 
 
@@ -129,7 +160,7 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
     Parameters
     ----------
     name : str
-        What the message calls it.
+        Name in messages.
     shape : tuple of int
     dtype : dtype
 
@@ -145,12 +176,11 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
         one of them empty.
     """
     if not is_complex(dtype):
-        raise InputError(f"{name}: holds {_kind(dtype)}; a cube takes complex64 or complex128")
+        raise InputError(f"{name}: holds {dtype.newbyteorder('=')}; a cube takes complex64 or complex128")
     if len(shape) != 4:
-        raise InputError(f"{name}: has {_axes(len(shape))}, shape {shape}; a cube takes four: {AXES}")
-    if min(shape) < 0:
-        raise InputError(f"{name}: has shape {shape}; no axis of a cube is negative")
-    if 0 in shape:
+        axes = f"{len(shape)} {'axis' if len(shape) == 1 else 'axes'}"
+        raise InputError(f"{name}: has {axes}, shape {shape}; a cube takes four: {AXES}")
+    if min(shape) < 1:
         raise InputError(f"{name}: is empty, shape {shape}; a cube takes at least one of {AXES} each")
     n_subcarriers, n_symbols, n_p, n_q = (int(length) for length in shape)
     return n_subcarriers, n_symbols, n_p, n_q
@@ -162,7 +192,7 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
     Parameters
     ----------
     name : str
-        What the message calls it.
+        Name in messages.
     shape : tuple of int
     dtype : dtype
 
@@ -174,7 +204,8 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
     """
     if not (is_complex(dtype) or dtype.kind in "iuf"):
         raise InputError(
-            f"{name}: holds {_kind(dtype)}; a transmitted grid takes complex64, complex128 or real numbers"
+            f"{name}: holds {dtype.newbyteorder('=')}; "
+            "a transmitted grid takes complex64, complex128 or real numbers"
         )
     if len(shape) != 2 or min(shape) < 1:
         raise InputError(
@@ -188,26 +219,6 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
         )
 
 
-def complex_grid(values: NDArray[Any]) -> ComplexArray:
-    """Values of a transmitted grid in C order and native byte order; real ones become complex128."""
-    dtype = values.dtype.newbyteorder("=") if values.dtype.kind == "c" else np.dtype(np.complex128)
-    return np.ascontiguousarray(values, dtype=dtype)
-
-
-def require_elements(cube: Cube, elements: NDArray[np.intp]) -> None:
-    """Refuse elements (e, 2) that the array of a cube does not have.
-
-    Raises
-    ------
-    InputError
-        Naming the first of them.
-    """
-    outside = ((elements < 0) | (elements >= cube.shape[2:])).any(axis=1)
-    if outside.any():
-        p, q = elements[outside.argmax()].tolist()
-        raise InputError(f"{cube.name}: has no element ({p}, {q}); its array is {cube.shape[2:]}")
-
-
 def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
     """Refuse a cube that does not fit the radio of a scenario.
 
@@ -215,9 +226,9 @@ def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
     ----------
     cube : Cube
     system : System
-        Its numbers of subcarriers and symbols are asked for,
+        Has the subcarriers and symbols that are wanted.
     array : VirtualArray
-        and its elements along u and along w.
+        Has the elements along u and along w that are wanted.
 
     Raises
     ------
@@ -238,23 +249,3 @@ def _permuted(shape: tuple[int, ...], wanted: tuple[int, ...]) -> str:
     if not fitting:
         return ""
     return f". The axes look permuted: numpy.transpose with axes {' or '.join(map(str, fitting))} would fit"
-
-
-def _axes(count: int) -> str:
-    """A number of axes in words."""
-    return "1 axis" if count == 1 else f"{count} axes"
-
-
-def _kind(dtype: np.dtype[Any]) -> str:
-    """What an array that is refused holds, in words."""
-    if dtype.hasobject:
-        return "Python objects, which are never unpickled"
-    if dtype.kind == "c":
-        return f"complex{8 * dtype.itemsize}"
-    if dtype.kind == "f":
-        return f"real numbers ({dtype.newbyteorder('=')})"
-    if dtype.kind in "iu":
-        return f"integers ({dtype.newbyteorder('=')})"
-    if dtype.names is not None:
-        return f"records of {', '.join(f'{name} ({dtype[name]})' for name in dtype.names)}"
-    return f"no numbers ({dtype})"

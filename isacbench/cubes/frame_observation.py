@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +18,6 @@ from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation, cross_elements
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from isacbench.choices import Division, Sensing
     from isacbench.model.scene import Scenario
 
@@ -46,20 +44,18 @@ class CubeObservation(Observation):
         workers: int | None,
         sensing: Sensing,
     ) -> None:
-        known = {
-            "gate": build_gate(scenario.system, scenario.base_station_m, scenario.region),
-            "system": scenario.system,
-            "array": scenario.array,
-            "frame": scenario.frame,
-            "base_station_m": scenario.base_station_m,
-            "region": scenario.region,
-            "sensing": sensing,
-            "_source": source,
-            "_factors": factors,
-            "_workers": workers,
-        }
-        for name, value in known.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(  # whose attributes are frozen
+            gate=build_gate(scenario.system, scenario.base_station_m, scenario.region),
+            system=scenario.system,
+            array=scenario.array,
+            frame=scenario.frame,
+            base_station_m=scenario.base_station_m,
+            region=scenario.region,
+            sensing=sensing,
+            _source=source,
+            _factors=factors,
+            _workers=workers,
+        )
 
     @cached_property
     def cells(self) -> NDArray[np.complex128]:
@@ -106,14 +102,13 @@ def observe_cube(
         not matter.
     transmitted : array_like, str or Path, optional
         Transmitted grid, shape (n_subcarriers, n_symbols), or the file that
-        holds it, by which the cube is then divided. Without it the one beside
-        the cube in its file, and where there is none the cube counts as
-        divided.
+        holds it. The cube is divided by it. Without it the transmitted grid in
+        the file of the cube is taken; a cube without one counts as divided.
     workers : int, optional
         Threads of the transform; by default all cores.
     sensing : {"all", "prs"}
-        Resource elements that are sensed with. What is not sensed with need
-        not be known: there the transmitted grid may be anything.
+        Resource elements that are sensed with. In the others the transmitted
+        grid may hold anything.
     division : {"reciprocal", "matched", "wiener"}
         How the cube is divided by the transmitted grid.
     snr_db : float, optional
@@ -146,28 +141,27 @@ def observe_cube(
     signal = Signal(sensing=sensing, division=division)
     with open_cube(array_or_path) as cube:
         require_shape(cube, scenario.system, scenario.array)
-        grid = cube.transmitted if transmitted is None else _read_transmitted(transmitted)
+        grid = cube.transmitted if transmitted is None else transmitted
+        if isinstance(grid, str | Path):
+            grid = read_grid(grid)
         sensed = sensed_elements(scenario.system, sensing)
-        symbols = None if grid is None else _checked(grid, cube, sensed)
+        symbols = None if grid is None else _checked(np.asarray(grid), cube, sensed)
         _require_known(cube, symbols, division, snr_db)
         factors = None
         if symbols is not None or not sensed.all():
             known = np.ones(sensed.shape) if symbols is None else symbols
             factors = division_factors(known, sensed, signal.division, np.inf if snr_db is None else snr_db)
-    return CubeObservation(array_or_path, scenario, factors, workers, sensing)
-
-
-def _read_transmitted(transmitted: ArrayLike | str | Path) -> NDArray[Any]:
-    return read_grid(transmitted) if isinstance(transmitted, (str, PathLike)) else np.asarray(transmitted)
+        source = cube if cube.is_held else array_or_path
+    return CubeObservation(source, scenario, factors, workers, sensing)
 
 
 def _require_known(
     cube: Cube, symbols: NDArray[np.complex128] | None, division: Division, snr_db: float | None
 ) -> None:
-    """Refuse divisions that need to know what nobody said, and an SNR that is good for nothing."""
+    """Refuse divisions that lack the transmitted grid or the SNR, and an SNR that is not used."""
     if symbols is None and division != "reciprocal":
         raise InputError(
-            f"{cube.name}: division = {division!r} takes the transmitted grid, and there is none; allowed is "
+            f"{cube.name}: division = {division!r} takes the transmitted grid, which is missing; allowed is "
             "'reciprocal' for a cube that is divided"
         )
     if division == "wiener" and (snr_db is None or np.isnan(snr_db)):
@@ -177,7 +171,7 @@ def _require_known(
 
 
 def _checked(grid: NDArray[Any], cube: Cube, sensed: NDArray[np.bool_]) -> NDArray[np.complex128]:
-    """Transmitted grid that something can be divided by."""
+    """Transmitted grid without zeros and faults, as complex128."""
     if grid.shape != cube.shape[:2]:
         raise InputError(
             f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "

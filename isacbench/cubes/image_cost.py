@@ -1,7 +1,7 @@
 """Cost of an image of a recorded frame: computed for an estimator, and for the full chain.
 
 The full 4-D chain transforms every element over all subcarriers and symbols,
-then every range-Doppler cell over the array. What of it a scene needs follows
+then every range-Doppler cell over the array. The part that a scene needs follows
 from the region (gate), from what the estimator declares to read (elements,
 cells) and from the sizes (which transform).
 
@@ -67,13 +67,13 @@ class Step:
 
 @dataclass(frozen=True)
 class ImagePlan:
-    """What an estimator's image of a frame takes.
+    """Cost of an estimator's image of a frame.
 
     Attributes
     ----------
     gate : Gate
     needs : Needs
-        What the estimator declares to read.
+        Input that the estimator declares to read.
     range_method : {"partial", "fft"}
     n_elements, n_all_elements : int
         Elements that are read, and those of the array.
@@ -82,8 +82,8 @@ class ImagePlan:
     steps : tuple of Step
         In their order.
     simulation : tuple of Step
-        What takes the place of reading and transforming where no frame is
-        recorded and the gate is simulated in closed form.
+        Steps in place of reading and transforming, if the gate is simulated in
+        closed form instead of recorded.
     """
 
     gate: Gate

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.cubes.cube import TILE_BYTES
-from isacbench.cubes.formats.array_cubes import ArrayCube
-from isacbench.cubes.formats.cube_files import parsing
-from isacbench.cubes.formats.hdf5 import dataset_cube, open_hdf5, read_hdf5_grid
-from isacbench.cubes.formats.mat_cubes import open_mat, read_mat_grid
-from isacbench.cubes.formats.npy_cubes import open_npy, read_npy_grid
-from isacbench.cubes.formats.npz_cubes import open_npz, read_npz_grid
-from isacbench.cubes.formats.zarr_cubes import open_zarr, read_zarr_grid, zarr_cube
+from isacbench.cubes.array_cubes import ArrayCube
+from isacbench.cubes.chunked import ChunkedCube
+from isacbench.cubes.cube import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require_cube, require_grid
 from isacbench.errors import InputError
-from isacbench.files.checked_files import require_file
+from isacbench.files.arrays.array_files import FORMATS, listed_arrays
+from isacbench.files.arrays.hdf5_files import dataset_array
+from isacbench.files.arrays.stored_arrays import ChunkedArray, StoredArray
+from isacbench.files.arrays.zarr_stores import zarr_array
+from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
+from isacbench.files.escaping import shortened
 
 if TYPE_CHECKING:
-    from isacbench.cubes.cube import ComplexArray, Cube
+    from isacbench.cubes.cube import ComplexArray
+    from isacbench.files.arrays.stored_arrays import ArrayFile
+
+READ_IN_PARTS = ".npy, .h5, .hdf5, .zarr and MATLAB's -v7.3"
+"""Files of which parts can be read."""
 
 
 def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
@@ -29,7 +33,7 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
 
     Parameters
     ----------
-    source : ndarray, h5py.Dataset, zarr.Array, str or Path
+    source : ndarray, h5py.Dataset, zarr.Array, str, Path or Cube
         An array (N, M, P, Q) of complex64 or complex128, or a file that holds
         one: npy, npz, mat, h5, hdf5, zarr, or zip with zarr in it. In a file
         of several arrays it is the one named ``cube``, else the only one of
@@ -54,16 +58,17 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     ((8, 4, 2, 2), 'complex64')
     """
     if isinstance(source, str | Path):
-        path = Path(source)
-        file_format = _format_of(path)
-        with parsing(path, file_format.name):
-            return file_format.open_cube(path, tile_bytes)
+        return _open_file(Path(source), tile_bytes)
+    if isinstance(source, Cube):
+        return source
     if isinstance(source, np.ndarray):
         return ArrayCube(source, tile_bytes=tile_bytes)
     if _is_a(source, "h5py", "Dataset"):
-        return dataset_cube(source, f"{source.file.filename}: {source.name}", tile_bytes)
+        name = f"{source.file.filename}: {source.name}"
+        return _cube_of(name, dataset_array(source, name), tile_bytes)
     if _is_a(source, "zarr", "Array"):
-        return zarr_cube(source, str(source.store_path), tile_bytes)
+        name = str(source.store_path)
+        return _cube_of(name, zarr_array(source, name), tile_bytes)
     raise InputError(
         f"a cube is a NumPy array, an h5py dataset, a zarr array or a path, not {type(source).__name__}"
     )
@@ -88,44 +93,83 @@ def read_grid(path: str | Path) -> ComplexArray:
         If the file is missing, of an unknown format or damaged, or holds no grid.
     """
     path = Path(path)
-    file_format = _format_of(path)
-    with parsing(path, file_format.name):
-        return file_format.read_grid(path)
+    _require_format(path)
+    with listed_arrays(path) as file, closing(file):
+        return _read_grid(path, *_choose(path, file, GRID_NAME, 2))
 
 
-def _format_of(path: Path) -> _Format:
-    """Format of an existing path by its suffix, upper or lower case."""
+def _open_file(path: Path, tile_bytes: int) -> Cube:
+    """Open the cube of a file, with its transmitted grid."""
+    _require_format(path)
+    with listed_arrays(path) as file:
+        name, stored = _choose(path, file, CUBE_NAME, 4)
+        cube = _cube_of(_called(path, name), stored, tile_bytes)
+        cube.close = file.close
+        grid = file.arrays.get(GRID_NAME)
+        if isinstance(grid, StoredArray):
+            cube.transmitted = _read_grid(path, GRID_NAME, grid)
+            if cube.transmitted.shape != cube.shape[:2]:
+                raise InputError(
+                    f"{path}: {GRID_NAME} has shape {cube.transmitted.shape}; the cube beside it takes "
+                    f"{cube.shape[:2]}: (subcarriers, symbols)"
+                )
+    return cube
+
+
+def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
+    """Make a cube of a stored array: in chunks, mapped, or read as a whole."""
+    if isinstance(stored, ChunkedArray):
+        return ChunkedCube(name, stored, tile_bytes)
+    shape = require_cube(name, stored.shape + stored.dropped_ones(4), stored.dtype)
+    if stored.is_mapped:
+        return ArrayCube(stored.read(), name, tile_bytes, remap=stored.read)
+    if stored.n_bytes > HELD_BYTES:
+        raise InputError(
+            f"{name}: {stored} takes {binary_size(stored.n_bytes)}; allowed are at most "
+            f"{binary_size(HELD_BYTES)} in a file that is read as a whole, and any size in {READ_IN_PARTS}"
+        )
+    return ArrayCube(stored.read().reshape(shape), name, tile_bytes)
+
+
+def _read_grid(path: Path, name: str, stored: StoredArray) -> ComplexArray:
+    """Read a transmitted grid in C order and native byte order; real numbers become complex128."""
+    require_grid(_called(path, name), stored.shape, stored.dtype)
+    values = stored.read()
+    dtype = values.dtype.newbyteorder("=") if values.dtype.kind == "c" else np.dtype(np.complex128)
+    return np.ascontiguousarray(values, dtype=dtype)
+
+
+def _choose(path: Path, file: ArrayFile, wanted: str, n_axes: int) -> tuple[str, StoredArray]:
+    """Find an array by its name, or else as the only one of so many axes; formats without names have one."""
+    arrays = {name: array for name, array in file.arrays.items() if isinstance(array, StoredArray)}
+    for name in (wanted, ""):
+        if name in arrays:
+            return name, arrays[name]
+    fitting = [name for name, array in arrays.items() if len(array.shape) == n_axes]
+    if len(fitting) == 1:
+        return fitting[0], arrays[fitting[0]]
+    found = ", ".join(f"{name} ({array})".strip() for name, array in file.arrays.items())
+    raise InputError(
+        f"{path}: wanted is an array named {wanted!r}, or just one of {n_axes} axes; "
+        f"it holds {shortened(found) or 'no arrays'}"
+    )
+
+
+def _called(path: Path, name: str) -> str:
+    return f"{path}: {name}" if name else str(path)
+
+
+def _require_format(path: Path) -> None:
+    """Refuse a path that is no file of a known format, or folder of zarr's."""
     suffix = path.suffix.lower()
-    if suffix not in _FORMATS:
+    if suffix not in FORMATS:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise InputError(f"{path}: has {found}; allowed are {', '.join(_FORMATS)}")
-    if suffix not in FOLDERS or not path.is_dir():
+        raise InputError(f"{path}: has {found}; allowed are {', '.join(FORMATS)}")
+    if suffix != ".zarr" or not path.is_dir():
         require_file(path)
-    return _FORMATS[suffix]
 
 
 def _is_a(source: object, module: str, name: str) -> bool:
-    """Whether something is an instance of a library's class; that library is not imported to tell."""
+    """Tell if an object is an instance of a library's class, without importing that library."""
     library = sys.modules.get(module)
     return library is not None and isinstance(source, getattr(library, name))
-
-
-class _Format(NamedTuple):
-    """How a cube is opened and a transmitted grid is read; either raises whatever a damaged file leads to."""
-
-    name: str
-    open_cube: Callable[[Path, int], Cube]
-    read_grid: Callable[[Path], ComplexArray]
-
-
-_FORMATS: dict[str, _Format] = {
-    ".npy": _Format("npy", open_npy, read_npy_grid),
-    ".npz": _Format("npz", open_npz, read_npz_grid),
-    ".mat": _Format("mat", open_mat, read_mat_grid),
-    ".h5": _Format("HDF5", open_hdf5, read_hdf5_grid),
-    ".hdf5": _Format("HDF5", open_hdf5, read_hdf5_grid),
-    ".zarr": _Format("zarr", open_zarr, read_zarr_grid),
-    ".zip": _Format("zarr", open_zarr, read_zarr_grid),
-}
-FOLDERS = (".zarr",)
-"""Suffixes of formats that are, or can be, folders."""

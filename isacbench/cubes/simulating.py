@@ -19,7 +19,6 @@ from threadpoolctl import threadpool_limits
 from isacbench.cores import available_cores
 from isacbench.cubes.writing import create_cube
 from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
-from isacbench.errors import require
 from isacbench.model.echo import Simulator, random_stream, resource_grid, white_gaussian
 
 if TYPE_CHECKING:
@@ -31,9 +30,6 @@ if TYPE_CHECKING:
     from isacbench.model.scene import Scenario
 
 Complex = NDArray[np.complex128]
-
-LARGEST_SINGLE = 1e30
-"""Amplitude up to which, and from whose reciprocal on, sums in single precision keep their digits."""
 
 BLOCK_SUBCARRIERS = 16
 """Subcarriers of a block: 15 MB in double precision at the paper's size. The noise follows from it."""
@@ -61,11 +57,6 @@ class FrameSimulator:
         system, gate = scenario.system, simulator.gate
         self._along_range = range_rows(gate.range_bins, system.n_subcarriers)
         self._along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
-
-    @property
-    def amplitude(self) -> float:
-        """What the numbers of the frame are like: the roots of echo and noise power together."""
-        return self._scenario.scatterers.total_amplitude + self._noise_amplitude
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -140,13 +131,6 @@ class FrameSimulator:
                 yield from zip(together, threads.map(work, together), strict=True)
 
 
-def _require_fit(amplitude: float, dtype: np.dtype[Any]) -> None:
-    """Refuse amplitudes that lose digits, or all, in single precision."""
-    fits = amplitude == 0 or dtype != np.complex64 or 1 / LARGEST_SINGLE <= amplitude <= LARGEST_SINGLE
-    limits = f"in complex64 0 and from {1 / LARGEST_SINGLE:g} to {LARGEST_SINGLE:g}; complex128 holds it"
-    require(fits, "amplitude of the frame", amplitude, limits)
-
-
 def write_frame(
     frame: FrameSimulator,
     path: str | Path,
@@ -168,10 +152,8 @@ def write_frame(
     Raises
     ------
     InputError
-        If the file exists or cannot be written, its name is of no format, or
-        the frame's numbers are too large or too small for its precision.
+        If the file exists or cannot be written, or its name is of no format.
     """
-    _require_fit(frame.amplitude, np.dtype(dtype))
     n_subcarriers = frame.shape[0]
     with create_cube(path, frame.shape, dtype) as file:
         # Whole chunks of the file: parts of them would be compressed and written again and again.

@@ -1,4 +1,4 @@
-"""From a cube to the cells of a gate, tile by tile and in several threads, without ever holding the cube."""
+"""Transform of a cube to the cells of a gate, tile by tile and in several threads."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 TILES_AHEAD = 1
-"""Tiles that wait beside those being transformed: a source that reads in sequence goes on meanwhile."""
+"""Tiles that are read in advance while others are transformed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class GateTransform:
 
     @property
     def range_method(self) -> RangeMethod:
-        """How the range bins come about where subcarriers are not side by side."""
+        """Transform to range bins of blocks whose subcarriers are not side by side."""
         return range_method(self.gate.range_bins.size, self.system.n_subcarriers)
 
     def cells(
@@ -72,7 +72,7 @@ class GateTransform:
         elements : ndarray of int, shape (e, 2)
             Places (p, q).
         factors : ndarray of complex, shape (n_subcarriers, n_symbols), optional
-            What each resource element is multiplied by first.
+            Factor of each resource element, applied first.
         workers : int, optional
             Threads; by default all cores.
 
@@ -89,7 +89,7 @@ class GateTransform:
             large for its precision.
         """
         n_workers = available_cores() if workers is None else workers
-        # What is not finite is looked for at the end, once.
+        # Numbers that are not finite are looked for once, at the end.
         with np.errstate(all="ignore"):
             weights = None if factors is None else factors.astype(cube.dtype)
             sums = self._summed(cube, elements, weights, n_workers)
@@ -143,7 +143,7 @@ class GateTransform:
         return cells
 
     def _has_fast_lines(self, block: Complex) -> bool:
-        """Whether an FFT yields the range bins of a block fastest."""
+        """Tell if an FFT yields the range bins of a block fastest."""
         n_subcarriers = self.system.n_subcarriers
         method = range_method(self.gate.range_bins.size, n_subcarriers, "contiguous")
         return len(block) == n_subcarriers and is_element_major(block) and method == "fft"
@@ -169,7 +169,7 @@ def _in_order(threads: ThreadPoolExecutor, work: Any, tiles: Iterator[Tile], n_a
 
 
 def _find_fault(cube: Cube, elements: NDArray[np.intp]) -> str:
-    """Where the first number is that is not finite, or what else is wrong."""
+    """Describe the first number that is not finite by its place, or else an overflow."""
     for tile in cube.tiles(elements):
         block = tile.load()
         faulty = ~np.isfinite(block)

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from isacbench.cubes.cube import ComplexArray, describe_array, require_cube
-from isacbench.cubes.formats.cube_files import CUBE
+from isacbench.cubes.cube import CUBE_NAME, ComplexArray, require_cube
+from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
 from isacbench.errors import InputError
-from isacbench.files.arrays.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
 from isacbench.files.checked_files import is_there
 
 if TYPE_CHECKING:
@@ -42,6 +41,8 @@ class CubeWriter:
     path : Path
     shape : (int, int, int, int)
     dtype : dtype
+    is_written : ndarray of bool, shape (N,)
+        Subcarriers that were written.
     block_subcarriers : int
         Blocks of so many subcarriers, or a multiple, that begin at a multiple
         of it, are whole chunks: they are written fastest.
@@ -53,7 +54,7 @@ class CubeWriter:
         self.dtype = dtype
         self.block_subcarriers = chunk_lengths(shape, dtype.itemsize)[0]
         self._write = write
-        self._written = np.zeros(shape[0], dtype=bool)
+        self.is_written = np.zeros(shape[0], dtype=bool)
 
     def write(self, first_subcarrier: int, block: ComplexArray) -> None:
         """Write consecutive subcarriers; again, where they are already written.
@@ -72,7 +73,7 @@ class CubeWriter:
         if block.dtype.kind != "c" or block.shape[1:] != self.shape[1:]:
             raise InputError(
                 f"{self.path}: a block takes complex numbers of shape "
-                f"(n, {', '.join(map(str, self.shape[1:]))}), not {describe_array(block.shape, block.dtype)}"
+                f"(n, {', '.join(map(str, self.shape[1:]))}), not {block.dtype} of shape {block.shape}"
             )
         stop = first_subcarrier + len(block)
         if not 0 <= first_subcarrier < stop <= self.shape[0]:
@@ -82,22 +83,7 @@ class CubeWriter:
             )
         with _writing(self.path):
             self._write(first_subcarrier, np.ascontiguousarray(block, dtype=self.dtype))
-        self._written[first_subcarrier:stop] = True
-
-    def require_complete(self) -> None:
-        """Refuse a cube of which subcarriers were not written.
-
-        Raises
-        ------
-        InputError
-            Naming the first of them.
-        """
-        missing = np.flatnonzero(~self._written)
-        if len(missing):
-            raise InputError(
-                f"{self.path}: {len(missing)} of {self.shape[0]} subcarriers were not written, "
-                f"subcarrier {missing[0]} first"
-            )
+        self.is_written[first_subcarrier:stop] = True
 
 
 @contextmanager
@@ -106,7 +92,7 @@ def create_cube(
 ) -> Iterator[CubeWriter]:
     """Create a file for a cube, and fill it block by block.
 
-    The file is written beside its place under a hidden name, and moved there
+    The file is written in the same folder under a hidden name, and renamed
     when the ``with`` block ends with all subcarriers written; otherwise it is
     removed.
 
@@ -162,7 +148,12 @@ def create_cube(
                 write = file.enter_context(create(part, checked_shape, dtype))
             writer = CubeWriter(path, checked_shape, dtype, write)
             yield writer
-            writer.require_complete()
+            missing = np.flatnonzero(~writer.is_written)
+            if len(missing):
+                raise InputError(
+                    f"{path}: {len(missing)} of {len(writer.is_written)} subcarriers were not written, "
+                    f"subcarrier {missing[0]} first"
+                )
             with _writing(path):
                 file.close()
                 _require_new(path)
@@ -174,6 +165,16 @@ def create_cube(
 
 def chunk_lengths(shape: Shape, itemsize: int) -> Shape:
     """Lengths of a chunk: 2 x 2 elements, and along symbols and then subcarriers what makes half a MiB.
+
+    Parameters
+    ----------
+    shape : (int, int, int, int)
+    itemsize : int
+        Bytes of a number.
+
+    Returns
+    -------
+    (int, int, int, int)
 
     Examples
     --------
@@ -210,12 +211,7 @@ def _create_hdf5(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Wri
 
     chunks = chunk_lengths(shape, dtype.itemsize)
     with h5py.File(path, "w") as file:
-        dataset = file.create_dataset(CUBE.name, shape, dtype, chunks=chunks)
-
-        def write(first_subcarrier: int, block: ComplexArray) -> None:
-            dataset[first_subcarrier : first_subcarrier + len(block)] = block
-
-        yield write
+        yield _write_into(file.create_dataset(CUBE_NAME, shape, dtype, chunks=chunks))
 
 
 @contextmanager
@@ -223,7 +219,7 @@ def _create_zarr(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Wri
     import zarr
 
     array = zarr.open_group(path, mode="w").create_array(
-        CUBE.name,
+        CUBE_NAME,
         shape=shape,
         dtype=dtype,
         chunks=chunk_lengths(shape, dtype.itemsize),
@@ -231,11 +227,16 @@ def _create_zarr(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Wri
         # A chunk of zeros would otherwise look like one that was not written.
         config={"write_empty_chunks": True},
     )
+    yield _write_into(array)
+
+
+def _write_into(dataset: Any) -> Write:
+    """Make the function that writes blocks into an HDF5 dataset or a zarr array."""
 
     def write(first_subcarrier: int, block: ComplexArray) -> None:
-        array[first_subcarrier : first_subcarrier + len(block)] = block
+        dataset[first_subcarrier : first_subcarrier + len(block)] = block
 
-    yield write
+    return write
 
 
 _FORMATS: dict[str, Callable[[Path, Shape, np.dtype[Any]], AbstractContextManager[Write]]] = {
@@ -247,7 +248,7 @@ _FORMATS: dict[str, Callable[[Path, Shape, np.dtype[Any]], AbstractContextManage
 
 
 def _format_of(path: Path) -> Callable[[Path, Shape, np.dtype[Any]], AbstractContextManager[Write]]:
-    """What creates files of a path's suffix, upper or lower case."""
+    """Function that creates files of a path's suffix, upper or lower case."""
     try:
         return _FORMATS[path.suffix.lower()]
     except KeyError:

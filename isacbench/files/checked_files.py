@@ -1,7 +1,7 @@
 """Files that users name: looked at before they are opened, read up to a limit, written where they belong.
 
-Whatever comes from disk may be a mistake, or somebody's trap: a pipe that
-nobody writes to, a device without an end, a link to a file elsewhere.
+A path may lead to something else than a file by mistake: a pipe without a
+writer, a device without an end, a link to a file elsewhere.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 TOML_BYTES = 2**20
@@ -28,35 +27,31 @@ CLOUD_BYTES = 2**28
 GRID_BYTES = 2**28
 """A transmitted grid as complex128: 16.8 million resource elements, 36 times the paper's."""
 
+HELD_BYTES = 2**32
+"""An array or a file of a format that is read as a whole: a cube four times the paper's."""
+
 MANIFEST_BYTES = 2**28
 """The manifest of a run: some hundred thousand scenes."""
 
 PICTURES = ".png", ".pdf", ".svg"
 
-KINDS: dict[str, Callable[[int], bool]] = {
-    "a folder": stat.S_ISDIR,
-    "a pipe": stat.S_ISFIFO,
-    "a socket": stat.S_ISSOCK,
-    "a device": lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode),
-}
-
 
 def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
-    """Refuse what is no file that can be read to its end: reading a pipe or a device may never come back.
+    """Refuse a path that is no file that can be read to its end, such as a pipe.
 
     Parameters
     ----------
     path : Path
         Symbolic links are followed.
     limit_bytes : int, optional
-        Most that it may hold.
+        Largest size.
     missing : str
-        What to say of a file that is not there.
+        Words for a file that does not exist.
 
     Returns
     -------
     int
-        Bytes that it holds.
+        Size in bytes.
 
     Raises
     ------
@@ -75,7 +70,16 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
 
 
 def is_there(path: Path) -> bool:
-    """Whether there is anything under a name, if only a symbolic link that leads nowhere."""
+    """Tell if a name is taken, if only by a symbolic link that leads nowhere.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):
@@ -86,7 +90,11 @@ def is_there(path: Path) -> bool:
 
 
 def require_writable(path: Path) -> None:
-    """Refuse to write where something else than a file is: a pipe would wait for its reader for ever.
+    """Refuse to write where something other than a file is, such as a pipe or a folder.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -101,6 +109,10 @@ def require_writable(path: Path) -> None:
 def require_picture(path: Path) -> None:
     """Refuse a picture without an extension of a format that can be drawn.
 
+    Parameters
+    ----------
+    path : Path
+
     Raises
     ------
     InputError
@@ -111,7 +123,11 @@ def require_picture(path: Path) -> None:
 
 
 def require_replaceable(path: Path) -> None:
-    """Refuse a file to write, before the work whose result it takes, where it could not be made or replaced.
+    """Refuse a file that could not be made or replaced, before the work whose result it takes.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -133,8 +149,13 @@ def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> 
     ----------
     path : Path
     limit_bytes : int
+        Largest size.
     missing : str
-        What to say of a file that is not there.
+        Words for a file that does not exist.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -151,17 +172,17 @@ def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> 
 
 
 def require_inside(path: Path, *folders: Path) -> None:
-    """Refuse a file that a file or folder of somebody else's leads to, but that lies outside.
+    """Refuse a file outside some folders that a file or folder of another person leads to.
 
-    What comes from a stranger must not make anybody read, and quote in
-    messages, files that the stranger does not have.
+    A stranger's file must not make a user read files that the stranger does
+    not have, and quote them in messages.
 
     Parameters
     ----------
     path : Path
-        What is named, or found.
+        Named or found path.
     *folders : Path
-        Where it may lie, the first one for messages.
+        Allowed folders, the first one for messages.
 
     Raises
     ------
@@ -181,7 +202,7 @@ def require_inside(path: Path, *folders: Path) -> None:
 
 
 def open_own(path: Path, flags: int) -> int:
-    """Open a file of our own in a folder that somebody else may have filled: never through a symbolic link.
+    """Open a file of our own for writing, never through a symbolic link.
 
     Parameters
     ----------
@@ -210,7 +231,11 @@ def open_own(path: Path, flags: int) -> int:
 
 
 def make_own_folder(path: Path) -> None:
-    """Make a folder in one that somebody else may have filled, unless it is there: never a link to elsewhere.
+    """Make a folder, unless it is there, never through a symbolic link.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -226,7 +251,15 @@ def make_own_folder(path: Path) -> None:
 
 
 def binary_size(n_bytes: int) -> str:
-    """Write a number of bytes for people.
+    """Write a number of bytes in units of 1024.
+
+    Parameters
+    ----------
+    n_bytes : int
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -240,7 +273,7 @@ def binary_size(n_bytes: int) -> str:
 
 
 def _looked_at(path: Path) -> os.stat_result | None:
-    """What the system says of a path; None where there is nothing."""
+    """Status of a path, None where there is nothing."""
     try:
         return path.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -251,7 +284,7 @@ def _looked_at(path: Path) -> os.stat_result | None:
 
 def _require_regular(path: Path, found: os.stat_result, prefix: str = "") -> None:
     if not stat.S_ISREG(found.st_mode):
-        kind = next((kind for kind, holds in KINDS.items() if holds(found.st_mode)), "something else")
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
         raise InputError(f"{path}: {prefix}is {kind}, not a file")
 
 

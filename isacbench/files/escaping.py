@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 MOST_QUOTED = 200
-"""Characters of somebody's text that a message repeats."""
+"""Most characters of a foreign text that a message repeats."""
 
 # Control characters (escape sequences begin with them), what turns the direction of text, ends of lines
-# that are none to a terminal, halves of characters, and what no alphabet has.
+# that a terminal does not know, surrogates, and code points that are no characters.
 HIDDEN = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufff9-\ufffb\ufffe\uffff\ud800-\udfff]"
 )
@@ -19,7 +19,15 @@ MARKDOWN = str.maketrans(
 
 
 def visible(text: str) -> str:
-    r"""Spell what would not be seen as Python does, so that a terminal shows it instead of obeying it.
+    r"""Spell control characters as Python does, so that a terminal shows them instead of obeying them.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -30,18 +38,47 @@ def visible(text: str) -> str:
 
 
 def visible_lines(text: str) -> str:
-    """Same of a text that may have several lines."""
+    """Spell control characters other than line breaks as Python does.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
     return "\n".join(map(visible, text.split("\n")))
 
 
 def visible_json(text: str) -> str:
-    """Same of JSON, whose meaning stays."""
+    """Spell control characters other than line breaks as JSON does.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+        JSON of the same meaning.
+    """
     lines = text.split("\n")
     return "\n".join(HIDDEN.sub(lambda match: f"\\u{ord(match[0]):04x}", line) for line in lines)
 
 
 def quoted(value: object, most: int = MOST_QUOTED) -> str:
     """Write a value from outside as Python does, without its middle where it is too long for a message.
+
+    Parameters
+    ----------
+    value : object
+    most : int
+        Largest number of characters.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -52,7 +89,17 @@ def quoted(value: object, most: int = MOST_QUOTED) -> str:
 
 
 def shortened(text: str, most: int = MOST_QUOTED) -> str:
-    """Text without its middle, where it is too long.
+    """Leave out the middle of a text that is too long.
+
+    Parameters
+    ----------
+    text : str
+    most : int
+        Largest number of characters.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -64,7 +111,17 @@ def shortened(text: str, most: int = MOST_QUOTED) -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """Write a number of things.
+    """Write a number of things with a noun in the singular or plural.
+
+    Parameters
+    ----------
+    number : int
+    noun : str
+        In the singular.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -76,6 +133,14 @@ def counted(number: int, noun: str) -> str:
 
 def in_markdown(text: str) -> str:
     r"""Write text so that Markdown shows it as it is: no tags, no links, no code, no end of a cell.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
 
     Examples
     --------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from array import array
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
-from isacbench.files.checked_files import CLOUD_BYTES, require_file
+from isacbench.files.checked_files import CLOUD_BYTES, read_text
 from isacbench.files.escaping import quoted, shortened
 
 if TYPE_CHECKING:
@@ -26,24 +27,24 @@ class TextLine(NamedTuple):
     text: str
 
 
-def read_lines(path: Path) -> Iterator[TextLine]:
-    """Read the lines of a UTF-8 text file that are not blank, one after the other.
+def read_lines(path: Path) -> list[TextLine]:
+    """Read the lines of a UTF-8 text file that are not blank.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of TextLine
 
     Raises
     ------
     InputError
         If the file cannot be read, is too large or is not text.
     """
-    require_file(path, CLOUD_BYTES)
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            for number, text in enumerate(file, start=1):
-                if text.strip():
-                    yield TextLine(number, text.removesuffix("\n"))
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {_first_fault(path, error)})") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    lines = io.StringIO(read_text(path, CLOUD_BYTES), newline=None)
+    return [TextLine(number, text) for number, text in enumerate(lines, start=1) if text.strip()]
 
 
 def parse_rows(
@@ -58,14 +59,14 @@ def parse_rows(
     lines : iterable of TextLine
         One row each.
     columns : sequence of str
-        Names of the columns, for messages and their number.
+        Names of the columns.
     delimiter : str or None
-        What separates fields; None is any white space.
+        Separator of fields; None is any white space.
 
     Returns
     -------
     ndarray of float64, shape (n, len(columns))
-        Finite values, each the double nearest to what is written.
+        Finite values, each the double nearest to its text.
 
     Raises
     ------
@@ -84,9 +85,10 @@ def parse_rows(
         try:
             values.extend(map(float, fields))
         except ValueError:
-            column, field = _first_non_number(columns, fields)
+            column = next(k for k, field in enumerate(fields) if not is_number(field))
+            found = quoted(fields[column].strip())
             raise InputError(
-                f"{path}: row {number}: column {column} is {quoted(field.strip())}; a number is wanted"
+                f"{path}: row {number}: column {columns[column]} is {found}; a number is wanted"
             ) from None
         numbers.append(number)
     table = np.array(values, dtype=np.float64).reshape(len(numbers), len(columns))
@@ -94,24 +96,17 @@ def parse_rows(
     return table
 
 
-def _first_non_number(columns: Sequence[str], fields: Sequence[str]) -> tuple[str, str]:
-    """Name the first field that is no number, and its column."""
-    return next(
-        (column, field) for column, field in zip(columns, fields, strict=True) if not is_number(field)
-    )
-
-
-def _first_fault(path: Path, error: UnicodeDecodeError) -> int:
-    """Byte at which a file is no text any more; the error counts from the piece that was decoded."""
-    try:
-        path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as whole:
-        return whole.start
-    return error.start
-
-
 def is_number(field: str) -> bool:
-    """Whether a field of text is a number, NaN and infinity included."""
+    """Tell if a field of text is a number, NaN and infinity included.
+
+    Parameters
+    ----------
+    field : str
+
+    Returns
+    -------
+    bool
+    """
     try:
         float(field)
     except ValueError:
@@ -120,7 +115,16 @@ def is_number(field: str) -> bool:
 
 
 def check_finite(path: Path, values: Floats, columns: Sequence[str], row_numbers: Sequence[int]) -> None:
-    """Refuse an array (n, len(columns)) that holds NaN or infinity.
+    """Refuse an array that holds NaN or infinity.
+
+    Parameters
+    ----------
+    path : Path
+        File to name in messages.
+    values : ndarray of float64, shape (n, len(columns))
+    columns : sequence of str
+    row_numbers : sequence of int
+        Numbers of the rows in messages.
 
     Raises
     ------
@@ -137,5 +141,16 @@ def check_finite(path: Path, values: Floats, columns: Sequence[str], row_numbers
 
 
 def format_rows(values: Floats, delimiter: str) -> Iterator[str]:
-    """Write the rows of an array so that reading them returns the same doubles."""
+    """Write the rows of an array so that reading them returns the same doubles.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n, k)
+    delimiter : str
+
+    Yields
+    ------
+    str
+        One row.
+    """
     return (delimiter.join(map(repr, row)) for row in values.tolist())

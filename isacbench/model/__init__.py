@@ -1,4 +1,4 @@
-"""What the radio sees: numerology, array, frame, scene, gate and echo."""
+"""Model of the radio and the scene: numerology, array, frame, scene, gate and echo."""
 
 __all__ = [
     "array",

@@ -76,7 +76,17 @@ class PointCloud(Displayed):
 
     @classmethod
     def from_array(cls, array: ArrayLike) -> PointCloud:
-        """Build from an (n, 4) or (n, 5) array of x, y, z, v and power (1 where missing)."""
+        """Build a cloud from a table of x, y, z, v and power.
+
+        Parameters
+        ----------
+        array : array_like, shape (n, 4) or (n, 5)
+            A missing power is 1.
+
+        Returns
+        -------
+        PointCloud
+        """
         array = np.asarray(array, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] not in (4, 5):
             raise ValueError(f"a point array takes shape (n, 4) or (n, 5), not {array.shape}")
@@ -85,11 +95,27 @@ class PointCloud(Displayed):
 
     @classmethod
     def read(cls, path: str | Path) -> PointCloud:
-        """Read a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_files.point_files`."""
+        """Read a csv, npy, npz, mat or ply file.
+
+        Parameters
+        ----------
+        path : str or Path
+            See `isacbench.model.cloud_files.point_files.read_point_table`.
+
+        Returns
+        -------
+        PointCloud
+        """
         return cls.from_array(read_point_table(path))
 
     def write(self, path: str | Path) -> None:
-        """Write a csv, npy, npz, mat or ply file; see `isacbench.model.cloud_files.point_files`."""
+        """Write a csv, npy, npz, mat or ply file.
+
+        Parameters
+        ----------
+        path : str or Path
+            See `isacbench.model.cloud_files.point_files.write_point_table`.
+        """
         write_point_table(self.to_array(), path)
 
     def to_array(self) -> NDArray[np.float64]:
@@ -97,7 +123,7 @@ class PointCloud(Displayed):
         return np.column_stack([self.xyz, self.velocity, self.power])
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return a table with the columns of a csv file: x, y, z in m, v in m/s and power, a row a point.
+        """Return a table with the columns of a csv file: x, y, z in m, v in m/s and power.
 
         Examples
         --------
@@ -110,14 +136,38 @@ class PointCloud(Displayed):
         return pd.DataFrame(self.to_array(), columns=POINT_COLUMNS)
 
     def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
-        """Return the points that a mask or an index array picks."""
+        """Select points.
+
+        Parameters
+        ----------
+        keep : ndarray of bool, shape (n,), or of intp
+            Mask or indices.
+
+        Returns
+        -------
+        PointCloud
+        """
         return PointCloud(xyz=self.xyz[keep], velocity=self.velocity[keep], power=self.power[keep])
 
 
 def describe_points(
     name: str, xyz: NDArray[np.float64], velocity: NDArray[np.float64], **others: NDArray[np.float64]
 ) -> Description:
-    """Describe points by their number and the spans of their coordinates, velocities and other values."""
+    """Describe points by their number and the spans of their coordinates, velocities and other values.
+
+    Parameters
+    ----------
+    name : str
+        Type of the object.
+    xyz : ndarray of float64, shape (n, 3)
+    velocity : ndarray of float64, shape (n,)
+    **others : ndarray of float64
+        Further values by name.
+
+    Returns
+    -------
+    Description
+    """
     title = f"{name}: {counted(len(velocity), 'point')}"
     if not len(velocity):
         return Description(title, {})

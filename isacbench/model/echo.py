@@ -35,7 +35,7 @@ FEW_SPEEDS = 4
 """Echoes a speed from which it pays to sum those of each speed first."""
 
 DUST = 16.0
-"""Roundings of the largest value that echoes could have together, up to which their sum is none."""
+"""Roundings of the largest value that echoes could have together, up to which their sum counts as zero."""
 
 MOST_PRODUCTS = 2**24
 """Products of one echo and one cell held at a time: 256 MB."""
@@ -43,7 +43,7 @@ MOST_PRODUCTS = 2**24
 
 @dataclass(frozen=True, eq=False)
 class EchoParameters:
-    """What the radio sees of every scatterer.
+    """Gain, place in the map and direction of every echo.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class EchoParameters:
 
 
 def echo_parameters(scenario: Scenario) -> EchoParameters:
-    """Gain, fractional bins and direction cosines of every echo.
+    """Compute gain, fractional bins and direction cosines of every echo.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
 
 
 def is_dust(values: Complex, echo: EchoParameters, largest: float) -> bool:
-    """Whether superposed echoes are nothing but the rounding of echoes that cancel.
+    """Tell if superposed echoes are nothing but the rounding of echoes that cancel.
 
     Without noise an estimator sees nothing else, and would image it.
 
@@ -247,7 +247,7 @@ def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> n
     trial, seed : int
         Not negative.
     *purpose : str
-        What else is drawn, each with a stream of its own.
+        Name of another draw, each with a stream of its own.
 
     Returns
     -------
@@ -327,11 +327,27 @@ class Simulator:
 
         The SNR is Σ|G|² / σ²; a scene without echoes counts as one unit
         scatterer.
+
+        Parameters
+        ----------
+        snr_db : float
+
+        Returns
+        -------
+        float
         """
         return self.noise_amplitude(snr_db) ** 2
 
     def noise_amplitude(self, snr_db: float) -> float:
         """Root σ of `noise_power`, which does not underflow as its square does.
+
+        Parameters
+        ----------
+        snr_db : float
+
+        Returns
+        -------
+        float
 
         Raises
         ------
@@ -375,7 +391,16 @@ class Simulator:
         return self.observation(cells)
 
     def observation(self, cells: Complex) -> Observation:
-        """Wrap cells (n_range, n_doppler, P, Q), read-only from now on, with what is known beside them."""
+        """Make an observation of cells, which are read-only from now on.
+
+        Parameters
+        ----------
+        cells : ndarray of complex128, shape (n_range, n_doppler, P, Q)
+
+        Returns
+        -------
+        Observation
+        """
         cells.setflags(write=False)
         scenario = self.scenario
         return Observation(
@@ -389,7 +414,16 @@ class Simulator:
         )
 
     def unit_noise(self, trial: int, seed: int) -> Complex:
-        """Noise of unit power (n_range, n_doppler, P, Q); the last trial's is kept."""
+        """Noise of unit power; the last trial's is kept.
+
+        Parameters
+        ----------
+        trial, seed : int
+
+        Returns
+        -------
+        ndarray of complex128, shape (n_range, n_doppler, P, Q)
+        """
         # Looked at once: another thread may put its trial there meanwhile.
         drawn = self._drawn
         if drawn is None or drawn[0] != (trial, seed):

@@ -1,4 +1,4 @@
-"""Frames: how a direction in space maps to the two direction cosines of the array."""
+"""Frames: maps of a direction in space to the two direction cosines of the array."""
 
 from __future__ import annotations
 
@@ -25,26 +25,59 @@ class Frame(ABC):
 
     @abstractmethod
     def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
-        """Direction cosines (u, w), each of shape (n,), of offsets of shape (n, 3)."""
+        """Compute the direction cosines of offsets.
+
+        Parameters
+        ----------
+        offset_m : array_like, shape (n, 3)
+
+        Returns
+        -------
+        u, w : ndarray of float64, shape (n,)
+        """
 
     @abstractmethod
     def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Offsets (n, 3) in metres at ranges and direction cosines of shape (n,).
+        """Compute the offsets at ranges and direction cosines.
 
-        Directions outside the visible region u² + w² <= 1 yield NaN.
+        Parameters
+        ----------
+        range_m, u, w : array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 3)
+            In metres; NaN outside the visible region.
         """
 
     @abstractmethod
     def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Derivatives (n, 3, 3) of `offsets` (rows) with respect to (R, u, w) (columns).
+        """Compute the derivatives of `offsets` with respect to (R, u, w).
 
-        NaN where there are none: outside the visible region, on its border,
-        and where the frame is singular.
+        Parameters
+        ----------
+        range_m, u, w : array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 3, 3)
+            Rows are x, y and z, columns R, u and w. NaN where
+            there are none: outside the visible region, on its border, and where
+            the frame is singular.
         """
 
     @abstractmethod
     def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each offset (n, 3) lies where the map can be inverted, its border included."""
+        """Tell which offsets lie where the map can be inverted, its border included.
+
+        Parameters
+        ----------
+        offset_m : array_like, shape (n, 3)
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
 
     half_space: ClassVar[str]
     """The half-space in words, for messages."""
@@ -91,14 +124,33 @@ class PaperFrame(Frame):
     half_space = "below the base station (z <= z of the base station)"
 
     def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
-        """Direction cosines; straight down, where θ is free, θ = 0 is taken."""
+        """Compute the direction cosines; straight down, where θ is free, θ = 0 is taken.
+
+        Parameters
+        ----------
+        offset_m : array_like, shape (n, 3)
+
+        Returns
+        -------
+        u, w : ndarray of float64, shape (n,)
+        """
         offset = np.asarray(offset_m, dtype=np.float64)
         cos_phi = -offset[:, 2] / np.linalg.norm(offset, axis=1)
         theta = np.arctan2(-offset[:, 1], offset[:, 0])
         return cos_phi * np.cos(theta), cos_phi * np.sin(theta)
 
     def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Offsets (n, 3); u = w = 0, the horizon, is singular and taken at θ = 0."""
+        """Compute the offsets; u = w = 0, the horizon, is singular and taken at θ = 0.
+
+        Parameters
+        ----------
+        range_m, u, w : array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 3)
+            In metres; NaN outside the visible region.
+        """
         u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
         sin_phi = _normal_cosine(u, w)
         theta = np.arctan2(w + 0.0, u + 0.0)  # + 0 turns -0, whose angle is π, into 0
@@ -108,7 +160,17 @@ class PaperFrame(Frame):
         return np.asarray(range_m, dtype=np.float64)[..., None] * direction
 
     def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Derivatives (n, 3, 3); none straight down (u² + w² = 1) and at the horizon (u = w = 0)."""
+        """Compute the derivatives; NaN straight down (u² + w² = 1) and at the horizon (u = w = 0).
+
+        Parameters
+        ----------
+        range_m, u, w : array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 3, 3)
+            Rows are x, y and z, columns R, u and w.
+        """
         u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
         h, s = _nonzero(np.hypot(u, w)), _nonzero(_normal_cosine(u, w))
         cos_theta, sin_theta = u / h, w / h
@@ -132,7 +194,16 @@ class PaperFrame(Frame):
         )
 
     def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the offsets lie below the base station."""
+        """Tell which offsets lie below the base station.
+
+        Parameters
+        ----------
+        offset_m : array_like, shape (n, 3)
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
         return np.asarray(offset_m, dtype=np.float64)[:, 2] <= 0
 
 
@@ -174,21 +245,50 @@ class PanelFrame(Frame):
         return axes
 
     def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
-        """Direction cosines of the offsets."""
+        """Compute the direction cosines of offsets.
+
+        Parameters
+        ----------
+        offset_m : array_like, shape (n, 3)
+
+        Returns
+        -------
+        u, w : ndarray of float64, shape (n,)
+        """
         offset = np.asarray(offset_m, dtype=np.float64)
         direction = offset / np.linalg.norm(offset, axis=1, keepdims=True)
         u, w = self.axes[:2] @ direction.T
         return u, w
 
     def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Offsets (n, 3) in the half-space that the panel faces."""
+        """Compute the offsets in the half-space that the panel faces.
+
+        Parameters
+        ----------
+        range_m, u, w : array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 3)
+            In metres; NaN outside the visible region.
+        """
         u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
         local = np.stack([u, w, _normal_cosine(u, w)], axis=-1)
         direction: Floats = local @ self.axes
         return np.asarray(range_m, dtype=np.float64)[..., None] * direction
 
     def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Derivatives (n, 3, 3); none in the plane of the panel."""
+        """Compute the derivatives; NaN in the plane of the panel.
+
+        Parameters
+        ----------
+        range_m, u, w : array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 3, 3)
+            Rows are x, y and z, columns R, u and w.
+        """
         u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
         normal = _nonzero(_normal_cosine(u, w))
         one, zero = np.ones_like(normal), np.zeros_like(normal)
@@ -200,13 +300,32 @@ class PanelFrame(Frame):
         )
 
     def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the offsets lie in front of the panel."""
+        """Tell which offsets lie in front of the panel.
+
+        Parameters
+        ----------
+        offset_m : array_like, shape (n, 3)
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
         ahead: NDArray[np.bool_] = np.asarray(offset_m, dtype=np.float64) @ self.axes[2] >= 0
         return ahead
 
 
 def get_frame(name: FrameName, yaw_deg: float = 0.0, tilt_deg: float = 0.0) -> Frame:
     """Build a frame by name.
+
+    Parameters
+    ----------
+    name : {"paper", "panel"}
+    yaw_deg, tilt_deg : float
+        Of a panel.
+
+    Returns
+    -------
+    Frame
 
     Raises
     ------

@@ -78,7 +78,17 @@ class Gate(Displayed):
         return mask
 
     def trim(self, n_range: int, n_doppler: int) -> Gate:
-        """Gate without its outermost bins, as windows leave it; without margins, reachable bins go too."""
+        """Take away the outermost bins, as windows do; without margins, reachable bins go too.
+
+        Parameters
+        ----------
+        n_range, n_doppler : int
+            Bins at either end.
+
+        Returns
+        -------
+        Gate
+        """
         return Gate(
             self.range_bins[n_range : self.range_bins.size - n_range],
             self.doppler_bins[n_doppler : self.doppler_bins.size - n_doppler],
@@ -88,7 +98,17 @@ class Gate(Displayed):
         )
 
     def extend(self, n_range: int, n_doppler: int) -> Gate:
-        """Gate with so many bins more at either end as margins; of axes that wrap, those of the other end."""
+        """Add margin bins at either end; of axes that wrap, those of the other end.
+
+        Parameters
+        ----------
+        n_range, n_doppler : int
+            Bins at either end.
+
+        Returns
+        -------
+        Gate
+        """
         return Gate(
             _extend(self.range_bins, n_range),
             _extend(self.doppler_bins, n_doppler),
@@ -124,7 +144,7 @@ def build_gate(system: System, base_station_m: NDArray[np.float64], region: Regi
 
 
 def _trim(reachable: slice, n: int, n_bins: int) -> slice:
-    """Where the reachable ones of some bins lie once n bins are gone from either end."""
+    """Place of the reachable bins once n bins are gone from either end."""
     return slice(max(reachable.start - n, 0), min(reachable.stop - n, n_bins - 2 * n))
 
 
@@ -134,7 +154,7 @@ def _extend(bins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
 
 
 def _shift(reachable: slice, n: int) -> slice:
-    """Where the reachable ones of some bins lie behind n more."""
+    """Place of the reachable bins behind n more."""
     return slice(reachable.start + n, reachable.stop + n)
 
 

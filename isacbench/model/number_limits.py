@@ -1,4 +1,4 @@
-"""How large and how small what describes a scene may be, so that every power of it is an ordinary double.
+"""Limits of the numbers that describe a scene, within which every power of them is an ordinary double.
 
 Within these limits echo, observation, cloud and scores are finite. Beyond them
 doubles hold neither the power of an echo nor its phase, and nothing sensible
@@ -36,6 +36,11 @@ LARGEST_COUNT = 2**31
 def require_places(name: str, values: ArrayLike) -> None:
     """Refuse coordinates in metres that are not finite or beyond a million kilometres.
 
+    Parameters
+    ----------
+    name : str
+    values : array_like
+
     Raises
     ------
     InputError
@@ -54,7 +59,7 @@ def require_all(name: str, values: ArrayLike, allowed: ArrayLike, limits: str) -
     values : array_like
     allowed : array_like of bool, same shape
     limits : str
-        What is allowed, in words.
+        Allowed values, in words.
 
     Raises
     ------
@@ -69,6 +74,13 @@ def require_all(name: str, values: ArrayLike, allowed: ArrayLike, limits: str) -
 def require_interval(name: str, limits: tuple[float, float], largest: float) -> None:
     """Refuse limits that are not two ascending numbers up to some magnitude.
 
+    Parameters
+    ----------
+    name : str
+    limits : (float, float)
+    largest : float
+        Largest magnitude.
+
     Raises
     ------
     InputError
@@ -81,6 +93,12 @@ def require_interval(name: str, limits: tuple[float, float], largest: float) -> 
 
 def require_count(name: str, value: object, smallest: int = 1) -> None:
     """Refuse a value that is not a whole number, or below the smallest one.
+
+    Parameters
+    ----------
+    name : str
+    value : object
+    smallest : int
 
     Raises
     ------

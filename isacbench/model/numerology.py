@@ -12,9 +12,6 @@ from isacbench.model.number_limits import require_count
 
 SPEED_OF_LIGHT_MPS = float(constants.speed_of_light)
 
-LEAST_BIN = 1e-100
-"""Smallest size of a bin, in m or m/s; the largest is its reciprocal."""
-
 
 @dataclass(frozen=True)
 class System:
@@ -42,8 +39,7 @@ class System:
     Raises
     ------
     InputError
-        If a number is out of range, or so large or small that the size of a
-        bin is no ordinary number.
+        If a number is out of range.
 
     References
     ----------
@@ -67,10 +63,6 @@ class System:
         for name in ("cyclic_prefix_ratio", "cyclic_suffix_ratio"):
             value = getattr(self, name)
             require(0 <= value <= 1, name, value, "a number from 0 to 1")
-        bins = f"carrier_hz {self.carrier_hz:g} and subcarrier_spacing_hz {self.subcarrier_spacing_hz:g}"
-        for name in ("range_bin_m", "velocity_bin_mps"):
-            size = getattr(self, name)
-            require(LEAST_BIN <= size <= 1 / LEAST_BIN, f"{name} of {bins}", size, "1e-100 to 1e100")
 
     @property
     def wavelength_m(self) -> float:

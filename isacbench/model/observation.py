@@ -1,4 +1,4 @@
-"""What an estimator is given, and the one step in which every estimator's points become a cloud."""
+"""The observation that an estimator gets, and the step in which every estimator's points become a cloud."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _samples(
 
 
 def _unfolded(bins: ArrayLike, limits: Interval, size: float, n_bins: int) -> NDArray[np.float64]:
-    """What bins of some size stand for: of all that fold to one place that nearest to the limits' middle."""
+    """Ranges or speeds of bins: of all that fold to one place that nearest to the limits' middle."""
     places = np.asarray(bins, dtype=np.float64)
     turns = np.rint((places - sum(limits) / 2 / size) / n_bins)
     unfolded: NDArray[np.float64] = (places - n_bins * turns) * size
@@ -182,7 +182,7 @@ def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:
 
 
 def cross_of(cells: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complexfloating[Any, Any]]:
-    """One column and one row of the array.
+    """Take one column and one row of the array.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The region: where scatterers of a scene can be and how fast."""
+"""The region: the box that holds the scatterers of a scene, and their speeds."""
 
 from __future__ import annotations
 
@@ -72,7 +72,17 @@ class Region:
         return np.array([*product(self.x_m, self.y_m, self.z_m)])
 
     def contains(self, xyz: ArrayLike, tolerance_m: float = 0.0) -> NDArray[np.bool_]:
-        """Whether points (n, 3) lie in the box grown by a tolerance on every side; NaN does not."""
+        """Tell which points lie in the box grown by a tolerance on every side; NaN does not.
+
+        Parameters
+        ----------
+        xyz : array_like, shape (n, 3)
+        tolerance_m : float
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
         xyz = np.asarray(xyz, dtype=np.float64)
         inside: NDArray[np.bool_] = np.all(
             (xyz >= self.lower_m - tolerance_m) & (xyz <= self.upper_m + tolerance_m), axis=1
@@ -80,7 +90,16 @@ class Region:
         return inside
 
     def range_limits_m(self, base_station_m: ArrayLike) -> Interval:
-        """Distances of the nearest and the farthest point of the box."""
+        """Compute the distances of the nearest and the farthest point of the box.
+
+        Parameters
+        ----------
+        base_station_m : array_like, shape (3,)
+
+        Returns
+        -------
+        (float, float)
+        """
         base = np.asarray(base_station_m, dtype=np.float64)
         nearest = np.clip(base, self.lower_m, self.upper_m)
         farthest = np.where(base - self.lower_m > self.upper_m - base, self.lower_m, self.upper_m)

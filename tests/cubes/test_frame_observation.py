@@ -139,7 +139,7 @@ def test_of_the_prs_alone_nobody_knows_the_data(small_street, noisy_cube):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"division": "matched"}, "'matched' takes the transmitted grid, and there is none"),
+        ({"division": "matched"}, "'matched' takes the transmitted grid, which is missing"),
         ({"division": "wiener", "transmitted": np.ones((512, 56))}, "takes the SNR of the echo"),
         ({"snr_db": 10.0}, "snr_db is allowed with division = 'wiener'"),
         ({"sensing": "some"}, "unknown sensing 'some'"),

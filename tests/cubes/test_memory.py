@@ -1,4 +1,4 @@
-"""A file is never held as a whole, and libraries of file formats are loaded with the first file of theirs."""
+"""Files that can be read in parts are never held as a whole; libraries load with the first file of theirs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from .samples import write_h5, write_mat, write_mat73, write_npy, write_npz
+from .samples import write_h5, write_mat73, write_npy
 
 SHAPE = (4096, 128, 4, 4)
 FILE_MB = 67
@@ -94,14 +94,10 @@ def test_files_are_read_in_bounded_memory(folder):
     ones = np.ones(SHAPE, np.complex64)
     write_npy(folder / "c.npy", cube=ones)
     write_npy(folder / "fortran.npy", cube=np.ones(SHAPE, np.complex64, order="F"))
-    write_npz(folder / "stored.npz", cube=ones)
-    write_npz(folder / "compressed.npz", cube=ones, compressed=True)
-    write_mat(folder / "plain.mat", cube=ones)
-    write_mat(folder / "compressed.mat", cube=ones, compressed=True)
     write_mat73(folder / "matlab.mat", cube=ones)
     write_h5(folder / "compressed.h5", cube=ones, compressed=True)
     found = answer(READ, *sorted(folder.glob("[!s]*.*")))
-    assert len(found) == 10
+    assert len(found) == 7
     assert {tuple(sums) for sums, _ in found.values()} == {(4096 * 128 * 16, 4096 * 128 * 7)}
     grown_mb = {name: grown for name, (_, grown) in found.items()}
     assert max(grown_mb.values()) < ALLOWED_MB, grown_mb

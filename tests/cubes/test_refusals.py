@@ -51,10 +51,9 @@ def refusal(path, opening=open_cube):
 @pytest.mark.parametrize(
     ("array", "reason"),
     [
-        (ARRAY.real, r"holds real numbers \(float32\); a cube takes complex64 or complex128"),
-        (np.ones(SHAPE, ">i2"), r"holds integers \(int16\); a cube takes complex64 or complex128"),
-        (np.ones(SHAPE, bool), r"holds no numbers \(bool\); a cube takes"),
-        (np.full(SHAPE, None), "holds Python objects, which are never unpickled; a cube takes"),
+        (ARRAY.real, r"holds float32; a cube takes complex64 or complex128"),
+        (np.ones(SHAPE, ">i2"), r"holds int16; a cube takes complex64 or complex128"),
+        (np.ones(SHAPE, bool), r"holds bool; a cube takes"),
         (np.ones(SHAPE, np.clongdouble), "holds complex256; a cube takes complex64 or complex128"),
         (ARRAY[0], r"has 3 axes, shape \(10, 3, 4\); a cube takes four: \(subcarriers, symbols, P, Q\)"),
         (ARRAY[0, 0, 0], r"has 1 axis, shape \(4,\); a cube takes four"),
@@ -74,8 +73,8 @@ def test_an_array_that_is_no_cube_is_refused(tmp_path, array, reason):
 @pytest.mark.parametrize(
     ("array", "reason"),
     [
-        (ARRAY.real, r"cube: holds real numbers \(float32\)"),
-        (np.ones(SHAPE, np.int16), r"cube: holds integers \(int16\)"),
+        (ARRAY.real, r"cube: holds float32"),
+        (np.ones(SHAPE, np.int16), r"cube: holds int16"),
         (np.ones((1, 2, 3, 4, 5), np.complex64), "cube: has 5 axes"),
     ],
 )
@@ -89,8 +88,9 @@ def test_a_named_array_that_is_no_cube_is_refused(tmp_path, kind, array, reason)
 def test_records_of_other_numbers_than_single_or_double_are_refused(tmp_path, part):
     with h5py.File(tmp_path / "cube.h5", "w") as file:
         file["cube"] = np.ones(SHAPE, [("real", part), ("imag", part)])
-    found = {"f2": "float16", "i4": "int32"}[part]
-    assert refusal(tmp_path / "cube.h5").startswith(f"cube: holds records of real ({found}), imag ({found});")
+    assert refusal(tmp_path / "cube.h5").startswith(
+        f"cube: holds [('real', '<{part}'), ('imag', '<{part}')];"
+    )
 
 
 def test_other_things_than_arrays_and_paths_are_refused():
@@ -126,7 +126,7 @@ def test_a_path_that_is_no_file_of_a_known_format_is_refused(tmp_path, opening):
 @pytest.mark.parametrize("content", [b"", b"neither this nor that", bytes(1000)])
 def test_what_is_not_of_its_format_is_refused(tmp_path, opening, name, content):
     (tmp_path / name).write_bytes(content)
-    assert re.match(r"cannot be read as \w+: .+|is no mat file of MATLAB", refusal(tmp_path / name, opening))
+    assert re.match(r"cannot be read as \w+: .+", refusal(tmp_path / name, opening))
 
 
 def test_a_folder_that_is_no_zarr_store_is_refused(tmp_path):
@@ -143,7 +143,7 @@ def test_a_truncated_file_is_refused_at_whatever_byte_it_ends(tmp_path, kind, co
     whole = path.read_bytes()
     for size in (1, 100, 130, 200, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:size])
-        assert re.search("truncated|cannot be read as|no mat file|wanted is", refusal(path))
+        assert re.search("truncated|cannot be read as|wanted is", refusal(path))
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
@@ -155,6 +155,15 @@ def test_a_truncated_npy_file_says_how_much_it_lacks(tmp_path, order):
         file.truncate(size - 1)
     wanted = f"is truncated: complex64 of shape {SHAPE} takes {size} bytes, the file has {size - 1}"
     assert refusal(path) == wanted
+
+
+def test_an_array_of_python_objects_is_no_cube(tmp_path):
+    objects = np.full(SHAPE, None)
+    with pytest.raises(InputError, match=r"^array: holds object"):
+        open_cube(objects)
+    np.savez(tmp_path / "c.npz", cube=ARRAY, notes=objects)
+    with open_cube(tmp_path / "c.npz") as cube:
+        assert cube.shape == SHAPE
 
 
 def test_nothing_is_unpickled(tmp_path):
@@ -173,18 +182,13 @@ def test_nothing_is_unpickled(tmp_path):
 
 
 @pytest.mark.parametrize("write", [write_npz, write_mat])
-def test_damaged_compression_is_told_when_it_is_met(tmp_path, write):
+def test_damaged_compression_is_told(tmp_path, write):
     path = tmp_path / f"cube.{'npz' if write is write_npz else 'mat'}"
-    write(path, cube=np.zeros((64, 64, 16, 16), np.complex64) + ARRAY[0, 0, 0, 0], compressed=True)
+    write(path, cube=ARRAY, compressed=True)
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 0x55
     path.write_bytes(data)
-    with (
-        open_cube(path, tile_bytes=2**20) as cube,
-        pytest.raises(InputError, match="is damaged: ") as refused,
-    ):
-        sum_of_tiles(cube, np.argwhere(np.ones((16, 16))))
-    assert str(refused.value).startswith(f"{path}: ")
+    assert refusal(path).startswith("cannot be read as ")
 
 
 def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
@@ -203,29 +207,18 @@ def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
             sum_of_tiles(cube, all_elements())
 
 
-def test_the_checksum_of_a_stream_is_compared_at_its_end(tmp_path):
+def test_checksums_are_compared(tmp_path):
     write_npz(tmp_path / "c.npz", cube=ARRAY, compressed=True)
     data = (tmp_path / "c.npz").read_bytes()
     with zipfile.ZipFile(tmp_path / "c.npz") as archive:
         crc = archive.getinfo("cube.npy").CRC.to_bytes(4, "little")
     (tmp_path / "c.npz").write_bytes(data.replace(crc, bytes(4)))
-    with open_cube(tmp_path / "c.npz") as cube, pytest.raises(InputError, match="the checksum differs"):
-        sum_of_tiles(cube, np.array([[0, 0]]))
+    assert "CRC" in refusal(tmp_path / "c.npz")
     write_mat(tmp_path / "c.mat", cube=ARRAY, compressed=True)
     data = bytearray((tmp_path / "c.mat").read_bytes())
     data[-1] ^= 1
     (tmp_path / "c.mat").write_bytes(data)
-    with open_cube(tmp_path / "c.mat") as cube, pytest.raises(InputError, match="incorrect data check"):
-        sum_of_tiles(cube, np.array([[2, 3]]))
-
-
-def test_an_npz_file_compressed_otherwise_is_refused(tmp_path):
-    np.save(tmp_path / "cube.npy", ARRAY)
-    with zipfile.ZipFile(tmp_path / "c.npz", "w", zipfile.ZIP_BZIP2) as archive:
-        archive.write(tmp_path / "cube.npy", "cube.npy")
-    assert refusal(tmp_path / "c.npz") == (
-        "cube.npy is compressed with method 12; allowed are those of numpy.savez and numpy.savez_compressed"
-    )
+    assert "incorrect data check" in refusal(tmp_path / "c.mat")
 
 
 def test_a_stored_array_that_is_shorter_than_its_header_says_is_refused(tmp_path):
@@ -235,7 +228,8 @@ def test_a_stored_array_that_is_shorter_than_its_header_says_is_refused(tmp_path
         with zipfile.ZipFile(tmp_path / "c.npz", "w", method) as archive:
             archive.writestr("cube.npy", data[:-8])
         assert refusal(tmp_path / "c.npz") == (
-            f"cube is truncated: complex64 of shape {SHAPE} takes {len(data)} bytes, it has {len(data) - 8}"
+            f"cube: is truncated: complex64 of shape {SHAPE} takes {len(data)} bytes, "
+            f"the file has {len(data) - 8}"
         )
 
 
@@ -247,15 +241,18 @@ def test_an_npy_file_of_a_version_that_arrays_of_numbers_do_not_have_is_refused(
     assert refusal(tmp_path / "cube.npy").startswith("cannot be read as npy: version (3, 0)")
 
 
-def test_a_mat_file_whose_parts_have_another_length_is_refused(tmp_path):
+def test_a_mat_file_that_ends_the_process_of_its_reader_is_refused(tmp_path):
     write_mat(tmp_path / "c.mat", cube=ARRAY)
     data = (tmp_path / "c.mat").read_bytes()
     part = np.array([7, ARRAY.nbytes // 2], "<u4").tobytes()
-    assert data.count(part) == 2
-    for place in (data.index(part), data.rindex(part)):
-        damaged = data[: place + 4] + (16).to_bytes(4, "little") + data[place + 8 :]
-        (tmp_path / "c.mat").write_bytes(damaged)
-        assert refusal(tmp_path / "c.mat").startswith("is damaged: ")
+    (tmp_path / "c.mat").write_bytes(data.replace(part, bytes([99]) + part[1:]))
+    assert refusal(tmp_path / "c.mat") == "cannot be read as mat: SciPy's reader was ended by SIGSEGV"
+
+
+def test_a_cube_too_large_to_be_read_whole_is_told_the_formats_that_are_read_in_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr("isacbench.cubes.opening.HELD_BYTES", ARRAY.nbytes - 1)
+    write_npz(tmp_path / "c.npz", cube=ARRAY)
+    assert re.search(r"allowed are at most 22.5 KiB .* any size in \.npy, \.h5", refusal(tmp_path / "c.npz"))
 
 
 def test_datasets_that_were_not_filled_are_refused(tmp_path):

@@ -128,7 +128,7 @@ def test_what_exists_is_not_overwritten_even_if_it_came_meanwhile(tmp_path, file
         ("c", SHAPE, "c8", "has no suffix"),
         ("none/c.npy", SHAPE, "c8", "its folder .*none does not exist$"),
         ("c.npy", SHAPE[:3], "c8", "has 3 axes"),
-        ("c.npy", SHAPE, "f8", "holds real numbers"),
+        ("c.npy", SHAPE, "f8", "holds float64"),
         ("c.npy", (0, 1, 1, 1), "c8", "is empty"),
     ],
 )

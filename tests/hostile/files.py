@@ -143,7 +143,6 @@ NPY = {
     "a header of brackets": content(b"\x93NUMPY\x01\x00" + struct.pack("<H", 1000) + b"(" * 1000),
     "a header of signs": content(b"\x93NUMPY\x01\x00" + struct.pack("<H", 1000) + b"-" * 999 + b"1"),
     "a header of 100 MB": long_header,
-    "a header of 4 GB": content(b"\x93NUMPY\x02\x00" + struct.pack("<I", 2**32 - 1) + b"{"),
     "Python objects": pickled_npy,
     "Python objects by header": npy((2, 4), "|O", data=bytes(64)),
     "text": saved(np.array([["a"] * 4])),
@@ -313,7 +312,6 @@ MAT = {
     "7.3, numbers in another file": mat73(elsewhere73),
     "7.3, a link to another file": mat73(linked73),
     "7.3, elements where there are none": mat73(empty73),
-    "7.3, a chunk of 2 GiB": packed73((3, 4), (3, 2**27 // 3 * 2), compression="gzip"),
     "7.3, an unknown filter": packed73((3, 4), (3, 4), **UNKNOWN_FILTER),
     "7.3, 1e9 rows": mat73(
         lambda file, _path: file.create_dataset("xyz", (3, 10**9), "f8", chunks=(3, 10**6))
@@ -333,7 +331,6 @@ MAT = {
     "1e9 rows": mat_elements(mat_array((10**9, 3), bytes(24))),
     "negative rows": mat_elements(mat_array((-1, -3), bytes(24))),
     "more axes than there are": mat_elements(mat_array((1,) * 60, bytes(8))),
-    "a part of 4 GB": mat_elements(mat_array((1, 3), bytes(24), claimed=2**32 - 8)),
     "an unknown class": mat_elements(mat_array((1, 3), bytes(24), kind=200)),
     "an unknown storage": mat_elements(mat_array((1, 3), bytes(24), stored=99)),
     "a stream of nothing": mat_elements(struct.pack("<II", 15, 8) + bytes(8)),
@@ -407,10 +404,6 @@ TOML = {
     "100 MB": sparse(100 * 2**20),
     "arrays in arrays": content(b"name = " + b"[" * 100_000),
     "tables in tables": content(b"name = " + b"{a=" * 100_000),
-    "a key of many parts": content(b"a" + b".a" * 100_000 + b" = 1\n"),
-    "a quoted key of many parts": content(b"'a'" + b" . 'a'" * 50_000 + b" = 1\n"),
-    "a table of many parts": content(b"[a" + b".a" * 100_000 + b"]\n"),
-    "an inline key of many parts": content(b"x = {a" + b".a" * 100_000 + b" = 1}\n"),
     "many tables": content(b"".join(b"[t%d]\n" % index for index in range(20_000))),
     "a number of many digits": content(b"name = " + b"9" * 5000 + b"\n"),
     "a long name": content(b'name = "' + b"x" * 10**5 + b'"\n'),
@@ -500,15 +493,6 @@ def with_metadata(**changes):
     return zarr_store(change)
 
 
-def chunk_is(make):
-    def change(path):
-        chunk = path / "cube" / "0.0.0.0"
-        chunk.unlink()
-        make(chunk)
-
-    return zarr_store(change)
-
-
 def metadata_is(make):
     def change(path):
         place = path / "cube" / ".zarray"
@@ -531,23 +515,9 @@ def unpickling(place):
     return write
 
 
-def secret_link(path):
-    secret = path.parents[2] / "secret"
-    secret.write_bytes(bytes(CUBE.nbytes))
-    path.symlink_to(secret)
-
-
 ZARR = {
-    "a pipe for a chunk": chunk_is(fifo),
-    "a device for a chunk": chunk_is(device),
-    "a link out of the store": chunk_is(secret_link),
-    "a pipe for its description": metadata_is(fifo),
-    "a link to a pipe": zarr_store(
-        lambda path: (os.mkfifo(path / "pipe"), (path / "cube" / "a").symlink_to(path / "pipe"))
-    ),
     "1e18 cells": with_metadata(shape=[HUGE, 1, 1, 1]),
     "negative cells": with_metadata(shape=[-4, -3, 2, 2]),
-    "chunks of 1e18 cells": with_metadata(chunks=[10**5, 10**5, 10**4, 10**4]),
     "no chunks": with_metadata(chunks=[0, 0, 0, 0]),
     "deep metadata": metadata_is(content(b"[" * 100_000)),
     "unpickling compressor": unpickling({"compressor": {"id": "pickle"}}),
@@ -565,10 +535,13 @@ def zip_of_zarr(path):
         archive.writestr("zarr.json", b"[" * 10**6)
 
 
+BESIDE_A_GRID = {"a structure", "cells", "a sparse matrix"}
+"""Files of a variable that is not looked into and an array of two axes, which can be a grid."""
+
 CUBES = {
     ".npy": NPY,
     ".npz": NPZ,
-    ".mat": {name: write for name, write in MAT.items() if name != "version 4, 1e9 rows"},
+    ".mat": {name: write for name, write in MAT.items() if name not in BESIDE_A_GRID},
     ".h5": H5,
     ".zarr": ZARR,
     ".zip": {"a bomb": zip_of_zarr},

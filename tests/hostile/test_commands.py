@@ -83,13 +83,12 @@ WRITERS = {
     ".npz": {"pickled": CLOUDS[".npz"]["pickled"]},
     ".ply": {"count": CLOUDS[".ply"]["5000 digits"], "device": ANY["a device"]},
     ".h5": {"elsewhere": CUBES[".h5"]["numbers in a pipe"]},
-    ".zarr": {"pipe": CUBES[".zarr"]["a pipe for a chunk"], "folder": ANY["a folder"]},
+    ".zarr": {"folder": ANY["a folder"]},
     ".toml": {
         "pipe": ANY["a pipe"],
         "100 MB": TOML["100 MB"],
         "deep": TOML["arrays in arrays"],
         "digits": TOML["a number of many digits"],
-        "key": TOML["a key of many parts"],
     },
     ".py": {"pipe": ANY["a pipe"], "terabyte": ANY["a terabyte"], "link": ANY["a link to itself"]},
 }

@@ -13,9 +13,8 @@ from isacbench.bench.store import journal, validation
 from isacbench.bench.suites import suite
 from isacbench.bench.suites.suite import load_suite
 from isacbench.cubes import open_cube, read_grid
-from isacbench.cubes.formats import chunked, zarr_cubes
-from isacbench.files import checked_files, toml_files
-from isacbench.files.arrays import npy_files
+from isacbench.files import checked_files
+from isacbench.files.arrays import zarr_stores
 from isacbench.files.checked_files import binary_size
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import read_points_csv
@@ -188,14 +187,12 @@ def test_the_documentation_has_the_limits_that_hold():
     text = (Path(__file__).parents[2] / "docs" / "hostile-files.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE))
     assert rows["a scenario or a suite"] == binary_size(checked_files.TOML_BYTES)
-    assert rows["a dotted key in it"] == f"{toml_files.MOST_PARTS} parts"
     assert rows["a name of a scenario or a suite"] == f"{scenario.MAX_NAME} characters"
     assert suite.MAX_NAME == scenario.MAX_NAME
-    assert rows["a point cloud, in its file and decompressed"] == binary_size(checked_files.CLOUD_BYTES)
-    assert rows["the header of an npy file"] == binary_size(npy_files.HEADER_BYTES)
+    assert rows["a point cloud, in its file and as arrays"] == binary_size(checked_files.CLOUD_BYTES)
     assert rows["a transmitted grid, as complex128"] == binary_size(checked_files.GRID_BYTES)
-    assert rows["a chunk of HDF5 or zarr"].startswith(binary_size(chunked.CHUNK_BYTES))
-    assert rows["chunks of a zarr array"] == f"{zarr_cubes.MOST_CHUNKS:,}".replace(",", " ")
+    assert rows["a cube or a file that is read as a whole"] == binary_size(checked_files.HELD_BYTES)
+    assert rows["chunks of a zarr array"] == f"{zarr_stores.MOST_CHUNKS:,}".replace(",", " ")
     assert rows["the source of a plugin"] == binary_size(checked_files.SOURCE_BYTES)
     assert rows["a manifest"] == binary_size(checked_files.MANIFEST_BYTES)
     assert rows["a line of a journal"] == binary_size(journal.LINE_BYTES)

@@ -37,12 +37,6 @@ def test_a_numerology_that_is_none_is_refused(key, value):
         System(**{key: value})
 
 
-@pytest.mark.parametrize("system", [{"subcarrier_spacing_hz": 1e-300}, {"carrier_hz": 1e-300}])
-def test_bins_of_no_ordinary_size_are_refused(system):
-    with pytest.raises(InputError, match=r"bin.* of carrier_hz .* and subcarrier_spacing_hz .*: allowed is"):
-        System(**system)
-
-
 @pytest.mark.parametrize(
     "array",
     [{"tx_shape": (0, 1)}, {"rx_shape": (8, -1)}, {"tx_spacing": 0}, {"rx_spacing": 1.5}],

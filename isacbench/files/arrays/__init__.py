@@ -1,13 +1,3 @@
-"""Arrays of numbers in files: how they lie there, and how parts of them are read."""
+"""Arrays of numbers in files: listed by name with shape and type, then read whole or in boxes."""
 
-__all__ = [
-    "hdf5_datasets",
-    "inflated",
-    "listing",
-    "mapped",
-    "mat5",
-    "mat73",
-    "npy_files",
-    "raw_arrays",
-    "tiling",
-]
+__all__ = ["array_files", "hdf5_files", "stored_arrays", "zarr_stores"]

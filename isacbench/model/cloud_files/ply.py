@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from io import BytesIO
-from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +13,6 @@ from isacbench.files.escaping import shortened
 from isacbench.files.text_table import TextLine, check_finite, format_rows, parse_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
 Floats = NDArray[np.float64]
@@ -23,46 +20,40 @@ Floats = NDArray[np.float64]
 MOST_DIGITS = 18
 """Of a count: what has more is no number of anything."""
 
-_PROPERTIES = ("x", "y", "z", "v", "power")
 _BYTE_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_TYPE_CODES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
+_LIST = "list"
+_SIGNED = {"char": "int8", "short": "int16", "int": "int32"}
+_UNSIGNED = {f"u{name}": f"u{number}" for name, number in _SIGNED.items()}
+_TYPES = {**_SIGNED, **_UNSIGNED, "float": "float32", "double": "float64"}
+_TYPES.update({number: number for number in _TYPES.values()})
+"""NumPy's names of the types of properties, which PLY files name as C or as NumPy does."""
 
 
 @dataclass
 class _Element:
-    """One element of a PLY header: its property names and type codes, in order."""
+    """Element of a PLY header: its names and types of the properties, in order."""
 
     name: str
     count: int
-    codes: dict[str, str] = field(default_factory=dict)
-    has_list: bool = False
+    types: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def has_list(self) -> bool:
+        """True if the records differ in length."""
+        return _LIST in self.types.values()
 
     def dtype(self, byte_order: str) -> np.dtype[np.void]:
         """Layout of one binary record."""
-        return np.dtype([(name, byte_order + code) for name, code in self.codes.items()])
-
-
-@dataclass
-class _Header:
-    """What precedes the data of a PLY file."""
-
-    byte_order: str
-    elements: list[_Element]
-    n_lines: int
-    n_bytes: int
+        return np.dtype([(name, byte_order + np.dtype(kind).str[1:]) for name, kind in self.types.items()])
 
 
 def write_ply(points: Floats, path: Path) -> None:
-    """Write points (n, 5) as ASCII PLY with the double properties x, y, z, v and power.
+    """Write points as ASCII PLY with the double properties x, y, z, v and power.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, 5)
+    path : Path
 
     Raises
     ------
@@ -74,7 +65,7 @@ def write_ply(points: Floats, path: Path) -> None:
         "format ascii 1.0",
         "comment x y z in m, v in m/s and positive when approaching, power relative to a unit scatterer",
         f"element vertex {len(points)}",
-        *(f"property double {name}" for name in _PROPERTIES),
+        *(f"property double {name}" for name in ("x", "y", "z", "v", "power")),
         "end_header",
     ]
     rows = format_rows(points, delimiter=" ")
@@ -82,129 +73,117 @@ def write_ply(points: Floats, path: Path) -> None:
 
 
 def read_ply(path: Path) -> Floats:
-    """Read the vertices of a PLY file, ASCII or binary of either byte order, as points (n, 4) or (n, 5).
+    """Read the vertices of a PLY file, ASCII or binary of either byte order, as points.
 
     The element ``vertex`` needs the properties x, y, z and v (or velocity);
     power is optional and others are ignored, as are other elements.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 4) or (n, 5)
 
     Raises
     ------
     InputError
         If the file is no such PLY, is truncated, or holds NaN or infinity.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    header = _parse_header(path, data)
-    before, vertex = _split_at_vertex(path, header.elements)
-    columns = _wanted_properties(path, vertex)
-    values = (_binary_vertices if header.byte_order else _ascii_vertices)(path, data, header, before, vertex)
-    return values[:, [list(vertex.codes).index(name) for name in columns]]
-
-
-def _parse_header(path: Path, data: bytes) -> _Header:
-    """Read the header up to and with its last line."""
-    if not data.startswith(b"ply"):
-        raise InputError(f"{path}: row 1: is not a PLY file, which starts with 'ply'")
-    byte_order = None
-    elements: list[_Element] = []
-    n_bytes = 0
-    for number, raw in enumerate(BytesIO(data), start=1):
-        n_bytes += len(raw)
-        match raw.decode("latin-1").split():
-            case ["end_header"]:
-                if byte_order is None:
-                    raise InputError(f"{path}: the header has no line 'format'")
-                return _Header(byte_order, elements, n_lines=number, n_bytes=n_bytes)
-            case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as name, "1.0"]:
-                byte_order = _BYTE_ORDER[name]
-            case ["element", name, count] if count.isdecimal() and len(count) <= MOST_DIGITS:
-                elements.append(_Element(name, int(count)))
-            case ["property", "list", _, _, _] if elements:
-                elements[-1].has_list = True
-            case ["property", type_name, name] if elements and type_name in _TYPE_CODES:
-                if name in elements[-1].codes:
-                    raise InputError(f"{path}: row {number}: property {name} appears twice")
-                elements[-1].codes[name] = _TYPE_CODES[type_name]
-            case ["ply"] if number == 1:
-                pass
-            case ["comment" | "obj_info", *_]:
-                pass
-            case _:
-                line = raw.decode("latin-1").strip()
-                raise InputError(f"{path}: row {number}: {line[:60]!r} does not belong in a PLY 1.0 header")
-    raise InputError(f"{path}: the header has no line 'end_header'; is the file truncated?")
-
-
-def _split_at_vertex(path: Path, elements: list[_Element]) -> tuple[list[_Element], _Element]:
-    """Separate the element ``vertex`` from those before it."""
+    header, end, rest = path.read_bytes().partition(b"\nend_header")
+    lines = header.decode("latin-1").split("\n")
+    byte_order, elements = _parse_header(path, lines)
+    if not end:
+        raise InputError(f"{path}: the header has no line 'end_header'; is the file truncated?")
     names = [element.name for element in elements]
     if "vertex" not in names:
         raise InputError(
             f"{path}: has no element 'vertex'; its elements: {shortened(', '.join(names)) or 'none'}"
         )
-    place = names.index("vertex")
-    return elements[:place], elements[place]
+    before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
+    columns = _wanted_properties(path, vertex)
+    body = rest.partition(b"\n")[2]
+    if not byte_order:
+        return _ascii_vertices(path, body, len(lines) + 2, before, vertex, columns)
+    return _binary_vertices(path, body, byte_order, before, vertex, columns)
+
+
+def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[_Element]]:
+    """Byte order, empty for ASCII, and elements that the lines of a header announce."""
+    if not lines[0].startswith("ply"):
+        raise InputError(f"{path}: row 1: is not a PLY file, which starts with 'ply'")
+    byte_order = None
+    elements: list[_Element] = []
+    for number, line in enumerate(lines[1:], start=2):
+        match line.split():
+            case ["format", name, "1.0"] if name in _BYTE_ORDER:
+                byte_order = _BYTE_ORDER[name]
+            case ["element", name, count] if count.isdecimal() and len(count) <= MOST_DIGITS:
+                elements.append(_Element(name, int(count)))
+            case ["property", "list", _, _, name] if elements:
+                elements[-1].types[name] = _LIST
+            case ["property", type_name, name] if elements and type_name in _TYPES:
+                if name in elements[-1].types:
+                    raise InputError(f"{path}: row {number}: property {name} appears twice")
+                elements[-1].types[name] = _TYPES[type_name]
+            case ["comment" | "obj_info", *_]:
+                pass
+            case [] if number == len(lines):
+                pass  # behind the last line of a header that has no end
+            case _:
+                raise InputError(
+                    f"{path}: row {number}: {line.strip()[:60]!r} does not belong in a PLY 1.0 header"
+                )
+    if byte_order is None:
+        raise InputError(f"{path}: the header has no line 'format'")
+    return byte_order, elements
 
 
 def _wanted_properties(path: Path, vertex: _Element) -> list[str]:
     """Names of the properties that hold x, y, z, v and, if there, power."""
     if vertex.has_list:
         raise InputError(f"{path}: element vertex: has a list property; only plain ones can be read")
-    speeds = [name for name in ("v", "velocity") if name in vertex.codes]
-    missing = [name for name in ("x", "y", "z") if name not in vertex.codes]
-    if missing or len(speeds) != 1:
+    wanted: list[str] = [name for name in ("x", "y", "z", "v", "velocity", "power") if name in vertex.types]
+    speeds = {"v", "velocity"} & {*wanted}
+    if wanted[:3] != ["x", "y", "z"] or len(speeds) != 1:
         raise InputError(
             f"{path}: element vertex: takes properties x, y, z and either v or velocity, optionally power; "
-            f"it has {shortened(', '.join(vertex.codes)) or 'none'}"
+            f"it has {shortened(', '.join(vertex.types)) or 'none'}"
         )
-    return ["x", "y", "z", *speeds, *(name for name in ("power",) if name in vertex.codes)]
+    return wanted
 
 
 def _ascii_vertices(
-    path: Path, data: bytes, header: _Header, before: list[_Element], vertex: _Element
+    path: Path, body: bytes, first_row: int, before: list[_Element], vertex: _Element, columns: list[str]
 ) -> Floats:
-    """All properties (n, k) of the vertices of an ASCII file, one line each."""
+    """Columns (n, k) of the vertices of an ASCII file, one line each."""
+    text = body.decode("latin-1").split("\n")
+    lines = [TextLine(number, line) for number, line in enumerate(text, first_row) if line.strip()]
     start = sum(element.count for element in before)
-    n_lines = sum(1 for _ in _text_lines(data, header))
-    held = max(n_lines - start, 0)
-    if held < vertex.count:
-        raise _truncated(path, held, vertex.count)
-    rows = islice(_text_lines(data, header), min(start, n_lines), min(start + vertex.count, n_lines))
-    return parse_rows(path, rows, list(vertex.codes), delimiter=None)
-
-
-def _text_lines(data: bytes, header: _Header) -> Iterator[TextLine]:
-    """Lines below the header that are not blank."""
-    file = BytesIO(data)
-    file.seek(header.n_bytes)
-    for number, line in enumerate(file, start=header.n_lines + 1):
-        if line.strip():
-            yield TextLine(number, line.decode("latin-1"))
+    _require_whole(path, len(lines) - start, vertex.count)
+    names = list(vertex.types)
+    values = parse_rows(path, lines[start : start + vertex.count], names, delimiter=None)
+    return values[:, [names.index(name) for name in columns]]
 
 
 def _binary_vertices(
-    path: Path, data: bytes, header: _Header, before: list[_Element], vertex: _Element
+    path: Path, body: bytes, byte_order: str, before: list[_Element], vertex: _Element, columns: list[str]
 ) -> Floats:
-    """All properties (n, k) of the vertices of a binary file."""
+    """Columns (n, k) of the vertices of a binary file."""
     listed = [element.name for element in before if element.has_list]
     if listed:
         raise InputError(f"{path}: element {listed[0]}: has a list property before the element vertex")
-    start = header.n_bytes + sum(
-        element.count * element.dtype(header.byte_order).itemsize for element in before
-    )
-    layout = vertex.dtype(header.byte_order)
-    held = max(len(data) - start, 0) // layout.itemsize
-    if held < vertex.count:
-        raise _truncated(path, held, vertex.count)
-    records = np.frombuffer(data, layout, count=vertex.count, offset=min(start, len(data)))
-    names = list(vertex.codes)
-    values = np.column_stack([records[name].astype(np.float64) for name in names])
-    check_finite(path, values, names, range(1, vertex.count + 1))
+    start = sum(element.count * element.dtype(byte_order).itemsize for element in before)
+    layout = vertex.dtype(byte_order)
+    _require_whole(path, (len(body) - start) // layout.itemsize, vertex.count)
+    records = np.frombuffer(body[start:], layout, vertex.count)
+    values = np.column_stack([records[name].astype(np.float64) for name in columns])
+    check_finite(path, values, columns, range(1, vertex.count + 1))
     return values
 
 
-def _truncated(path: Path, held: int, announced: int) -> InputError:
-    """Error of a file with fewer vertices than its header announces."""
-    return InputError(f"{path}: is truncated: {held} of {announced} vertices")
+def _require_whole(path: Path, held: int, announced: int) -> None:
+    """Refuse a file with fewer vertices than its header announces."""
+    if held < announced:
+        raise InputError(f"{path}: is truncated: {max(held, 0)} of {announced} vertices")

@@ -75,6 +75,10 @@ def _lid_positions() -> list[NDArray[np.float64]]:
 def pedestrian(height_m: float = 1.8) -> Offsets:
     """Outline a walking person: head, shoulders, hands, hips, knees, feet, left and right a stride apart.
 
+    Parameters
+    ----------
+    height_m : float
+
     Returns
     -------
     ndarray of float64, shape (12, 3)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from typing import TYPE_CHECKING, Annotated, Literal
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
 MAX_NAME = 200
 """Characters of a name: it stands in every row and above every picture."""
 
-# Strict, because a number in quotes or a `true` for a number is a slip of the pen.
+# Strict, because a number in quotes or a `true` for a number is a typing error.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Finite, Field(gt=0)]
 NonNegative = Annotated[Finite, Field(ge=0)]
@@ -93,9 +93,6 @@ class _SystemTable(_Table):
     cyclic_suffix_ratio: Ratio = System.cyclic_suffix_ratio
     coherent_phase: StrictBool = System.coherent_phase
 
-    def system(self) -> System:
-        return System(**self.model_dump())
-
 
 class _ArrayTable(_Table):
     frame: FrameName
@@ -105,9 +102,6 @@ class _ArrayTable(_Table):
     rx_shape: tuple[Count, Count] = VirtualArray.rx_shape
     tx_spacing: Count = VirtualArray.tx_spacing
     rx_spacing: Count = VirtualArray.rx_spacing
-
-    def array(self) -> VirtualArray:
-        return VirtualArray(self.tx_shape, self.rx_shape, self.tx_spacing, self.rx_spacing)
 
 
 class _BaseStationTable(_Table):
@@ -120,9 +114,6 @@ class _RegionTable(_Table):
     z_m: Limits
     speed_mps: Limits
 
-    def region(self) -> Region:
-        return Region(**self.model_dump())
-
 
 class _ScoringTable(_Table):
     radius_m: Positive = Scenario.radius_m
@@ -134,29 +125,25 @@ class _ObjectTable(_Table):
     amplitude: Positive = 1.0
 
     def scatterers(self, source: Path) -> Scatterers:
-        """Scatterers of the object; `source` is the scenario's file, beside which its own are looked up."""
-        xyz = np.array(self.position_m) + self.outline()
+        """Scatterers of the object; `source` is the scenario's file, whose folder holds its own."""
+        sizes = self.model_dump(exclude={"kind", *_ObjectTable.model_fields})
+        xyz = np.array(self.position_m) + self.outline(**sizes)
         return Scatterers(xyz, np.full(len(xyz), self.velocity_mps), np.full(len(xyz), self.amplitude))
 
-    @abstractmethod
-    def outline(self) -> Offsets:
-        """Scatterer positions (n, 3) around `position_m`."""
+    outline: ClassVar[Callable[..., Offsets]]
+    """Gives scatterer positions (n, 3) around `position_m` from the keys of the kind."""
 
 
 class _CarTable(_ObjectTable):
     kind: Literal["car"]
     size_m: Size = (2.0, 6.0, 1.8)
-
-    def outline(self) -> Offsets:
-        return car(self.size_m)
+    outline = staticmethod(car)
 
 
 class _PedestrianTable(_ObjectTable):
     kind: Literal["pedestrian"]
     height_m: Positive = 1.8
-
-    def outline(self) -> Offsets:
-        return pedestrian(self.height_m)
+    outline = staticmethod(pedestrian)
 
 
 class _LampPostTable(_ObjectTable):
@@ -165,18 +152,14 @@ class _LampPostTable(_ObjectTable):
     foot_m: NonNegative = 2.0
     spacing_m: Positive = 1.0
     arm_m: Positive = 1.0
-
-    def outline(self) -> Offsets:
-        return lamp_post(self.height_m, self.foot_m, self.spacing_m, self.arm_m)
+    outline = staticmethod(lamp_post)
 
 
 class _GreenBeltTable(_ObjectTable):
     kind: Literal["green_belt"]
     size_m: Size = (1.0, 20.0, 1.0)
     spacing_m: Positive = 0.5
-
-    def outline(self) -> Offsets:
-        return green_belt(self.size_m, self.spacing_m)
+    outline = staticmethod(green_belt)
 
 
 class _PointsTable(_Table):
@@ -190,7 +173,7 @@ class _PointsTable(_Table):
 
     def scatterers(self, source: Path) -> Scatterers:
         path = source.parent / self.file
-        # Where the scenario is a symbolic link, its files may lie beside what it stands for.
+        # Where the scenario is a symbolic link, its files may lie in the folder of its target.
         require_inside(path, source.parent, source.resolve().parent)
         xyz, velocity, amplitude = read_points_csv(path)
         return Scatterers(
@@ -223,11 +206,11 @@ class _ScenarioTable(_Table):
         )
         return Scenario(
             name=self.name,
-            system=self.system.system(),
-            array=self.array.array(),
+            system=System(**self.system.model_dump()),
+            array=VirtualArray(**self.array.model_dump(exclude={"frame", "yaw_deg", "tilt_deg"})),
             frame=get_frame(self.array.frame, self.array.yaw_deg, self.array.tilt_deg),
             base_station_m=np.array(self.base_station.position_m),
-            region=self.region.region(),
+            region=Region(**self.region.model_dump()),
             scatterers=scatterers,
             radius_m=self.scoring.radius_m,
         )

@@ -13,7 +13,7 @@ import zarr
 from isacbench.cubes import open_cube, read_grid
 from isacbench.errors import InputError
 
-from ..samples import (
+from .samples import (
     FORMATS,
     OF_SEVERAL,
     SHAPE,
@@ -210,9 +210,8 @@ def test_of_several_arrays_none_is_guessed(tmp_path, kind):
     write(tmp_path / filename, first=random_cube(), second=random_cube())
     with pytest.raises(InputError, match="wanted is an array named 'cube'") as refused:
         open_cube(tmp_path / filename)
-    shape = SHAPE[::-1] if kind == "mat 7.3" else SHAPE
     for name in ("first", "second"):
-        assert f"{name} (complex64 of shape {shape})" in str(refused.value)
+        assert f"{name} (complex64 of shape {SHAPE})" in str(refused.value)
 
 
 @pytest.mark.parametrize("kind", OF_SEVERAL)
@@ -221,16 +220,3 @@ def test_a_grid_that_does_not_fit_the_cube_beside_it_is_refused(tmp_path, kind):
     write(tmp_path / filename, cube=random_cube(), transmitted=GRID[:, :-1])
     with pytest.raises(InputError, match=r"transmitted has shape \(24, 9\); the cube .* takes \(24, 10\)"):
         open_cube(tmp_path / filename)
-
-
-def test_a_compressed_file_of_several_megabytes_is_read_in_any_order(tmp_path):
-    """Larger than the steps of decompression and the distance of checkpoints."""
-    array = np.zeros((80, 64, 16, 32), np.complex64)
-    array[..., ::7, ::5] = random_cube((80, 64, 3, 7))
-    corners = np.array([[15, 31], [0, 0], [7, 5]])
-    for write, name in ((write_npz, "c.npz"), (write_mat, "c.mat")):
-        write(tmp_path / name, cube=array, compressed=True)
-        with open_cube(tmp_path / name, tile_bytes=2**21) as cube:
-            tiles = list(cube.tiles(corners))
-            assert np.array_equal(sum_of_tiles(cube, corners, tiles[::-1]), of_elements(array, corners))
-            assert np.array_equal(sum_of_tiles(cube, corners, tiles), of_elements(array, corners))

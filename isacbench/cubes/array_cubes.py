@@ -1,14 +1,13 @@
-"""Cubes in memory, in whatever order."""
+"""Cubes in memory or in a mapped file, in any order."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.cubes.cube import TILE_BYTES, Cube, Tile, require_cube, require_elements
-from isacbench.files.arrays.tiling import (
+from isacbench.cubes.cube import TILE_BYTES, Cube
+from isacbench.cubes.tiling import (
     ELEMENTS,
     SUBCARRIERS,
     SYMBOLS,
@@ -20,12 +19,12 @@ from isacbench.files.arrays.tiling import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
     from isacbench.cubes.cube import ComplexArray
-    from isacbench.files.arrays.tiling import Indices
+    from isacbench.cubes.tiling import Extent, Indices
 
 
 class ArrayCube(Cube):
@@ -40,9 +39,12 @@ class ArrayCube(Cube):
     array : ndarray of complex64 or complex128, shape (N, M, P, Q)
         In any memory and byte order, possibly a `numpy.memmap`; neither copied nor written to.
     name : str
-        What messages call it.
+        Name in messages.
     tile_bytes : int
         Memory that a tile may touch.
+    remap : callable, optional
+        Maps the file of the array anew, for each tile: the pages that a tile
+        touched are then released with it.
 
     Raises
     ------
@@ -56,19 +58,20 @@ class ArrayCube(Cube):
     [(8, 4, 2)]
     """
 
-    def __init__(self, array: NDArray[Any], name: str = "array", tile_bytes: int = TILE_BYTES) -> None:
-        self.name = name
-        self.shape = require_cube(name, array.shape, array.dtype)
-        self.dtype = array.dtype.newbyteorder("=")
-        self.transmitted = None
+    def __init__(
+        self,
+        array: NDArray[Any],
+        name: str = "array",
+        tile_bytes: int = TILE_BYTES,
+        remap: Callable[[], NDArray[Any]] | None = None,
+    ) -> None:
+        super().__init__(name, array.shape, array.dtype)
+        self.is_held = remap is None
         self._array = np.asarray(array)
+        self._remap = remap
         self._tile_cells = tile_bytes // array.itemsize
 
-    def tiles(self, elements: NDArray[np.intp]) -> Iterator[Tile]:
-        """Cut the cube of some elements into tiles, see `Cube.tiles`."""
-        require_elements(self, elements)
-        if not len(elements):
-            return
+    def _extents(self, elements: Indices) -> Iterator[Extent]:
         address = elements @ np.array(self._array.strides[2:], dtype=np.intp)
         by_address = np.argsort(address, kind="stable")
         nesting = self._nesting()
@@ -79,12 +82,7 @@ class ArrayCube(Cube):
             n_elements = len(elements)
             groups = [by_address[run] for run in progressions(address[by_address])]
         box = box_lengths((*self.shape[:2], n_elements), nesting, self._tile_cells)
-        for extent in extents(self.shape[:2], groups, box, nesting):
-            load = partial(self._load, extent.subcarriers, extent.symbols, elements[extent.elements])
-            yield Tile(*extent, load)
-
-    def close(self) -> None:
-        """Nothing: the array is its owner's."""
+        return extents(self.shape[:2], groups, box, nesting)
 
     def _nesting(self) -> list[int]:
         """Subcarriers, symbols and elements, the largest stride first; an axis of length one has none."""
@@ -95,5 +93,6 @@ class ArrayCube(Cube):
         by_axis = {SUBCARRIERS: strides[0], SYMBOLS: strides[1], ELEMENTS: max(strides[2:])}
         return sorted(by_axis, key=by_axis.__getitem__, reverse=True)
 
-    def _load(self, subcarriers: slice, symbols: slice, elements: Indices) -> ComplexArray:
-        return native(pick(self._array[subcarriers, symbols], elements))
+    def _load(self, extent: Extent, elements: Indices) -> ComplexArray:
+        array = self._array if self._remap is None else self._remap()
+        return native(pick(array[extent.subcarriers, extent.symbols], elements))

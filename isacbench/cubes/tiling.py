@@ -23,7 +23,7 @@ SUBCARRIER_MULTIPLE = 16
 
 
 class Extent(NamedTuple):
-    """What a tile covers.
+    """Part of a cube that a tile covers.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Extent(NamedTuple):
 def extents(
     lengths: Sequence[int], groups: Sequence[Indices], box: Sequence[int], nesting: Sequence[int]
 ) -> Iterator[Extent]:
-    """All extents, the innermost axis of the nesting changing fastest.
+    """Cut an array into extents, the innermost axis of the nesting changing fastest.
 
     Parameters
     ----------
@@ -101,7 +101,15 @@ def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> t
 
 
 def sliced(length: int, size: int) -> list[slice]:
-    """Slices of a size, the last one shorter, that cover an axis.
+    """Cut an axis into slices of a size, the last one shorter.
+
+    Parameters
+    ----------
+    length, size : int
+
+    Returns
+    -------
+    list of slice
 
     Examples
     --------
@@ -113,6 +121,15 @@ def sliced(length: int, size: int) -> list[slice]:
 
 def progressions(values: Indices) -> list[slice]:
     """Cut a sequence of integers into arithmetic progressions, each as long as it goes.
+
+    Parameters
+    ----------
+    values : ndarray of intp, shape (n,)
+
+    Returns
+    -------
+    list of slice
+        Slices of `values`.
 
     Examples
     --------
@@ -153,5 +170,14 @@ def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
 
 
 def native(values: NDArray[Any]) -> NDArray[Any]:
-    """Values in native byte order, copied only where they are not."""
+    """Bring values into native byte order, copied only where they are not.
+
+    Parameters
+    ----------
+    values : ndarray
+
+    Returns
+    -------
+    ndarray
+    """
     return values.astype(values.dtype.newbyteorder("="), copy=False)

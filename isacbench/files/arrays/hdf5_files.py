@@ -1,0 +1,139 @@
+"""Arrays in HDF5 files, MATLAB's mat files of version 7.3 among them.
+
+MATLAB writes a variable as an object at the root. Numbers are a dataset with the axes in reverse and the
+name of their class as an attribute; an array without elements is a dataset of its dimensions. Characters
+and objects are datasets of codes, cells datasets of references, structures and sparse matrices groups.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isacbench.errors import InputError
+from isacbench.files.arrays.stored_arrays import (
+    ArrayFile,
+    ChunkedArray,
+    StoredArray,
+    as_complex,
+    complex_dtype,
+)
+from isacbench.files.escaping import shortened
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import h5py
+    from numpy.typing import NDArray
+
+    from isacbench.files.arrays.stored_arrays import Box
+
+CLASS_ATTRIBUTE, EMPTY_ATTRIBUTE, SPARSE_ATTRIBUTE = "MATLAB_class", "MATLAB_empty", "MATLAB_sparse"
+"""Attributes that MATLAB gives a variable, an array without elements and a sparse matrix."""
+
+INTEGER_CLASSES = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+NUMBER_CLASSES = {"double", "single", "logical", *INTEGER_CLASSES}
+"""Classes whose datasets hold their values; those of texts and tables are numbers of another meaning."""
+
+
+def list_hdf5(path: Path) -> ArrayFile:
+    """List the datasets of an HDF5 file by their paths in it; links are not followed.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    ArrayFile
+
+    Raises
+    ------
+    OSError
+        If the file is damaged.
+    """
+    import h5py
+
+    file = h5py.File(path, "r")
+    arrays: dict[str, StoredArray | str] = {}
+
+    def add(name: str, item: h5py.HLObject) -> None:
+        variable = name.partition("/")[0]
+        if variable.startswith("#") or isinstance(arrays.get(variable), str):
+            return  # what cells refer to, and the fields of structures
+        class_name = _class_name(item)
+        has_values = isinstance(item, h5py.Dataset) and item.shape is not None
+        if has_values and (class_name is None or class_name in NUMBER_CLASSES):
+            arrays[name] = dataset_array(item, f"{path}: {name}")
+        elif class_name is not None:
+            arrays[name] = "sparse matrix" if SPARSE_ATTRIBUTE in item.attrs else class_name
+
+    file.visititems(add)
+    return ArrayFile(arrays, file.close)
+
+
+def dataset_array(dataset: h5py.Dataset, name: str) -> StoredArray:
+    """Describe a dataset, with the axes in MATLAB's order if MATLAB wrote it.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+    name : str
+        Name in messages.
+
+    Returns
+    -------
+    StoredArray
+        Chunked, unless it is an array without elements from MATLAB. A dataset
+        without chunks counts as one of planes of its last two axes.
+    """
+    if EMPTY_ATTRIBUTE in dataset.attrs:
+        dimensions = tuple(dataset[()].ravel().tolist())
+        return StoredArray(dimensions, np.dtype(np.float64), partial(np.zeros, dimensions))
+    is_reversed = CLASS_ATTRIBUTE in dataset.attrs
+    order = slice(None, None, -1 if is_reversed else 1)
+    chunks = dataset.chunks or (*(1 for _ in dataset.shape[:-2]), *dataset.shape[-2:])
+
+    def read_box(box: Box) -> NDArray[Any]:
+        values = as_complex(dataset[box[order]])
+        return values.T if is_reversed else values
+
+    def read() -> NDArray[Any]:
+        _require_filled(name, dataset)
+        return read_box((slice(None),) * dataset.ndim)
+
+    return ChunkedArray(
+        shape=dataset.shape[order],
+        dtype=complex_dtype(dataset.dtype),
+        read=read,
+        drops_ones=is_reversed,
+        chunks=chunks[order],
+        read_box=read_box,
+        require_filled=partial(_require_filled, name, dataset),
+    )
+
+
+def _class_name(item: h5py.HLObject) -> str | None:
+    """MATLAB's class of a variable, None where another program wrote it."""
+    value = item.attrs.get(CLASS_ATTRIBUTE)
+    if value is None:
+        return None
+    return shortened(value.decode("latin1") if isinstance(value, bytes) else str(value))
+
+
+def _require_filled(name: str, dataset: h5py.Dataset) -> None:
+    """Refuse numbers that were never written or lie in other files, for which HDF5 can give zeros."""
+    if dataset.is_virtual or dataset.external:
+        raise InputError(
+            f"{name}: keeps its numbers in other files; allowed is a file that holds them itself"
+        )
+    if dataset.chunks is None:
+        present, wanted = int(dataset.id.get_storage_size() > 0), int(dataset.size > 0)
+    else:
+        present = dataset.id.get_num_chunks()
+        wanted = prod(-(-length // part) for length, part in zip(dataset.shape, dataset.chunks, strict=True))
+    if present < wanted:
+        raise InputError(f"{name}: is not complete: {present} of {wanted} chunks were written")
