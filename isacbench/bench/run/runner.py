@@ -292,7 +292,7 @@ def run_suite(
         with closing(_made(job, blocks, execution)) as outcomes:
             unfinished = [*sessions, session.describe(0.0, interrupted=True)]
             _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
-            with Journal(folder / JOURNAL, _columns(suite, execution)) as journal:
+            with closing(Journal(folder / JOURNAL, _columns(suite, execution))) as journal:
                 interrupted = _work(outcomes, blocks, journal, n_kept, progress)
         new, _ = read_journal(folder / JOURNAL)
         rows = Rows.joined([kept, new])

@@ -1,8 +1,9 @@
-"""The scenes of a stored run: the scenario that was observed in each, without the plugins that imaged it."""
+"""Scenes of a stored run: the scenario that was observed in each, without the plugins that imaged it."""
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
@@ -25,16 +26,17 @@ if TYPE_CHECKING:
     from isacbench.model.scene import Scenario
 
 PLUGIN_KEYS = ("estimators", "detectors")
-"""Keys of a suite that name plugins, which no scene follows from."""
+"""Keys of a suite that name plugins, on which no scene depends."""
 
 
+@dataclass(frozen=True, eq=False)
 class ObservedScenes:
     """Scenes of a stored run that were imaged, and the scenario of each of their trials.
 
-    Parameters
+    Attributes
     ----------
     folder : Path
-        Of the run, for messages.
+        Folder of the run, for messages.
     suite : Suite
     scenarios : mapping of str to Scenario
         By name.
@@ -42,61 +44,77 @@ class ObservedScenes:
         Scatterers that trials drew, columns as in `isacbench.bench.cells.record.Results.draws`.
     records : DataFrame
         Rows of the run.
-
-    Attributes
-    ----------
-    scenes : dict of str to ImagedScene
-        By what the column ``scenario`` names. Synthetic maps and users of a link are no imaged scenes.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        suite: Suite,
-        scenarios: Mapping[str, Scenario],
-        draws: pd.DataFrame,
-        records: pd.DataFrame,
-    ) -> None:
-        self._folder, self._draws, self._records = folder, draws, records
-        bare = {key: () for key in PLUGIN_KEYS if key in type(suite).model_fields}
-        scenes = STUDIES[suite.kind].scenes(suite.model_copy(update=bare), scenarios)
-        self.scenes = {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
+    folder: Path
+    suite: Suite
+    scenarios: Mapping[str, Scenario]
+    draws: pd.DataFrame
+    records: pd.DataFrame
+
+    @cached_property
+    def scenes(self) -> dict[str, ImagedScene]:
+        """Scenes by their value in the column ``scenario``; no synthetic maps and no users of a link."""
+        bare = {key: () for key in PLUGIN_KEYS if key in type(self.suite).model_fields}
+        scenes = STUDIES[self.suite.kind].scenes(self.suite.model_copy(update=bare), self.scenarios)
+        return {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
 
     @cached_property
     def _drawn(self) -> dict[tuple[str, int], NDArray[np.intp]]:
-        return rows_by_trial(self._draws)
+        return rows_by_trial(self.draws)
 
     def scenario(self, name: str, trial: int) -> Scenario:
-        """Return the scenario that was observed: as the run keeps what it drew, or else drawn again.
+        """Restore the scenario that was observed: from stored draws, or drawn again.
+
+        Parameters
+        ----------
+        name : str
+            Key of `scenes`.
+        trial : int
+
+        Returns
+        -------
+        Scenario
 
         Raises
         ------
         InputError
-            If what was drawn is not kept, and would be drawn otherwise now.
+            If the draws are not stored, and this isacbench would draw others.
         """
         scene, drawn = self.scenes[name], self._drawn.get((name, trial))
         if not scene.is_drawn:
             return scene.template
         if drawn is None:
-            known = self._records.loc[self._records["scenario"] == name, "scenario_content"]
-            if (known != scene.content).any():
+            stored = self.records.loc[self.records["scenario"] == name, "scenario_content"]
+            if (stored != scene.content).any():
                 raise InputError(
-                    f"{self._folder}: what was observed in {name}, trial {trial} is not kept, and would be "
-                    "drawn otherwise now; allowed is the isacbench that made the run"
+                    f"{self.folder}: the scatterers of {name}, trial {trial} are not stored, and this "
+                    "isacbench would draw others; allowed is the version of isacbench that made the run"
                 )
             return scene.drawn(trial)
-        points = self._draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
+        points = self.draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
         scatterers = Scatterers(
             xyz=points[:, :3],
             velocity=points[:, 3],
             amplitude=np.sqrt(points[:, 4]),
-            phase_rad=self._draws["phase_rad"].to_numpy(dtype=np.float64)[drawn],
+            phase_rad=self.draws["phase_rad"].to_numpy(dtype=np.float64)[drawn],
         )
         with warned_before():
             return dataclasses.replace(scene.template, scatterers=scatterers)
 
 
 def rows_by_trial(table: pd.DataFrame) -> dict[tuple[str, int], NDArray[np.intp]]:
-    """Positions of the rows of a table by scene and trial."""
+    """Group the rows of a table by scene and trial.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the columns ``scenario`` and ``trial``.
+
+    Returns
+    -------
+    dict of (str, int) to ndarray of int
+        Positions of the rows.
+    """
     groups = table.groupby(["scenario", "trial"], sort=False).indices
     return cast("dict[tuple[str, int], NDArray[np.intp]]", groups)
