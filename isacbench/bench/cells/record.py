@@ -189,13 +189,6 @@ class Results:
 
     __repr__ = brief
 
-    def cloud(self, scenario: str, estimator: str, params: str, snr_db: float, trial: int) -> PointCloud:
-        """Return the estimated cloud of a cell, empty where nothing was detected."""
-        chosen = np.ones(len(self.clouds), dtype=np.bool_)
-        for key, value in zip(CLOUD_KEYS, (scenario, estimator, params, snr_db, trial), strict=True):
-            chosen &= (self.clouds[key] == value).to_numpy()
-        return PointCloud.from_array(self.clouds.loc[chosen, POINT_COLUMNS].to_numpy())
-
 
 def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     """Table with all columns in their order and in their types, wherever its rows come from.

@@ -23,8 +23,8 @@ from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
 from isacbench.bench.store.run_store import (
     RUN_KEYS,
-    Session,
     describe_run,
+    describe_session,
     read_manifest,
     read_results,
     write_manifest,
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.plan.run_plan import Plan
     from isacbench.bench.suites.suite import StudyKind
+    from isacbench.model.scene import Scenario
 
 SPECIFICATIONS = ("estimators", "detectors")
 """Keys of a suite whose entries may be grids."""
@@ -154,15 +155,26 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
             "rows have; allowed is the version of the estimator that the parts were made with"
         )
     rows, positions = _united(rows, positions)
-    results = _results(parts, rows, described, len(rows) < plan.n_cells)
-    session = Session(results.started, {"merged": [str(folder) for folder in folders]})
+    suite, scenarios = restore_suite(described["suite"]), _scenarios(parts)
+    results = Results(
+        suite=suite,
+        records=typed(rows.records, STUDIES[suite.kind].columns),
+        clouds=rows.clouds(),
+        scenarios={name: scenarios[name] for name in described["scenarios"]},
+        draws=_draws(parts, [scene["name"] for scene in described["scenes"]]),
+        environments=rows.environments,
+        started=datetime.now().astimezone(),
+        wall_time_s=sum(part.results.wall_time_s for part in parts),
+        interrupted=len(rows) < plan.n_cells,
+    )
     earlier = chain.from_iterable(part.manifest.get("sessions", ()) for part in parts)
     sessions = sorted(earlier, key=lambda entry: entry["started"])
+    options = {"merged": [str(folder) for folder in folders]}
+    last = describe_session(results.started, results.wall_time_s, results.interrupted, options)
     with open_folder(out) as folder:
         write_results(results, folder)
-        last = session.describe(results.wall_time_s, results.interrupted)
         write_manifest(folder, described, results.environments, [*sessions, last])
-    return Merged(results.suite.kind, results.records, plan.n_cells, _gaps(plan, positions))
+    return Merged(suite.kind, results.records, plan.n_cells, _gaps(plan, positions))
 
 
 def _require_equal_runs(parts: Sequence[_Part]) -> None:
@@ -223,8 +235,7 @@ def _whole(parts: Sequence[_Part]) -> tuple[Plan, dict[str, Any]]:
                     "different cells of them; allowed are parts with the same parameters and SNRs"
                 )
         return restore_plan(first.manifest), {key: first.manifest[key] for key in RUN_KEYS}
-    # The first part that has a scenario provides it, and its path.
-    scenarios = {name: one for part in reversed(parts) for name, one in part.results.scenarios.items()}
+    scenarios = _scenarios(parts)
     paths: dict[str, str] = {}
     for part in reversed(parts):
         paths |= zip(part.results.scenarios, part.results.suite.scenarios, strict=True)
@@ -236,6 +247,11 @@ def _whole(parts: Sequence[_Part]) -> tuple[Plan, dict[str, Any]]:
         raise InputError(f"the suites of the parts cannot be united: {error}") from error
     described["suite"]["scenarios"] = [paths[name] for name in suite.scenarios]
     return job.plan, described
+
+
+def _scenarios(parts: Sequence[_Part]) -> dict[str, Scenario]:
+    """Scenarios by name, each of the first part that has it."""
+    return {name: scenario for part in reversed(parts) for name, scenario in part.results.scenarios.items()}
 
 
 def _with_names(part: _Part) -> Suite:
@@ -265,23 +281,21 @@ def _union(suites: Sequence[Suite]) -> Suite:
 
 
 def _united_list(lists: Sequence[Sequence[Any]], are_specifications: bool) -> tuple[Any, ...]:
-    """Entries of all lists, sorted if they are numbers that rise in each list."""
+    """Entries of all lists, sorted if they are numbers."""
     if are_specifications:
         lists = [[text for spec in specs for text, _ in spec_variants(spec)] for specs in lists]
     united = tuple(dict.fromkeys(chain.from_iterable(lists)))
-    are_numbers = all(isinstance(value, float) for value in united)
-    if are_numbers and all(list(values) == sorted(values) for values in lists):
-        return tuple(sorted(united))
-    return united
+    return tuple(sorted(united)) if all(isinstance(value, float) for value in united) else united
 
 
 def _united(rows: Rows, positions: NDArray[np.int64]) -> tuple[Rows, NDArray[np.int64]]:
     """Rows in the order of the table, each cell once, timed if any part has timed it; and their positions."""
     order = np.lexsort([~rows.records["timing"].to_numpy(dtype=np.bool_), positions])
-    is_first = np.diff(positions[order], prepend=-1) != 0
-    first_of = order[is_first][np.cumsum(is_first) - 1]
-    _require_agreement(rows.take(first_of[~is_first]), rows.take(order[~is_first]))
-    return rows.take(order[is_first]), positions[order[is_first]]
+    rows, positions = rows.take(order), positions[order]
+    is_again = np.diff(positions, prepend=-1) == 0
+    (again,) = np.nonzero(is_again)
+    _require_agreement(rows.take(again - 1), rows.take(again))
+    return rows.take(~is_again), positions[~is_again]
 
 
 def _require_agreement(one: Rows, other: Rows) -> None:
@@ -289,8 +303,7 @@ def _require_agreement(one: Rows, other: Rows) -> None:
     others = {*TIMES, *TIMING_COLUMNS, "timing", "environment"}
     columns = [name for name in one.records if name not in others]
     left, right = one.records[columns], other.records[columns]
-    agree = ((left == right) | (left.isna() & right.isna())).all(axis=1).to_numpy(copy=True)
-    agree &= one.n_points == other.n_points
+    agree = ((left == right) | (left.isna() & right.isna())).all(axis=1) & (one.n_points == other.n_points)
     if agree.all():
         of_row = np.repeat(np.arange(len(one)), one.n_points)
         agree[of_row[(one.points != other.points).any(axis=1)]] = False
@@ -302,31 +315,13 @@ def _require_agreement(one: Rows, other: Rows) -> None:
         )
 
 
-def _results(
-    parts: Sequence[_Part], rows: Rows, described: Mapping[str, Any], is_incomplete: bool
-) -> Results:
-    suite = restore_suite(described["suite"])
-    scenarios = {name: one for part in reversed(parts) for name, one in part.results.scenarios.items()}
-    return Results(
-        suite=suite,
-        records=typed(rows.records, STUDIES[suite.kind].columns),
-        clouds=rows.clouds(),
-        scenarios={name: scenarios[name] for name in described["scenarios"]},
-        draws=_draws(parts, [scene["name"] for scene in described["scenes"]]),
-        environments=rows.environments,
-        started=datetime.now().astimezone(),
-        wall_time_s=sum(part.results.wall_time_s for part in parts),
-        interrupted=is_incomplete,
-    )
-
-
 def _draws(parts: Sequence[_Part], scenes: Sequence[str]) -> pd.DataFrame:
     """Scatterers that the parts drew, each trial of a scene once, in the order of the table."""
     draws = pd.concat([part.results.draws.assign(part=n) for n, part in enumerate(parts)], ignore_index=True)
     first = draws.groupby(["scenario", "trial"])["part"].transform("min")
     draws = draws[draws["part"] == first].drop(columns="part")
     scene = pd.Index(scenes).get_indexer(pd.Index(draws["scenario"]))
-    return draws.iloc[np.lexsort([draws["trial"], scene])].reset_index(drop=True)
+    return draws.iloc[np.lexsort([draws["trial"].to_numpy(dtype=np.int64), scene])].reset_index(drop=True)
 
 
 def _gaps(plan: Plan, positions: NDArray[np.int64]) -> list[Gap]:

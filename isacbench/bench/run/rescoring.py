@@ -14,19 +14,19 @@ import pandas as pd
 
 from isacbench.bench.cells.cell import MeasuredImage, score_image
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.store.observed_scenes import ObservedScenes, rows_by_trial
 from isacbench.bench.store.resume import has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.run_store import (
     JOURNAL,
-    Session,
     current_metric,
+    describe_session,
     read_manifest,
     read_results,
     save_manifest,
     write_results,
 )
+from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
 from isacbench.bench.studies.study import ImagedScene
 from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.errors import InputError
@@ -111,7 +111,7 @@ def rescore(folder: Path) -> Rescored:
         If the folder holds no run, a damaged one, or not all of its clouds.
         Nothing has changed then.
     """
-    session, tick = Session(datetime.now().astimezone()), time.perf_counter()
+    started, tick = datetime.now().astimezone(), time.perf_counter()
     read_manifest(folder)  # before the lock: a folder without a run stays as it is
     with open_folder(folder):
         manifest, results = read_manifest(folder), read_results(folder)
@@ -121,7 +121,7 @@ def rescore(folder: Path) -> Rescored:
             records.loc[rows, name] = scored[name].astype(records[name].dtype)
         found = _compared(results.suite.kind, results.records, records, len(rows))
         write_results(dataclasses.replace(results, records=records), folder)
-        entry = {**session.describe(time.perf_counter() - tick, False), "rescored": len(rows)}
+        entry = describe_session(started, time.perf_counter() - tick, False, {"rescored": len(rows)})
         sessions = [*manifest.get("sessions", ()), entry]
         save_manifest(folder, {**manifest, "metric": current_metric(), "sessions": sessions})
         (folder / JOURNAL).unlink(missing_ok=True)

@@ -24,8 +24,8 @@ from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.run_store import (
     JOURNAL,
-    Session,
     describe_run,
+    describe_session,
     read_rows,
     read_sessions,
     require_metric,
@@ -95,15 +95,10 @@ class Execution:
             raise InputError(
                 "jobs and dask: allowed is one of them; a Dask worker has its own number of jobs"
             )
-        if self.is_timing and (self.n_jobs or 1) > 1:
+        if self.is_timing and (self.dask is not None or (self.n_jobs or 1) > 1):
             raise InputError(
-                f"jobs {self.n_jobs} and timing: allowed is one job, because cells that run at the same time "
-                "slow each other down"
-            )
-        if self.is_timing and self.dask is not None:
-            raise InputError(
-                "dask and timing: allowed are cells on this machine, because workers of a cluster may have "
-                "other work at the same time"
+                f"timing with {'dask' if self.dask else f'jobs {self.n_jobs}'}: allowed is one job on this "
+                "machine, because cells that run at the same time slow each other down"
             )
         if not self.is_guarded and self.guard not in (Guard(), Guard(None)):
             raise InputError(
@@ -282,14 +277,14 @@ def run_suite(
         `out`.
     """
     job = load_job(suite)
-    session, tick = Session(datetime.now().astimezone(), execution.describe()), time.perf_counter()
+    started, tick, options = datetime.now().astimezone(), time.perf_counter(), execution.describe()
     columns = STUDIES[suite.kind].columns
     with open_folder(out) as folder:
         sessions, stored = read_sessions(folder), read_rows(folder)
         kept = _kept(folder, stored, job, execution)
         blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
         with closing(_made(job, blocks, execution)) as outcomes:
-            unfinished = [*sessions, session.describe(0.0, interrupted=True)]
+            unfinished = [*sessions, describe_session(started, 0.0, True, options)]
             _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
             further = {**columns, **(TIMING_COLUMNS if execution.is_timing else {})}
             with closing(Journal(folder / JOURNAL, further)) as journal:
@@ -306,30 +301,24 @@ def run_suite(
             scenarios=dict(job.scenarios),
             draws=job.draws(),
             environments=rows.used_environments(),
-            started=session.started,
+            started=started,
             wall_time_s=wall_time_s,
             interrupted=interrupted,
         )
         if out is not None:
-            _finish(folder, job, results, [*sessions, session.describe(wall_time_s, interrupted)])
+            last = describe_session(started, wall_time_s, interrupted, options)
+            _finish(folder, job, results, [*sessions, last])
     return results
 
 
 def _kept(folder: Path, stored: Rows, job: Job, execution: Execution) -> Rows:
     """Stored rows that the run goes on with."""
+    part = None if execution.shard is None else job.plan.shard(execution.shard)
+    rerun, mix_versions, timing = execution.rerun, execution.mix_versions, execution.is_timing
     try:
         if len(stored):
             require_metric(folder)
-        return keep(
-            stored,
-            job.plan,
-            job.suite.name,
-            job.suite.seed,
-            execution.rerun,
-            execution.mix_versions,
-            None if execution.shard is None else job.plan.shard(execution.shard),
-            execution.is_timing,
-        )
+        return keep(stored, job.plan, job.suite, rerun, mix_versions, part, timing)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.plan.run_plan import Plan
     from isacbench.bench.store.rows import Rows
+    from isacbench.bench.suites.suite import Suite
 
     Mask = NDArray[np.bool_]
 
@@ -57,8 +58,7 @@ def parse_reruns(names: Collection[str]) -> tuple[Rerun, ...]:
 def keep(
     stored: Rows,
     plan: Plan,
-    suite_name: str,
-    seed: int,
+    suite: Suite,
     rerun: Collection[Rerun] = (),
     mix_versions: bool = False,
     part: Mask | None = None,
@@ -72,8 +72,7 @@ def keep(
         Content of a folder, in any order. If a cell has several rows, the last one counts.
     plan : Plan
         Plan of the run.
-    suite_name : str
-    seed : int
+    suite : Suite
     rerun : collection of {"failed", "stale", "all"}
         Rows not to keep: those of failed cells, those of cells whose scenario
         or versions have changed since, or all.
@@ -100,7 +99,7 @@ def keep(
     if records.empty:
         return stored
     positions = plan.positions(records)
-    _refuse_others(records, positions, plan, suite_name, seed)
+    _refuse_others(records, positions, plan, suite)
     known = [environment_of(one.plugin) for one in plan.entries]  # the manifest may be damaged
     environments = {environment_id(environment): environment for environment in known}
     stored = dataclasses.replace(stored, environments={**stored.environments, **environments})
@@ -174,24 +173,22 @@ def versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
     return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in plan.entries}
 
 
-def _refuse_others(
-    records: pd.DataFrame, positions: NDArray[np.int64], plan: Plan, suite_name: str, seed: int
-) -> None:
+def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], plan: Plan, suite: Suite) -> None:
     """Refuse rows of cells that the plan does not have."""
-    for column, wanted in (("suite", suite_name), ("seed", seed)):
+    for column, wanted in (("suite", suite.name), ("seed", suite.seed)):
         others = records.loc[records[column] != wanted, column]
         if len(others):
             raise InputError(
                 f"it holds cells of {column} {others.iloc[0]}, not {wanted}; "
                 "allowed is the same one, or a new folder"
             )
-    others = records[positions < 0]
-    if len(others):
-        first = others.iloc[0]
+    unknown = records[positions < 0]
+    if len(unknown):
+        first = unknown.iloc[0]
         variant = first["estimator"], first["params"]
         labels = estimator_labels([variant, *((one.name, one.params) for one in plan.entries)])
         raise InputError(
-            f"it holds {len(others)} cells that this run does not have, the first one "
+            f"it holds {len(unknown)} cells that this run does not have, the first one "
             f"{labels[variant]} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
             "allowed is a run that has them all and perhaps more, or a new folder"
         )

@@ -11,24 +11,28 @@ import warnings
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import pandas as pd
 
 import isacbench
-from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, DRAW_COLUMNS, Results, typed, with_added
+from isacbench.bench.cells.record import (
+    CLOUD_KEYS,
+    COLUMNS,
+    DRAW_COLUMNS,
+    KINDS,
+    TYPES,
+    CellStatus,
+    Results,
+    typed,
+    with_added,
+)
 from isacbench.bench.plan.manifest_plan import outline
 from isacbench.bench.store.csv_table import without_formulas, write_csv_table
 from isacbench.bench.store.journal import read_journal
-from isacbench.bench.store.provenance import (
-    blas_libraries,
-    git_state,
-    machine,
-    package_versions,
-)
+from isacbench.bench.store.provenance import blas_libraries, git_state, machine, package_versions
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import replacing
-from isacbench.bench.store.validation import require_described_scenarios, require_sound_records
 from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.bench.suites.scenario_digest import (
     describe_scenario,
@@ -40,6 +44,7 @@ from isacbench.bench.suites.scenario_digest import (
 from isacbench.bench.suites.suite import restore_suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
+from isacbench.files.escaping import quoted
 from isacbench.metrics.score import METRIC_VERSION
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.plugins.plugin_versions import plugin_version
@@ -70,44 +75,33 @@ T = TypeVar("T")
 DAMAGE = (ValueError, TypeError, LookupError, OSError)
 """Exceptions that reading a damaged file raises."""
 
-CLOUD_COLUMNS = [*CLOUD_KEYS, *POINT_COLUMNS]
 
+def describe_session(
+    started: datetime, wall_time_s: float, interrupted: bool, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Describe a call that worked on a run for its manifest.
 
-@dataclasses.dataclass(frozen=True)
-class Session:
-    """Call that worked on a run.
-
-    Attributes
+    Parameters
     ----------
     started : datetime
         With its time zone.
+    wall_time_s : float
+    interrupted : bool
     options : mapping of str to Any
         Options of the call in terms of JSON.
+
+    Returns
+    -------
+    dict
+        In terms of JSON.
     """
-
-    started: datetime
-    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    def describe(self, wall_time_s: float, interrupted: bool) -> dict[str, Any]:
-        """Describe the call for the manifest.
-
-        Parameters
-        ----------
-        wall_time_s : float
-        interrupted : bool
-
-        Returns
-        -------
-        dict
-            In terms of JSON.
-        """
-        return {
-            "argv": [Path(sys.argv[0]).name, *sys.argv[1:]],
-            "started": self.started.isoformat(timespec="seconds"),
-            "wall_time_s": round(wall_time_s, 3),
-            "interrupted": interrupted,
-            **self.options,
-        }
+    return {
+        "argv": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "started": started.isoformat(timespec="seconds"),
+        "wall_time_s": round(wall_time_s, 3),
+        "interrupted": interrupted,
+        **options,
+    }
 
 
 def describe_run(job: Job) -> dict[str, Any]:
@@ -253,9 +247,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not is_there(path):
         raise _no_run(folder, MANIFEST)
     require_inside(path, folder)
-    with _damage_told(folder, MANIFEST):
+    try:
         manifest: dict[str, Any] = dict(json.loads(read_text(path, MANIFEST_BYTES)))
-        return manifest
+    except DAMAGE as error:
+        raise InputError(f"{folder}: damaged run: {MANIFEST}: {_told(error)}") from error
+    return manifest
 
 
 def require_metric(folder: Path) -> None:
@@ -270,7 +266,7 @@ def require_metric(folder: Path) -> None:
     InputError
         If the version is another one.
     """
-    metric = _lenient(lambda: read_manifest(folder)["metric"], folder / MANIFEST)
+    metric = _attempt(lambda: read_manifest(folder)["metric"], folder / MANIFEST)
     if metric is not None and metric != current_metric():
         raise InputError(
             f"its cells were scored by version {metric.get('version')} of the metric, not {METRIC_VERSION}; "
@@ -295,35 +291,49 @@ def read_sessions(folder: Path) -> list[dict[str, Any]]:
     list of dict
         Empty if the manifest is missing or damaged.
     """
-    return _lenient(lambda: list(read_manifest(folder)["sessions"]), folder / MANIFEST) or []
+    return _attempt(lambda: list(read_manifest(folder)["sessions"]), folder / MANIFEST) or []
 
 
-def read_rows(folder: Path) -> Rows:
-    """Read all rows of a folder that are not damaged, also those of a run that was killed.
+def read_rows(folder: Path, is_strict: bool = False, with_clouds: bool = True) -> Rows:
+    """Read all rows of a folder, also those of a run that was killed.
 
     Parameters
     ----------
     folder : Path
+    is_strict : bool
+        True to raise if a table is damaged, False to leave it out.
+    with_clouds : bool
+        False to leave out the clouds, except those of a journal.
 
     Returns
     -------
     Rows
         If a cell has several rows, the last one counts.
 
+    Raises
+    ------
+    ValueError, TypeError, LookupError, OSError
+        If a table is damaged and `is_strict`.
+
     Warns
     -----
     InputWarning
-        If something is damaged, and its rows or clouds are lost.
+        If something is damaged, and its rows or clouds are left out.
     """
-    environments = _lenient(lambda: read_manifest(folder)["environments"], folder / MANIFEST)
-    clouds = _lenient(lambda: _read_or_empty(folder / CLOUDS, CLOUD_COLUMNS), folder / CLOUDS)
-    records = _lenient(lambda: _read_records(folder), folder / RECORDS)
+    environments = _attempt(lambda: read_manifest(folder)["environments"], folder / MANIFEST, is_strict)
+    records = _attempt(lambda: _read_records(folder / RECORDS), folder / RECORDS, is_strict)
+    clouds = (
+        _attempt(lambda: read_table(folder / CLOUDS), folder / CLOUDS, is_strict) if with_clouds else None
+    )
     parts = []
     if records is not None:
-        clouds = pd.DataFrame(columns=CLOUD_COLUMNS) if clouds is None else clouds
+        clouds = pd.DataFrame(columns=[*CLOUD_KEYS, *POINT_COLUMNS]) if clouds is None else clouds
         parts.append(Rows.of_tables(records, clouds, environments or {}))
     if is_there(folder / JOURNAL):
-        parts.append(_read_journal(folder / JOURNAL))
+        rows, n_torn = read_journal(folder / JOURNAL)
+        if n_torn:
+            _warn_of_damage(folder / JOURNAL, f"{n_torn} lines")
+        parts.append(rows)
     return Rows.joined(parts)
 
 
@@ -351,7 +361,7 @@ def read_results(folder: Path) -> Results:
     manifest = read_manifest(folder)
     rows = read_sound_rows(folder, manifest)
     suite, scenarios, draws = read_scenes(folder, manifest)
-    with _damage_told(folder, MANIFEST):
+    with _damage_told(folder):
         return Results(
             suite=suite,
             records=rows.records,
@@ -390,17 +400,10 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
     InputWarning
         If lines of the journal of a run that was killed are damaged.
     """
-    has_table, journal = is_there(folder / RECORDS), folder / JOURNAL
-    if not has_table and not is_there(journal):
+    if not is_there(folder / RECORDS) and not is_there(folder / JOURNAL):
         raise _no_run(folder, RECORDS)
     with _damage_told(folder):
-        parts = []
-        if has_table:
-            clouds = _read_or_empty(folder / CLOUDS if with_clouds else None, CLOUD_COLUMNS)
-            parts.append(Rows.of_tables(_read_records(folder), clouds, manifest["environments"]))
-        if is_there(journal):
-            parts.append(_read_journal(journal))
-        rows = Rows.joined(parts)
+        rows = read_rows(folder, is_strict=True, with_clouds=with_clouds)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
         records = typed(rows.records, STUDIES[restore_suite(manifest["suite"]).kind].columns)
         require_sound_records(records)
@@ -436,7 +439,9 @@ def read_scenes(folder: Path, manifest: Mapping[str, Any]) -> tuple[Suite, dict[
             name: restore_scenario(name, described, truth[truth["scenario"] == name])
             for name, described in manifest["scenarios"].items()
         }
-        return restore_suite(manifest["suite"]), scenarios, _read_or_empty(folder / DRAWS, DRAW_COLUMNS)
+        has_draws = is_there(folder / DRAWS)
+        draws = read_table(folder / DRAWS) if has_draws else pd.DataFrame(columns=DRAW_COLUMNS)
+        return restore_suite(manifest["suite"]), scenarios, draws
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -470,14 +475,59 @@ def read_table(path: Path) -> pd.DataFrame:
     return table
 
 
+def require_sound_records(records: pd.DataFrame) -> None:
+    """Refuse records whose columns have other types, or a status that this isacbench does not know.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Any of the columns `isacbench.bench.cells.record.COLUMNS`.
+
+    Raises
+    ------
+    ValueError
+        Naming the column.
+    """
+    records.astype({name: KINDS[TYPES[name]] for name in COLUMNS if name in records})
+    if "status" in records:
+        statuses = get_args(CellStatus)
+        unknown = set(records["status"].unique()) - set(statuses)
+        if unknown:
+            raise ValueError(f"column status: {quoted(unknown.pop())}; allowed are {', '.join(statuses)}")
+
+
+def require_described_scenarios(records: pd.DataFrame, manifest: Mapping[str, Any]) -> None:
+    """Refuse records of scenarios that the manifest does not describe.
+
+    Parameters
+    ----------
+    records : DataFrame
+    manifest : mapping of str to Any
+        With ``suite`` and ``scenarios``.
+
+    Raises
+    ------
+    InputError
+        Naming the scenarios.
+    """
+    # A study that makes scenes of a scenario names it in a further column, which is empty for a link's user.
+    names = records["template" if "template" in records else "scenario"].dropna().unique()
+    described = manifest["scenarios"]
+    missing = set(names) - {"", *described, *manifest["suite"].get("maps", ())}
+    if missing:
+        raise InputError(
+            f"its rows name the scenarios {quoted(sorted(missing))}, which its manifest does not describe; "
+            f"allowed are {quoted(sorted(described))}"
+        )
+
+
 @contextmanager
-def _damage_told(folder: Path, name: str | None = None) -> Iterator[None]:
+def _damage_told(folder: Path) -> Iterator[None]:
     """Turn errors in reading a damaged folder into an `InputError` that names it."""
     try:
         yield
     except DAMAGE as error:
-        prefix = f"{name}: " if name else ""
-        raise InputError(f"{folder}: damaged run: {prefix}{_told(error)}") from error
+        raise InputError(f"{folder}: damaged run: {_told(error)}") from error
 
 
 def _told(error: Exception) -> str:
@@ -485,39 +535,26 @@ def _told(error: Exception) -> str:
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
-def _lenient(read: Callable[[], T], path: Path) -> T | None:
-    """Read a file that may be missing or damaged: None then, and a warning if it is damaged."""
+def _attempt(read: Callable[[], T], path: Path, is_strict: bool = False) -> T | None:
+    """Read a file. None if it is missing; None and a warning if it is damaged, unless that raises."""
     if not is_there(path):
         return None
     try:
         return read()
     except DAMAGE as error:
+        if is_strict:
+            raise
         _warn_of_damage(path, _told(error))
         return None
 
 
-def _read_journal(path: Path) -> Rows:
-    """Rows of the undamaged lines of a journal."""
-    rows, n_torn = read_journal(path)
-    if n_torn:
-        _warn_of_damage(path, f"{n_torn} lines")
-    return rows
-
-
-def _read_records(folder: Path) -> pd.DataFrame:
-    records = with_added(read_table(folder / RECORDS))
+def _read_records(path: Path) -> pd.DataFrame:
+    records = with_added(read_table(path))
     if missing := [name for name in COLUMNS if name not in records]:
-        raise ValueError(f"{RECORDS} has no column {missing[0]}")
+        raise ValueError(f"{path.name} has no column {missing[0]}")
     if records.duplicated(CLOUD_KEYS).any():
-        raise ValueError(f"{RECORDS} has several rows of a cell")
+        raise ValueError(f"{path.name} has several rows of a cell")
     return records
-
-
-def _read_or_empty(path: Path | None, columns: list[str]) -> pd.DataFrame:
-    """Table of a file that not every run has."""
-    if path is None or not is_there(path):
-        return pd.DataFrame(columns=columns)
-    return read_table(path)
 
 
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:

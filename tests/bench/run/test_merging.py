@@ -299,7 +299,7 @@ def test_a_manifest_without_an_outline_is_refused(suite, put_run, tmp_path):
     manifest = read_manifest(tmp_path / "1")
     del manifest["scenes"]
     (tmp_path / "1" / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match="its manifest has no scenes, as an older isacbench left it"):
+    with pytest.raises(InputError, match="its manifest has no scenes, because an older isacbench wrote it"):
         merge([tmp_path / "1"], tmp_path / "merged")
 
 
