@@ -18,18 +18,10 @@ import pandas as pd
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, Results, typed
 from isacbench.bench.plan.job import Job
 from isacbench.bench.plan.manifest_plan import restore_plan
+from isacbench.bench.store import run_store
 from isacbench.bench.store.resume import differing_versions, has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
-from isacbench.bench.store.run_store import (
-    RUN_KEYS,
-    describe_run,
-    describe_session,
-    read_manifest,
-    read_results,
-    write_manifest,
-    write_results,
-)
 from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.bench.suites.suite import Suite, restore_suite
 from isacbench.errors import InputError
@@ -101,17 +93,15 @@ class _Part:
 
     @classmethod
     def read(cls, folder: Path) -> _Part:
-        manifest, results = read_manifest(folder), read_results(folder)
-        if missing := [key for key in RUN_KEYS if key not in manifest]:
+        manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
+        if missing := [key for key in run_store.RUN_KEYS if key not in manifest]:
             raise InputError(
                 f"{folder}: its manifest has no {missing[0]}, because an older isacbench wrote it; "
                 "allowed is a run that this one has gone on with"
             )
         rows = Rows.of_tables(results.records, results.clouds, results.environments)
         if not has_its_cloud(rows).all():
-            raise InputError(
-                f"{folder}: damaged run: some clouds are missing; isacbench run into it makes them again"
-            )
+            raise InputError(f"{folder}: damaged run: some clouds are missing; isacbench run restores them")
         return cls(folder, manifest, results, rows)
 
 
@@ -141,8 +131,7 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     if out.is_dir() and RUN_FILES & {path.name for path in out.iterdir()}:
         raise InputError(f"{out}: holds a run; allowed is a new folder")
     parts = [_Part.read(folder) for folder in folders]
-    _require_equal_runs(parts)
-    _require_equal_contents(parts)
+    _require_one_suite(parts)
     plan, described = _whole(parts)
     rows = Rows.joined([part.rows for part in parts])
     if not mix_versions:
@@ -170,43 +159,28 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     earlier = chain.from_iterable(part.manifest.get("sessions", ()) for part in parts)
     sessions = sorted(earlier, key=lambda entry: entry["started"])
     options = {"merged": [str(folder) for folder in folders]}
-    last = describe_session(results.started, results.wall_time_s, results.interrupted, options)
+    last = run_store.describe_session(results.started, results.wall_time_s, results.interrupted, options)
     with open_folder(out) as folder:
-        write_results(results, folder)
-        write_manifest(folder, described, results.environments, [*sessions, last])
+        run_store.write_results(results, folder)
+        run_store.write_manifest(folder, described, results.environments, [*sessions, last])
     return Merged(suite.kind, results.records, plan.n_cells, _gaps(plan, positions))
 
 
-def _require_equal_runs(parts: Sequence[_Part]) -> None:
-    """Refuse parts of different suites."""
-    first = parts[0]
-    for part in parts[1:]:
-        ours, theirs = first.results.suite, part.results.suite
-        for what, one, other in (
-            ("suite", ours.name, theirs.name),
-            ("kind", ours.kind, theirs.kind),
-            ("seed", ours.seed, theirs.seed),
-            ("metric", first.manifest["metric"], part.manifest["metric"]),
-        ):
-            if one != other:
-                raise InputError(
-                    f"{first.folder} and {part.folder}: {what} {one} and {other}; allowed are parts "
-                    "of one suite"
-                )
-
-
-def _require_equal_contents(parts: Sequence[_Part]) -> None:
-    """Refuse parts in which a scenario or a scene has different contents."""
-    known: dict[tuple[str, str], tuple[Path, str]] = {}
+def _require_one_suite(parts: Sequence[_Part]) -> None:
+    """Refuse parts of different suites, seeds or metrics, or with different contents of a scenario."""
+    known: dict[str, tuple[Path, Any]] = {}
     for part in parts:
-        scenarios = [("scenario", name, entry) for name, entry in part.manifest["scenarios"].items()]
-        scenes = [("scene", entry["name"], entry) for entry in part.manifest["scenes"]]
-        for kind, name, entry in [*scenarios, *scenes]:
-            folder, content = known.setdefault((kind, name), (part.folder, entry["content"]))
-            if content != entry["content"]:
+        suite, manifest = part.results.suite, part.manifest
+        facts = {"suite": suite.name, "kind": suite.kind, "seed": suite.seed, "metric": manifest["metric"]}
+        for name, entry in manifest["scenarios"].items():
+            facts[f"content of scenario {name!r}"] = entry["content"]
+        for entry in manifest["scenes"]:
+            facts[f"content of scene {entry['name']!r}"] = entry["content"]
+        for what, value in facts.items():
+            folder, first = known.setdefault(what, (part.folder, value))
+            if value != first:
                 raise InputError(
-                    f"{folder} and {part.folder}: the {kind} {name!r} has another content in each; "
-                    "allowed are parts of one suite"
+                    f"{folder} and {part.folder}: {what} {first} and {value}; allowed are parts of one suite"
                 )
 
 
@@ -234,7 +208,7 @@ def _whole(parts: Sequence[_Part]) -> tuple[Plan, dict[str, Any]]:
                     f"{first.folder} and {part.folder}: equal suites, but different versions have made "
                     "different cells of them; allowed are parts with the same parameters and SNRs"
                 )
-        return restore_plan(first.manifest), {key: first.manifest[key] for key in RUN_KEYS}
+        return restore_plan(first.manifest), {key: first.manifest[key] for key in run_store.RUN_KEYS}
     scenarios = _scenarios(parts)
     paths: dict[str, str] = {}
     for part in reversed(parts):
@@ -242,7 +216,7 @@ def _whole(parts: Sequence[_Part]) -> tuple[Plan, dict[str, Any]]:
     try:
         suite = _union(suites)
         job = Job(suite, {name: scenarios[name] for name in suite.scenarios}, local_plugins())
-        described = describe_run(job)
+        described = run_store.describe_run(job)
     except InputError as error:
         raise InputError(f"the suites of the parts cannot be united: {error}") from error
     described["suite"]["scenarios"] = [paths[name] for name in suite.scenarios]

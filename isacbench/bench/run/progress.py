@@ -51,13 +51,13 @@ def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> It
 
     display, console = notebook_display(), Console(stderr=True)
     if display is not None:
-        yield PacedProgress(noun, _notebook_line(title, display), NOTEBOOK_S, with_ends=True)
+        yield paced_progress(noun, _notebook_line(title, display), NOTEBOOK_S, with_ends=True)
     elif console.is_terminal:
         with _bar(title, console, is_idle) as show:
             yield show
     else:
         # The console's file is a null device if stderr is closed.
-        yield PacedProgress(
+        yield paced_progress(
             noun, lambda text, *_: print(f"isacbench: {text}", file=console.file, flush=True), LINE_S
         )
 
@@ -79,8 +79,14 @@ def notebook_display() -> Callable[..., Any] | None:
     return display
 
 
-class PacedProgress:
-    """Progress in words, at most once in a period.
+def paced_progress(
+    noun: str,
+    tell: Callable[[str, int, int], object],
+    period_s: float,
+    with_ends: bool = False,
+    clock: Callable[[], float] = time.monotonic,
+) -> Progress:
+    """Put progress into words, at most once in a period.
 
     Parameters
     ----------
@@ -94,41 +100,29 @@ class PacedProgress:
         True to tell the first and the last piece in any case.
     clock : callable
         Returns the time in s.
+
+    Returns
+    -------
+    Progress
     """
+    begun_s = clock()
+    told_s = -math.inf if with_ends else begun_s
+    n_before: int | None = None
 
-    def __init__(
-        self,
-        noun: str,
-        tell: Callable[[str, int, int], object],
-        period_s: float,
-        with_ends: bool = False,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._noun, self._tell, self._period_s, self._clock = noun, tell, period_s, clock
-        self._with_ends = with_ends
-        self._begun_s = clock()
-        self._told_s = -math.inf if with_ends else self._begun_s
-        self._n_before: int | None = None
-
-    def __call__(self, n_done: int, n_all: int) -> None:
-        """Take note of a piece that is done.
-
-        Parameters
-        ----------
-        n_done, n_all : int
-        """
-        now_s = self._clock()
-        if self._n_before is None:
-            self._n_before = n_done - 1  # done by an earlier call of the same run
-        if now_s - self._told_s < self._period_s and not (self._with_ends and n_done == n_all):
+    def show(n_done: int, n_all: int) -> None:
+        nonlocal told_s, n_before
+        if n_before is None:
+            n_before = n_done - 1  # done by an earlier call of the same run
+        now_s = clock()
+        if now_s - told_s < period_s and not (with_ends and n_done == n_all):
             return
-        self._told_s = now_s
-        elapsed_s = now_s - self._begun_s
-        text = f"{n_done} of {n_all} {self._noun}, {_duration(elapsed_s)}"
+        told_s, elapsed_s = now_s, now_s - begun_s
+        text = f"{n_done} of {n_all} {noun}, {_duration(elapsed_s)}"
         if n_done < n_all:
-            left_s = elapsed_s * (n_all - n_done) / (n_done - self._n_before)
-            text += f", about {_duration(left_s)} left"
-        self._tell(text, n_done, n_all)
+            text += f", about {_duration(elapsed_s * (n_all - n_done) / (n_done - n_before))} left"
+        tell(text, n_done, n_all)
+
+    return show
 
 
 def _duration(time_s: float) -> str:

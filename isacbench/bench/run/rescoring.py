@@ -14,18 +14,10 @@ import pandas as pd
 
 from isacbench.bench.cells.cell import MeasuredImage, score_image
 from isacbench.bench.cells.statuses import failed
+from isacbench.bench.store import run_store
 from isacbench.bench.store.resume import has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.store.run_store import (
-    JOURNAL,
-    current_metric,
-    describe_session,
-    read_manifest,
-    read_results,
-    save_manifest,
-    write_results,
-)
 from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
 from isacbench.bench.studies.study import ImagedScene
 from isacbench.bench.studies.study_kinds import STUDIES
@@ -112,19 +104,23 @@ def rescore(folder: Path) -> Rescored:
         Nothing has changed then.
     """
     started, tick = datetime.now().astimezone(), time.perf_counter()
-    read_manifest(folder)  # before the lock: a folder without a run stays as it is
+    run_store.read_manifest(folder)  # before the lock: a folder without a run stays as it is
     with open_folder(folder):
-        manifest, results = read_manifest(folder), read_results(folder)
+        manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
         scored, rows = _scored_again(folder, results)
         records = results.records.copy()
         for name in scored:
             records.loc[rows, name] = scored[name].astype(records[name].dtype)
         found = _compared(results.suite.kind, results.records, records, len(rows))
-        write_results(dataclasses.replace(results, records=records), folder)
-        entry = describe_session(started, time.perf_counter() - tick, False, {"rescored": len(rows)})
+        run_store.write_results(dataclasses.replace(results, records=records), folder)
+        entry = run_store.describe_session(
+            started, time.perf_counter() - tick, False, {"rescored": len(rows)}
+        )
         sessions = [*manifest.get("sessions", ()), entry]
-        save_manifest(folder, {**manifest, "metric": current_metric(), "sessions": sessions})
-        (folder / JOURNAL).unlink(missing_ok=True)
+        run_store.save_manifest(
+            folder, {**manifest, "metric": run_store.current_metric(), "sessions": sessions}
+        )
+        (folder / run_store.JOURNAL).unlink(missing_ok=True)
     return found
 
 

@@ -18,22 +18,11 @@ from isacbench.bench.cells.timing import repeats_wanted
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.progress import Progress, notebook_display, progress_shown
+from isacbench.bench.store import run_store
 from isacbench.bench.store.journal import Journal, read_journal
 from isacbench.bench.store.resume import Rerun, keep, parse_reruns
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.store.run_store import (
-    JOURNAL,
-    describe_run,
-    describe_session,
-    read_rows,
-    read_sessions,
-    require_metric,
-    write_manifest,
-    write_results,
-    write_rows,
-    write_truth,
-)
 from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.bench.suites.suite import Suite, load_suite
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
@@ -92,18 +81,15 @@ class Execution:
             if value is not None and value < 1:
                 raise InputError(f"{name} {value}: allowed is 1 or more")
         if self.n_jobs is not None and self.dask is not None:
-            raise InputError(
-                "jobs and dask: allowed is one of them; a Dask worker has its own number of jobs"
-            )
+            raise InputError("jobs and dask: allowed is one of them")
         if self.is_timing and (self.dask is not None or (self.n_jobs or 1) > 1):
+            where = "dask" if self.dask else f"jobs {self.n_jobs}"
             raise InputError(
-                f"timing with {'dask' if self.dask else f'jobs {self.n_jobs}'}: allowed is one job on this "
-                "machine, because cells that run at the same time slow each other down"
+                f"{where} and timing: allowed is one job on this machine, because cells that run at the same "
+                "time slow each other down"
             )
         if not self.is_guarded and self.guard not in (Guard(), Guard(None)):
-            raise InputError(
-                "timeout_s and memory_mib: allowed with jobs or dask, because only workers have limits"
-            )
+            raise InputError("timeout_s and memory_mib: allowed with jobs or dask, whose workers they limit")
 
     @property
     def is_guarded(self) -> bool:
@@ -280,17 +266,17 @@ def run_suite(
     started, tick, options = datetime.now().astimezone(), time.perf_counter(), execution.describe()
     columns = STUDIES[suite.kind].columns
     with open_folder(out) as folder:
-        sessions, stored = read_sessions(folder), read_rows(folder)
+        sessions, stored = run_store.read_sessions(folder), run_store.read_rows(folder)
         kept = _kept(folder, stored, job, execution)
         blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
         with closing(_made(job, blocks, execution)) as outcomes:
-            unfinished = [*sessions, describe_session(started, 0.0, True, options)]
+            unfinished = [*sessions, run_store.describe_session(started, 0.0, True, options)]
             _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
             further = {**columns, **(TIMING_COLUMNS if execution.is_timing else {})}
-            with closing(Journal(folder / JOURNAL, further)) as journal:
+            with closing(Journal(folder / run_store.JOURNAL, further)) as journal:
                 n_cells = n_kept + sum(len(block.entries) for block in blocks)
                 interrupted = _work(outcomes, journal, n_kept, n_cells, progress)
-        new, _ = read_journal(folder / JOURNAL)
+        new, _ = read_journal(folder / run_store.JOURNAL)
         rows = Rows.joined([kept, new])
         rows = rows.take(np.argsort(job.plan.positions(rows.records), kind="stable"))
         wall_time_s = time.perf_counter() - tick
@@ -306,7 +292,7 @@ def run_suite(
             interrupted=interrupted,
         )
         if out is not None:
-            last = describe_session(started, wall_time_s, interrupted, options)
+            last = run_store.describe_session(started, wall_time_s, interrupted, options)
             _finish(folder, job, results, [*sessions, last])
     return results
 
@@ -317,7 +303,7 @@ def _kept(folder: Path, stored: Rows, job: Job, execution: Execution) -> Rows:
     rerun, mix_versions, timing = execution.rerun, execution.mix_versions, execution.is_timing
     try:
         if len(stored):
-            require_metric(folder)
+            run_store.require_metric(folder)
         return keep(stored, job.plan, job.suite, rerun, mix_versions, part, timing)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
@@ -336,11 +322,11 @@ def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]], i
 
     Its rows are in the tables by then, so that a kill at any moment loses none.
     """
-    journal = folder / JOURNAL
+    journal = folder / run_store.JOURNAL
     if is_less or (journal.exists() and len(kept)):
-        write_rows(folder, typed(kept.records, STUDIES[job.suite.kind].columns), kept.clouds())
-    write_truth(folder, job.scenarios)
-    write_manifest(folder, describe_run(job), kept.environments, sessions)
+        run_store.write_rows(folder, typed(kept.records, STUDIES[job.suite.kind].columns), kept.clouds())
+    run_store.write_truth(folder, job.scenarios)
+    run_store.write_manifest(folder, run_store.describe_run(job), kept.environments, sessions)
     journal.unlink(missing_ok=True)
 
 
@@ -373,6 +359,6 @@ def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[
 
 def _finish(folder: Path, job: Job, results: Results, sessions: list[dict[str, Any]]) -> None:
     """Write the tables, and then remove the journal."""
-    write_results(results, folder)
-    write_manifest(folder, describe_run(job), results.environments, sessions)
-    (folder / JOURNAL).unlink()
+    run_store.write_results(results, folder)
+    run_store.write_manifest(folder, run_store.describe_run(job), results.environments, sessions)
+    (folder / run_store.JOURNAL).unlink()

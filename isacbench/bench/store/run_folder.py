@@ -75,9 +75,7 @@ def open_folder(
         folder.mkdir(parents=True, exist_ok=True)
         names = {path.name for path in folder.iterdir()}
     except (OSError, ValueError) as error:
-        raise InputError(
-            f"{folder}: cannot be created or read: {getattr(error, 'strerror', None) or error}"
-        ) from error
+        raise InputError(f"{folder}: cannot be created or read: {error}") from error
     if names and not names & files:
         raise InputError(
             f"{folder}: exists and is not the folder of {what}; allowed are a new folder, an empty one, "

@@ -11,7 +11,7 @@ import warnings
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pandas as pd
 
@@ -20,10 +20,8 @@ from isacbench.bench.cells.record import (
     CLOUD_KEYS,
     COLUMNS,
     DRAW_COLUMNS,
-    KINDS,
-    TYPES,
-    CellStatus,
     Results,
+    require_sound_records,
     typed,
     with_added,
 )
@@ -473,27 +471,6 @@ def read_table(path: Path) -> pd.DataFrame:
         raise ValueError(f"{path.name}: its content does not match its digest")
     table.attrs = {}
     return table
-
-
-def require_sound_records(records: pd.DataFrame) -> None:
-    """Refuse records whose columns have other types, or a status that this isacbench does not know.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Any of the columns `isacbench.bench.cells.record.COLUMNS`.
-
-    Raises
-    ------
-    ValueError
-        Naming the column.
-    """
-    records.astype({name: KINDS[TYPES[name]] for name in COLUMNS if name in records})
-    if "status" in records:
-        statuses = get_args(CellStatus)
-        unknown = set(records["status"].unique()) - set(statuses)
-        if unknown:
-            raise ValueError(f"column status: {quoted(unknown.pop())}; allowed are {', '.join(statuses)}")
 
 
 def require_described_scenarios(records: pd.DataFrame, manifest: Mapping[str, Any]) -> None:

@@ -351,7 +351,7 @@ def test_the_worker_is_idle_while_its_answers_are_taken(moody_suite, tmp_path):
     ("options", "message"),
     [
         ({"timing": True, "jobs": 2}, "jobs 2 and timing: allowed is one job"),
-        ({"timing": True, "dask": "tcp://nowhere:1"}, "dask and timing: allowed are cells on this machine"),
+        ({"timing": True, "dask": "tcp://nowhere:1"}, "dask and timing: allowed is one job on this machine"),
         ({"timing": True, "repeats": 0}, "repeats 0: allowed is 1 or more"),
         ({"repeats": 3}, "repeats 3: allowed with timing"),
     ],

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from isacbench.bench.run import progress
-from isacbench.bench.run.progress import PacedProgress, notebook_display, progress_shown
+from isacbench.bench.run.progress import paced_progress, notebook_display, progress_shown
 from isacbench.bench.run.runner import run
 
 
@@ -56,7 +56,7 @@ def told():
 
 @pytest.fixture
 def minutely(clock, told):
-    return PacedProgress("cells", lambda text, *_: told.append(text), 60, clock=clock)
+    return paced_progress("cells", lambda text, *_: told.append(text), 60, clock=clock)
 
 
 def test_a_line_is_written_when_a_minute_has_passed_and_not_before(clock, minutely, told):
@@ -76,7 +76,7 @@ def test_what_an_earlier_call_has_done_does_not_count_as_speed(clock, minutely, 
 
 
 def test_the_first_and_the_last_piece_are_told_if_wanted(clock, told):
-    progress = PacedProgress("cells", lambda text, *_: told.append(text), 0.3, with_ends=True, clock=clock)
+    progress = paced_progress("cells", lambda text, *_: told.append(text), 0.3, with_ends=True, clock=clock)
     assert not told
     for n_done in range(1, 11):
         clock.now_s += 0.1
