@@ -15,7 +15,6 @@ import pandas as pd
 from isacbench.bench.cells.cell import MeasuredImage, score_image
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.store import run_store
-from isacbench.bench.store.resume import has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
@@ -129,7 +128,7 @@ def _scored_again(folder: Path, results: Results) -> tuple[pd.DataFrame, list[in
     observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
     records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
     candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(observed.scenes)))
-    is_incomplete = ~has_its_cloud(rows)[candidates]
+    is_incomplete = (rows.n_points != records["n_estimated"].to_numpy())[candidates]
     if is_incomplete.any():
         raise InputError(
             f"{folder}: {is_incomplete.sum()} of {len(candidates)} clouds are missing or damaged; allowed is "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Generator, Iterable, Sequence
+from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -266,8 +266,9 @@ def run_suite(
     started, tick, options = datetime.now().astimezone(), time.perf_counter(), execution.describe()
     columns = STUDIES[suite.kind].columns
     with open_folder(out) as folder:
-        sessions, stored = run_store.read_sessions(folder), run_store.read_rows(folder)
-        kept = _kept(folder, stored, job, execution)
+        manifest = run_store.recover_manifest(folder)
+        stored, sessions = run_store.read_rows(folder, manifest), manifest.get("sessions", [])
+        kept = _kept(folder, manifest, stored, job, execution)
         blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
         with closing(_made(job, blocks, execution)) as outcomes:
             unfinished = [*sessions, run_store.describe_session(started, 0.0, True, options)]
@@ -297,13 +298,13 @@ def run_suite(
     return results
 
 
-def _kept(folder: Path, stored: Rows, job: Job, execution: Execution) -> Rows:
+def _kept(folder: Path, manifest: Mapping[str, Any], stored: Rows, job: Job, execution: Execution) -> Rows:
     """Stored rows that the run goes on with."""
     part = None if execution.shard is None else job.plan.shard(execution.shard)
     rerun, mix_versions, timing = execution.rerun, execution.mix_versions, execution.is_timing
     try:
         if len(stored):
-            run_store.require_metric(folder)
+            run_store.require_metric(manifest)
         return keep(stored, job.plan, job.suite, rerun, mix_versions, part, timing)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error

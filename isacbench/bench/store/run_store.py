@@ -252,20 +252,41 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def require_metric(folder: Path) -> None:
-    """Refuse a run that another version of the metric has scored, unless its manifest is damaged.
+def recover_manifest(folder: Path) -> dict[str, Any]:
+    """Read the manifest of a run that is to be gone on with.
 
     Parameters
     ----------
     folder : Path
+
+    Returns
+    -------
+    dict
+        Empty if the manifest is missing or damaged.
+
+    Warns
+    -----
+    InputWarning
+        If it is damaged.
+    """
+    return _attempt(lambda _: read_manifest(folder), folder / MANIFEST) or {}
+
+
+def require_metric(manifest: Mapping[str, Any]) -> None:
+    """Refuse a run that another version of the metric has scored.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+        Without a metric, it is not refused.
 
     Raises
     ------
     InputError
         If the version is another one.
     """
-    metric = _attempt(lambda: read_manifest(folder)["metric"], folder / MANIFEST)
-    if metric is not None and metric != current_metric():
+    metric = manifest.get("metric", current_metric())
+    if metric != current_metric():
         raise InputError(
             f"its cells were scored by version {metric.get('version')} of the metric, not {METRIC_VERSION}; "
             "allowed is to rescore it first (isacbench rescore), or a new folder"
@@ -277,27 +298,16 @@ def current_metric() -> dict[str, Any]:
     return {"name": "paper", "version": METRIC_VERSION}
 
 
-def read_sessions(folder: Path) -> list[dict[str, Any]]:
-    """Read which calls have worked on a run so far.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    list of dict
-        Empty if the manifest is missing or damaged.
-    """
-    return _attempt(lambda: list(read_manifest(folder)["sessions"]), folder / MANIFEST) or []
-
-
-def read_rows(folder: Path, is_strict: bool = False, with_clouds: bool = True) -> Rows:
+def read_rows(
+    folder: Path, manifest: Mapping[str, Any], is_strict: bool = False, with_clouds: bool = True
+) -> Rows:
     """Read all rows of a folder, also those of a run that was killed.
 
     Parameters
     ----------
     folder : Path
+    manifest : mapping of str to Any
+        As `read_manifest` or `recover_manifest` returns it.
     is_strict : bool
         True to raise if a table is damaged, False to leave it out.
     with_clouds : bool
@@ -318,15 +328,12 @@ def read_rows(folder: Path, is_strict: bool = False, with_clouds: bool = True) -
     InputWarning
         If something is damaged, and its rows or clouds are left out.
     """
-    environments = _attempt(lambda: read_manifest(folder)["environments"], folder / MANIFEST, is_strict)
-    records = _attempt(lambda: _read_records(folder / RECORDS), folder / RECORDS, is_strict)
-    clouds = (
-        _attempt(lambda: read_table(folder / CLOUDS), folder / CLOUDS, is_strict) if with_clouds else None
-    )
-    parts = []
-    if records is not None:
-        clouds = pd.DataFrame(columns=[*CLOUD_KEYS, *POINT_COLUMNS]) if clouds is None else clouds
-        parts.append(Rows.of_tables(records, clouds, environments or {}))
+    records = _attempt(_read_records, folder / RECORDS, is_strict)
+    clouds = _attempt(read_table, folder / CLOUDS, is_strict) if with_clouds else None
+    if clouds is None:
+        clouds = pd.DataFrame(columns=[*CLOUD_KEYS, *POINT_COLUMNS])
+    environments = manifest.get("environments", {})
+    parts = [] if records is None else [Rows.of_tables(records, clouds, environments)]
     if is_there(folder / JOURNAL):
         rows, n_torn = read_journal(folder / JOURNAL)
         if n_torn:
@@ -401,7 +408,7 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
     if not is_there(folder / RECORDS) and not is_there(folder / JOURNAL):
         raise _no_run(folder, RECORDS)
     with _damage_told(folder):
-        rows = read_rows(folder, is_strict=True, with_clouds=with_clouds)
+        rows = read_rows(folder, manifest, True, with_clouds)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
         records = typed(rows.records, STUDIES[restore_suite(manifest["suite"]).kind].columns)
         require_sound_records(records)
@@ -437,8 +444,9 @@ def read_scenes(folder: Path, manifest: Mapping[str, Any]) -> tuple[Suite, dict[
             name: restore_scenario(name, described, truth[truth["scenario"] == name])
             for name, described in manifest["scenarios"].items()
         }
-        has_draws = is_there(folder / DRAWS)
-        draws = read_table(folder / DRAWS) if has_draws else pd.DataFrame(columns=DRAW_COLUMNS)
+        draws = _attempt(read_table, folder / DRAWS, is_strict=True)
+        if draws is None:
+            draws = pd.DataFrame(columns=DRAW_COLUMNS)
         return restore_suite(manifest["suite"]), scenarios, draws
 
 
@@ -512,12 +520,12 @@ def _told(error: Exception) -> str:
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
-def _attempt(read: Callable[[], T], path: Path, is_strict: bool = False) -> T | None:
+def _attempt(read: Callable[[Path], T], path: Path, is_strict: bool = False) -> T | None:
     """Read a file. None if it is missing; None and a warning if it is damaged, unless that raises."""
     if not is_there(path):
         return None
     try:
-        return read()
+        return read(path)
     except DAMAGE as error:
         if is_strict:
             raise

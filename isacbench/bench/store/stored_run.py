@@ -195,23 +195,14 @@ class StoredRun(Displayed):
         found = np.flatnonzero(chosen)
         if found.size != 1:
             given = " and ".join(f"{name} = {quoted(value)}" for name, value in wanted.items()) or "any key"
-            raise InputError(f"{self.folder}: {self._not_one(self.rows.iloc[found], wanted, given)}")
-        return int(found[0])
-
-    def _not_one(self, found: pd.DataFrame, wanted: Mapping[str, Any], given: str) -> str:
-        """Message for a key of no row, or of several rows."""
-        if len(found):
-            values = {name: found[name].unique() for name in CLOUD_KEYS}
-            differing = [f"{name}: {_listed(some)}" for name, some in values.items() if len(some) > 1]
-            return (
-                f"{len(found)} rows have {given}; allowed is a row, or a key that only one row has: "
-                f"they differ in {'; '.join(differing)}"
+            rows = self.rows.iloc[found] if found.size else self.rows
+            values = "; ".join(f"{name} {_listed(rows[name].unique())}" for name in CLOUD_KEYS)
+            whose = "these rows" if found.size else "the rows of the run"
+            raise InputError(
+                f"{self.folder}: {found.size} rows have {given}; allowed is a key that only one row has. "
+                f"The values of {whose} are {values}"
             )
-        for name, value in wanted.items():
-            known = self.rows[name].unique()
-            if value not in known:
-                return f"no row has {name} = {quoted(value)}; allowed are {_listed(known)}"
-        return f"no row has {given}, all at once"
+        return int(found[0])
 
     def _description(self) -> Description:
         rows, suite = self.rows, self.manifest["suite"]
@@ -405,8 +396,8 @@ def _key_columns(row: Row) -> dict[str, Any]:
         row = getattr(row, "_asdict", lambda: dict(zip(CLOUD_KEYS, row, strict=False)))()
     if not isinstance(row, (pd.Series, Mapping)) or any(name not in row for name in CLOUD_KEYS):
         raise InputError(
-            f"a {type(row).__name__} that is not one row; allowed are a row of the run's table, and a tuple or "
-            f"mapping of {', '.join(CLOUD_KEYS)}"
+            f"a {type(row).__name__} that is not one row; allowed are a row of the run's table, and a tuple "
+            f"or mapping of {', '.join(CLOUD_KEYS)}"
         )
     return {name: row[name] for name in CLOUD_KEYS}
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from isacbench.bench.run import progress
-from isacbench.bench.run.progress import paced_progress, notebook_display, progress_shown
+from isacbench.bench.run.progress import notebook_display, paced_progress, progress_shown
 from isacbench.bench.run.runner import run
 
 
