@@ -162,13 +162,9 @@ def _notebook_line(title: str, display: Callable[..., Any]) -> Callable[[str, in
 def _bar(title: str, console: Console, is_idle: bool) -> Iterator[Progress]:
     """Bar with the time left on a terminal, removed at the end."""
     from rich import progress
+    from rich.markup import escape as rich_escape
 
-    columns = (
-        progress.TextColumn("{task.description}", markup=False),
-        progress.BarColumn(),
-        progress.MofNCompleteColumn(),
-        progress.TimeRemainingColumn(),
-    )
+    columns = *progress.Progress.get_default_columns(), progress.MofNCompleteColumn()
     with progress.Progress(*columns, console=console, transient=True, auto_refresh=not is_idle) as bar:
-        task = bar.add_task(visible(title), total=None)
+        task = bar.add_task(rich_escape(visible(title)), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total, refresh=is_idle)

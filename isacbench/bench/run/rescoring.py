@@ -106,14 +106,14 @@ def rescore(folder: Path) -> Rescored:
     run_store.read_manifest(folder)  # before the lock: a folder without a run stays as it is
     with open_folder(folder):
         manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
-        scored, rows = _scored_again(folder, results)
+        scored = _scored_again(folder, results)
         records = results.records.copy()
         for name in scored:
-            records.loc[rows, name] = scored[name].astype(records[name].dtype)
-        found = _compared(results.suite.kind, results.records, records, len(rows))
+            records.loc[scored.index, name] = scored[name].astype(records[name].dtype)
+        found = _compared(results.suite.kind, results.records, records, len(scored))
         run_store.write_results(dataclasses.replace(results, records=records), folder)
         entry = run_store.describe_session(
-            started, time.perf_counter() - tick, False, {"rescored": len(rows)}
+            started, time.perf_counter() - tick, False, {"rescored": len(scored)}
         )
         sessions = [*manifest.get("sessions", ()), entry]
         run_store.save_manifest(
@@ -123,8 +123,8 @@ def rescore(folder: Path) -> Rescored:
     return found
 
 
-def _scored_again(folder: Path, results: Results) -> tuple[pd.DataFrame, list[int]]:
-    """New scores, and the positions of their rows."""
+def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
+    """New scores, by the positions of their rows."""
     observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
     records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
     candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(observed.scenes)))
@@ -143,7 +143,7 @@ def _scored_again(folder: Path, results: Results) -> tuple[pd.DataFrame, list[in
             shot = MeasuredImage(scenario, None, None, records["snr_db"].iloc[row], cloud)
             measured = _measured(observed.scenes[name], shot, STUDIES[results.suite.kind].columns)
             scored[row] = {**score_image(scenario, cloud), **measured}
-    return pd.DataFrame(list(scored.values()), index=list(scored)), list(scored)
+    return pd.DataFrame(list(scored.values()), index=list(scored))
 
 
 def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any]) -> dict[str, Any]:

@@ -231,12 +231,9 @@ def _other_versions(stored: Rows, plan: Plan) -> Mask:
     return np.array(other, dtype=np.bool_)[groups.ngroup().to_numpy()]
 
 
-def _flat(versions: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+def _flat(versions: Mapping[str, Any]) -> dict[Any, Any]:
     """Versions by names that are joined from top to bottom."""
-    flat: dict[str, Any] = {}
-    for name, value in versions.items():
-        flat |= _flat(value, f"{above}{name} ") if isinstance(value, dict) else {f"{above}{name}": value}
-    return flat
+    return pd.json_normalize(dict(versions), sep=" ").to_dict("records")[0]
 
 
 def _told(version: str | None) -> str:

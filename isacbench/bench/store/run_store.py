@@ -243,7 +243,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / MANIFEST
     if not is_there(path):
-        raise _no_run(folder, MANIFEST)
+        raise InputError(
+            f"{folder}: not the folder of a run, {MANIFEST} missing; allowed is one that isacbench run wrote"
+        )
     require_inside(path, folder)
     try:
         manifest: dict[str, Any] = dict(json.loads(read_text(path, MANIFEST_BYTES)))
@@ -406,7 +408,7 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
         If lines of the journal of a run that was killed are damaged.
     """
     if not is_there(folder / RECORDS) and not is_there(folder / JOURNAL):
-        raise _no_run(folder, RECORDS)
+        raise InputError(f"{folder}: damaged run: {RECORDS} is missing")
     with _damage_told(folder):
         rows = read_rows(folder, manifest, True, with_clouds)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
@@ -558,10 +560,4 @@ def _table_digest(table: pd.DataFrame) -> str:
 def _warn_of_damage(path: Path, what: str) -> None:
     warnings.warn(
         f"{path}: damaged, its cells are left out and run again ({what})", InputWarning, stacklevel=2
-    )
-
-
-def _no_run(folder: Path, missing: str) -> InputError:
-    return InputError(
-        f"{folder}: not the folder of a run, {missing} missing; allowed is a folder that isacbench run wrote"
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -189,10 +189,8 @@ class StoredRun(Displayed):
 
     def _position(self, wanted: Mapping[str, Any]) -> int:
         """Position in the table of the one row that has some values in its key."""
-        chosen = np.ones(len(self.rows), dtype=np.bool_)
-        for name, value in wanted.items():
-            chosen &= (self.rows[name] == value).to_numpy()
-        found = np.flatnonzero(chosen)
+        is_equal = self.rows[list(wanted)] == list(wanted.values())
+        found = np.flatnonzero(is_equal.all(axis=1))
         if found.size != 1:
             given = " and ".join(f"{name} = {quoted(value)}" for name, value in wanted.items()) or "any key"
             rows = self.rows.iloc[found] if found.size else self.rows
@@ -295,7 +293,7 @@ class ObservedScenes:
         return {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
 
     @cached_property
-    def _drawn(self) -> dict[tuple[str, int], NDArray[np.intp]]:
+    def _drawn(self) -> dict[Any, NDArray[np.intp]]:
         return rows_by_trial(self.draws)
 
     def scenario(self, name: str, trial: int) -> Scenario:
@@ -338,7 +336,7 @@ class ObservedScenes:
             return replace(scene.template, scatterers=scatterers)
 
 
-def rows_by_trial(table: pd.DataFrame) -> dict[tuple[str, int], NDArray[np.intp]]:
+def rows_by_trial(table: pd.DataFrame) -> dict[Any, NDArray[np.intp]]:
     """Group the rows of a table by scene and trial.
 
     Parameters
@@ -352,7 +350,7 @@ def rows_by_trial(table: pd.DataFrame) -> dict[tuple[str, int], NDArray[np.intp]
         Positions of the rows.
     """
     groups = table.groupby(["scenario", "trial"], sort=False).indices
-    return cast("dict[tuple[str, int], NDArray[np.intp]]", groups)
+    return {key: np.asarray(rows) for key, rows in groups.items()}
 
 
 class _Clouds(Mapping[CellKey, PointCloud]):
@@ -404,9 +402,6 @@ def _key_columns(row: Row) -> dict[str, Any]:
 
 def _listed(values: Any) -> str:
     """List values, the first ones of many."""
-    shown = [
-        f"{value:g}" if isinstance(value, float) else shortened(str(value), MOST_OF_A_VALUE)
-        for value in values
-    ]
+    shown = [shortened(str(value), MOST_OF_A_VALUE) for value in values]
     more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
     return ", ".join(shown[:MOST_NAMED]) + more

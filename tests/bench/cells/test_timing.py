@@ -77,9 +77,6 @@ class Moody:
     def drift(self, observation):
         return point(observation, 1e-12)
 
-    def vanish(self, observation):
-        return PointCloud.empty()
-
     def fail(self, observation):
         raise ZeroDivisionError("no luck")
 
@@ -292,7 +289,6 @@ def test_every_kind_of_suite_can_be_timed(moody, plugins, tiny, room_file):
     ("kind", "status", "reason"),
     [
         ("drift", "error", "1 of 3 repeats of the same estimate gave another result; only"),
-        ("vanish", "error", "1 of 3 repeats of the same estimate gave another result; only"),
         ("fail", "error", "ZeroDivisionError: no luck"),
     ],
 )
