@@ -124,7 +124,6 @@ def disturb():
     warnings.simplefilter("error")
     sys.path.clear()
     sys.stdout = None
-    os.umask(0o777)
     sys.setrecursionlimit(200)
     np.set_printoptions(precision=1, threshold=3)
     random.seed(0)

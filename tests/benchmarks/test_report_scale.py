@@ -14,7 +14,7 @@ import pytest
 from isacbench.bench.cells.record import CLOUD_KEYS, DRAW_COLUMNS, Results
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.store.csv_table import write_csv_table
-from isacbench.bench.store.run_store import Session, describe_run, write_manifest, write_results
+from isacbench.bench.store.run_store import describe_run, describe_session, write_manifest, write_results
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.scenes.scenario import load_scenario
@@ -92,7 +92,7 @@ def test_a_million_rows_are_reported(tmp_path, n_snrs, n_trials, n_variants):
     results = made_up_results(n_snrs, n_trials, n_variants)
     assert len(results.records) == 1_000_000
     write_results(results, tmp_path)
-    session = Session(results.started).describe(0.0, False)
+    session = describe_session(results.started, 0.0, False, {})
     write_manifest(tmp_path, describe_run(load_job(results.suite)), {}, [session])
     before_mib = largest_memory_mib()
     spent_s = {}

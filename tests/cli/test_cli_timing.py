@@ -67,8 +67,8 @@ def test_two_timed_runs_are_compared(cli):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--timing", "-j", 2), "jobs 2 and timing: allowed is one job, for cells side by side share"),
-        (("--timing", "--dask", "tcp://nowhere:1"), "dask and timing: allowed are cells on this machine"),
+        (("--timing", "-j", 2), "jobs 2 and timing: allowed is one job on this machine"),
+        (("--timing", "--dask", "tcp://nowhere:1"), "dask and timing: allowed is one job on this machine"),
         (("--repeats", 3), "repeats 3: allowed with timing"),
     ],
 )

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacbench.bench.store import journal, validation
 from isacbench.bench.suites import suite
 from isacbench.bench.suites.suite import load_suite
 from isacbench.cubes import open_cube, read_grid
@@ -195,5 +194,3 @@ def test_the_documentation_has_the_limits_that_hold():
     assert rows["chunks of a zarr array"] == f"{zarr_stores.MOST_CHUNKS:,}".replace(",", " ")
     assert rows["the source of a plugin"] == binary_size(checked_files.SOURCE_BYTES)
     assert rows["a manifest"] == binary_size(checked_files.MANIFEST_BYTES)
-    assert rows["a line of a journal"] == binary_size(journal.LINE_BYTES)
-    assert validation.FREE_ROWS == 10**6

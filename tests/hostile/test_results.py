@@ -7,17 +7,13 @@ import os
 import pickle
 import shutil
 import warnings
-import zlib
 from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from isacbench.bench.cells.record import DRAW_COLUMNS
 from isacbench.bench.compare.compared_run import read_run
 from isacbench.bench.compare.matching import NotComparableError
 from isacbench.bench.compare.regressions import compare_tables
@@ -35,7 +31,7 @@ from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.tables.run_tables import rich_table
 from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
-from .files import ANY, Trap, content, sparse
+from .files import ANY, Trap, content
 
 SCENE = """\
 name = "tiny"
@@ -105,20 +101,14 @@ def link_out(path):
     path.symlink_to(target)
 
 
-NO_FILES = ["a pipe", "a device", "a folder", "a link to nothing", "a link to itself"]
+NO_FILES = ["a pipe", "a folder", "a link to nothing"]
 FILES = ["manifest.json", "results.parquet", "clouds.parquet", "truth.parquet"]
 PLACED = {
-    **{
-        name: ANY[name]
-        for name in ("a pipe", "a device", "a folder", "a link to nothing", "a link to itself")
-    },
-    **{name: ANY[name] for name in ("nothing in it", "pickled", "no text", "a page of zeros")},
-    "a terabyte": sparse(2**40),
+    **{name: ANY[name] for name in ("a pipe", "a folder", "a link to nothing")},
+    **{name: ANY[name] for name in ("nothing in it", "pickled", "a page of zeros")},
     "a link out of the folder": link_out,
     "parquet signature": content(b"PAR1" + bytes(100) + b"PAR1"),
-    "deep": content(b"[" * 100_000),
     "a list": content(b"[]"),
-    "many digits": content(b'{"seed": ' + b"9" * 5000 + b"}"),
 }
 
 
@@ -149,14 +139,6 @@ def test_no_hostile_file_is_a_journal(refused, made, run_folder, name):
     refused(read_results, run_folder)
     refused(read_run, run_folder)
     refused(lambda folder: run_suite(made[0], out=folder), run_folder)
-
-
-@pytest.mark.parametrize("entry", [[], 1, {"row": 1}, {"columns": 3}, {"row": [], "of": [], "numbers": 0}])
-def test_lines_of_a_journal_that_are_whole_but_none_of_ours_are_left_out(run_folder, entry):
-    text = json.dumps(entry).encode()
-    (run_folder / "journal.jsonl").write_bytes(b"%08x %s\n" % (zlib.crc32(text), text) + b"0" * 10_000)
-    with pytest.warns(UserWarning, match="journal.jsonl: damaged"):
-        assert len(read_results(run_folder).records) == 4
 
 
 # Writing
@@ -281,82 +263,31 @@ def use_or_refuse(bounded, folder, base):
 
 HOSTILE_NAME = '"><script>alert(1)</script>`|$x$\\=\x1b[31m\n../../../etc/passwd'
 CHANGES = {
-    "no params": ("params", "no JSON"),
-    "a list of params": ("params", "[]"),
-    "deep params": ("params", "[" * 100_000),
-    "params of another kind": ("params", '{"detector": {"name": 1}}'),
-    "no status": ("status", "boom"),
-    "status missing": ("status", None),
-    "infinite SNR": ("snr_db", float("inf")),
-    "SNR as text": ("snr_db", "ten"),
+    "an unknown status": ("status", "boom"),
     "no SNR": ("snr_db", None),
     "a trial as text": ("trial", "first"),
-    "a negative trial": ("trial", -(2**62)),
     "a hostile scenario": ("scenario", HOSTILE_NAME),
     "a hostile estimator": ("estimator", HOSTILE_NAME),
-    "a number for an estimator": ("estimator", 7),
-    "no estimator": ("estimator", None),
-    "a hostile suite": ("suite", HOSTILE_NAME),
     "a hostile reason": ("reason", "=cmd|' /C calc'!A0"),
-    "a hostile environment": ("environment", HOSTILE_NAME),
-    "infinite deviation": ("deviation", float("inf")),
-    "deviation as text": ("deviation", "small"),
     "more points than there are": ("n_estimated", 2**60),
-    "time as text": ("time_estimate_s", "soon"),
-    "timing as text": ("timing", "yes"),
-    "negative time": ("time_estimate_s", -1.0),
-    "lists": ("deviation", [1.0]),
+    "deviation as text": ("deviation", "small"),
 }
 
 
-AMONG_OTHERS = [
-    "status missing",
-    "infinite SNR",
-    "no SNR",
-    "a negative trial",
-    "no estimator",
-    "infinite deviation",
-    "more points than there are",
-    "negative time",
-]
-CHANGED = [
-    pytest.param(change, rows, id=f"{rows}-{name}", marks=[] if is_default else pytest.mark.slow)
-    for name, change in CHANGES.items()
-    for rows, is_default in (("one row", name in AMONG_OTHERS), ("all rows", name not in AMONG_OTHERS))
-]
-"""Every change once by default: numbers and gaps among others, and the rest in rows that agree on it."""
-
-
-@pytest.mark.parametrize(("change", "rows"), CHANGED)
-def test_records_that_nobody_wrote_are_used_or_refused(bounded, base, run_folder, change, rows):
-    column, value = change
+@pytest.mark.parametrize(("column", "value"), CHANGES.values(), ids=CHANGES)
+def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, base, run_folder, column, value):
     table = pd.read_parquet(run_folder / "results.parquet")
-    if rows == "all rows":
-        table[column] = [value] * len(table)
-    else:
-        old = table[column].tolist()
-        if value is not None and type(value) is not type(old[0]):
-            pytest.skip("a column has one type")
-        table[column] = [*old[:-1], value]
+    table[column] = [value] * len(table)
     resigned(table, run_folder / "results.parquet")
     use_or_refuse(bounded, run_folder, base)
 
 
-@pytest.mark.parametrize(
-    "column", ["params", "status", "snr_db", "trial", "deviation", "environment", "timing"]
-)
-def test_records_that_lack_a_column_are_used_or_refused(bounded, base, run_folder, column):
+@pytest.mark.parametrize("column", ["params", "deviation"])
+def test_records_that_lack_a_column_are_refused(refused, run_folder, column):
     resigned(
         pd.read_parquet(run_folder / "results.parquet").drop(columns=column), run_folder / "results.parquet"
     )
-    use_or_refuse(bounded, run_folder, base)
-
-
-@pytest.mark.parametrize("name", ["results.parquet", "clouds.parquet", "truth.parquet"])
-def test_a_table_of_more_rows_than_its_file_can_hold_is_refused(refused, run_folder, name):
-    pq.write_table(pa.table({"scenario": pa.nulls(5_000_000)}), run_folder / name)
-    assert (run_folder / name).stat().st_size < 10_000
-    assert "5000000 rows" in refused(read_results, run_folder)
+    assert f"no column {column}" in refused(read_results, run_folder)
 
 
 def test_nothing_in_a_table_is_unpickled(refused, run_folder, tmp_path):
@@ -373,116 +304,22 @@ def test_nothing_in_a_table_is_unpickled(refused, run_folder, tmp_path):
     assert not (tmp_path / "UNPICKLED").exists()
 
 
-SHORT_TEXT = st.text(st.characters(), max_size=5)
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**70), 2**70) | st.floats() | SHORT_TEXT,
-    lambda children: st.lists(children, max_size=2) | st.dictionaries(SHORT_TEXT, children, max_size=2),
-    max_leaves=4,
-)
-
-
-EXAMPLES = settings.default.max_examples // 6
-"""A tenth of a second each; what they found has tests of its own below."""
-
-
-def places(content, above=()):
-    """Paths of everything in a document."""
-    items = (
-        content.items()
-        if isinstance(content, dict)
-        else enumerate(content)
-        if isinstance(content, list)
-        else ()
-    )
-    for key, value in items:
-        yield (*above, key)
-        yield from places(value, (*above, key))
-
-
 def manifest_of(folder):
     return json.loads((folder / "manifest.json").read_text())
 
 
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_a_manifest_that_nobody_wrote_is_used_or_refused(bounded, made, base, run_folder, data):
-    shutil.rmtree(run_folder)
-    shutil.copytree(made[1], run_folder)
+@pytest.mark.parametrize("key", ["suite", "scenarios", "started"])
+def test_a_manifest_that_lacks_a_part_is_refused(refused, run_folder, key):
     manifest = manifest_of(run_folder)
-    *above, key = data.draw(st.sampled_from(sorted(places(manifest), key=repr)))
-    parent = manifest
-    for part in above:
-        parent = parent[part]
-    if data.draw(st.booleans()):
-        parent[key] = data.draw(JSON)
-    else:
-        del parent[key]
+    del manifest[key]
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
-    use_or_refuse(bounded, run_folder, base)
-
-
-def without(*path):
-    """Take something out of a manifest."""
-
-    def change(manifest):
-        for part in path[:-1]:
-            manifest = manifest[part]
-        del manifest[path[-1]]
-
-    return change
-
-
-def another_entry(manifest):
-    manifest["scenes"][0]["contestants"] = [7]
-
-
-def another_scenario(manifest):
-    manifest["scenarios"]["elsewhere"] = manifest["scenarios"]["tiny"]
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        (without("scenarios", "tiny"), "its rows name the scenarios ['tiny'], which its manifest does not"),
-        (without("estimators", 0), "contestant 0 of 'tiny'; allowed are indices of the 0 estimators"),
-        (another_entry, "contestant 7 of 'tiny'; allowed are indices of the 1 estimators"),
-        (without("scenes", 0, "contestants", 0), "scenes[0].contestants = []"),
-    ],
-)
-def test_a_manifest_that_lacks_what_rows_refer_to_is_refused(run_folder, refused, change, told):
-    manifest = manifest_of(run_folder)
-    change(manifest)
-    (run_folder / "manifest.json").write_text(json.dumps(manifest))
-    merged = run_folder.with_name("merged")
-    for use_of in (read_results, read_run, rescore, lambda folder: merge([folder], merged)):
-        assert told in refused(use_of, run_folder)
+    assert key in refused(read_results, run_folder)
 
 
 def test_rows_of_a_scenario_that_the_manifest_lacks_are_refused(run_folder, refused):
     table = pd.read_parquet(run_folder / "results.parquet").assign(scenario="elsewhere")
     resigned(table, run_folder / "results.parquet")
     assert "its rows name the scenarios ['elsewhere']" in refused(read_results, run_folder)
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        (without("scenarios", "tiny", "content"), "its manifest has no scenarios.tiny.content"),
-        (another_scenario, "its manifest describes 2 scenarios, its suite names 1"),
-    ],
-)
-def test_what_parts_cannot_be_merged_without_is_told(run_folder, refused, change, told):
-    manifest = manifest_of(run_folder)
-    change(manifest)
-    (run_folder / "manifest.json").write_text(json.dumps(manifest))
-    assert told in refused(lambda folder: merge([folder], folder.with_name("merged")), run_folder)
-
-
-def test_draws_of_a_scene_that_no_part_has_are_not_merged(run_folder, refused):
-    table = pd.DataFrame([["elsewhere", 0, *[0.0] * 6]], columns=DRAW_COLUMNS)
-    resigned(table, run_folder / "draws.parquet")
-    merged = run_folder.with_name("merged")
-    assert "it has draws of 'elsewhere'" in refused(lambda folder: merge([folder], merged), run_folder)
 
 
 @pytest.mark.parametrize("key", ["sessions", "metric"])
@@ -492,16 +329,6 @@ def test_a_manifest_without_sessions_or_metric_is_rescored(run_folder, key):
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
     assert rescore(run_folder).n_changed == 0
     assert manifest_of(run_folder)["metric"] == {"name": "paper", "version": METRIC_VERSION}
-
-
-@pytest.mark.parametrize("value", [False, 3, [], {"a": {"b": 1}}])
-def test_a_version_that_is_no_text_is_refused(made, run_folder, value):
-    manifest = manifest_of(run_folder)
-    (environment,) = manifest["environments"].values()
-    environment["versions"]["isacbench"]["digest"] = value
-    (run_folder / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match=r"manifest.json: .*versions"):
-        read_results(run_folder)
 
 
 def test_a_path_that_is_no_text_is_kept(made, run_folder):

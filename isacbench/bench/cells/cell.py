@@ -1,4 +1,4 @@
-"""One cell of a run: an estimator meets an observation, timed, scored, and never in the way of the others."""
+"""Cell of a run: an estimator images an observation; the image is timed and scored."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ MAX_MESSAGE = 1000
 
 @dataclass(frozen=True, eq=False)
 class MeasuredImage:
-    """An image as a study measures it.
+    """Image from which a study derives columns.
 
     Attributes
     ----------
     scenario : Scenario
         With the scatterers that were observed.
     observation : Observation or None
-        None where a stored cloud is measured again.
+        None for a stored cloud.
     estimator : Estimator or None
-        Likewise.
+        None for a stored cloud.
     snr_db : float
     cloud : PointCloud
-        What the estimator made of the observation.
+        Estimate from the observation.
     """
 
     scenario: Scenario
@@ -47,7 +47,7 @@ class MeasuredImage:
 
 
 Measure = Callable[[MeasuredImage], Mapping[str, Any]]
-"""What a study measures of an image beside its scores: further columns of the row."""
+"""Function of a study that derives further columns of the row from an image."""
 
 
 def run_cell(
@@ -57,18 +57,18 @@ def run_cell(
     estimator: Estimator,
     measure: Measure | None = None,
 ) -> Outcome:
-    """Estimate, time and score one cell; whatever the estimator raises becomes the record's reason.
+    """Estimate, time and score one cell. An exception of the estimator becomes the reason of the record.
 
     Parameters
     ----------
     cell : Cell
-        The key of the row.
+        Key of the row.
     scenario : Scenario
-        Whose truth the estimate is scored against.
+        Has the truth of the scores.
     observation : Observation
     estimator : Estimator
     measure : callable, optional
-        What a study measures beside the scores.
+        Derives further columns.
 
     Returns
     -------
@@ -98,7 +98,19 @@ def run_cell(
 
 
 def score_image(scenario: Scenario, cloud: PointCloud, metric: str = "paper") -> dict[str, Any]:
-    """Score a cloud, given the scenario that was observed."""
+    """Score a cloud against the scenario that was observed.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    cloud : PointCloud
+    metric : str
+
+    Returns
+    -------
+    dict of str to float or int
+        As `isacbench.metrics.score.score` returns them.
+    """
     return score(
         scenario.truth,
         cloud,
@@ -110,25 +122,66 @@ def score_image(scenario: Scenario, cloud: PointCloud, metric: str = "paper") ->
 
 
 def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:
-    """Row of a cell that an exception ended after a time; out of memory is killed, all else an error."""
+    """Row of a cell that ended in an exception.
+
+    Parameters
+    ----------
+    error : BaseException
+    cell : Cell
+    n_true : int
+        Points of the truth.
+    time_s : float
+        Time until then.
+
+    Returns
+    -------
+    Outcome
+        Of the status ``killed`` if memory ran out, else ``error``.
+    """
     status: CellStatus = "killed" if isinstance(error, MemoryError) else "error"
     return failure(cell, status, describe_error(error), n_true, time_s)
 
 
 def describe_error(error: BaseException) -> str:
-    """Type and message of an exception, in one line that every file can hold."""
+    """Type and message of an exception in one line.
+
+    Parameters
+    ----------
+    error : BaseException
+
+    Returns
+    -------
+    str
+        Text that can be encoded as UTF-8.
+    """
     try:
         message = str(error)
     except Exception as another:
         message = f"its message raised {type(another).__name__}"
     message = " ".join(message[:MAX_MESSAGE].split()) + ("..." if len(message) > MAX_MESSAGE else "")
-    # A name of a file that is no UTF-8 becomes half a character, which no table takes.
+    # A file name that is not UTF-8 contains surrogates, which no table can hold.
     message = message.replace("\0", "").encode(errors="backslashreplace").decode()
     return f"{type(error).__name__}: {message}" if message else type(error).__name__
 
 
 def failure(cell: Cell, status: CellStatus, reason: str, n_true: int, time_s: float) -> Outcome:
-    """Row of a cell that failed after a time, with the reason."""
+    """Row of a cell that failed.
+
+    Parameters
+    ----------
+    cell : Cell
+    status : {"error", "timeout", "killed", "skipped"}
+    reason : str
+    n_true : int
+        Points of the truth.
+    time_s : float
+        Time until then.
+
+    Returns
+    -------
+    Outcome
+        With an empty cloud.
+    """
     record = Record(
         **vars(cell), status=status, reason=reason, n_true=n_true, n_estimated=0, time_estimate_s=time_s
     )
@@ -136,7 +189,18 @@ def failure(cell: Cell, status: CellStatus, reason: str, n_true: int, time_s: fl
 
 
 def estimate_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation, and hold the cloud to its contract.
+    """Image an observation, and check the shapes and values of the cloud.
+
+    Parameters
+    ----------
+    estimator : Estimator
+    observation : Observation
+    truth : PointCloud
+        Passed on only to an estimator with `needs_truth`.
+
+    Returns
+    -------
+    PointCloud
 
     Raises
     ------
@@ -146,12 +210,23 @@ def estimate_cloud(estimator: Estimator, observation: Observation, truth: PointC
         If the cloud has wrong shapes, NaN or infinities.
     """
     cloud = raw_cloud(estimator, observation, truth)
-    # Built anew, so that shapes and values hold whatever way the plugin came by its cloud.
+    # The constructor checks shapes and values, also of a cloud that a plugin has changed.
     return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
 
 
 def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation; the truth goes to an estimator that declares its need of it, and to no other.
+    """Image an observation, without further checks of the cloud.
+
+    Parameters
+    ----------
+    estimator : Estimator
+    observation : Observation
+    truth : PointCloud
+        Passed on only to an estimator with `needs_truth`.
+
+    Returns
+    -------
+    PointCloud
 
     Raises
     ------

@@ -1,12 +1,10 @@
-"""One process for many plugins: what each changes about it is put back, what all share is watched.
+"""Isolation of plugins in one process: changes of the process are undone, changes of data are noticed.
 
-A monkeypatched library cannot be seen, and is not: whoever wants to disturb
-others on purpose, can. What happens by accident, does not reach them.
+It guards against mishaps. A library that a plugin patches stays patched.
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import random
@@ -15,7 +13,7 @@ import sys
 import threading
 import warnings
 import zlib
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,49 +23,37 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-STANDARD_FILES = 0, 1, 2
-
 
 @contextmanager
 def process_state_kept() -> Iterator[None]:
-    """Put back what code within changes about this process.
+    """Undo what code within changes about this process.
 
     Working directory, environment, NumPy's error handling and print options,
-    filters of warnings, import path, standard files and streams, recursion
-    limit, global random generators, file mode mask; in the main thread also signal handlers
-    and the alarm timer.
+    filters of warnings, import path, standard streams, recursion limit,
+    global random generators. In the main thread also signal handlers and the
+    alarm timer.
     """
-    folder, environment = _working_directory(), dict(os.environ)
-    import_path, streams = list(sys.path), (sys.stdin, sys.stdout, sys.stderr)
-    generators = random.getstate(), np.random.get_state()  # noqa: NPY002, plugins may use the global one
-    recursion_limit, mask = sys.getrecursionlimit(), _file_mode_mask()
-    error_handling, print_options = np.geterr(), np.get_printoptions()
-    with warnings.catch_warnings(), _signals_kept(), _standard_files_kept():
-        try:
-            yield
-        finally:
-            sys.setrecursionlimit(recursion_limit)
-            if folder is not None and _working_directory() != folder:
-                os.chdir(folder)
-            if os.environ != environment:
-                os.environ.clear()
-                os.environ.update(environment)
-            sys.path[:] = import_path
-            sys.stdin, sys.stdout, sys.stderr = streams
-            os.umask(mask)
-            random.setstate(generators[0])
-            np.random.set_state(generators[1])  # noqa: NPY002
-            np.seterr(**error_handling)
-            np.set_printoptions(**print_options)
+    with ExitStack() as stack:
+        for state in (warnings.catch_warnings(), np.errstate(), np.printoptions(), _signals_kept()):
+            stack.enter_context(state)
+        for name in ("stdin", "stdout", "stderr"):
+            stack.callback(setattr, sys, name, getattr(sys, name))
+        stack.callback(os.chdir, os.getcwd())  # noqa: PTH109, a text is all that is needed
+        stack.callback(_set_environment, dict(os.environ))
+        stack.callback(sys.path.__setitem__, slice(None), list(sys.path))
+        stack.callback(random.setstate, random.getstate())
+        stack.callback(np.random.set_state, np.random.get_state())  # noqa: NPY002, plugins may use it
+        stack.callback(sys.setrecursionlimit, sys.getrecursionlimit())
+        yield
 
 
 def seed_global_generators(*key: object) -> None:
-    """Seed the global random generators, so that a plugin which uses them yields the same wherever it runs.
+    """Seed the global random generators, so that a plugin which uses them yields the same on every machine.
 
     Parameters
     ----------
     *key : object
-        What the numbers follow from, by its ``repr``.
+        Values on whose ``repr`` the numbers depend.
     """
     seed = zlib.crc32(repr(key).encode())
     random.seed(seed)
@@ -75,21 +61,26 @@ def seed_global_generators(*key: object) -> None:
 
 
 def array_digest(array: NDArray[Any]) -> str:
-    """Digest that tells whether an array has been changed, at the speed of memory.
+    """Digest of an array, by which changes are noticed.
 
-    Sums of columns, of the first and of the second half: every single bit
-    shows, and so do other signs and another order, in a tenth of the time of a
-    checksum. Enough against mishaps, not against forgery.
+    It consists of sums of columns over the first and the second half. Each
+    changed bit changes it, and so do other signs and another order. It takes a
+    tenth of the time of a checksum.
 
     Parameters
     ----------
     array : ndarray
         Not empty, items of a multiple of 8 bytes.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
     """
     words = np.ascontiguousarray(array).view(np.uint64)
     table = words.reshape(len(words), -1)
     total = hashlib.sha256(repr((array.shape, array.dtype.str)).encode())
-    # Halves of odd lengths: of an even number of signs that change nothing would be left.
+    # A half of odd length: sign changes of an even number of rows can cancel.
     cut = len(table) // 2 | 1
     for half in (table[:cut], table[cut:]):
         total.update(half.sum(axis=0, dtype=np.uint64).tobytes())
@@ -98,10 +89,11 @@ def array_digest(array: NDArray[Any]) -> str:
 
 @contextmanager
 def _signals_kept() -> Iterator[None]:
-    """Put back signal handlers and end the alarm; only the main thread has them."""
+    """Restore signal handlers and stop an alarm that code within has set; only the main thread has them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    # A handler that Python did not install is None, and cannot be restored.
     handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
     has_alarm = signal.getitimer(signal.ITIMER_REAL)[0] > 0
     try:
@@ -110,36 +102,11 @@ def _signals_kept() -> Iterator[None]:
         if not has_alarm:
             signal.setitimer(signal.ITIMER_REAL, 0)
         for number, handler in handlers.items():
-            # A handler that Python did not install is None, and cannot be put back.
             if handler is not None and signal.getsignal(number) is not handler:
                 signal.signal(number, handler)
 
 
-@contextmanager
-def _standard_files_kept() -> Iterator[None]:
-    """Put back what standard input, output and error of the process lead to."""
-    copies = {}
-    for number in STANDARD_FILES:
-        with suppress(OSError):  # a daemon may have none
-            copies[number] = fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, len(STANDARD_FILES))
-    try:
-        yield
-    finally:
-        for number, copy in copies.items():
-            os.dup2(copy, number)
-            os.close(copy)
-
-
-def _working_directory() -> str | None:
-    """Working directory, None where it has been deleted."""
-    try:
-        return os.getcwd()  # noqa: PTH109, a string is all that is needed
-    except FileNotFoundError:
-        return None
-
-
-def _file_mode_mask() -> int:
-    """Mask of file modes, which can only be read by setting it."""
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
+def _set_environment(environment: dict[str, str]) -> None:
+    if os.environ != environment:
+        os.environ.clear()
+        os.environ.update(environment)

@@ -25,7 +25,17 @@ MAX_ROUNDS = 200
 
 
 def rayleigh_cells(scenario: Scenario) -> Floats:
-    """Rayleigh cells (4,): the range bin in m, the velocity bin in m/s, 2/P and 2/Q."""
+    """Sizes of a Rayleigh cell.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    ndarray of float64, shape (4,)
+        Range bin in m, velocity bin in m/s, 2/P and 2/Q.
+    """
     system, (n_p, n_q) = scenario.system, scenario.array.shape
     return np.array([system.range_bin_m, system.velocity_bin_mps, 2 / n_p, 2 / n_q])
 
@@ -33,8 +43,16 @@ def rayleigh_cells(scenario: Scenario) -> Floats:
 def gain_db(scenario: Scenario) -> float:
     """Gain in dB from the SNR of the scene at one element to that of one unit scatterer after all sums.
 
-    The sums run over N_c subcarriers, N_sym symbols and P Q elements; the
+    The sums run over N_c subcarriers, N_sym symbols and P Q elements. The
     SNR of a scene counts the power of all its scatterers.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    float
     """
     system, (n_p, n_q) = scenario.system, scenario.array.shape
     echo_power = float(np.sum(scenario.scatterers.amplitude**2)) or 1.0
@@ -42,33 +60,55 @@ def gain_db(scenario: Scenario) -> float:
 
 
 def radio_places(scenario: Scenario, points: PointCloud | Scatterers) -> Floats:
-    """Places (n, 4) of points: range in m, velocity in m/s, direction cosines u and w."""
+    """Places of points as the radio sees them.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    points : PointCloud or Scatterers
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 4)
+        Range in m, velocity in m/s, direction cosines u and w.
+    """
     offset_m = points.xyz - scenario.base_station_m
     u, w = scenario.frame.direction_cosines(offset_m)
     return np.stack([np.linalg.norm(offset_m, axis=1), points.velocity, u, w], axis=1)
 
 
 def space_places(scenario: Scenario, places: ArrayLike) -> tuple[Floats, Floats]:
-    """Positions (n, 3) in m and velocities (n,) in m/s of places (n, 4) as the radio sees them.
+    """Positions and velocities of places as the radio sees them.
 
-    Directions outside the visible region yield NaN.
+    Parameters
+    ----------
+    scenario : Scenario
+    places : array_like, shape (n, 4)
+        Range in m, velocity in m/s, direction cosines u and w.
+
+    Returns
+    -------
+    positions : ndarray of float64, shape (n, 3)
+        In m; NaN for directions outside the visible region.
+    velocities : ndarray of float64, shape (n,)
+        In m/s.
     """
     range_m, velocity, u, w = np.asarray(places, dtype=np.float64).T
     return scenario.base_station_m + scenario.frame.offsets(range_m, u, w), velocity
 
 
 def draw_place(scenario: Scenario, trial: int, seed: int, margin_cells: float) -> Floats:
-    """Draw a place that knows no grid: uniform in space and in speed, away from the region's border.
+    """Draw a place off any grid: uniform in space and in speed, away from the region's border.
 
     Parameters
     ----------
     scenario : Scenario
-        Whose region it lies in; its scatterers do not matter.
+        Has the region; its scatterers do not matter.
     trial, seed : int
-        The place is a function of them and of the scenario's name.
+        Determine the place, together with the scenario's name.
     margin_cells : float
-        Rayleigh cells to either side, along each of range, velocity, u and w,
-        that are still inside the region.
+        Distance from the border in Rayleigh cells, along each of range,
+        velocity, u and w.
 
     Returns
     -------

@@ -1,17 +1,17 @@
-"""Records of a run: one a cell, and all of them together with what they were made from."""
+"""Records of a run: one a cell, and the results that consist of them."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-import numpy as np
 import pandas as pd
 
 from isacbench.added_fields import values_before
 from isacbench.display import brief
+from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
@@ -31,7 +31,7 @@ DRAW_COLUMNS = ["scenario", "trial", *POINT_COLUMNS, "phase_rad"]
 
 @dataclass(frozen=True)
 class Cell:
-    """One image to take: the key of its row.
+    """Key of a row: one image to take.
 
     Attributes
     ----------
@@ -42,8 +42,7 @@ class Cell:
     snr_db : float
     trial, seed : int
     scenario_content : str
-        Digest of what the scene consists of: two cells are the same only if
-        it is, too.
+        Digest of the content of the scene, part of the cell's identity.
     """
 
     suite: str
@@ -60,13 +59,13 @@ class Cell:
 class Record(Cell):
     """One row of the results; `COLUMNS` has the order of the columns.
 
-    A column that comes later is an `isacbench.added_fields.added_field` behind
-    the others, so that older runs and journals stay readable.
+    A new column is an `isacbench.added_fields.added_field` after the others,
+    so that older runs and journals stay readable.
 
     Attributes
     ----------
     status : str
-        ``ok``, ``no_detection`` (an empty cloud), or what went wrong.
+        ``ok``, ``no_detection`` (an empty cloud), or the kind of failure.
     reason : str
         ``Type: message`` of a failure, else empty.
     n_true, n_estimated : int
@@ -74,15 +73,15 @@ class Record(Cell):
     hausdorff_xy_m, ..., recall : float
         Scores of the metric ``paper``, NaN for a failure.
     time_estimate_s : float
-        Wall time of the estimate, the median of repeats where it was timed,
-        or until it failed.
+        Wall time of the estimate or until it failed; the median of repeats
+        if it was timed.
     time_score_s : float
         Wall time of the scoring, NaN for a failure.
     timing : bool
-        Whether the time counts: measured alone, one cell after the other, on
-        one thread, warm.
+        True if the row was timed: alone, one cell after the other, on one
+        thread, warm.
     environment : str
-        Name of the environment that made it; the manifest describes it.
+        Name of the environment that made the row; the manifest describes it.
     """
 
     status: CellStatus
@@ -110,7 +109,7 @@ COLUMNS = [field.name for field in dataclasses.fields(Record) if field.name not 
 """Columns of every table of results; a study appends its own."""
 
 ADDED: dict[str, Any] = values_before(Record)
-"""Columns that rows of older runs and journals lack, each with the value that they stand for."""
+"""Columns that rows of older runs and journals lack, each with its value for these rows."""
 
 TYPES = {field.name: str(field.type) for field in dataclasses.fields(Record)}
 KINDS = {"str": "str", "CellStatus": "str", "int": "int64", "float": "float64", "bool": "bool"}
@@ -118,7 +117,7 @@ KINDS = {"str": "str", "CellStatus": "str", "int": "int64", "float": "float64", 
 TIMING_COLUMNS: dict[str, float] = dict.fromkeys(
     [*(f"time_{name}_s" for name in STAGES), "time_spread_s", "peak_memory_mib"], math.nan
 )
-"""Columns that a run with timing has beside all others, each with its value where a row was not timed."""
+"""Further columns of a run with timing, each with its value for rows that were not timed."""
 
 TIMES = ["time_estimate_s", "time_score_s"]
 """Columns of every table that differ from one run to the next."""
@@ -126,14 +125,15 @@ TIMES = ["time_estimate_s", "time_score_s"]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A record, the cloud that it scores, and what a study adds; the cloud of a failure is empty.
+    """Record with the cloud that it scores and the columns of the study.
 
     Attributes
     ----------
     record : Record
     cloud : PointCloud
+        Empty for a failure.
     extras : mapping of str to Any
-        Values of further columns, as far as there are any.
+        Values of further columns.
     """
 
     record: Record
@@ -141,18 +141,39 @@ class Outcome:
     extras: Mapping[str, Any] = field(default_factory=dict)
 
     def labelled(self, labels: Mapping[str, Any]) -> Outcome:
-        """Same with further columns, as far as it does not have them itself."""
+        """Add columns that the outcome does not have yet.
+
+        Parameters
+        ----------
+        labels : mapping of str to Any
+
+        Returns
+        -------
+        Outcome
+        """
         return dataclasses.replace(self, extras={**labels, **self.extras})
 
     def made_by(self, environment: str, timing: bool = False) -> Outcome:
-        """Same with the name of the environment that made it, and whether its time counts."""
+        """Add the environment of the row.
+
+        Parameters
+        ----------
+        environment : str
+            Name of the environment.
+        timing : bool
+            True if the row was timed.
+
+        Returns
+        -------
+        Outcome
+        """
         record = dataclasses.replace(self.record, environment=environment, timing=timing)
         return dataclasses.replace(self, record=record)
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Everything that a run knows afterwards.
+    """Result of a run.
 
     Attributes
     ----------
@@ -168,13 +189,13 @@ class Results:
         One row a scatterer that a study drew: scenario, trial, x, y, z, v,
         power, phase_rad. Empty where all scatterers are the scenarios' own.
     environments : mapping of str to dict
-        What made the rows, by the names that they have.
+        Environments of the rows, by name.
     started : datetime
         With its time zone.
     wall_time_s : float
         Loading, echoes, estimates and scores together.
     interrupted : bool
-        Whether the run was stopped before its last cell.
+        True if the run was stopped before its last cell.
     """
 
     suite: Suite
@@ -189,23 +210,15 @@ class Results:
 
     __repr__ = brief
 
-    def cloud(self, scenario: str, estimator: str, params: str, snr_db: float, trial: int) -> PointCloud:
-        """Return the estimated cloud of a cell, empty where nothing was detected."""
-        chosen = np.ones(len(self.clouds), dtype=np.bool_)
-        for key, value in zip(CLOUD_KEYS, (scenario, estimator, params, snr_db, trial), strict=True):
-            chosen &= (self.clouds[key] == value).to_numpy()
-        return PointCloud.from_array(self.clouds.loc[chosen, POINT_COLUMNS].to_numpy())
-
 
 def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
-    """Table with all columns in their order and in their types, wherever its rows come from.
+    """Put the columns of a table into their order and their types.
 
     Parameters
     ----------
     records : DataFrame
     columns : mapping of str to Any
-        Columns of the study, each with a value of its type, which rows
-        without it get.
+        Columns of the study, each with its value for rows without it.
 
     Returns
     -------
@@ -223,8 +236,29 @@ def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     return table.astype(kinds)
 
 
+def require_sound_records(records: pd.DataFrame) -> None:
+    """Refuse records whose columns have other types, or a status that this isacbench does not know.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Any of the columns `COLUMNS`.
+
+    Raises
+    ------
+    ValueError
+        Naming the column.
+    """
+    records.astype({name: KINDS[TYPES[name]] for name in COLUMNS if name in records})
+    if "status" in records:
+        statuses = get_args(CellStatus)
+        unknown = set(records["status"].unique()) - set(statuses)
+        if unknown:
+            raise ValueError(f"column status: {quoted(unknown.pop())}; allowed are {', '.join(statuses)}")
+
+
 def with_added(records: pd.DataFrame) -> pd.DataFrame:
-    """Fill in the columns that were added after rows were stored, with the values that stand for before.
+    """Add the columns that older rows lack.
 
     Parameters
     ----------
@@ -233,6 +267,6 @@ def with_added(records: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Of the same rows, with all columns of `ADDED`.
+        Same rows, with all columns of `ADDED`.
     """
     return records.assign(**{name: value for name, value in ADDED.items() if name not in records})

@@ -1,4 +1,4 @@
-"""Statuses of rows: those of cells that were imaged and scored, and those of failures."""
+"""Statuses of rows: scored cells and failures."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCORED: tuple[str, ...] = ("ok", "no_detection")
-"""Statuses of cells that have a score; an empty image has one too."""
+"""Statuses of cells that have a score. An empty image has a score, too."""
 
 
 def failed(records: pd.DataFrame) -> pd.Series[bool]:
-    """Tell which cells failed, for whatever reason.
+    """Mark cells that failed.
 
     Parameters
     ----------
@@ -22,8 +22,8 @@ def failed(records: pd.DataFrame) -> pd.Series[bool]:
     Returns
     -------
     Series of bool
-        True where a cell has no score: it raised, ran out of time, was
-        killed, or was skipped. Of the index of the rows.
+        True if a cell has no score: it raised, ran out of time, was killed,
+        or was skipped. Has the index of the rows.
 
     Examples
     --------

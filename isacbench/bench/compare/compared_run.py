@@ -8,9 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS, with_added
-from isacbench.bench.store.run_store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
-from isacbench.bench.store.validation import require_described_scenarios, require_sound_records
+from isacbench.bench.cells.record import CLOUD_KEYS, require_sound_records, with_added
+from isacbench.bench.store.run_store import (
+    JOURNAL,
+    MANIFEST,
+    RECORDS,
+    read_manifest,
+    read_table,
+    require_described_scenarios,
+)
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
+from datetime import timedelta
 from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,22 +20,18 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 Progress = Callable[[int, int], None]
-"""Called after each piece of work with the number of pieces done and the number of all."""
-
-Clock = Callable[[], float]
+"""Function that is called after each piece of work, with the number of pieces done and of all."""
 
 LINE_S = 60.0
-"""Time between two lines, where a log is likely to be kept."""
+"""Time between two lines of a log."""
 
 NOTEBOOK_S = 0.3
 """Time between two updates of a notebook, each of which is a message to the browser."""
 
-MINUTE_S, HOUR_S = 60, 3600
-
 
 @contextmanager
 def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> Iterator[Progress]:
-    """Show progress in the way that suits what stderr leads to, or the notebook.
+    """Show progress below the cell of a notebook, on a terminal, or in the log that stderr leads to.
 
     Parameters
     ----------
@@ -42,42 +40,38 @@ def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> It
     noun : str
         Name of its pieces.
     is_idle : bool
-        Whether a bar is drawn only when a piece is done, and not while others work.
+        True to redraw a bar only when a piece is done, and not in between.
 
     Yields
     ------
     Progress
         To be called after each piece.
     """
-    display = notebook_display()
-    if display is not None:
-        line = NotebookLine(title, noun, display)
-        try:
-            yield line
-        finally:
-            line.close()
-        return
     from rich.console import Console
 
-    console = Console(stderr=True)
-    if console.is_terminal:
+    display, console = notebook_display(), Console(stderr=True)
+    if display is not None:
+        yield paced_progress(noun, _notebook_line(title, display), NOTEBOOK_S, with_ends=True)
+    elif console.is_terminal:
         with _bar(title, console, is_idle) as show:
             yield show
     else:
-        # The console knows a stderr that is closed.
-        yield MinuteLines(noun, lambda text: print(text, file=console.file, flush=True))
+        # The console's file is a null device if stderr is closed.
+        yield paced_progress(
+            noun, lambda text, *_: print(f"isacbench: {text}", file=console.file, flush=True), LINE_S
+        )
 
 
 def notebook_display() -> Callable[..., Any] | None:
-    """Find what shows objects below a notebook's cell.
+    """Find the function that shows objects below the cell of a notebook.
 
     Returns
     -------
     callable or None
-        ``IPython.display.display`` in the kernel of a notebook, None elsewhere: in scripts, in
+        ``IPython.display.display`` in the kernel of a notebook. None elsewhere: in scripts, in
         Python's own shell, and in IPython on a terminal.
     """
-    ipython = sys.modules.get("IPython")  # never imported here: in a kernel it is loaded already
+    ipython = sys.modules.get("IPython")  # a kernel has loaded it already
     shell = None if ipython is None else ipython.get_ipython()
     if getattr(shell, "kernel", None) is None:
         return None
@@ -85,75 +79,58 @@ def notebook_display() -> Callable[..., Any] | None:
     return display
 
 
-class MinuteLines:
-    """Progress as a line a minute, each told when the first piece after it is done.
+def paced_progress(
+    noun: str,
+    tell: Callable[[str, int, int], object],
+    period_s: float,
+    with_ends: bool = False,
+    clock: Callable[[], float] = time.monotonic,
+) -> Progress:
+    """Put progress into words, at most once in a period.
 
     Parameters
     ----------
     noun : str
-    write : callable
-        Takes each line.
+        Name of the pieces.
+    tell : callable
+        Takes the text, the number of pieces done and of all.
+    period_s : float
+        Time between two texts.
+    with_ends : bool
+        True to tell the first and the last piece in any case.
     clock : callable
-        Gives the time in s.
+        Returns the time in s.
+
+    Returns
+    -------
+    Progress
     """
+    begun_s = clock()
+    told_s = -math.inf if with_ends else begun_s
+    n_before: int | None = None
 
-    def __init__(self, noun: str, write: Callable[[str], object], clock: Clock = time.monotonic) -> None:
-        self._pace = _Pace(noun, clock)
-        self._write = write
-        self._clock = clock
-        self._told_s = clock()
-
-    def __call__(self, n_done: int, n_all: int) -> None:
-        """Take note of a piece that is done."""
-        text = self._pace.told(n_done, n_all)
-        now_s = self._clock()
-        if now_s - self._told_s >= LINE_S:
-            self._told_s = now_s
-            self._write(f"isacbench: {text}")
-
-
-class NotebookLine:
-    """Progress as a line below a notebook's cell, which appears with the first piece and changes in place.
-
-    Parameters
-    ----------
-    title, noun : str
-    display : callable
-        As ``IPython.display.display``.
-    clock : callable
-        Gives the time in s.
-    """
-
-    def __init__(
-        self, title: str, noun: str, display: Callable[..., Any], clock: Clock = time.monotonic
-    ) -> None:
-        self._title = visible(title)
-        self._pace = _Pace(noun, clock)
-        self._clock = clock
-        self._display = display
-        self._handle: Any = None
-        self._line = _Line("", 0, 0)
-        self._shown_s = clock()
-
-    def __call__(self, n_done: int, n_all: int) -> None:
-        """Take note of a piece that is done."""
-        self._line = _Line(f"{self._title}: {self._pace.told(n_done, n_all)}", n_done, n_all)
-        if self._handle is None:
-            self._handle = self._display(self._line, display_id=True)
-        elif self._clock() - self._shown_s >= NOTEBOOK_S:
-            self._handle.update(self._line)
-        else:
+    def show(n_done: int, n_all: int) -> None:
+        nonlocal told_s, n_before
+        if n_before is None:
+            n_before = n_done - 1  # done by an earlier call of the same run
+        now_s = clock()
+        if now_s - told_s < period_s and not (with_ends and n_done == n_all):
             return
-        self._shown_s = self._clock()
+        told_s, elapsed_s = now_s, now_s - begun_s
+        text = f"{n_done} of {n_all} {noun}, {_duration(elapsed_s)}"
+        if n_done < n_all:
+            text += f", about {_duration(elapsed_s * (n_all - n_done) / (n_done - n_before))} left"
+        tell(text, n_done, n_all)
 
-    def close(self) -> None:
-        """Show how far the work has come in the end, if anything was done."""
-        if self._handle is not None:
-            self._handle.update(self._line)
+    return show
+
+
+def _duration(time_s: float) -> str:
+    return str(timedelta(seconds=round(time_s)))
 
 
 class _Line(NamedTuple):
-    """Line of a notebook: a bar and words, or the words alone."""
+    """Line of a notebook: a bar with text, or the text alone."""
 
     text: str
     n_done: int
@@ -166,48 +143,28 @@ class _Line(NamedTuple):
         return f'<progress value="{self.n_done}" max="{self.n_all}"></progress> {escape(self.text)}'
 
 
-class _Pace:
-    """Pieces done so far, the time that they took, and the time that is left at this pace."""
+def _notebook_line(title: str, display: Callable[..., Any]) -> Callable[[str, int, int], None]:
+    """Line below the cell of a notebook, which appears with the first text and changes in place."""
+    handle: Any = None
 
-    def __init__(self, noun: str, clock: Clock) -> None:
-        self._noun = noun
-        self._clock = clock
-        self._begun_s = clock()
-        self._n_before: int | None = None
+    def show(text: str, n_done: int, n_all: int) -> None:
+        nonlocal handle
+        line = _Line(f"{visible(title)}: {text}", n_done, n_all)
+        if handle is None:
+            handle = display(line, display_id=True)
+        else:
+            handle.update(line)
 
-    def told(self, n_done: int, n_all: int) -> str:
-        """Write all that in words."""
-        if self._n_before is None:
-            self._n_before = n_done - 1  # done by an earlier call, which this one goes on with
-        elapsed_s = self._clock() - self._begun_s
-        told = f"{n_done} of {n_all} {self._noun}, {_duration(elapsed_s)}"
-        if n_done == n_all:
-            return told
-        left_s = elapsed_s * (n_all - n_done) / (n_done - self._n_before)
-        return f"{told}, about {_duration(left_s)} left"
-
-
-def _duration(time_s: float) -> str:
-    """Write a time as people say it: 45 s, 3 min, 2 h 5 min."""
-    if time_s < MINUTE_S:
-        return f"{time_s:.0f} s"
-    if time_s < HOUR_S:
-        return f"{time_s / MINUTE_S:.0f} min"
-    hours, minutes = divmod(round(time_s / MINUTE_S), HOUR_S // MINUTE_S)
-    return f"{hours} h {minutes} min"
+    return show
 
 
 @contextmanager
 def _bar(title: str, console: Console, is_idle: bool) -> Iterator[Progress]:
-    """Bar with the time left on a terminal, gone at the end."""
+    """Bar with the time left on a terminal, removed at the end."""
     from rich import progress
+    from rich.markup import escape as rich_escape
 
-    columns = (
-        progress.TextColumn("{task.description}", markup=False),
-        progress.BarColumn(),
-        progress.MofNCompleteColumn(),
-        progress.TimeRemainingColumn(),
-    )
+    columns = *progress.Progress.get_default_columns(), progress.MofNCompleteColumn()
     with progress.Progress(*columns, console=console, transient=True, auto_refresh=not is_idle) as bar:
-        task = bar.add_task(visible(title), total=None)
+        task = bar.add_task(rich_escape(visible(title)), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total, refresh=is_idle)

@@ -1,4 +1,4 @@
-"""Scoring a run again from the clouds that it keeps, without estimating: no plugin is needed for that."""
+"""Rescoring of a run from its stored clouds, without estimating and without plugins."""
 
 from __future__ import annotations
 
@@ -14,43 +14,33 @@ import pandas as pd
 
 from isacbench.bench.cells.cell import MeasuredImage, score_image
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.store.observed_scenes import ObservedScenes, rows_by_trial
+from isacbench.bench.store import run_store
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.store.run_store import (
-    JOURNAL,
-    Session,
-    current_metric,
-    read_manifest,
-    read_results,
-    save_manifest,
-    write_results,
-)
+from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
 from isacbench.bench.studies.study import ImagedScene
 from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
-
-    from numpy.typing import NDArray
 
     from isacbench.bench.cells.record import Results
     from isacbench.bench.suites.suite import StudyKind
 
 
 class Change(NamedTuple):
-    """What became of a column.
+    """Change of a column.
 
     Attributes
     ----------
     column : str
     n_rows : int
-        Rows whose value differs from the one before.
+        Rows whose value has changed.
     largest : float
-        Largest absolute difference; infinite where a value is none now.
+        Largest absolute difference; infinite if a row has lost its value.
     n_filled : int
         Rows that had no value before.
     """
@@ -68,18 +58,18 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rescored:
-    """What became of a run.
+    """Result of rescoring.
 
     Attributes
     ----------
     kind : str
-        Of its suite.
+        Kind of the suite.
     records : DataFrame
         All rows, as they are now.
     n_scored, n_changed : int
-        Rows that were scored again, and those of them that differ.
+        Rows that were scored again, and rows whose values have changed.
     changes : list of Change
-        Columns that differ.
+        Columns that have changed.
     """
 
     kind: StudyKind
@@ -90,16 +80,17 @@ class Rescored:
 
 
 def rescore(folder: Path) -> Rescored:
-    """Score every stored cloud of a run again, and put the new scores in place of the old ones.
+    """Score every stored cloud of a run again, and replace the old scores.
 
-    Scores of the metric ``paper``, and what the studies ``efficiency`` and
-    ``resolution`` measure of a cloud, are computed anew. What takes more than
-    the cloud stays: times, the cells that detectors tested, failed rows.
+    The scores of the metric ``paper`` are computed anew, and the columns that
+    the studies ``efficiency`` and ``resolution`` derive from a cloud. Columns
+    that need more than the cloud stay: times, and cells that detectors
+    tested. Failed rows stay.
 
     Parameters
     ----------
     folder : Path
-        Of a run, to which nobody writes.
+        Folder of a run that is not being written to.
 
     Returns
     -------
@@ -108,55 +99,55 @@ def rescore(folder: Path) -> Rescored:
     Raises
     ------
     InputError
-        If the folder holds no run, a damaged one, or not all of its clouds;
-        nothing has changed then.
+        If the folder holds no run, a damaged one, or not all of its clouds.
+        Nothing has changed then.
     """
-    session, tick = Session(datetime.now().astimezone()), time.perf_counter()
-    read_manifest(folder)  # a folder that holds no run stays as it is
+    started, tick = datetime.now().astimezone(), time.perf_counter()
+    run_store.read_manifest(folder)  # before the lock: a folder without a run stays as it is
     with open_folder(folder):
-        manifest, results = read_manifest(folder), read_results(folder)
-        scored, rows = _scored_again(folder, results)
+        manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
+        scored = _scored_again(folder, results)
         records = results.records.copy()
         for name in scored:
-            records.loc[rows, name] = scored[name].astype(records[name].dtype)
-        found = _compared(results.suite.kind, results.records, records, len(rows))
-        write_results(dataclasses.replace(results, records=records), folder)
-        entry = {**session.describe(time.perf_counter() - tick, False), "rescored": len(rows)}
+            records.loc[scored.index, name] = scored[name].astype(records[name].dtype)
+        found = _compared(results.suite.kind, results.records, records, len(scored))
+        run_store.write_results(dataclasses.replace(results, records=records), folder)
+        entry = run_store.describe_session(
+            started, time.perf_counter() - tick, False, {"rescored": len(scored)}
+        )
         sessions = [*manifest.get("sessions", ()), entry]
-        save_manifest(folder, {**manifest, "metric": current_metric(), "sessions": sessions})
-        (folder / JOURNAL).unlink(missing_ok=True)
+        run_store.save_manifest(
+            folder, {**manifest, "metric": run_store.current_metric(), "sessions": sessions}
+        )
+        (folder / run_store.JOURNAL).unlink(missing_ok=True)
     return found
 
 
-def _scored_again(folder: Path, results: Results) -> tuple[pd.DataFrame, list[int]]:
-    """New scores, and the rows that they belong to."""
+def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
+    """New scores, by the positions of their rows."""
     observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
-    columns = STUDIES[results.suite.kind].columns
     records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
     candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(observed.scenes)))
-    _require_clouds(folder, rows, candidates)
+    is_incomplete = (rows.n_points != records["n_estimated"].to_numpy())[candidates]
+    if is_incomplete.any():
+        raise InputError(
+            f"{folder}: {is_incomplete.sum()} of {len(candidates)} clouds are missing or damaged; allowed is "
+            "a run with all of them, and `isacbench run` into it makes these again"
+        )
+    ends = np.cumsum(rows.n_points)
     scored: dict[int, Mapping[str, Any]] = {}
     for (name, trial), inside in rows_by_trial(records.iloc[candidates]).items():
-        scene, chosen = observed.scenes[name], candidates[inside]
         scenario = observed.scenario(name, trial)
-        for row, cloud in zip(chosen.tolist(), _clouds(rows.take(chosen)), strict=True):
+        for row in candidates[inside].tolist():
+            cloud = PointCloud.from_array(rows.points[ends[row] - rows.n_points[row] : ends[row]])
             shot = MeasuredImage(scenario, None, None, records["snr_db"].iloc[row], cloud)
-            scored[row] = {**score_image(scenario, cloud), **_measured(scene, shot, columns)}
-    return pd.DataFrame(list(scored.values()), index=list(scored)), list(scored)
-
-
-def _require_clouds(folder: Path, rows: Rows, candidates: NDArray[np.intp]) -> None:
-    n_wanted = rows.records["n_estimated"].to_numpy()[candidates]
-    incomplete = rows.n_points[candidates] != n_wanted
-    if incomplete.any():
-        raise InputError(
-            f"{folder}: {incomplete.sum()} of {incomplete.size} clouds are missing or damaged; allowed is a "
-            "run with all of them, and `isacbench run` into it makes these again"
-        )
+            measured = _measured(observed.scenes[name], shot, STUDIES[results.suite.kind].columns)
+            scored[row] = {**score_image(scenario, cloud), **measured}
+    return pd.DataFrame(list(scored.values()), index=list(scored))
 
 
 def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any]) -> dict[str, Any]:
-    """All columns that a scene measures of a cloud; none where that takes more than the cloud."""
+    """Columns that a scene derives from a cloud, none if it needs more than the cloud."""
     found = {} if scene.measure is None else scene.measure(shot)
     if not found:
         return {}
@@ -164,22 +155,14 @@ def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any
     return {name: found.get(name, default) for name, default in columns.items() if name not in known}
 
 
-def _clouds(rows: Rows) -> Iterator[PointCloud]:
-    for points in np.split(rows.points, np.cumsum(rows.n_points)[:-1]):
-        yield PointCloud.from_array(points)
-
-
 def _compared(kind: StudyKind, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
+    """Columns that have changed."""
     differs = (old != new) & ~(old.isna() & new.isna())
     changes = []
     for name in new.columns[differs.any().to_numpy()]:
-        filled = differs[name] & old[name].isna()
-        rows = differs[name] & ~filled
-        largest = _largest(old.loc[rows, name], new.loc[rows, name])
-        changes.append(Change(name, int(rows.sum()), largest, int(filled.sum())))
+        is_filled = differs[name] & old[name].isna()
+        is_moved = differs[name] & ~is_filled
+        distances = (new.loc[is_moved, name].astype(np.float64) - old.loc[is_moved, name]).abs()
+        largest = distances.fillna(math.inf).max() if is_moved.any() else 0.0
+        changes.append(Change(name, int(is_moved.sum()), float(largest), int(is_filled.sum())))
     return Rescored(kind, new, n_scored, int(differs.any(axis=1).sum()), changes)
-
-
-def _largest(old: pd.Series[Any], new: pd.Series[Any]) -> float:
-    difference = (new.astype(np.float64) - old.astype(np.float64)).abs()
-    return math.inf if difference.isna().any() else float(difference.max() if difference.size else 0.0)

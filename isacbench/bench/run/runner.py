@@ -1,4 +1,4 @@
-"""The runner: every estimator on the same observations, timed, scored, one record a cell."""
+"""Runner of suites: every estimator images the same observations, one row a cell."""
 
 from __future__ import annotations
 
@@ -18,22 +18,11 @@ from isacbench.bench.cells.timing import repeats_wanted
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.progress import Progress, notebook_display, progress_shown
+from isacbench.bench.store import run_store
 from isacbench.bench.store.journal import Journal, read_journal
 from isacbench.bench.store.resume import Rerun, keep, parse_reruns
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.store.run_store import (
-    JOURNAL,
-    Session,
-    describe_run,
-    read_rows,
-    read_sessions,
-    require_metric,
-    write_manifest,
-    write_results,
-    write_rows,
-    write_truth,
-)
 from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.bench.suites.suite import Suite, load_suite
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
@@ -52,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Execution:
-    """Where and how cells are worked off, none of which changes what they yield.
+    """Options of a run that do not change what its cells yield.
 
     Attributes
     ----------
@@ -60,19 +49,18 @@ class Execution:
         Guarded worker processes on this machine; None for this process,
         without guard.
     guard : Guard
-        Limits of every cell, where there are workers.
+        Limits of every cell in a worker.
     dask : str or None
-        Address of a Dask scheduler, whose workers take the place of those
-        of this machine.
+        Address of a Dask scheduler, whose workers replace those of this
+        machine.
     shard : Shard or None
-        Which part of the cells.
+        Part of the cells.
     rerun : collection of {"failed", "stale", "all"}
         Stored cells that are made again.
     mix_versions : bool
-        Whether rows of other versions may stay beside new ones.
+        True to keep rows of other versions beside new ones.
     repeats : int or None
-        How often each estimate is timed, alone and one after the other; None
-        where times do not count.
+        Timed repeats of each estimate; None for a run that is not timed.
 
     Raises
     ------
@@ -89,41 +77,32 @@ class Execution:
     repeats: int | None = None
 
     def __post_init__(self) -> None:
-        if self.n_jobs is not None and self.n_jobs < 1:
-            raise InputError(f"jobs {self.n_jobs}: allowed is 1 or more")
+        for name, value in (("jobs", self.n_jobs), ("repeats", self.repeats)):
+            if value is not None and value < 1:
+                raise InputError(f"{name} {value}: allowed is 1 or more")
         if self.n_jobs is not None and self.dask is not None:
+            raise InputError("jobs and dask: allowed is one of them")
+        if self.is_timing and (self.dask is not None or (self.n_jobs or 1) > 1):
+            where = "dask" if self.dask else f"jobs {self.n_jobs}"
             raise InputError(
-                "jobs and dask: allowed is one of them; how many jobs a Dask worker runs is its own matter"
-            )
-        if self.repeats is not None and self.repeats < 1:
-            raise InputError(f"repeats {self.repeats}: allowed is 1 or more")
-        if self.is_timing and (self.n_jobs or 1) > 1:
-            raise InputError(
-                f"jobs {self.n_jobs} and timing: allowed is one job, for cells side by side share memory and "
-                "clock rate, and none of their times would count"
-            )
-        if self.is_timing and self.dask is not None:
-            raise InputError(
-                "dask and timing: allowed are cells on this machine, one after the other, for nobody knows "
-                "what else the workers of a cluster do"
+                f"{where} and timing: allowed is one job on this machine, because cells that run at the same "
+                "time slow each other down"
             )
         if not self.is_guarded and self.guard not in (Guard(), Guard(None)):
-            raise InputError(
-                "timeout_s and memory_mib: allowed are they with jobs or dask, for workers alone have limits"
-            )
+            raise InputError("timeout_s and memory_mib: allowed with jobs or dask, whose workers they limit")
 
     @property
     def is_guarded(self) -> bool:
-        """Whether cells have processes of their own, and limits."""
+        """True if cells run in worker processes, with limits."""
         return self.n_jobs is not None or self.dask is not None
 
     @property
     def is_timing(self) -> bool:
-        """Whether times count."""
+        """True if the run is timed."""
         return self.repeats is not None
 
     def describe(self) -> dict[str, Any]:
-        """Describe it in terms of JSON."""
+        """Describe the options in terms of JSON."""
         return {
             "jobs": self.n_jobs,
             "timeout_s": self.guard.timeout_s if self.is_guarded else None,
@@ -166,24 +145,24 @@ def run(
     suite : str, Path or Suite
         Name of a built-in suite, path of a TOML file, or a suite.
     estimators : sequence of str or Estimator, optional
-        In place of the suite's own: specifications such as
-        ``music2d[pfa=1e-4]``, and estimators of your own, instances of frozen
+        Replace those of the suite: specifications such as
+        ``music2d[pfa=1e-4]``, and your own estimators, instances of frozen
         dataclasses. Classes of a script or a notebook are sent to workers by
-        their code; those of a module have to be importable there.
+        their code; those of a module must be importable there.
     plugins : sequence of str or Path
-        Python files whose estimators and detectors have names in this run.
+        Python files whose estimators and detectors are registered for this run.
     scenarios, snr_db, trials, seed : optional
-        Replace the suite's own; `snr_db` also takes the place of `snr_gain_db`.
+        Replace those of the suite; `snr_db` replaces `snr_gain_db`, too.
     out : str or Path, optional
         Folder for the results. If it holds a part of this run already, only
         the rest is run. Without it nothing is kept.
     jobs : int, optional
-        Worker processes, in which a cell that hangs, exhausts memory or
-        crashes costs nothing but its own row. Without it cells run in this
-        process, unguarded.
+        Worker processes. If a cell hangs, exhausts memory or crashes in one,
+        only its own row fails. Without it cells run in this process,
+        unguarded.
     timeout_s, memory_mib : float or None
-        Wall time and memory that a cell may take in a worker; None for no
-        limit.
+        Most wall time in s and memory in MiB of a cell in a worker; None for
+        no limit.
     dask : str, optional
         Address of a Dask scheduler whose workers run the cells.
     shard : str, optional
@@ -191,31 +170,31 @@ def run(
     rerun : collection of {"failed", "stale", "all"}
         Cells in `out` to run again.
     mix_versions : bool
-        Whether rows of other versions may stay in `out` beside new ones.
+        True to keep rows of other versions in `out` beside new ones.
     timing : bool
-        Whether times count: each estimate is timed several times, nothing
-        runs beside it, and rows of `out` that were not timed are made again.
+        True to time each estimate several times, with nothing else running;
+        rows of `out` that were not timed are made again.
     repeats : int, optional
-        How often, with `timing`; 5 by default.
+        Timed repeats of each estimate, with `timing`; 5 by default.
     progress : bool, optional
-        Whether to show how far the run has come: below the cell of a
-        notebook, as a bar on a terminal, or as a line a minute on stderr.
-        By default in a notebook alone.
+        True to show progress: below the cell of a notebook, as a bar on a
+        terminal, or as a line a minute on stderr. By default only in a
+        notebook.
 
     Returns
     -------
     DataFrame
-        One row for each scenario, SNR, trial and estimator; the columns are
-        those of `isacbench.bench.cells.record.COLUMNS` and those that the suite's
-        kind adds.
+        One row for each scenario, SNR, trial and estimator. Columns are those
+        of `isacbench.bench.cells.record.COLUMNS` and those of the kind of
+        suite.
 
     Raises
     ------
     InputError
-        If a name, a parameter or a value is not allowed, or `out` cannot be
-        gone on with.
+        If a name, a parameter or a value is not allowed, or the run does not
+        belong to the one in `out`.
     KeyboardInterrupt
-        If the run was interrupted; with `out` the rows so far are written first.
+        If the run was interrupted. With `out` the rows so far are written first.
 
     Examples
     --------
@@ -261,18 +240,17 @@ def run_suite(
     progress: Progress | None = None,
     execution: Execution = HERE,
 ) -> Results:
-    """Run a suite; an interrupt ends it early and keeps the records so far.
+    """Run a suite. An interrupt ends it early and keeps the rows so far.
 
     Parameters
     ----------
     suite : Suite
     out : Path, optional
-        Folder for the results, new or of the same run; without it nothing is
+        Folder for the results, new or of the same run. Without it nothing is
         kept.
     progress : callable, optional
         Called after each cell with the numbers of cells done and of all.
     execution : Execution, optional
-        Where and how cells are worked off.
 
     Returns
     -------
@@ -281,68 +259,59 @@ def run_suite(
     Raises
     ------
     InputError
-        If the suite names something unknown, or `out` cannot be gone on with.
+        If the suite names something unknown, or does not belong to the run in
+        `out`.
     """
     job = load_job(suite)
-    plan = job.plan
-    session, tick = Session(datetime.now().astimezone(), execution.describe()), time.perf_counter()
+    started, tick, options = datetime.now().astimezone(), time.perf_counter(), execution.describe()
+    columns = STUDIES[suite.kind].columns
     with open_folder(out) as folder:
-        sessions, (stored, kept) = read_sessions(folder), _kept(folder, job, execution)
-        blocks, n_kept = _blocks_left(plan, kept, execution.shard)
+        manifest = run_store.recover_manifest(folder)
+        stored, sessions = run_store.read_rows(folder, manifest), manifest.get("sessions", [])
+        kept = _kept(folder, manifest, stored, job, execution)
+        blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
         with closing(_made(job, blocks, execution)) as outcomes:
-            unfinished = [*sessions, session.describe(0.0, interrupted=True)]
+            unfinished = [*sessions, run_store.describe_session(started, 0.0, True, options)]
             _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
-            with Journal(folder / JOURNAL, _columns(suite, execution)) as journal:
-                interrupted = _work(outcomes, blocks, journal, n_kept, progress)
-        new, _ = read_journal(folder / JOURNAL)
+            further = {**columns, **(TIMING_COLUMNS if execution.is_timing else {})}
+            with closing(Journal(folder / run_store.JOURNAL, further)) as journal:
+                n_cells = n_kept + sum(len(block.entries) for block in blocks)
+                interrupted = _work(outcomes, journal, n_kept, n_cells, progress)
+        new, _ = read_journal(folder / run_store.JOURNAL)
         rows = Rows.joined([kept, new])
-        rows = rows.take(np.argsort(plan.positions(rows.records), kind="stable"))
+        rows = rows.take(np.argsort(job.plan.positions(rows.records), kind="stable"))
         wall_time_s = time.perf_counter() - tick
         results = Results(
             suite=suite,
-            records=typed(rows.records, STUDIES[suite.kind].columns),
+            records=typed(rows.records, columns),
             clouds=rows.clouds(),
             scenarios=dict(job.scenarios),
             draws=job.draws(),
             environments=rows.used_environments(),
-            started=session.started,
+            started=started,
             wall_time_s=wall_time_s,
             interrupted=interrupted,
         )
         if out is not None:
-            _finish(folder, job, results, [*sessions, session.describe(wall_time_s, interrupted)])
+            last = run_store.describe_session(started, wall_time_s, interrupted, options)
+            _finish(folder, job, results, [*sessions, last])
     return results
 
 
-def _kept(folder: Path, job: Job, execution: Execution) -> tuple[Rows, Rows]:
-    """Rows that are stored, and those of them that the run goes on with."""
-    stored, suite = read_rows(folder), job.suite
+def _kept(folder: Path, manifest: Mapping[str, Any], stored: Rows, job: Job, execution: Execution) -> Rows:
+    """Stored rows that the run goes on with."""
     part = None if execution.shard is None else job.plan.shard(execution.shard)
+    rerun, mix_versions, timing = execution.rerun, execution.mix_versions, execution.is_timing
     try:
         if len(stored):
-            require_metric(folder)
-        kept = keep(
-            stored,
-            job.plan,
-            suite.name,
-            suite.seed,
-            execution.rerun,
-            execution.mix_versions,
-            part,
-            execution.is_timing,
-        )
+            run_store.require_metric(manifest)
+        return keep(stored, job.plan, job.suite, rerun, mix_versions, part, timing)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
-    return stored, kept
-
-
-def _columns(suite: Suite, execution: Execution) -> Mapping[str, Any]:
-    """Columns that rows have beside those of every table, each with the value of a failure."""
-    return {**STUDIES[suite.kind].columns, **(TIMING_COLUMNS if execution.is_timing else {})}
 
 
 def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Block], int]:
-    """Blocks that are still to be worked off, and the number of cells that are not."""
+    """Blocks that are still to be run, and the number of cells that are done."""
     wanted = np.ones(plan.n_cells, dtype=np.bool_) if shard is None else plan.shard(shard)
     todo = wanted.copy()
     todo[plan.positions(kept.records)] = False
@@ -350,28 +319,22 @@ def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Bloc
 
 
 def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]], is_less: bool) -> None:
-    """Leave in the folder what the run goes on with, and what it cannot be understood without.
+    """Write the kept rows, the scenarios and the manifest, and then remove the journal of an earlier call.
 
-    The journal of an earlier call goes last: what it holds is in the tables
-    and in the manifest by then, whatever ends this.
+    Its rows are in the tables by then, so that a kill at any moment loses none.
     """
-    journal = folder / JOURNAL
+    journal = folder / run_store.JOURNAL
     if is_less or (journal.exists() and len(kept)):
-        write_rows(folder, typed(kept.records, STUDIES[job.suite.kind].columns), kept.clouds())
-    write_truth(folder, job.scenarios)
-    write_manifest(folder, describe_run(job), kept.environments, sessions)
+        run_store.write_rows(folder, typed(kept.records, STUDIES[job.suite.kind].columns), kept.clouds())
+    run_store.write_truth(folder, job.scenarios)
+    run_store.write_manifest(folder, run_store.describe_run(job), kept.environments, sessions)
     journal.unlink(missing_ok=True)
 
 
 def _work(
-    outcomes: Iterable[Made],
-    blocks: Sequence[Block],
-    journal: Journal,
-    n_kept: int,
-    progress: Progress | None,
+    outcomes: Iterable[Made], journal: Journal, n_kept: int, n_cells: int, progress: Progress | None
 ) -> bool:
-    """Put every outcome of blocks into the journal at once; whether an interrupt ended it early."""
-    n_cells = n_kept + sum(len(block.entries) for block in blocks)
+    """Write every outcome into the journal as soon as it is made; True if an interrupt ended it early."""
     try:
         for n_done, made in enumerate(outcomes, start=n_kept + 1):
             journal.append(made)
@@ -383,7 +346,7 @@ def _work(
 
 
 def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Made, None, None]:
-    """Outcomes of blocks, wherever they are worked off; a cluster that is not there is told at once."""
+    """Outcomes of blocks from this process, from workers or from a cluster, which is connected at once."""
     if execution.dask is not None:
         from isacbench.bench.workers.cluster import work_on_cluster  # an optional dependency
 
@@ -396,7 +359,7 @@ def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[
 
 
 def _finish(folder: Path, job: Job, results: Results, sessions: list[dict[str, Any]]) -> None:
-    """Write the tables, and only then let go of the journal that they are made from."""
-    write_results(results, folder)
-    write_manifest(folder, describe_run(job), results.environments, sessions)
-    (folder / JOURNAL).unlink()
+    """Write the tables, and then remove the journal."""
+    run_store.write_results(results, folder)
+    run_store.write_manifest(folder, run_store.describe_run(job), results.environments, sessions)
+    (folder / run_store.JOURNAL).unlink()

@@ -1,14 +1,3 @@
-"""Stored runs: their folder, their rows, and where each row comes from."""
+"""Stored runs: their folder, their rows, and the origin of each row."""
 
-__all__ = [
-    "csv_table",
-    "journal",
-    "observed_scenes",
-    "provenance",
-    "resume",
-    "rows",
-    "run_folder",
-    "run_store",
-    "stored_run",
-    "validation",
-]
+__all__ = ["csv_table", "journal", "provenance", "resume", "rows", "run_folder", "run_store", "stored_run"]

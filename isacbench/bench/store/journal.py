@@ -1,9 +1,9 @@
-"""The journal: rows and clouds on disk the moment they are made, whatever happens next.
+"""Journal of a run: each row and its cloud are on disk as soon as they are made.
 
-A line is the checksum of what follows it, and JSON: the names of the columns,
-the description of an environment, what many rows share, or a row with its
-cloud. A line that a kill or a failing disk has torn does not match its
-checksum, and is left out.
+A line holds a checksum and an entry in JSON: the columns, the description of
+an environment, values that many rows share, or a row with its cloud. A line
+that a kill or a failing disk has torn does not match its checksum. It is left
+out.
 """
 
 from __future__ import annotations
@@ -11,11 +11,9 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
-import os
-import struct
 import zlib
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -23,96 +21,83 @@ import pandas as pd
 from isacbench.bench.cells.record import ADDED, COLUMNS, PROVENANCE, TYPES, with_added
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import cannot_be_written
-from isacbench.files.checked_files import open_own, require_file, require_inside
+from isacbench.files.checked_files import require_file, require_inside
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
-    from types import TracebackType
-
-    from numpy.typing import NDArray
 
     from isacbench.bench.store.provenance import Environment, Made
 
-CHUNK_ROWS = 50_000
-"""Rows that are held as Python objects at a time."""
-
-LINE_BYTES = 2**30
-"""Longest line that is read as one: a cloud of twenty million points."""
-
-N_CRC = 8
-
 SHARED = ["suite", "scenario", "estimator", "params", "seed", *PROVENANCE]
-"""Columns in which many rows agree; long as they are, they are written once."""
+"""Columns in which many rows agree: each combination is written once."""
 
 NUMBERS = [name for name in COLUMNS if name not in {*SHARED, *ADDED} and TYPES[name] == "float"]
-"""Columns that are written bit by bit, before the cloud: in a third of the time that digits take. They stand
-in this order in every journal: columns that were added later are written by their names."""
-
-PACKED = struct.Struct(f"<{len(NUMBERS)}d")
+"""Columns that are written as bits, before the cloud. Every journal has them in this order: columns that were
+added later are written by name."""
 
 OWN = [name for name in COLUMNS if name not in SHARED and name not in NUMBERS]
+"""Columns that are written by name."""
 
 
 class Journal:
-    """A journal that is written to, each entry at once; a context manager.
+    """Journal that is open for writing.
 
     Parameters
     ----------
     path : Path
-        Appended to, if it exists.
+        A new file.
     columns : mapping of str to Any
         Columns of the study, each with its value where an outcome has none.
 
     Raises
     ------
     InputError
-        Here and in every method that writes, if the system does not let it.
+        Here and in `append`, if the file cannot be written.
     """
 
     def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
         self._columns = columns
-        self._known: set[str] = set()
+        self._environments: set[str] = set()
         self._shared: dict[tuple[Any, ...], int] = {}
         self._path = path
         try:
-            # Unbuffered: one system call a line, so that a kill leaves whole lines and at most one torn.
-            self._file = os.fdopen(open_own(path, os.O_WRONLY | os.O_APPEND), "ab", buffering=0)
+            # Unbuffered: a line is on its way when it is written, so that a kill tears at most one.
+            self._file = path.open("xb", buffering=0)
         except OSError as error:
             raise cannot_be_written(path, error) from error
-        if self._file.tell():
-            self._file.write(b"\n")  # the end of a line that a kill may have torn
         self._write({"columns": [*OWN, *columns]})
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
     def append(self, made: Made) -> None:
-        """Write a row and its cloud."""
+        """Write a row and its cloud.
+
+        Parameters
+        ----------
+        made : Made
+        """
         record, cloud, extras = made.outcome.record, made.outcome.cloud, made.outcome.extras
-        if record.environment not in self._known:
-            self._known.add(record.environment)
+        if record.environment not in self._environments:
+            self._environments.add(record.environment)
             self._write({"environment": record.environment, "is": made.environment})
-        shared = _shared(record)
+        shared = attrgetter(*SHARED)(record)
         if shared not in self._shared:
             self._shared[shared] = len(self._shared)
             self._write({"shared": self._shared[shared], "is": dict(zip(SHARED, shared, strict=True))})
-        values = [*_own(record), *(extras.get(name, value) for name, value in self._columns.items())]
-        bits = PACKED.pack(*_numbers(record)) + cloud.to_array().astype("<f8").tobytes()
-        numbers = base64.b64encode(bits).decode("ascii")
-        self._write({"row": values, "of": self._shared[shared], "numbers": numbers})
+        values = [*attrgetter(*OWN)(record), *(extras.get(name, x) for name, x in self._columns.items())]
+        numbers = np.concatenate([attrgetter(*NUMBERS)(record), cloud.to_array().ravel()]).astype("<f8")
+        text = base64.b64encode(numbers.tobytes()).decode("ascii")
+        self._write({"row": values, "of": self._shared[shared], "numbers": text})
 
     def _write(self, entry: Mapping[str, Any]) -> None:
-        text = _encode(entry).encode()
+        text = json.dumps(entry, separators=(",", ":"), default=np.generic.item).encode()
         rest = memoryview(b"%08x %s\n" % (zlib.crc32(text), text))
         try:
-            while rest:  # a disk that gets full takes a part, and only then refuses
+            while rest:  # a disk that is nearly full takes a part before it refuses
                 rest = rest[self._file.write(rest) :]
         except OSError as error:
             raise cannot_be_written(self._path, error) from error
@@ -121,88 +106,72 @@ class Journal:
 def read_journal(path: Path) -> tuple[Rows, int]:
     """Read a journal.
 
+    Parameters
+    ----------
+    path : Path
+
     Returns
     -------
     rows : Rows
         In the order in which they were made.
     n_torn : int
-        Lines that are damaged and were left out.
+        Damaged lines, which were left out.
     """
     require_inside(path, path.parent)
     require_file(path)
-    reader = _Reader()
+    environments: dict[str, Environment] = {}
+    calls = [_Call([])]
+    n_torn = 0
     with path.open("rb") as file:
-        while line := file.readline(LINE_BYTES):
-            reader.read(line)
-    reader.gather()
-    rows = Rows.joined(reader.parts)
-    return dataclasses.replace(rows, environments=reader.environments), reader.n_torn
+        for line in file:
+            entry = _decoded(line)
+            if "columns" in entry:
+                calls.append(_Call(entry["columns"]))
+            elif "environment" in entry:
+                environments[entry["environment"]] = entry["is"]
+            elif "shared" in entry:
+                calls[-1].shared[entry["shared"]] = entry["is"]
+            elif "row" in entry and calls[-1].has_context(entry):
+                calls[-1].append(entry)
+            elif line.strip():  # an older isacbench wrote an empty line before those of a further call
+                n_torn += 1
+    rows = Rows.joined([call.rows() for call in calls if call.of])
+    return dataclasses.replace(rows, environments=environments), n_torn
 
 
-class _Reader:
-    """Entries of a journal, gathered into tables a chunk at a time."""
+class _Call:
+    """Entries that one call of a run has written."""
 
-    def __init__(self) -> None:
-        self.columns: list[str] = []
+    def __init__(self, columns: list[str]) -> None:
+        self.columns = columns
         self.shared: dict[int, dict[str, Any]] = {}
-        self.values: list[list[Any]] = []
         self.of: list[int] = []
-        self.numbers: list[NDArray[np.float64]] = []
-        self.parts: list[Rows] = []
-        self.environments: dict[str, Environment] = {}
-        self.n_torn = 0
+        self.values: list[list[Any]] = []
+        self.numbers: list[bytes] = []
 
-    def read(self, line: bytes) -> None:
-        if line == b"\n":
-            return
-        text = line[N_CRC + 1 :].removesuffix(b"\n")  # which alone may be what a kill has torn off
-        if line[:N_CRC] != b"%08x" % zlib.crc32(text):
-            self.n_torn += 1
-            return
-        try:
-            self._take(json.loads(text))
-        except (ValueError, TypeError, LookupError, RecursionError):  # whole, but none of ours
-            self.n_torn += 1
+    def has_context(self, row: dict[str, Any]) -> bool:
+        """Tell whether the lines were whole that say what the values of a row are."""
+        return len(row["row"]) == len(self.columns) and row["of"] in self.shared
 
-    def _take(self, entry: dict[str, Any]) -> None:
-        if "columns" in entry:
-            self.gather()
-            self.columns, self.shared = entry["columns"], {}
-        elif "environment" in entry:
-            self.environments[entry["environment"]] = entry["is"]
-        elif "shared" in entry:
-            self.shared[entry["shared"]] = entry["is"]
-        elif len(entry["row"]) == len(self.columns) and entry["of"] in self.shared:
-            self.values.append(entry["row"])
-            self.of.append(entry["of"])
-            self.numbers.append(np.frombuffer(base64.b64decode(entry["numbers"]), dtype="<f8"))
-            if len(self.values) == CHUNK_ROWS:
-                self.gather()
-        else:  # what it needs was on a damaged line
-            self.n_torn += 1
+    def append(self, row: dict[str, Any]) -> None:
+        self.of.append(row["of"])
+        self.values.append(row["row"])
+        self.numbers.append(base64.b64decode(row["numbers"]))
 
-    def gather(self) -> None:
-        if not self.values:
-            return
-        of = pd.Index(list(self.shared)).get_indexer(pd.Index(self.of))
-        shared = pd.DataFrame(list(self.shared.values())).iloc[of].reset_index(drop=True)
+    def rows(self) -> Rows:
+        shared = pd.DataFrame.from_dict(self.shared, orient="index").loc[self.of].reset_index(drop=True)
         own = pd.DataFrame(self.values, columns=self.columns)
-        every, n = np.concatenate(self.numbers), len(NUMBERS)
-        sizes = np.array([numbers.size for numbers in self.numbers])
-        of_row = (np.cumsum(sizes) - sizes)[:, None] + np.arange(n)
-        numbers = pd.DataFrame(every[of_row], columns=NUMBERS)
-        points = np.delete(every, of_row).reshape(-1, len(POINT_COLUMNS))
+        every = np.frombuffer(b"".join(self.numbers), dtype="<f8")
+        sizes = np.array([len(numbers) for numbers in self.numbers]) // every.itemsize
+        of_record = (np.cumsum(sizes) - sizes)[:, None] + np.arange(len(NUMBERS))
+        numbers = pd.DataFrame(every[of_record], columns=NUMBERS)
+        points = np.delete(every, of_record).reshape(-1, len(POINT_COLUMNS))
         records = with_added(pd.concat([shared, own, numbers], axis=1))
-        self.parts.append(Rows(records, (sizes - n) // len(POINT_COLUMNS), points, {}))
-        self.values, self.of, self.numbers = [], [], []
+        return Rows(records, (sizes - len(NUMBERS)) // len(POINT_COLUMNS), points, {})
 
 
-def _builtin(value: Any) -> Any:
-    """Plain value of a NumPy scalar."""
-    return value.item()
-
-
-_encode = json.JSONEncoder(separators=(",", ":"), default=_builtin).encode
-_shared = attrgetter(*SHARED)
-_own = attrgetter(*OWN)
-_numbers = attrgetter(*NUMBERS)
+def _decoded(line: bytes) -> dict[str, Any]:
+    """Entry of a line, empty where the line is damaged."""
+    checksum, _, text = line.rstrip(b"\n").partition(b" ")
+    entry: dict[str, Any] = json.loads(text) if checksum == b"%08x" % zlib.crc32(text) else {}
+    return entry

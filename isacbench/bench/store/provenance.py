@@ -1,4 +1,4 @@
-"""Provenance of a row: the versions of everything that it follows from, and the machine that made it."""
+"""Provenance of a row: versions of the code that made it, and the machine."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from isacbench.plugins.contracts import Detector, Estimator
 
 Environment = dict[str, Any]
-"""What made a row: ``versions`` (isacbench, plugins, python, packages) and ``machine``."""
+"""Origin of a row: ``versions`` (isacbench, plugins, python, packages) and ``machine``."""
 
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "pebble", "threadpoolctl")
 RESULT_PACKAGES = ("numpy", "scipy")
-"""Packages whose versions rows can hang on."""
+"""Packages whose versions can change a row."""
 
 DIGITS = 16
 """Hexadecimal digits of a digest of code."""
@@ -35,26 +35,29 @@ GIT_TIMEOUT_S = 30.0
 SOURCE = Path(isacbench.__file__).parent
 
 ROW_MAKERS = "isacbench.bench.plan.job", "isacbench.bench.workers.workbench"
-"""Modules that plan cells and make their rows: with what they import, the part of the harness that rows
-follow from."""
+"""Modules that plan cells and make rows. Rows depend on them and on all modules that they import."""
 
 
 def environment_of(plugin: Estimator | Detector) -> Environment:
     """Describe what makes the rows of an estimator or detector in this process.
 
+    Parameters
+    ----------
+    plugin : Estimator or Detector
+
     Returns
     -------
     dict
-        ``versions``: of isacbench with `code_digest`, of the packages that
-        the plugin and its detectors come from likewise, of Python, NumPy and
-        SciPy. ``machine``: its system, processor and cores.
-        Rows whose ``versions`` are equal may stand in one table.
+        ``versions``: of isacbench with `code_digest`, of the packages of the
+        plugin and its detectors likewise, of Python, NumPy and SciPy.
+        ``machine``: its system, processor and cores. Rows whose ``versions``
+        are equal may stand in one table.
     """
     return {
         "versions": {
             "isacbench": {"version": isacbench.__version__, "digest": code_digest(plugin)},
             "plugins": plugin_version(plugin),
-            "python": python_version(),
+            "python": platform.python_version(),
             **{name: package_version(name) for name in RESULT_PACKAGES},
         },
         "machine": machine(),
@@ -62,15 +65,34 @@ def environment_of(plugin: Estimator | Detector) -> Environment:
 
 
 def environment_id(environment: Environment) -> str:
-    """Short name of an environment, equal for equal ones."""
+    """Short name of an environment.
+
+    Parameters
+    ----------
+    environment : dict
+
+    Returns
+    -------
+    str
+        Equal for equal environments.
+    """
     return digest(environment)[:12]
 
 
 def code_digest(plugin: Estimator | Detector) -> str:
     """Digest of the code of isacbench that the rows of an estimator or detector follow from.
 
-    It is that of the modules that make rows, of those that the plugin and its
-    detectors come from, and of all that these import.
+    It covers the modules that make rows, those of the plugin and its
+    detectors, and all modules that these import.
+
+    Parameters
+    ----------
+    plugin : Estimator or Detector
+
+    Returns
+    -------
+    str
+        16 hexadecimal digits.
     """
     return library_code(plugin, ROW_MAKERS)[:DIGITS]
 
@@ -82,7 +104,17 @@ def machine() -> dict[str, Any]:
 
 
 def git_state(checkout: Path = SOURCE.parent) -> dict[str, Any] | None:
-    """Commit and dirty flag of the checkout that the code runs from; None where there is none, or no git."""
+    """Commit and dirty flag of the checkout that the code runs from.
+
+    Parameters
+    ----------
+    checkout : Path
+
+    Returns
+    -------
+    dict or None
+        ``commit`` and ``dirty``; None without a checkout or without git.
+    """
     if not (checkout / ".git").exists():
         return None
     try:
@@ -92,7 +124,7 @@ def git_state(checkout: Path = SOURCE.parent) -> dict[str, Any] | None:
             text=True,
             check=True,
             timeout=GIT_TIMEOUT_S,
-            # A look at it must not get in the way of who works in it.
+            # Reading the state must not lock the checkout against somebody who works in it.
             env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},
         )
     except (OSError, subprocess.SubprocessError):
@@ -102,11 +134,6 @@ def git_state(checkout: Path = SOURCE.parent) -> dict[str, Any] | None:
     return {"commit": commit, "dirty": any(not line.startswith("#") for line in lines)}
 
 
-def python_version() -> str:
-    """Version of Python."""
-    return platform.python_version()
-
-
 def package_versions() -> dict[str, str | None]:
     """Versions of the packages that isacbench is built on."""
     return {name: package_version(name) for name in PACKAGES}
@@ -114,7 +141,17 @@ def package_versions() -> dict[str, str | None]:
 
 @cache
 def package_version(package: str) -> str | None:
-    """Version of an installed package, asked once: what is imported stays, whatever replaces it."""
+    """Version of an installed package, asked once: an imported package stays the same if it is replaced.
+
+    Parameters
+    ----------
+    package : str
+
+    Returns
+    -------
+    str or None
+        None if it is not installed.
+    """
     try:
         return version(package)
     except PackageNotFoundError:
@@ -130,17 +167,15 @@ def blas_libraries() -> list[dict[str, Any]]:
 
 
 def _processor() -> str:
-    """Name of the processor as its maker writes it, where the system tells."""
+    """Name of the processor as the system reports it."""
     cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        for line in cpuinfo.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor() or platform.machine())
 
 
 class Made(NamedTuple):
-    """An outcome, and the environment that made it, whose name the record has."""
+    """Outcome with the description of its environment; the record has the environment's name."""
 
     outcome: Outcome
     environment: Environment

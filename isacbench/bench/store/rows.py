@@ -1,10 +1,10 @@
-"""Rows with their clouds, a table beside a ragged array: chosen, joined and put into order as one."""
+"""Rows with their clouds: a table and a ragged array that are selected, joined and sorted together."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from isacbench.bench.store.provenance import Environment
 
 TEXTS = ["scenario", "estimator", "params"]
-"""Keys that are written once for all points that share them."""
+"""Keys that a table of points holds as categories."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +45,24 @@ class Rows:
     environments: Mapping[str, Environment]
 
     @classmethod
-    def empty(cls) -> Self:
-        """No rows at all."""
-        return cls(pd.DataFrame(columns=COLUMNS), np.empty(0, dtype=np.int64), np.empty((0, 5)), {})
-
-    @classmethod
     def of_tables(
         cls, records: pd.DataFrame, clouds: pd.DataFrame, environments: Mapping[str, Environment]
-    ) -> Self:
-        """Rows from a table of records without repetition, and one of points with the keys of their cells."""
+    ) -> Rows:
+        """Rows of a table of records and a table of points.
+
+        Parameters
+        ----------
+        records : DataFrame
+            One row a cell.
+        clouds : DataFrame
+            One row a point, with the key of its cell. Points of other cells
+            are left out.
+        environments : mapping of str to Environment
+
+        Returns
+        -------
+        Rows
+        """
         of_row = _index(records).get_indexer(_index(clouds))
         known = of_row >= 0
         order = np.argsort(of_row[known], kind="stable")
@@ -61,11 +70,18 @@ class Rows:
         return cls(records, np.bincount(of_row[known], minlength=len(records)), points, environments)
 
     @classmethod
-    def joined(cls, parts: Sequence[Rows]) -> Self:
-        """Rows of several, one after the other."""
+    def joined(cls, parts: Sequence[Rows]) -> Rows:
+        """Rows of several parts, one after the other.
+
+        Parameters
+        ----------
+        parts : sequence of Rows
+
+        Returns
+        -------
+        Rows
+        """
         tables = [part.records for part in parts if len(part.records)]
-        if len(parts) == 1:
-            return cls(**vars(parts[0]))
         return cls(
             pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS),
             np.concatenate([np.empty(0, dtype=np.int64), *(part.n_points for part in parts)]),
@@ -77,10 +93,18 @@ class Rows:
         return len(self.records)
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Rows:
-        """Rows that a mask or an index array picks, in its order."""
+        """Select rows with their clouds.
+
+        Parameters
+        ----------
+        rows : ndarray of int or bool
+            Positions in the wanted order, or a mask.
+
+        Returns
+        -------
+        Rows
+        """
         picked = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
-        if np.array_equal(picked, np.arange(len(self))):
-            return self
         starts = np.cumsum(self.n_points) - self.n_points
         n_points = self.n_points[picked]
         shift = np.repeat(starts[picked] - (np.cumsum(n_points) - n_points), n_points)
@@ -88,7 +112,7 @@ class Rows:
         return Rows(self.records.iloc[picked].reset_index(drop=True), n_points, points, self.environments)
 
     def used_environments(self) -> dict[str, Environment]:
-        """Environments that made any of the rows."""
+        """Environments of the rows, by name."""
         used = self.records["environment"].unique()
         return {name: self.environments[name] for name in used if name in self.environments}
 

@@ -1,18 +1,18 @@
-"""The folder that a run writes into: its own, and nobody else's as long as the run goes on."""
+"""Folder of a run: one run writes into it at a time, and each of its files is replaced as a whole."""
 
 from __future__ import annotations
 
 import fcntl
 import os
 import platform
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 from isacbench.errors import InputError
-from isacbench.files.checked_files import is_there, open_own, require_file, require_inside
+from isacbench.files.checked_files import open_own
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,11 +21,21 @@ if TYPE_CHECKING:
 LOCK = ".lock"
 ROWS_KEPT = "; the rows so far are kept, and the same run into the same folder goes on with them"
 RUN_FILES = frozenset({LOCK, "manifest.json", "results.parquet", "journal.jsonl"})
-"""A folder with one of them is the folder of a run."""
+"""Names by which the folder of a run is known: it has at least one of these files."""
 
 
 def default_folder(suite_name: str) -> Path:
-    """Return the folder ``results/<suite>-<time>`` of a run that starts now."""
+    """Name the folder of a run that starts now.
+
+    Parameters
+    ----------
+    suite_name : str
+
+    Returns
+    -------
+    Path
+        ``results/<suite>-<time>``.
+    """
     return Path("results") / f"{suite_name}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
@@ -38,12 +48,17 @@ def open_folder(
     Parameters
     ----------
     folder : Path or None
-        None for a temporary one. A folder that is new and left without a
-        file is taken away again.
+        None for a temporary one. A new folder is removed in the end if it
+        holds no file.
     files : set of str
-        Names of which an existing folder must have one.
+        Names of which an existing folder must have one, unless it is empty.
     what : str
-        Whose folder it then is, in words.
+        Owner of such a folder, for messages.
+
+    Yields
+    ------
+    Path
+        The folder.
 
     Raises
     ------
@@ -55,7 +70,17 @@ def open_folder(
         with TemporaryDirectory(prefix="isacbench-") as temporary:
             yield Path(temporary)
         return
-    is_new = _create(folder, files, what)
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        names = {path.name for path in folder.iterdir()}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder}: cannot be created or read: {error}") from error
+    if names and not names & files:
+        raise InputError(
+            f"{folder}: exists and is not the folder of {what}; allowed are a new folder, an empty one, "
+            f"or that of {what} to go on with; nothing was overwritten"
+        )
     with _locked(folder):
         try:
             yield folder
@@ -66,93 +91,12 @@ def open_folder(
 
 
 @contextmanager
-def replacing(path: Path, afterwards: str = ROWS_KEPT) -> Iterator[Path]:
-    """Yield a temporary path that takes the place of `path` once it is written whole and on the disk.
-
-    Parameters
-    ----------
-    path : Path
-    afterwards : str
-        Last words of the message where it cannot be written.
-
-    Raises
-    ------
-    InputError
-        If the system does not let it.
-    """
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        temporary.unlink(missing_ok=True)  # somebody may have left a symbolic link of that name
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        raise cannot_be_written(path, error, afterwards) from error
-    finally:
-        with suppress(OSError):  # what could not be made cannot be in the way
-            temporary.unlink(missing_ok=True)
-
-
-def cannot_be_written(path: Path, error: OSError, afterwards: str = ROWS_KEPT) -> InputError:
-    """Build the exception for a disk that is full, or a folder that is not ours."""
-    return InputError(f"{path}: cannot be written: {error.strerror or error}{afterwards}")
-
-
-def require_unlocked(folder: Path) -> None:
-    """Refuse a folder that a run writes into at this moment; nothing is written to find out.
-
-    Raises
-    ------
-    InputError
-        If there is such a run, or the lock cannot be looked at.
-    """
-    lock = folder / LOCK
-    if not is_there(lock):
-        return
-    require_inside(lock, folder)
-    require_file(lock)
-    try:
-        with lock.open(encoding="utf-8", errors="replace") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise InputError(f"{folder}: a run writes into it") from error
-    except OSError as error:
-        raise InputError(f"{lock}: cannot be looked at: {error.strerror or error}") from error
-
-
-def _create(folder: Path, files: AbstractSet[str], what: str) -> bool:
-    """Create a folder unless it exists; whether it is new."""
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError as error:
-        names = _names(folder)
-        if names and not names & files:
-            raise InputError(
-                f"{folder}: exists and is not the folder of {what}; allowed are a new folder, an empty one, "
-                f"or that of {what} to go on with; nothing was overwritten"
-            ) from error
-        return False
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{folder}: cannot be created: {getattr(error, 'strerror', None) or error}"
-        ) from error
-    return True
-
-
-def _names(folder: Path) -> set[str]:
-    """What is in a folder; of what is none, its own name."""
-    try:
-        return {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be looked into: {error.strerror or error}") from error
-
-
-@contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock, which the system lets go of whatever ends this process."""
-    with _lock_file(folder) as file:
+    """Hold the lock of a folder, which the system releases however this process ends."""
+    with ExitStack() as stack:
         try:
+            descriptor = open_own(folder / LOCK, os.O_RDWR | os.O_APPEND)
+            file = stack.enter_context(os.fdopen(descriptor, "a+", encoding="utf-8"))
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             file.seek(0)
@@ -161,7 +105,10 @@ def _locked(folder: Path) -> Iterator[None]:
                 "wait for its end, or another folder"
             ) from error
         except OSError as error:
-            raise _cannot_be_locked(folder, error) from error
+            raise InputError(
+                f"{folder}: cannot be locked: {error.strerror or error}; allowed is a folder that can be "
+                "written into, on a file system with locks"
+            ) from error
         file.truncate(0)
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         file.write(f"process {os.getpid()} on {platform.node()}, since {now}")
@@ -169,15 +116,74 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def _lock_file(folder: Path) -> TextIO:
+def require_unlocked(folder: Path) -> None:
+    """Refuse a folder that a run is writing into. Nothing is written to find out.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    InputError
+        If there is such a run.
+    """
+    if not (folder / LOCK).exists():
+        return
     try:
-        return os.fdopen(open_own(folder / LOCK, os.O_RDWR | os.O_APPEND), "a+", encoding="utf-8")
+        with (folder / LOCK).open(encoding="utf-8") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise InputError(f"{folder}: a run writes into it") from error
+
+
+@contextmanager
+def replacing(path: Path, afterwards: str = ROWS_KEPT) -> Iterator[Path]:
+    """Write a file under a temporary name, and rename it once it is complete and on the disk.
+
+    Parameters
+    ----------
+    path : Path
+        The file, replaced if it exists.
+    afterwards : str
+        End of the message if it cannot be written.
+
+    Yields
+    ------
+    Path
+        The temporary name, to be written to.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    temporary = path.with_name(f".{path.name}.part")
+    try:
+        temporary.unlink(missing_ok=True)  # a symbolic link of that name must not be followed
+        yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
     except OSError as error:
-        raise _cannot_be_locked(folder, error) from error
+        raise cannot_be_written(path, error, afterwards) from error
+    finally:
+        with suppress(OSError):  # it may be impossible to create, and then there is nothing to remove
+            temporary.unlink(missing_ok=True)
 
 
-def _cannot_be_locked(folder: Path, error: OSError) -> InputError:
-    return InputError(
-        f"{folder}: cannot be locked: {error.strerror or error}; allowed is a folder that can be written "
-        "into, on a file system with locks"
-    )
+def cannot_be_written(path: Path, error: OSError, afterwards: str = ROWS_KEPT) -> InputError:
+    """Build the exception for a file that the system does not let us write.
+
+    Parameters
+    ----------
+    path : Path
+    error : OSError
+    afterwards : str
+        End of the message.
+
+    Returns
+    -------
+    InputError
+    """
+    return InputError(f"{path}: cannot be written: {error.strerror or error}{afterwards}")

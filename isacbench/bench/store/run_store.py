@@ -1,10 +1,11 @@
-"""The store: a run's folder, complete enough to be scored, drawn and gone on with without running again."""
+"""Store of a run: its folder holds all that it takes to score it, draw it and go on with it."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
 import json
+import platform
 import sys
 import warnings
 from contextlib import contextmanager
@@ -13,29 +14,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import pandas as pd
-import pyarrow as pa
-from pydantic import ValidationError
 
 import isacbench
-from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, DRAW_COLUMNS, Results, typed, with_added
+from isacbench.bench.cells.record import (
+    CLOUD_KEYS,
+    COLUMNS,
+    DRAW_COLUMNS,
+    Results,
+    require_sound_records,
+    typed,
+    with_added,
+)
 from isacbench.bench.plan.manifest_plan import outline
 from isacbench.bench.store.csv_table import without_formulas, write_csv_table
 from isacbench.bench.store.journal import read_journal
-from isacbench.bench.store.provenance import (
-    blas_libraries,
-    git_state,
-    machine,
-    package_versions,
-    python_version,
-)
+from isacbench.bench.store.provenance import blas_libraries, git_state, machine, package_versions
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import replacing
-from isacbench.bench.store.validation import (
-    Manifest,
-    require_described_scenarios,
-    require_rows_that_fit,
-    require_sound_records,
-)
 from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.bench.suites.scenario_digest import (
     describe_scenario,
@@ -47,7 +42,7 @@ from isacbench.bench.suites.scenario_digest import (
 from isacbench.bench.suites.suite import restore_suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
-from isacbench.files.toml_files import describe_mistake
+from isacbench.files.escaping import quoted
 from isacbench.metrics.score import METRIC_VERSION
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.plugins.plugin_versions import plugin_version
@@ -65,59 +60,60 @@ CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"
 DRAWS, JOURNAL = "draws.parquet", "journal.jsonl"
 
 RUN_TABLES = frozenset({RECORDS, RECORDS_CSV, CLOUDS, TRUTH, MANIFEST, DRAWS, JOURNAL})
-"""Files that a run consists of."""
+"""Files of a run."""
 
 DIGEST = "digest"
-"""Key of the digest of a table's content in its file."""
+"""Key under which the file of a table keeps the digest of its content."""
 
 RUN_KEYS = ("seed", "suite", "metric", "estimators", "scenarios", "scenes")
-"""Keys of a manifest that say what the run consists of, whoever has worked on it."""
+"""Keys of a manifest that describe the content of the run, and not the calls that worked on it."""
 
 T = TypeVar("T")
 
-DAMAGE = (
-    ValueError,
-    TypeError,
-    LookupError,
-    AttributeError,
-    ArithmeticError,
-    OSError,
-    RecursionError,
-    MemoryError,
-    pa.ArrowException,
-    pd.errors.InvalidIndexError,
-)
-"""What a damaged file ends in."""
+DAMAGE = (ValueError, TypeError, LookupError, OSError)
+"""Exceptions that reading a damaged file raises."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Session:
-    """One call that worked on a run.
+def describe_session(
+    started: datetime, wall_time_s: float, interrupted: bool, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Describe a call that worked on a run for its manifest.
 
-    Attributes
+    Parameters
     ----------
     started : datetime
         With its time zone.
+    wall_time_s : float
+    interrupted : bool
     options : mapping of str to Any
-        How it was run, in terms of JSON.
+        Options of the call in terms of JSON.
+
+    Returns
+    -------
+    dict
+        In terms of JSON.
     """
-
-    started: datetime
-    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    def describe(self, wall_time_s: float, interrupted: bool) -> dict[str, Any]:
-        """Describe it in terms of JSON."""
-        return {
-            "argv": [Path(sys.argv[0]).name, *sys.argv[1:]],
-            "started": self.started.isoformat(timespec="seconds"),
-            "wall_time_s": round(wall_time_s, 3),
-            "interrupted": interrupted,
-            **self.options,
-        }
+    return {
+        "argv": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "started": started.isoformat(timespec="seconds"),
+        "wall_time_s": round(wall_time_s, 3),
+        "interrupted": interrupted,
+        **options,
+    }
 
 
 def describe_run(job: Job) -> dict[str, Any]:
-    """Describe what a run consists of, in terms of JSON: what its manifest has under `RUN_KEYS`."""
+    """Describe the content of a run for its manifest.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    dict
+        Values of `RUN_KEYS` in terms of JSON.
+    """
     suite = job.suite
     return {
         "seed": suite.seed,
@@ -141,15 +137,15 @@ def write_manifest(
     environments: Mapping[str, Environment],
     sessions: list[dict[str, Any]],
 ) -> None:
-    """Write what a run depends on, in place of an older manifest.
+    """Write the manifest of a run, in place of an older one.
 
     Parameters
     ----------
     folder : Path
     run : mapping of str to Any
-        What it consists of, as `describe_run` has it.
+        Content of the run, as `describe_run` returns it.
     environments : mapping of str to Environment
-        By the names that rows have.
+        By the names in the column ``environment``.
     sessions : list of dict
         All calls that worked on the run, the last one last.
     """
@@ -161,7 +157,7 @@ def write_manifest(
         **run,
         "environments": dict(environments),
         "sessions": sessions,
-        "python": python_version(),
+        "python": platform.python_version(),
         "packages": package_versions(),
         **machine(),
         "blas_threads": 1,
@@ -171,10 +167,17 @@ def write_manifest(
 
 
 def save_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Put a manifest in place of an older one."""
+    """Write a manifest as it is, in place of an older one.
+
+    Parameters
+    ----------
+    folder : Path
+    manifest : mapping of str to Any
+        In terms of JSON.
+    """
     with replacing(folder / MANIFEST) as path:
         text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
-        # Names of files that are no UTF-8 have halves of characters, which JSON spells as Python does.
+        # A file name that is not UTF-8 contains surrogates, which JSON escapes in the same way as Python.
         path.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
@@ -196,19 +199,42 @@ def write_results(results: Results, folder: Path) -> None:
 
 
 def write_rows(folder: Path, records: pd.DataFrame, clouds: pd.DataFrame) -> None:
-    """Write rows and clouds, as far as they are made, in place of older ones."""
+    """Write rows and clouds, in place of older ones.
+
+    Parameters
+    ----------
+    folder : Path
+    records : DataFrame
+    clouds : DataFrame
+        One row a point, with the key of its cell.
+    """
     _write_parquet(clouds, folder / CLOUDS)
     _write_parquet(records, folder / RECORDS)
 
 
 def write_truth(folder: Path, scenarios: Mapping[str, Scenario]) -> None:
-    """Write the scatterers of some scenarios."""
+    """Write the scatterers of the scenarios of a run.
+
+    Parameters
+    ----------
+    folder : Path
+    scenarios : mapping of str to Scenario
+        By name.
+    """
     tables = [truth_table(scenario) for scenario in scenarios.values()]
     _write_parquet(pd.concat(tables, ignore_index=True), folder / TRUTH)
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read the manifest of a run.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    dict
 
     Raises
     ------
@@ -217,30 +243,52 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / MANIFEST
     if not is_there(path):
-        raise _no_run(folder, MANIFEST)
+        raise InputError(
+            f"{folder}: not the folder of a run, {MANIFEST} missing; allowed is one that isacbench run wrote"
+        )
+    require_inside(path, folder)
     try:
-        require_inside(path, folder)
-        manifest = json.loads(read_text(path, MANIFEST_BYTES))
-        if not isinstance(manifest, dict):
-            raise ValueError("not a table")
-        Manifest.model_validate(manifest)
-    except ValidationError as error:
-        raise _damaged(folder, f"{MANIFEST}: {describe_mistake(error, Manifest)}") from error
+        manifest: dict[str, Any] = dict(json.loads(read_text(path, MANIFEST_BYTES)))
     except DAMAGE as error:
-        raise _damaged(folder, f"{MANIFEST}: {_told(error)}") from error
+        raise InputError(f"{folder}: damaged run: {MANIFEST}: {_told(error)}") from error
     return manifest
 
 
-def require_metric(folder: Path) -> None:
-    """Refuse a run that was scored by another version of the metric; a manifest that is damaged says nothing.
+def recover_manifest(folder: Path) -> dict[str, Any]:
+    """Read the manifest of a run that is to be gone on with.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    dict
+        Empty if the manifest is missing or damaged.
+
+    Warns
+    -----
+    InputWarning
+        If it is damaged.
+    """
+    return _attempt(lambda _: read_manifest(folder), folder / MANIFEST) or {}
+
+
+def require_metric(manifest: Mapping[str, Any]) -> None:
+    """Refuse a run that another version of the metric has scored.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+        Without a metric, it is not refused.
 
     Raises
     ------
     InputError
-        If it was.
+        If the version is another one.
     """
-    metric = _lenient(lambda: read_manifest(folder)["metric"], folder / MANIFEST)
-    if metric is not None and metric != current_metric():
+    metric = manifest.get("metric", current_metric())
+    if metric != current_metric():
         raise InputError(
             f"its cells were scored by version {metric.get('version')} of the metric, not {METRIC_VERSION}; "
             "allowed is to rescore it first (isacbench rescore), or a new folder"
@@ -252,41 +300,60 @@ def current_metric() -> dict[str, Any]:
     return {"name": "paper", "version": METRIC_VERSION}
 
 
-def read_sessions(folder: Path) -> list[dict[str, Any]]:
-    """Calls that have worked on a run so far; none where its manifest is missing or damaged."""
-    sessions = _lenient(lambda: read_manifest(folder)["sessions"], folder / MANIFEST)
-    return sessions if isinstance(sessions, list) else []
+def read_rows(
+    folder: Path, manifest: Mapping[str, Any], is_strict: bool = False, with_clouds: bool = True
+) -> Rows:
+    """Read all rows of a folder, also those of a run that was killed.
 
-
-def read_rows(folder: Path) -> Rows:
-    """Read every row that a folder holds and that is not damaged, of a killed run as well.
+    Parameters
+    ----------
+    folder : Path
+    manifest : mapping of str to Any
+        As `read_manifest` or `recover_manifest` returns it.
+    is_strict : bool
+        True to raise if a table is damaged, False to leave it out.
+    with_clouds : bool
+        False to leave out the clouds, except those of a journal.
 
     Returns
     -------
     Rows
-        Of rows of the same cell, the last one counts.
+        If a cell has several rows, the last one counts.
+
+    Raises
+    ------
+    ValueError, TypeError, LookupError, OSError
+        If a table is damaged and `is_strict`.
 
     Warns
     -----
     InputWarning
-        If something is damaged, and its rows or clouds are lost.
+        If something is damaged, and its rows or clouds are left out.
     """
-    environments = _lenient(lambda: read_manifest(folder)["environments"], folder / MANIFEST) or {}
-    clouds = _lenient(lambda: _read_clouds(folder), folder / CLOUDS)
-    found = _lenient(
-        lambda: Rows.of_tables(
-            _read_records(folder), _no_clouds() if clouds is None else clouds, environments
-        ),
-        folder / RECORDS,
-    )
-    parts = [] if found is None else [found]
+    records = _attempt(_read_records, folder / RECORDS, is_strict)
+    clouds = _attempt(read_table, folder / CLOUDS, is_strict) if with_clouds else None
+    if clouds is None:
+        clouds = pd.DataFrame(columns=[*CLOUD_KEYS, *POINT_COLUMNS])
+    environments = manifest.get("environments", {})
+    parts = [] if records is None else [Rows.of_tables(records, clouds, environments)]
     if is_there(folder / JOURNAL):
-        parts.append(_read_journal(folder / JOURNAL))
+        rows, n_torn = read_journal(folder / JOURNAL)
+        if n_torn:
+            _warn_of_damage(folder / JOURNAL, f"{n_torn} lines")
+        parts.append(rows)
     return Rows.joined(parts)
 
 
 def read_results(folder: Path) -> Results:
-    """Read a run back from its folder; of one that was killed the rows that it made.
+    """Read a run from its folder. Of a run that was killed, the result holds the rows that it made.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    Results
 
     Raises
     ------
@@ -316,7 +383,7 @@ def read_results(folder: Path) -> Results:
 
 
 def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool = True) -> Rows:
-    """Read the rows of a run, one a cell, with the types that every table of its suite's kind has.
+    """Read the rows of a run, one a cell, with the types that every table of its kind of suite has.
 
     Parameters
     ----------
@@ -324,7 +391,7 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
     manifest : mapping of str to Any
         As `read_manifest` returns it.
     with_clouds : bool
-        Whether to read the clouds; those of a run that was killed are read with its rows in any case.
+        False to leave out the clouds, except those of a journal.
 
     Returns
     -------
@@ -340,27 +407,33 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
     InputWarning
         If lines of the journal of a run that was killed are damaged.
     """
-    has_table, journal = is_there(folder / RECORDS), folder / JOURNAL
-    if not has_table and not is_there(journal):
-        raise _no_run(folder, RECORDS)
+    if not is_there(folder / RECORDS) and not is_there(folder / JOURNAL):
+        raise InputError(f"{folder}: damaged run: {RECORDS} is missing")
     with _damage_told(folder):
-        parts = []
-        if has_table:
-            clouds = _read_clouds(folder) if with_clouds else _no_clouds()
-            parts.append(Rows.of_tables(_read_records(folder), clouds, manifest["environments"]))
-        if is_there(journal):
-            parts.append(_read_journal(journal))
-        rows = Rows.joined(parts)
-        require_sound_records(rows.records)
+        rows = read_rows(folder, manifest, True, with_clouds)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
-        columns = STUDIES[restore_suite(manifest["suite"]).kind].columns
-        records = typed(rows.records, columns)
+        records = typed(rows.records, STUDIES[restore_suite(manifest["suite"]).kind].columns)
+        require_sound_records(records)
         require_described_scenarios(records, manifest)
         return dataclasses.replace(rows, records=records)
 
 
 def read_scenes(folder: Path, manifest: Mapping[str, Any]) -> tuple[Suite, dict[str, Scenario], pd.DataFrame]:
-    """Read the suite of a run, its scenarios by name, and the scatterers that its trials drew.
+    """Read the suite of a run, its scenarios, and the scatterers that its trials drew.
+
+    Parameters
+    ----------
+    folder : Path
+    manifest : mapping of str to Any
+        As `read_manifest` returns it.
+
+    Returns
+    -------
+    suite : Suite
+    scenarios : dict of str to Scenario
+        By name.
+    draws : DataFrame
+        One row a scatterer, empty if the trials drew none.
 
     Raises
     ------
@@ -373,33 +446,102 @@ def read_scenes(folder: Path, manifest: Mapping[str, Any]) -> tuple[Suite, dict[
             name: restore_scenario(name, described, truth[truth["scenario"] == name])
             for name, described in manifest["scenarios"].items()
         }
-        return restore_suite(manifest["suite"]), scenarios, _read_draws(folder / DRAWS)
+        draws = _attempt(read_table, folder / DRAWS, is_strict=True)
+        if draws is None:
+            draws = pd.DataFrame(columns=DRAW_COLUMNS)
+        return restore_suite(manifest["suite"]), scenarios, draws
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """Read a table, and make sure that it is as it was written.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    ValueError
+        If it is damaged.
+    InputError
+        If it is not a file, or a symbolic link out of its folder.
+    """
+    require_inside(path, path.parent)
+    require_file(path)
+    try:
+        table = pd.read_parquet(path, page_checksum_verification=True)
+    except Exception as error:  # Arrow raises many types for a damaged file
+        raise ValueError(f"{path.name}: {type(error).__name__}: {error}") from error
+    # The checksums of pages do not cover the description of the table.
+    if DIGEST in table.attrs and table.attrs[DIGEST] != _table_digest(table):
+        raise ValueError(f"{path.name}: its content does not match its digest")
+    table.attrs = {}
+    return table
+
+
+def require_described_scenarios(records: pd.DataFrame, manifest: Mapping[str, Any]) -> None:
+    """Refuse records of scenarios that the manifest does not describe.
+
+    Parameters
+    ----------
+    records : DataFrame
+    manifest : mapping of str to Any
+        With ``suite`` and ``scenarios``.
+
+    Raises
+    ------
+    InputError
+        Naming the scenarios.
+    """
+    # A study that makes scenes of a scenario names it in a further column, which is empty for a link's user.
+    names = records["template" if "template" in records else "scenario"].dropna().unique()
+    described = manifest["scenarios"]
+    missing = set(names) - {"", *described, *manifest["suite"].get("maps", ())}
+    if missing:
+        raise InputError(
+            f"its rows name the scenarios {quoted(sorted(missing))}, which its manifest does not describe; "
+            f"allowed are {quoted(sorted(described))}"
+        )
 
 
 @contextmanager
 def _damage_told(folder: Path) -> Iterator[None]:
-    """Raise what a damaged file ends in as the user's error, which names the folder."""
+    """Turn errors in reading a damaged folder into an `InputError` that names it."""
     try:
         yield
     except DAMAGE as error:
-        raise _damaged(folder, _told(error)) from error
+        raise InputError(f"{folder}: damaged run: {_told(error)}") from error
 
 
-def _damaged(folder: Path, what: str) -> InputError:
-    return InputError(f"{folder}: damaged run: {what}")
-
-
-def _told(error: BaseException) -> str:
-    """What is wrong, in words; of what nobody has worded, the type as well."""
+def _told(error: Exception) -> str:
+    """Message of an exception, with its type unless it is an `InputError`."""
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
-def _read_journal(path: Path) -> Rows:
-    """Rows of a journal whose lines are whole."""
-    rows, n_torn = read_journal(path)
-    if n_torn:
-        _warn_of_damage(path, f"{n_torn} lines")
-    return rows
+def _attempt(read: Callable[[Path], T], path: Path, is_strict: bool = False) -> T | None:
+    """Read a file. None if it is missing; None and a warning if it is damaged, unless that raises."""
+    if not is_there(path):
+        return None
+    try:
+        return read(path)
+    except DAMAGE as error:
+        if is_strict:
+            raise
+        _warn_of_damage(path, _told(error))
+        return None
+
+
+def _read_records(path: Path) -> pd.DataFrame:
+    records = with_added(read_table(path))
+    if missing := [name for name in COLUMNS if name not in records]:
+        raise ValueError(f"{path.name} has no column {missing[0]}")
+    if records.duplicated(CLOUD_KEYS).any():
+        raise ValueError(f"{path.name} has several rows of a cell")
+    return records
 
 
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:
@@ -409,78 +551,13 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
         signed.to_parquet(temporary, index=False, write_page_checksum=True)
 
 
-def _read_records(folder: Path) -> pd.DataFrame:
-    records = with_added(read_table(folder / RECORDS))
-    # Runs from before rows told where they come from, or from before a column was added, have columns less.
-    before = {"timing": False, "scenario_content": "", "environment": ""}
-    if missing := [name for name in COLUMNS if name not in records and name not in before]:
-        raise KeyError(f"{RECORDS} has no column {missing[0]}")
-    unknown = pd.DataFrame(before, index=records.index)
-    return pd.concat([records, unknown[unknown.columns.difference(records.columns)]], axis=1)
-
-
-def _read_clouds(folder: Path) -> pd.DataFrame:
-    return read_table(folder / CLOUDS) if is_there(folder / CLOUDS) else _no_clouds()
-
-
-def _no_clouds() -> pd.DataFrame:
-    return pd.DataFrame(columns=[*CLOUD_KEYS, *POINT_COLUMNS])
-
-
-def read_table(path: Path) -> pd.DataFrame:
-    """Read a table that is as it was written.
-
-    Raises
-    ------
-    ValueError
-        If it is damaged, or says that it has far more rows than its file can
-        hold.
-    InputError
-        If it is no file, or a symbolic link out of its folder.
-    """
-    require_inside(path, path.parent)
-    require_file(path)
-    try:
-        require_rows_that_fit(path)
-        table = pd.read_parquet(path, page_checksum_verification=True)
-    except Exception as error:  # a damaged description of a table may end in anything
-        raise ValueError(f"{path.name}: {type(error).__name__}: {error}") from error
-    # Pages have checksums of their own, the description of the table has not.
-    if DIGEST in table.attrs and table.attrs[DIGEST] != _table_digest(table):
-        raise ValueError(f"{path.name}: the digest of its content is another one")
-    table.attrs = {}
-    return table
-
-
 def _table_digest(table: pd.DataFrame) -> str:
     """Digest of the names and values of a table."""
     rows = pd.util.hash_pandas_object(table, index=False).to_numpy()
     return digest([list(table.columns), len(table), hashlib.sha256(rows.tobytes()).hexdigest()])
 
 
-def _read_draws(path: Path) -> pd.DataFrame:
-    """Scatterers that a study drew; most draw none, and write no file."""
-    return read_table(path) if is_there(path) else pd.DataFrame(columns=DRAW_COLUMNS)
-
-
-def _lenient(read: Callable[[], T], path: Path) -> T | None:
-    """Read what is there; None where it is not, or damaged, which is told."""
-    if not is_there(path):
-        return None
-    try:
-        return read()
-    except DAMAGE as error:
-        _warn_of_damage(path, _told(error))
-        return None
-
-
 def _warn_of_damage(path: Path, what: str) -> None:
     warnings.warn(
         f"{path}: damaged, its cells are left out and run again ({what})", InputWarning, stacklevel=2
-    )
-
-
-def _no_run(folder: Path, missing: str) -> InputError:
-    return InputError(
-        f"{folder}: not the folder of a run, {missing} missing; allowed is a folder that isacbench run wrote"
     )

@@ -1,24 +1,28 @@
-"""A run read back for Python users: its rows, its clouds by the key of their cell, its scenarios."""
+"""Stored run for Python users: its rows, its clouds by the key of their cell, its scenarios."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS, CellStatus
-from isacbench.bench.cells.statuses import SCORED, failed
-from isacbench.bench.store.observed_scenes import ObservedScenes
+from isacbench.bench.cells.record import CLOUD_KEYS
+from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store.run_store import read_manifest, read_scenes, read_sound_rows
+from isacbench.bench.studies.study import ImagedScene
+from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError, unknown_name
 from isacbench.files.escaping import counted, quoted, shortened
 from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.scene import Scatterers, warned_before
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,7 +37,10 @@ MOST_NAMED = 6
 MOST_OF_A_PATH = 60
 MOST_OF_A_VALUE = 40
 
-NO_IMAGE = "it is the test of a detector on a map or of a receiver; allowed are rows of estimators"
+NO_IMAGE = "the row is the test of a detector on a map or of a receiver; allowed are rows of estimators"
+
+PLUGIN_KEYS = ("estimators", "detectors")
+"""Keys of a suite that name plugins, on which no scene depends."""
 
 
 class CellKey(NamedTuple):
@@ -64,7 +71,7 @@ Row = pd.Series | pd.DataFrame | Mapping[str, Any] | tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredRun(Displayed):
-    """A run in its folder, as `load_run` reads it. Clouds are read when they are first asked for.
+    """Run in its folder, as `load_run` reads it. Clouds are read at first use.
 
     Attributes
     ----------
@@ -72,7 +79,7 @@ class StoredRun(Displayed):
     rows : DataFrame
         One row a cell, all columns.
     manifest : mapping of str to Any
-        The content of ``manifest.json``: suite, seed, versions, machine.
+        Content of ``manifest.json``: suite, seed, versions, machine.
     """
 
     folder: Path
@@ -100,22 +107,21 @@ class StoredRun(Displayed):
         Parameters
         ----------
         row : Series, named tuple, mapping, DataFrame of one row, or CellKey, optional
-            A row of `rows`, as ``loc``, ``iterrows`` and ``itertuples`` give it.
+            Row of `rows`, as ``loc``, ``iterrows`` and ``itertuples`` return it.
         scenario, estimator, params, snr_db, trial : optional
-            The key, instead of a row. What is left out may have any value, as
-            long as just one row has the others.
+            Key, instead of a row. A part of it is enough if only one row has
+            these values.
 
         Returns
         -------
         PointCloud
-            Without a point where nothing was detected.
+            Empty if nothing was detected.
 
         Raises
         ------
         InputError
-            If no row or more than one is meant; or if the cell has no cloud,
-            because it failed, or because its row is no image but the test of
-            a detector or of a receiver.
+            If no row or several rows match, or if the cell has no cloud: it
+            failed, or its row is the test of a detector or of a receiver.
         """
         columns = (scenario, estimator, params, snr_db, trial)
         given = {name: value for name, value in zip(CLOUD_KEYS, columns, strict=True) if value is not None}
@@ -134,8 +140,8 @@ class StoredRun(Displayed):
         Parameters
         ----------
         row : row of `rows` as `cloud` takes it, or str
-            In studies whose trials draw their scatterers, a row has those of
-            its trial. A name is that of a scenario of the suite.
+            If trials draw scatterers, a row has those of its trial. A text is
+            the name of a scenario of the suite.
 
         Returns
         -------
@@ -156,11 +162,21 @@ class StoredRun(Displayed):
         record = self.rows.iloc[self._position(_key_columns(row))]
         key = CellKey(*record[CLOUD_KEYS])
         if key.scenario not in self._observed.scenes:
-            raise InputError(f"{self.folder}: {key} observes no scenario: {NO_IMAGE}")
+            raise InputError(f"{self.folder}: {key} has no scenario: {NO_IMAGE}")
         return self._observed.scenario(key.scenario, key.trial)
 
     def truth(self, row: Row | str) -> PointCloud:
-        """Return the true scatterers of `scenario` as a cloud."""
+        """Return the true scatterers of `scenario` as a cloud.
+
+        Parameters
+        ----------
+        row : row of `rows` as `cloud` takes it, or str
+            As in `scenario`.
+
+        Returns
+        -------
+        PointCloud
+        """
         return self.scenario(row).truth
 
     @cached_property
@@ -173,40 +189,29 @@ class StoredRun(Displayed):
 
     def _position(self, wanted: Mapping[str, Any]) -> int:
         """Position in the table of the one row that has some values in its key."""
-        chosen = np.ones(len(self.rows), dtype=np.bool_)
-        for name, value in wanted.items():
-            chosen &= (self.rows[name] == value).to_numpy()
-        found = np.flatnonzero(chosen)
+        is_equal = self.rows[list(wanted)] == list(wanted.values())
+        found = np.flatnonzero(is_equal.all(axis=1))
         if found.size != 1:
-            raise InputError(f"{self.folder}: {self._not_one(found, wanted)}")
-        return int(found[0])
-
-    def _not_one(self, found: NDArray[np.intp], wanted: Mapping[str, Any]) -> str:
-        """Say why some values are the key of no row, or of several."""
-        told = " and ".join(f"{name} = {quoted(value)}" for name, value in wanted.items()) or "any key"
-        if found.size:
-            values = {name: self.rows[name].iloc[found].unique() for name in CLOUD_KEYS}
-            differing = [name for name in CLOUD_KEYS if len(values[name]) > 1]
-            return (
-                f"{found.size} rows have {told}; allowed is a row, or what one row alone has: they differ in "
-                f"{'; '.join(f'{name}: {_listed(values[name])}' for name in differing)}"
+            given = " and ".join(f"{name} = {quoted(value)}" for name, value in wanted.items()) or "any key"
+            rows = self.rows.iloc[found] if found.size else self.rows
+            values = "; ".join(f"{name} {_listed(rows[name].unique())}" for name in CLOUD_KEYS)
+            whose = "these rows" if found.size else "the rows of the run"
+            raise InputError(
+                f"{self.folder}: {found.size} rows have {given}; allowed is a key that only one row has. "
+                f"The values of {whose} are {values}"
             )
-        for name, value in wanted.items():
-            known = self.rows[name].unique()
-            if value not in known:
-                return f"no row has {name} = {quoted(value)}; allowed are {_listed(known)}"
-        return f"no row has {told}, all at once"
+        return int(found[0])
 
     def _description(self) -> Description:
         rows, suite = self.rows, self.manifest["suite"]
         folder = shortened(str(self.folder), MOST_OF_A_PATH)
         names = rows["estimator"].unique()
         n_variants = len(rows[["estimator", "params"]].drop_duplicates())
-        statuses = [(status, int((rows["status"] == status).sum())) for status in get_args(CellStatus)]
+        statuses = rows.groupby("status", sort=False).size()
         return Description(
             f"StoredRun of {quoted(suite.get('name'))}: {counted(len(rows), 'row')} in {quoted(folder)}",
             {
-                "status": ", ".join(f"{number} {status}" for status, number in statuses if number),
+                "status": ", ".join(f"{number} {status}" for status, number in statuses.items()),
                 "scenarios": _listed(rows["scenario"].unique()),
                 "estimators": _listed(names)
                 + (f" in {n_variants} variants" if n_variants > len(names) else ""),
@@ -218,7 +223,7 @@ class StoredRun(Displayed):
 
 
 def load_run(folder: str | Path) -> StoredRun:
-    """Read a run back from its folder, also one that was killed.
+    """Read a run from its folder, also one that was killed.
 
     Parameters
     ----------
@@ -257,15 +262,106 @@ def load_run(folder: str | Path) -> StoredRun:
     return StoredRun(folder, read_sound_rows(folder, manifest, with_clouds=False).records, manifest)
 
 
+@dataclass(frozen=True, eq=False)
+class ObservedScenes:
+    """Scenes of a stored run that were imaged, and the scenario of each of their trials.
+
+    Attributes
+    ----------
+    folder : Path
+        Folder of the run, for messages.
+    suite : Suite
+    scenarios : mapping of str to Scenario
+        By name.
+    draws : DataFrame
+        Scatterers that trials drew, columns as in `isacbench.bench.cells.record.Results.draws`.
+    records : DataFrame
+        Rows of the run.
+    """
+
+    folder: Path
+    suite: Suite
+    scenarios: Mapping[str, Scenario]
+    draws: pd.DataFrame
+    records: pd.DataFrame
+
+    @cached_property
+    def scenes(self) -> dict[str, ImagedScene]:
+        """Scenes by their value in the column ``scenario``; no synthetic maps and no users of a link."""
+        bare = {key: () for key in PLUGIN_KEYS if key in type(self.suite).model_fields}
+        scenes = STUDIES[self.suite.kind].scenes(self.suite.model_copy(update=bare), self.scenarios)
+        return {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
+
+    @cached_property
+    def _drawn(self) -> dict[Any, NDArray[np.intp]]:
+        return rows_by_trial(self.draws)
+
+    def scenario(self, name: str, trial: int) -> Scenario:
+        """Restore the scenario that was observed: from stored draws, or drawn again.
+
+        Parameters
+        ----------
+        name : str
+            Key of `scenes`.
+        trial : int
+
+        Returns
+        -------
+        Scenario
+
+        Raises
+        ------
+        InputError
+            If the draws are not stored, and this isacbench would draw others.
+        """
+        scene, drawn = self.scenes[name], self._drawn.get((name, trial))
+        if not scene.is_drawn:
+            return scene.template
+        if drawn is None:
+            stored = self.records.loc[self.records["scenario"] == name, "scenario_content"]
+            if (stored != scene.content).any():
+                raise InputError(
+                    f"{self.folder}: the scatterers of {name}, trial {trial} are not stored, and this "
+                    "isacbench would draw others; allowed is the version of isacbench that made the run"
+                )
+            return scene.drawn(trial)
+        points = self.draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
+        scatterers = Scatterers(
+            xyz=points[:, :3],
+            velocity=points[:, 3],
+            amplitude=np.sqrt(points[:, 4]),
+            phase_rad=self.draws["phase_rad"].to_numpy(dtype=np.float64)[drawn],
+        )
+        with warned_before():
+            return replace(scene.template, scatterers=scatterers)
+
+
+def rows_by_trial(table: pd.DataFrame) -> dict[Any, NDArray[np.intp]]:
+    """Group the rows of a table by scene and trial.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the columns ``scenario`` and ``trial``.
+
+    Returns
+    -------
+    dict of (str, int) to ndarray of int
+        Positions of the rows.
+    """
+    groups = table.groupby(["scenario", "trial"], sort=False).indices
+    return {key: np.asarray(rows) for key, rows in groups.items()}
+
+
 class _Clouds(Mapping[CellKey, PointCloud]):
-    """Clouds of rows, each made when it is asked for."""
+    """Clouds of rows, each built when it is asked for."""
 
     def __init__(self, rows: Rows) -> None:
         records, ends = rows.records, np.cumsum(rows.n_points)
-        keys = map(CellKey, *(records[name].tolist() for name in CLOUD_KEYS))
-        is_whole = _is_imaged(records) & (rows.n_points == records["n_estimated"].to_numpy())
-        bounds = zip((ends - rows.n_points).tolist(), ends.tolist(), strict=True)
-        self._bounds = {key: bound for key, bound, whole in zip(keys, bounds, is_whole, strict=True) if whole}
+        is_scored = records["deviation"].notna() & (rows.n_points == records["n_estimated"])
+        keys = records.loc[is_scored, CLOUD_KEYS].itertuples(index=False)
+        bounds = zip(ends - rows.n_points, ends, strict=True)
+        self._bounds = dict(zip(map(CellKey._make, keys), compress(bounds, is_scored), strict=True))
         self._points = rows.points
 
     def __getitem__(self, key: CellKey) -> PointCloud:
@@ -281,13 +377,8 @@ class _Clouds(Mapping[CellKey, PointCloud]):
         return f"Clouds of {counted(len(self), 'cell')}, by scenario, estimator, params, snr_db and trial"
 
 
-def _is_imaged(records: pd.DataFrame) -> NDArray[np.bool_]:
-    """Tell which rows are images that were scored: no failures, and no tests of detectors and receivers."""
-    return (~failed(records) & records["deviation"].notna()).to_numpy()
-
-
 def _reason(record: pd.Series[Any]) -> str:
-    """Say why a row has no cloud."""
+    """Reason for which a row has no cloud."""
     if record["status"] not in SCORED:
         return f"its status is {record['status']}, {record['reason']}; allowed are {' and '.join(SCORED)}"
     if pd.isna(record["deviation"]):
@@ -296,29 +387,21 @@ def _reason(record: pd.Series[Any]) -> str:
 
 
 def _key_columns(row: Row) -> dict[str, Any]:
-    """Key of a row, in whatever form it comes."""
-    if isinstance(row, pd.DataFrame):
-        if len(row) != 1:
-            raise InputError(
-                f"a table of {counted(len(row), 'row')}: allowed is one row, such as rows.iloc[0]"
-            )
+    """Key of a row in any of its forms."""
+    if isinstance(row, pd.DataFrame) and len(row) == 1:
         row = row.iloc[0]
-    if isinstance(row, tuple) and not hasattr(row, "_fields"):
-        row = CellKey(*row) if len(row) == len(CLOUD_KEYS) else row
-    holder = row if isinstance(row, (pd.Series, Mapping)) else getattr(row, "_asdict", dict)()
-    if missing := [name for name in CLOUD_KEYS if name not in holder]:
+    if isinstance(row, tuple):
+        row = getattr(row, "_asdict", lambda: dict(zip(CLOUD_KEYS, row, strict=False)))()
+    if not isinstance(row, (pd.Series, Mapping)) or any(name not in row for name in CLOUD_KEYS):
         raise InputError(
-            f"a {type(row).__name__} without {missing[0]}: allowed are a row of the run's table, and a tuple "
+            f"a {type(row).__name__} that is not one row; allowed are a row of the run's table, and a tuple "
             f"or mapping of {', '.join(CLOUD_KEYS)}"
         )
-    return {name: holder[name] for name in CLOUD_KEYS}
+    return {name: row[name] for name in CLOUD_KEYS}
 
 
 def _listed(values: Any) -> str:
-    """Write some values, the first ones of many."""
-    shown = [
-        f"{value:g}" if isinstance(value, float) else shortened(str(value), MOST_OF_A_VALUE)
-        for value in values
-    ]
+    """List values, the first ones of many."""
+    shown = [shortened(str(value), MOST_OF_A_VALUE) for value in values]
     more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
     return ", ".join(shown[:MOST_NAMED]) + more

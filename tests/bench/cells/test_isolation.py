@@ -25,8 +25,6 @@ global_random = np.random.random_sample
 
 def state():
     """Whatever can be compared of a process."""
-    mask = os.umask(0)
-    os.umask(mask)
     return {
         "folder": Path.cwd(),
         "environment": dict(os.environ),
@@ -35,10 +33,8 @@ def state():
         "filters": list(warnings.filters),
         "import": list(sys.path),
         "streams": (sys.stdin, sys.stdout, sys.stderr),
-        "files": [os.fstat(number)[:3] for number in range(3)],
         "random": random.getstate(),
         "recursion": sys.getrecursionlimit(),
-        "mask": mask,
         "handlers": [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)],
         "alarm": signal.getitimer(signal.ITIMER_REAL),
     }
@@ -54,10 +50,8 @@ def disturb():
     sys.path.insert(0, "elsewhere")
     sys.stdout = sys.stderr = None
     sys.stdin = open(os.devnull)  # noqa: PTH123, SIM115
-    os.closerange(0, 3)
     random.seed(1)
     sys.setrecursionlimit(3000)
-    os.umask(0o777)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, signal.SIG_IGN)
     signal.setitimer(signal.ITIMER_REAL, 3600)

@@ -261,7 +261,7 @@ def test_another_content_of_a_scenario_is_refused(suite, tiny, put_run, tmp_path
     other = shutil.copy(tiny, tmp_path)
     (tmp_path / "tiny.csv").write_text("x,y,z,v,amplitude\n1,2,3,0,2\n")
     run(suite, scenarios=[other], out=tmp_path / "2", shard="2/2")
-    with pytest.raises(InputError, match="the scenario 'tiny' has another content"):
+    with pytest.raises(InputError, match="content of scenario 'tiny'"):
         merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
 
 
@@ -299,7 +299,7 @@ def test_a_manifest_without_an_outline_is_refused(suite, put_run, tmp_path):
     manifest = read_manifest(tmp_path / "1")
     del manifest["scenes"]
     (tmp_path / "1" / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match="its manifest has no scenes, as an older isacbench left it"):
+    with pytest.raises(InputError, match="its manifest has no scenes, because an older isacbench wrote it"):
         merge([tmp_path / "1"], tmp_path / "merged")
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from isacbench.bench.run import progress
-from isacbench.bench.run.progress import MinuteLines, NotebookLine, notebook_display, progress_shown
+from isacbench.bench.run.progress import notebook_display, paced_progress, progress_shown
 from isacbench.bench.run.runner import run
 
 
@@ -48,48 +48,50 @@ def kernel(monkeypatch):
     return display
 
 
-def test_a_line_is_written_when_a_minute_has_passed_and_not_before(clock):
-    lines = []
-    tell = MinuteLines("cells", lines.append, clock)
+@pytest.fixture
+def told():
+    """Return the texts that were told."""
+    return []
+
+
+@pytest.fixture
+def minutely(clock, told):
+    return paced_progress("cells", lambda text, *_: told.append(text), 60, clock=clock)
+
+
+def test_a_line_is_written_when_a_minute_has_passed_and_not_before(clock, minutely, told):
     for n_done in range(1, 661):
         clock.now_s += 0.75
-        tell(n_done, 660)
-    assert len(lines) == 8
-    assert lines[2] == "isacbench: 240 of 660 cells, 3 min, about 5 min left"
+        minutely(n_done, 660)
+    assert len(told) == 8
+    assert told[2] == "240 of 660 cells, 0:03:00, about 0:05:15 left"
 
 
-def test_what_an_earlier_call_has_done_does_not_count_as_speed(clock):
-    lines = []
-    tell = MinuteLines("cells", lines.append, clock)
+def test_what_an_earlier_call_has_done_does_not_count_as_speed(clock, minutely, told):
     clock.now_s += 30
-    tell(601, 660)
+    minutely(601, 660)
     clock.now_s += 30
-    tell(602, 660)
-    assert lines == ["isacbench: 602 of 660 cells, 1 min, about 29 min left"]
+    minutely(602, 660)
+    assert told == ["602 of 660 cells, 0:01:00, about 0:29:00 left"]
 
 
-@pytest.mark.parametrize(("passed_s", "told"), [(9, "9 s"), (150, "2 min"), (7500, "2 h 5 min")])
-def test_times_are_told_as_people_do(clock, passed_s, told):
-    display = Display()
-    line = NotebookLine("paper", "cells", display, clock)
-    clock.now_s += passed_s
-    line(3, 3)
-    assert repr(display.shown[-1]) == f"paper: 3 of 3 cells, {told}"
-
-
-def test_a_notebook_shows_one_line_that_changes_now_and_then_and_ends_with_the_last_word(clock):
-    display = Display()
-    line = NotebookLine("<b>", "cells", display, clock)
-    assert not display.shown
+def test_the_first_and_the_last_piece_are_told_if_wanted(clock, told):
+    progress = paced_progress("cells", lambda text, *_: told.append(text), 0.3, with_ends=True, clock=clock)
+    assert not told
     for n_done in range(1, 11):
         clock.now_s += 0.1
-        line(n_done, 10)
-    line.close()
-    told = [repr(shown) for shown in display.shown]
+        progress(n_done, 10)
     assert 3 <= len(told) <= 6
-    assert told[-1] == "<b>: 10 of 10 cells, 1 s"
-    assert display.shown[-1]._repr_html_() == (
-        '<progress value="10" max="10"></progress> &lt;b&gt;: 10 of 10 cells, 1 s'
+    assert (told[0][:10], told[-1]) == ("1 of 10 ce", "10 of 10 cells, 0:00:01")
+
+
+def test_a_notebook_shows_one_line_that_changes(kernel):
+    with progress_shown("<b>") as show:
+        for n_done in range(1, 11):
+            show(n_done, 10)
+    assert repr(kernel.shown[-1]) == "<b>: 10 of 10 cells, 0:00:00"
+    assert kernel.shown[-1]._repr_html_() == (
+        '<progress value="10" max="10"></progress> &lt;b&gt;: 10 of 10 cells, 0:00:00'
     )
 
 

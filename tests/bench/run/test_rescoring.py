@@ -155,7 +155,9 @@ def test_draws_that_are_not_kept_are_drawn_again(drawn):
 def test_draws_that_would_be_others_are_refused(drawn, monkeypatch):
     (drawn / "draws.parquet").unlink()
     monkeypatch.setattr("isacbench.bench.studies.efficiency_study.MARGIN_CELLS", 0.75)
-    with pytest.raises(InputError, match="room, trial 0 is not kept, and would be drawn otherwise"):
+    with pytest.raises(
+        InputError, match="room, trial 0 are not stored, and this isacbench would draw others"
+    ):
         rescore(drawn)
 
 

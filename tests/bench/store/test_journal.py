@@ -2,7 +2,7 @@
 
 import math
 import struct
-from operator import attrgetter
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def made(cloud=(), extras=None, environment=None, **changes):
 
 def written(path, *rows, columns=COLUMNS_OF_STUDY):
     path.unlink(missing_ok=True)
-    with Journal(path, columns) as journal:
+    with closing(Journal(path, columns)) as journal:
         for row in rows:
             journal.append(row)
     return path
@@ -112,13 +112,13 @@ def test_environments_are_kept_once_by_name(folder):
     assert read_journal(path)[0].environments == {"here": here, "there": there}
 
 
-def test_a_journal_that_is_gone_on_with_may_have_other_columns(folder):
-    path = written(folder / "on", made(trial=0), columns={"hits": 1})
-    with Journal(path, {"rate": 0.5}) as journal:
-        journal.append(made(trial=1))
-    rows, n_torn = read_journal(path)
+def test_entries_of_several_calls_may_have_other_columns(folder):
+    """An older isacbench appended to a journal, behind an empty line."""
+    first = written(folder / "first", made(trial=0), columns={"hits": 1}).read_bytes()
+    second = written(folder / "second", made(trial=1, scenario="other"), columns={"rate": 0.5}).read_bytes()
+    rows, n_torn = read_bytes(folder, first + b"\n" + second)
     assert n_torn == 0
-    assert rows.records["trial"].tolist() == [0, 1]
+    assert rows.records[["trial", "scenario"]].values.tolist() == [[0, "tiny"], [1, "other"]]
     assert rows.records["hits"].tolist()[0] == 1
     assert rows.records["rate"].tolist()[1] == 0.5
 
@@ -128,8 +128,6 @@ def added_since(monkeypatch, *names):
     numbers = [name for name in journal_module.NUMBERS if name not in names]
     monkeypatch.setattr("isacbench.bench.cells.record.ADDED", dict.fromkeys(names, math.nan))
     monkeypatch.setattr(journal_module, "NUMBERS", numbers)
-    monkeypatch.setattr(journal_module, "PACKED", struct.Struct(f"<{len(numbers)}d"))
-    monkeypatch.setattr(journal_module, "_numbers", attrgetter(*numbers))
 
 
 def test_a_journal_from_before_a_column_was_added_keeps_its_rows_and_clouds(folder, monkeypatch):
@@ -139,10 +137,8 @@ def test_a_journal_from_before_a_column_was_added_keeps_its_rows_and_clouds(fold
     older, _ = read_journal(path)
     assert older.records["recall"].isna().all()
     monkeypatch.setattr(journal_module, "OWN", [*journal_module.OWN, "recall"])
-    monkeypatch.setattr(journal_module, "_own", attrgetter(*journal_module.OWN))
-    with Journal(path, COLUMNS_OF_STUDY) as later:
-        later.append(made(cloud, trial=1, precision=0.25, recall=0.75))
-    rows, n_torn = read_journal(path)
+    later = written(folder / "later", made(cloud, trial=1, precision=0.25, recall=0.75))
+    rows, n_torn = read_bytes(folder, path.read_bytes() + later.read_bytes())
     assert n_torn == 0
     assert rows.records["precision"].tolist() == [0.5, 0.25]
     np.testing.assert_array_equal(rows.records["recall"], [math.nan, 0.75])
@@ -199,13 +195,11 @@ def test_a_bit_that_flips_never_yields_a_row_that_was_not_written(folder, conten
     assert n_torn or kept == list(range(TRIALS))
 
 
-@given(data=st.data())
-def test_a_torn_end_does_not_tear_what_is_written_behind_it(folder, content, data):
-    path = folder / "behind"
-    path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
-    with Journal(path, COLUMNS_OF_STUDY) as journal:
-        journal.append(made(trial=99))
-    assert read_journal(path)[0].records["trial"].tolist()[-1] == 99
+def test_a_journal_that_exists_is_not_overwritten(folder):
+    path = written(folder / "exists", made())
+    with pytest.raises(InputError, match=r"exists: cannot be written: File exists"):
+        Journal(path, {})
+    assert len(read_journal(path)[0]) == 1
 
 
 def test_a_folder_that_cannot_be_written_into_is_told(tmp_path):

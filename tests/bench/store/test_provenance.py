@@ -107,11 +107,6 @@ def test_what_is_no_checkout_has_no_state(tmp_path):
     assert git_state(tmp_path) is None
 
 
-def test_a_damaged_checkout_has_no_state(checkout):
-    (checkout / ".git" / "HEAD").write_text("")
-    assert git_state(checkout) is None
-
-
 def test_without_git_there_is_no_state(checkout, monkeypatch):
     monkeypatch.setenv("PATH", "")
     assert git_state(checkout) is None

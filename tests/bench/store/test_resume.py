@@ -104,7 +104,7 @@ def undisturbed(complete):
     return remembered_table(complete)
 
 
-@pytest.mark.parametrize("n_cells", [1, pytest.param(7, marks=SLOW), 18])
+@pytest.mark.parametrize("n_cells", [1, 18])
 def test_a_killed_run_goes_on_where_it_was_and_ends_in_the_same_table(suite, folder, undisturbed, n_cells):
     kill_after(suite, folder, n_cells)
     assert len(read_results(folder).records) == n_cells
@@ -192,9 +192,7 @@ def test_a_run_may_grow_and_be_put_into_another_order(suite, folder, tmp_path, m
         ({"name": "other"}, "it holds cells of suite test, not other"),
     ],
 )
-@pytest.mark.parametrize(
-    "rerun", [(), pytest.param(("stale",), marks=SLOW), pytest.param(("all",), marks=SLOW)]
-)
+@pytest.mark.parametrize("rerun", [(), pytest.param(("all",), marks=SLOW)])
 def test_rows_that_would_be_lost_are_refused_and_left_alone(suite, folder, change, message, rerun, finished):
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"}
     with pytest.raises(InputError, match=message):

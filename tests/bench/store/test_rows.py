@@ -87,7 +87,7 @@ def test_the_table_of_points_has_the_key_of_a_cell_with_every_point():
 
 
 def test_no_rows_are_rows_too():
-    empty = Rows.empty()
-    assert len(empty) == len(Rows.joined([])) == len(Rows.joined([empty, empty])) == 0
+    empty = Rows.joined([])
+    assert len(empty) == len(Rows.joined([empty, empty])) == 0
     assert empty.clouds().empty
     assert len(empty.take(np.empty(0, dtype=np.int64))) == 0

@@ -12,7 +12,6 @@ from isacbench.bench.store.run_folder import default_folder, open_folder, replac
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
 from isacbench.errors import InputError
-from isacbench.metrics.score import score
 from isacbench.model.echo import observe_echo
 
 
@@ -98,21 +97,6 @@ def test_the_package_of_a_detector_that_ran_alone_is_in_the_manifest(plugins, ti
     assert not (tmp_path / "run" / "draws.parquet").exists()
 
 
-def test_scores_follow_again_from_the_stored_clouds(written):
-    again = read_results(written[1])
-    for row in again.records[again.records["status"] != "error"].itertuples():
-        scenario = again.scenarios[row.scenario]
-        cloud = again.cloud(row.scenario, row.estimator, row.params, row.snr_db, row.trial)
-        scores = score(
-            scenario.truth,
-            cloud,
-            region=scenario.region,
-            velocity_bin_mps=scenario.system.velocity_bin_mps,
-        )
-        assert len(cloud) == row.n_estimated
-        assert scores["deviation"] == row.deviation
-
-
 def test_stored_scenarios_are_observed_exactly_as_the_first_time(written):
     results, folder = written
     again = read_results(folder)
@@ -150,21 +134,15 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
-def test_an_empty_existing_folder_is_taken(tmp_path):
+def test_an_empty_existing_folder_is_taken_and_stays(tmp_path):
     with open_folder(tmp_path) as folder:
         assert folder == tmp_path
     assert tmp_path.is_dir()
 
 
-def test_a_folder_below_a_file_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be created"), open_folder(tmp_path / "file" / "run"):
-        pass
-
-
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="is not the folder of a run"), open_folder(tmp_path / "file"):
+    with pytest.raises(InputError, match="cannot be created or read"), open_folder(tmp_path / "file"):
         pass
 
 

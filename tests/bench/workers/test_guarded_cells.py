@@ -354,7 +354,7 @@ def test_limits_that_are_none_are_refused(limits, message):
 
 
 def test_limits_without_a_worker_to_hold_them_are_refused():
-    with pytest.raises(InputError, match="timeout_s and memory_mib: allowed are they with jobs or dask"):
+    with pytest.raises(InputError, match="timeout_s and memory_mib: allowed with jobs or dask"):
         Execution(guard=Guard(timeout_s=1))
 
 
