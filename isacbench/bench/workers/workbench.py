@@ -50,11 +50,6 @@ class Workbench:
         self._digest = ""
         self._environments: dict[tuple[str, str], tuple[str, Environment]] = {}
 
-    @property
-    def has_observed(self) -> bool:
-        """Whether there is something to image."""
-        return self._shared is not None
-
     def observe(self, block: Block) -> list[Made]:
         """Observe what the cells of a block share.
 
