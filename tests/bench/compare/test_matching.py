@@ -1,7 +1,7 @@
 import pytest
 
-from isacbench.bench.compare.compared_run import read_run
-from isacbench.bench.compare.regressions import compare_tables
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import read_run
 from isacbench.errors import InputError
 
 

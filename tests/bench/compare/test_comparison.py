@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import binom, wilcoxon
 
 from isacbench import compare
-from isacbench.bench.compare.compared_run import RunTable, read_run
-from isacbench.bench.compare.matching import NotComparableError
-from isacbench.bench.compare.regressions import compare_tables, share_level
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import NotComparableError, RunTable, read_run
 from isacbench.bench.compare.tolerance import Tolerance, parse_tolerance
+from isacbench.bench.compare.verdicts import share_level
 from isacbench.errors import InputError
 from isacbench.report.comparisons.comparison_tables import comparison_summary
 
@@ -592,13 +592,13 @@ def test_scores_that_disappear_are_a_regression(two_runs):
     comparison = compare_tables(*two_runs(lose))
     assert comparison.n_lost_scores == 20
     assert comparison.is_regression
-    assert "20 scores lost" in comparison_summary(comparison)
+    assert "20 scores missing in the new run" in comparison_summary(comparison)
 
 
 def test_a_run_that_has_not_come_to_its_end_is_refused(made_run, written_run):
     folder = written_run("run", *made_run())
     (folder / "journal.jsonl").write_text("")
-    with pytest.raises(InputError, match="the run has not come to its end; allowed is one that has"):
+    with pytest.raises(InputError, match="the run has not come to its end; allowed is a finished one"):
         read_run(folder)
 
 
