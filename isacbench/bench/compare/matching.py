@@ -18,7 +18,6 @@ from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from isacbench.bench.plan.labels import Variant
@@ -26,6 +25,15 @@ if TYPE_CHECKING:
 CURVE = ["scenario", "estimator", "params"]
 CELL = CLOUD_KEYS
 COLUMNS = [*CLOUD_KEYS, "status", "reason", "environment", "scenario_content", "timing"]
+MEASURED = {
+    "the suite": ("suite", "name"),
+    "the kind of suite": ("suite", "kind"),
+    "the seed": ("seed", ""),
+    "the metric": ("metric", "name"),
+    "the version of the metric": ("metric", "version"),
+}
+"""Parts of the manifest that are equal where two runs have measured the same: section and key."""
+
 SECTIONS = ["suite", "seed", "metric", "scenarios", "environments"]
 
 
@@ -168,11 +176,13 @@ def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
     tuple of str
         In words; empty where they can be compared.
     """
-    reasons = [
-        f"{what} differs: {before} in {base.label}, {after} in {new.label}"
-        for what, before, after in _measured(base.manifest, new.manifest)
-        if before != after
-    ]
+    reasons = []
+    for what, (section, key) in MEASURED.items():
+        before, after = (
+            run.manifest[section].get(key) if key else run.manifest[section] for run in (base, new)
+        )
+        if before != after:
+            reasons.append(f"{what} differs: {before} in {base.label}, {after} in {new.label}")
     contents, others = _contents(base), _contents(new)
     changed = [name for name in contents if name in others and contents[name] != others[name]]
     reasons += [f"scenario {name} has another content" for name in changed]
@@ -311,19 +321,6 @@ def _machines(run: RunTable) -> dict[str, str]:
             f"{run.label}: an environment of the manifest lacks {error}; allowed for a comparison of times "
             "are runs whose manifests describe their machines"
         ) from error
-
-
-def _measured(base: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-    """Name what has to be equal for two runs to have measured the same, with both values."""
-    for section, key, what in (
-        ("suite", "name", "the suite"),
-        ("suite", "kind", "the kind of suite"),
-        (None, "seed", "the seed"),
-        ("metric", "name", "the metric"),
-        ("metric", "version", "the version of the metric"),
-    ):
-        before, after = (run if section is None else run[section] for run in (base, new))
-        yield what, before.get(key), after.get(key)
 
 
 def _contents(run: RunTable) -> dict[str, set[str]]:

@@ -142,7 +142,7 @@ def measure(scores: PairedScores, tolerance: Tolerance, better: str) -> pd.DataF
         table[f"{name}_mean"] = values.mean()
         table[f"{name}_band"] = student_band(values.std(), table["n_pairs"])
     table = table.join(bootstrap_changes(scores.base, scores.new))
-    tests = [signed_rank_test(column.dropna()) for _, column in worsening.items()]
+    tests = [signed_rank_test(column[np.isfinite(column)]) for column in worsening.to_numpy().T]
     table["raw_worse"] = [test.greater for test in tests]
     table["raw_better"] = [test.less for test in tests]
     table["attainable"] = [test.attainable for test in tests]

@@ -145,6 +145,7 @@ class _Cluster:
         self._done: SimpleQueue[Future[Batch]] = SimpleQueue()
         self._running: dict[Future[Batch], tuple[Block, ...]] = {}
         self._last_alive_s = time.monotonic()
+        self._is_lost = False
 
     def check(self) -> None:
         """Wait for a worker, and have every one try whether it can do what the run asks.
@@ -180,8 +181,8 @@ class _Cluster:
             yield piece, batch
 
     def leave(self) -> None:
-        """Let go of all that still runs, and of what workers keep."""
-        if self._client.status == "running":
+        """Let go of all that still runs, and of what workers keep; a cluster that is lost does so itself."""
+        if not self._is_lost:
             with suppress(OSError):  # the scheduler goes at this moment
                 self._client.cancel(list(self._running))
                 self._client.run(stop, self._order.token, on_error="ignore")
@@ -242,6 +243,7 @@ class _Cluster:
         return f"no worker for {WAIT_S:g} s; start some with `dask worker {self._address}`"
 
     def _lost(self, what: str) -> InputError:
+        self._is_lost = True
         return InputError(
             f"dask {self._address}: {what}; the rows so far are kept in the run's folder, "
             "and the same run into it goes on with the rest"

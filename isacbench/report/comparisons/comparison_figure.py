@@ -63,7 +63,7 @@ def comparison_paths(comparison: Comparison, folder: Path, plot: Path | None = N
     InputError
         If the file has no extension of a picture.
     """
-    metrics = list(dict.fromkeys(_drawn(comparison.curves)["metric"]))
+    metrics = comparison.curves.loc[comparison.curves["n_pairs"] > 0, "metric"].unique().tolist()
     stems = file_stems(metrics)
     if plot is None:
         stem = "compare" if comparison.between is None else "between"
@@ -116,8 +116,10 @@ def draw_changes(comparison: Comparison, metric: str) -> Figure:
     Figure
         The twelve curves with the worst verdicts, where there are more.
     """
-    points = _drawn(comparison.points[comparison.points["metric"] == metric])
-    curves = _drawn(comparison.curves[comparison.curves["metric"] == metric])
+    points, curves = (
+        table[(table["metric"] == metric) & (table["n_pairs"] > 0)]
+        for table in (comparison.points, comparison.curves)
+    )
     shown = _worst_first(curves, points) if len(curves) > MAX_PANELS else curves
     said = Wording(comparison)
     part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
@@ -132,11 +134,6 @@ def draw_changes(comparison: Comparison, metric: str) -> Figure:
             f"{name}\nwhole curve: {_outcome(curve, said)}", color=colour, fontsize=TITLE_SIZE, pad=4.0
         )
     return figure
-
-
-def _drawn(table: pd.DataFrame) -> pd.DataFrame:
-    """Curves or points that have anything to draw: a pair at least."""
-    return table[table["n_pairs"] > 0]
 
 
 def _worst_first(curves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
