@@ -360,8 +360,9 @@ def test_every_sort_of_worker_works(suite, tmp_path, installed, options):
 
 @pytest.mark.slow
 def test_a_cell_that_kills_its_dask_worker_again_and_again_is_killed_and_no_other(
-    suite, write_plugin, tmp_path, installed
+    suite, write_plugin, tmp_path, installed, monkeypatch
 ):
+    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 60.0)  # nannies start workers again
     load_plugin_file(write_plugin("deadly.py", DEADLY))
     patience = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1", "PYTHONPATH": str(installed)}
     with running_cluster(tmp_path, **patience) as found:
