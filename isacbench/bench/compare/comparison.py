@@ -17,7 +17,6 @@ from isacbench.bench.compare.estimator_pairs import (
     restrict,
     spell_apart,
     variants_of,
-    with_partners,
 )
 from isacbench.bench.compare.matching import (
     CellChanges,
@@ -29,6 +28,7 @@ from isacbench.bench.compare.matching import (
     read_run,
     timed_alike,
     version_differences,
+    with_partners,
 )
 from isacbench.bench.compare.tolerance import Tolerance, direction, merge_tolerances, parse_tolerance
 from isacbench.bench.compare.verdicts import VERDICTS, curve_scores, judge, measure, point_scores

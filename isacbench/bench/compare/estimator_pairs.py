@@ -210,24 +210,6 @@ def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list
     return texts
 
 
-def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
-    """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With the columns ``estimator`` and ``params``.
-    partners : mapping of (str, str) to (str, str)
-
-    Returns
-    -------
-    DataFrame
-    """
-    variants = zip(table["estimator"], table["params"], strict=True)
-    named = [partners.get(variant, variant) for variant in variants]
-    return table.assign(new_estimator=[name for name, _ in named], new_params=[params for _, params in named])
-
-
 def _bare(name: str) -> str:
     if parse_spec(name).params:
         raise InputError(f"match {name!r}: allowed is the bare name of an estimator; a map takes parameters")

@@ -10,7 +10,6 @@ import pandas as pd
 
 from isacbench.bench.cells.record import CLOUD_KEYS, with_added
 from isacbench.bench.cells.statuses import SCORED
-from isacbench.bench.compare.estimator_pairs import with_partners
 from isacbench.bench.store.resume import differing_versions
 from isacbench.bench.store.run_store import JOURNAL, MANIFEST, RECORDS, read_manifest, read_table
 from isacbench.bench.store.validation import require_described_scenarios, require_sound_records
@@ -232,6 +231,24 @@ def pair_cells(
         added=_told(cells[cells["_merge"] == "right_only"], "new", partners),
     )
     return pairs.drop(columns="_merge"), changes
+
+
+def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
+    """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the columns ``estimator`` and ``params``.
+    partners : mapping of (str, str) to (str, str)
+
+    Returns
+    -------
+    DataFrame
+    """
+    variants = zip(table["estimator"], table["params"], strict=True)
+    named = [partners.get(variant, variant) for variant in variants]
+    return table.assign(new_estimator=[name for name, _ in named], new_params=[params for _, params in named])
 
 
 def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]) -> list[str]:
