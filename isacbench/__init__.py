@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING
 from isacbench.former_paths import FormerPaths
 
 if TYPE_CHECKING:
-    from isacbench.bench.compare.comparison import Comparison
+    from isacbench.bench.compare.comparison import Comparison, compare
     from isacbench.bench.compare.matching import NotComparableError
-    from isacbench.bench.compare.regressions import compare
     from isacbench.bench.run.runner import run
     from isacbench.bench.store.stored_run import load_run
     from isacbench.checking.contract import check
@@ -66,7 +65,7 @@ _HOMES = {
     "Observation": "isacbench.model.observation",
     "PointCloud": "isacbench.model.cloud",
     "Scenario": "isacbench.model.scenes.scenario",
-    "compare": "isacbench.bench.compare.regressions",
+    "compare": "isacbench.bench.compare.comparison",
     "check": "isacbench.checking.contract",
     "get_detector": "isacbench.plugins.registry",
     "get_estimator": "isacbench.plugins.registry",

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from isacbench import run
-from isacbench.bench.compare.compared_run import read_run
-from isacbench.bench.compare.regressions import compare_tables
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import read_run
 
 REFERENCES = Path(__file__).parent.parent / "results" / "reference"
 

@@ -141,12 +141,16 @@ def compare_command(
 
     Exit code 4 if a curve is worse or cells are lost, 5 if the runs cannot be compared.
     """
+    from isacbench.bench.compare.comparison import compare as compare_runs
     from isacbench.bench.compare.matching import NotComparableError
-    from isacbench.bench.compare.regressions import compare as compare_runs
+    from isacbench.report.comparisons.ci_files import (
+        comparison_junit,
+        comparison_markdown,
+        incomparable_junit,
+        incomparable_markdown,
+    )
     from isacbench.report.comparisons.comparison_figure import comparison_paths, draw_comparison_files
     from isacbench.report.comparisons.comparison_tables import comparison_content
-    from isacbench.report.comparisons.junit import comparison_junit, incomparable_junit
-    from isacbench.report.comparisons.markdown import comparison_markdown, incomparable_markdown
 
     if (between is None) != (other is None):
         raise InputError("--between A and --and B: allowed are both or neither")
@@ -204,9 +208,9 @@ def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -
         comparison_lines,
         comparison_summary,
     )
-    from isacbench.report.comparisons.words import wording
+    from isacbench.report.comparisons.words import Wording
 
-    for line in wording(comparison).heading:
+    for line in Wording(comparison).heading:
         say(line)
     for grid in comparison_grids(comparison):
         print_grid(grid)

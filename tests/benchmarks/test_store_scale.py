@@ -9,9 +9,8 @@ import pytest
 
 from isacbench.bench.cells.record import Cell, Outcome, Record
 from isacbench.bench.run import runner
-from isacbench.bench.store.provenance import Made
+from isacbench.bench.store.provenance import Made, environment_id, environment_of
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.workers.workbench import Workbench
 from isacbench.model.cloud import PointCloud
 from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.tables.tables_by_kind import write_run_tables
@@ -35,13 +34,14 @@ class Estimates:
         self.time_s = 0.0
 
     def work(self, job, blocks, _repeats):
-        bench, random = Workbench(job), np.random.default_rng(0)
+        random, environments = np.random.default_rng(0), {}
         tick = time.perf_counter()
         for block in blocks:
             scene = job.plan.scenes[block.scene]
             for index in block.entries:
                 one = scene.entries[index]
-                name, environment = bench.environment(one)
+                environment = environments.setdefault(one.name, environment_of(one.plugin))
+                name = environment_id(environment)
                 key = Cell(
                     job.suite.name,
                     scene.name,

@@ -141,7 +141,7 @@ def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, 
         (("old", "new", "--markdown", "nowhere/x.md"), "x.md: cannot be written: there is no folder nowhere"),
         (("old", "new", "--junit", "old"), "old: cannot be written: is a folder, not a file"),
         (("old", "new", "--junit", "link"), "link: is a symbolic link"),
-        (("old", "new", "--plot", "plain/x.png"), "plain/x.png: cannot be written"),
+        (("old", "new", "--plot", "plain/x.png"), "plain: cannot be written"),
     ],
 )
 def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned, tmp_path, args, fragment):

@@ -14,9 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from isacbench.bench.compare.compared_run import read_run
-from isacbench.bench.compare.matching import NotComparableError
-from isacbench.bench.compare.regressions import compare_tables
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import NotComparableError, read_run
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite

@@ -1,3 +1,3 @@
 """Comparison of runs and of estimators."""
 
-__all__ = ["best_alternatives", "comparison", "matching", "regressions", "statistics", "tolerance"]
+__all__ = ["comparison", "matching", "statistics", "tolerance", "verdicts"]

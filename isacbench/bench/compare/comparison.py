@@ -1,22 +1,45 @@
-"""Result of a comparison: tables of curves and points with their verdicts, and what became of cells."""
+"""Comparison of runs or estimators: curves that got worse, beyond chance and by more than is tolerated."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from isacbench.bench.compare.estimator_pairs import spell_apart
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.compare.estimator_pairs import (
+    find_pairs,
+    find_variant,
+    pair_variants,
+    restrict,
+    spell_apart,
+    variants_of,
+)
+from isacbench.bench.compare.matching import (
+    CellChanges,
+    NotComparableError,
+    RunTable,
+    code_version,
+    incomparable,
+    pair_cells,
+    read_run,
+    timed_alike,
+    version_differences,
+    with_partners,
+)
+from isacbench.bench.compare.tolerance import Tolerance, direction, merge_tolerances, parse_tolerance
+from isacbench.bench.compare.verdicts import VERDICTS, curve_scores, judge, measure, point_scores
+from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    import pandas as pd
-
-    from isacbench.bench.compare.matching import CellChanges
-    from isacbench.bench.compare.tolerance import Tolerance
     from isacbench.bench.plan.labels import Variant
 
-VERDICTS = ("regression", "improvement", "inconclusive", "same")
+DEFAULT_ALPHA = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,10 +105,15 @@ class Comparison:
     notes: tuple[str, ...]
 
     @property
+    def is_worse(self) -> bool:
+        """Tell whether a curve or point got worse."""
+        return any((table["verdict"] == "regression").any() for table in (self.curves, self.points))
+
+    @property
     def is_regression(self) -> bool:
         """Tell whether a curve or point got worse, or a cell or a score failed or went missing."""
-        worse = any((table["verdict"] == "regression").any() for table in (self.curves, self.points))
-        return bool(worse or self.n_lost_scores or len(self.cells.new_failures) or len(self.cells.missing))
+        n_lost = self.n_lost_scores + len(self.cells.new_failures) + len(self.cells.missing)
+        return self.is_worse or n_lost > 0
 
     def __repr__(self) -> str:
         """Show what was compared, the verdict, and counts of curves, points and cells."""
@@ -102,6 +130,226 @@ class Comparison:
 
 
 def verdict_counts(table: pd.DataFrame, name: Callable[[str], str] = str) -> str:
-    """Count the verdicts of curves or points, the worst first, each by its name."""
+    """Count the verdicts of curves or points, the worst first.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the column ``verdict``.
+    name : callable
+        Gives the name of a verdict.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> verdict_counts(pd.DataFrame({"verdict": ["same", "regression", "same"]}))
+    '1 regression, 2 same'
+    """
     counts = table["verdict"].value_counts()
     return ", ".join(f"{counts[verdict]} {name(verdict)}" for verdict in VERDICTS if verdict in counts)
+
+
+def compare(
+    base: str | Path,
+    new: str | Path | None = None,
+    *,
+    map: str | Iterable[str] = (),
+    match: str | Iterable[str] = (),
+    between: tuple[str, str] | None = None,
+    tolerances: str | Iterable[str] = (),
+    alpha: float = DEFAULT_ALPHA,
+) -> Comparison:
+    """Compare two runs of a suite, or two estimators of one run, as ``isacbench compare`` does.
+
+    Nothing is written. An estimator is named by a specification,
+    ``name[param=value,...]``, that fits one stored variant; parameters that are
+    not given may have any value, and its plugin need not be installed.
+
+    Parameters
+    ----------
+    base : str or Path
+        Folder of the run to compare with, or of the only run.
+    new : str or Path, optional
+        Folder of the run to judge. Without it, `between` is needed.
+    map : str or iterable of str
+        ``OLD[param=value,...]=NEW[param=value,...]``: an estimator in `base`
+        and its partner in `new`; all others are paired by equal name and
+        parameters.
+    match : str or iterable of str
+        Names of estimators whose one variant in `base` is paired with the one
+        in `new`, whatever their parameters.
+    between : (str, str), optional
+        Two estimators of the run `base`; the second one is judged by the first.
+    tolerances : str or iterable of str
+        ``NAME=5%`` of the base's mean or ``NAME=0.5`` in units of the score, in
+        addition to ``deviation=5%`` or instead.
+    alpha : float
+        Largest probability of any false regression.
+
+    Returns
+    -------
+    Comparison
+        Curves, points and cells as tables; `Comparison.is_regression` is the
+        verdict.
+
+    Raises
+    ------
+    NotComparableError
+        If the runs measured different things.
+    InputError
+        If a folder holds no run, or an argument is not allowed.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from isacbench import run
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = run("quick", estimators=["oracle", "fft4d"], snr_db=[10], trials=1, out=folder)
+    ...     found = compare(folder, between=("oracle", "fft4d"))
+    >>> found.is_regression, found.curves["verdict"].tolist()
+    (False, ['inconclusive'])
+    """
+    asked = [parse_tolerance(text) for text in _as_list(tolerances)]
+    if between is None:
+        if new is None:
+            raise InputError(
+                "one run alone: allowed are two runs, BASE and NEW, or one run and two of its estimators, "
+                "between A and B"
+            )
+        runs = read_run(Path(base)), read_run(Path(new))
+        partners = find_pairs(*runs, _as_list(map), _as_list(match))
+        return compare_tables(*runs, asked, alpha, partners)
+    if new is not None or map or match:
+        raise InputError("between A and B: allowed with one run, and without map and match")
+    run = read_run(Path(base))
+    first, second = (find_variant(run, text) for text in between)
+    if first == second:
+        raise InputError(f"{run.label}: {between[0]!r} and {between[1]!r} are one estimator; allowed are two")
+    return compare_tables(run, run, asked, alpha, {first: second}, is_between=True)
+
+
+def compare_tables(
+    base: RunTable,
+    new: RunTable,
+    tolerances: Iterable[Tolerance] = (),
+    alpha: float = DEFAULT_ALPHA,
+    partners: Mapping[Variant, Variant] = MappingProxyType({}),
+    is_between: bool = False,
+) -> Comparison:
+    """Compare two runs of a suite cell by cell.
+
+    Two families of hypotheses are tested by one-sided signed-rank tests of
+    paired trials: every point of a curve, and every curve as a whole by the
+    means of its trials over all SNRs, because trials alone are independent.
+    Each family has half the level and is corrected by Holm's method; a family
+    that could not pass at half the level whatever the signs of its
+    differences leaves it to the other. What has no difference at all is not
+    tested. Both are decided by the sizes of the differences alone, on which
+    the tests are conditional.
+
+    A regression is significant *and* larger than the tolerance. What has a
+    95 % bootstrap interval within the tolerance on both sides is the same.
+    Everything else is inconclusive.
+
+    Parameters
+    ----------
+    base, new : RunTable
+    tolerances : iterable of Tolerance
+        In addition to 5 % of the deviation, or instead.
+    alpha : float
+        Level of everything together, in each direction.
+    partners : mapping of (str, str) to (str, str)
+        Variant of the new run for variants of the base; all others are
+        partners of their equals.
+    is_between : bool
+        Whether the one pair of partners alone is compared.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    NotComparableError
+        If the runs measured different things.
+    InputError
+        If a tolerance or the level cannot be.
+    """
+    if not 0 < alpha < 0.5:
+        raise InputError(f"alpha = {alpha!r}: allowed is a number above 0 and below 0.5")
+    reasons = incomparable(base, new)
+    if reasons:
+        raise NotComparableError(reasons)
+    asked = merge_tolerances(tolerances)
+    better = _directions(base, new, asked)
+    variants = tuple(dict.fromkeys([*variants_of(base), *variants_of(new)]))
+    between, sides = None, ("the base", "the new run")
+    if is_between:
+        (between,), sides = partners.items(), ("A", "B")
+        base, new = restrict(base, between[0]), restrict(new, between[1])
+    base, new, left_out = pair_variants(base, new, partners)
+    pairs, cells = pair_cells(base, new, partners)
+    notes = version_differences(base, new, partners) + left_out + _other_parameters(cells)
+    points, curves, n_lost = [], [], 0
+    for tolerance in asked:
+        metric, chosen = tolerance.metric, pairs
+        if metric.startswith("time_"):
+            chosen, told = timed_alike(pairs, metric, base, new)
+            notes += told
+        n_lost += int((np.isfinite(chosen[f"{metric}_base"]) & ~np.isfinite(chosen[f"{metric}_new"])).sum())
+        scores, told = point_scores(chosen, metric, sides)
+        notes += told if len(chosen) or not len(pairs) else []
+        points.append(measure(scores, tolerance, better[metric]))
+        curves.append(measure(curve_scores(scores), tolerance, better[metric]))
+    curve_table, point_table = judge(_joined(curves), _joined(points), alpha)
+    return Comparison(
+        base=base.label,
+        new=new.label,
+        base_version=code_version(base),
+        new_version=code_version(new),
+        between=between,
+        variants=variants,
+        alpha=alpha,
+        tolerances=asked,
+        curves=with_partners(curve_table, partners),
+        points=with_partners(point_table, partners),
+        cells=cells,
+        n_lost_scores=n_lost,
+        notes=tuple(notes),
+    )
+
+
+def _as_list(texts: str | Iterable[str]) -> list[str]:
+    """Texts, of which one alone is allowed in the place of many."""
+    return [texts] if isinstance(texts, str) else list(texts)
+
+
+def _directions(base: RunTable, new: RunTable, asked: Sequence[Tolerance]) -> dict[str, str]:
+    """Better direction of every score asked for, which both runs must have."""
+    columns, others = (
+        run.records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"]) for run in (base, new)
+    )
+    in_both = [name for name in columns if name in others]
+    metric = base.manifest["metric"]["name"]
+    return {tolerance.metric: direction(tolerance.metric, metric, in_both) for tolerance in asked}
+
+
+def _other_parameters(cells: CellChanges) -> list[str]:
+    """Say which estimators are unpaired because they ran with other parameters."""
+    gone, come = (
+        set(table[["estimator", "params"]].itertuples(index=False, name=None))
+        for table in (cells.missing, cells.added)
+    )
+    return [
+        f"{name} ran with other parameters: its cells are missing under the old ones and added under the "
+        "new; --match or --map pairs them"
+        for name in sorted({name for name, _ in gone - come} & {name for name, _ in come - gone})
+    ]
+
+
+def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """All rows; of a score that no cell has there are none, and no types of columns to join."""
+    return pd.concat([table for table in tables if len(table)] or [tables[0]], ignore_index=True)

@@ -1,4 +1,4 @@
-"""Pairs of estimators that a comparison is told: found in the runs that hold them, whatever is installed."""
+"""Pairs of estimators to compare, found in the runs that hold them; their plugins need not be installed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 import json
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+import pandas as pd
 
 from isacbench.bench.plan.labels import Variant
 from isacbench.errors import InputError, did_you_mean
@@ -16,9 +16,10 @@ from isacbench.plugins.specifications import Spec, parse_spec, spell_spec
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    import pandas as pd
+    import numpy as np
+    from numpy.typing import NDArray
 
-    from isacbench.bench.compare.compared_run import RunTable
+    from isacbench.bench.compare.matching import RunTable
 
 MAX_LISTED = 10
 """Variants that a message lists."""
@@ -28,6 +29,14 @@ KEYS = ["estimator", "params"]
 
 def parse_map(text: str) -> tuple[str, str]:
     """Cut ``OLD[param=value,...]=NEW[param=value,...]`` into its two specifications.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    old, new : str
 
     Raises
     ------
@@ -39,10 +48,8 @@ def parse_map(text: str) -> tuple[str, str]:
     >>> parse_map("music2d[pfa=1e-3]=music2d[pfa=1e-4]")
     ('music2d[pfa=1e-3]', 'music2d[pfa=1e-4]')
     """
-    depth = 0
     for place, sign in enumerate(text):
-        depth += (sign in "[(") - (sign in "])")
-        if sign == "=" and not depth:
+        if sign == "=" and text[:place].count("[") == text[:place].count("]"):
             return text[:place], text[place + 1 :]
     raise InputError(
         f"map {text!r}: allowed is OLD[param=value,...]=NEW[param=value,...], such as "
@@ -51,8 +58,17 @@ def parse_map(text: str) -> tuple[str, str]:
 
 
 def variants_of(run: RunTable) -> list[Variant]:
-    """List the variants of estimators that a run holds, in the order of its rows."""
-    return list(run.records.groupby(KEYS, sort=False, observed=True).size().index)
+    """List the variants of estimators that a run holds, in the order of its rows.
+
+    Parameters
+    ----------
+    run : RunTable
+
+    Returns
+    -------
+    list of (str, str)
+    """
+    return list(run.records[KEYS].drop_duplicates().itertuples(index=False, name=None))
 
 
 def find_variant(run: RunTable, text: str) -> Variant:
@@ -111,21 +127,28 @@ def find_pairs(
     ]
     for old_text, new_text, allowed in named:
         old, partner = _find(base, old_text, allowed), _find(new, new_text, allowed)
-        for run, text, is_taken in (
-            (base, old_text, old in pairs),
-            (new, new_text, partner in pairs.values()),
-        ):
-            if is_taken:
-                raise InputError(
-                    f"{run.label}: {text!r} is paired twice; allowed is one map or match for each variant"
-                )
+        if old in pairs or partner in pairs.values():
+            label, text = (base.label, old_text) if old in pairs else (new.label, new_text)
+            raise InputError(
+                f"{label}: {text!r} is paired twice; allowed is one map or match for each variant"
+            )
         pairs[old] = partner
     return pairs
 
 
 def restrict(run: RunTable, variant: Variant) -> RunTable:
-    """Take the rows of one variant."""
-    return dataclasses.replace(run, records=run.records[_is_of(run, variant)])
+    """Take the rows of one variant.
+
+    Parameters
+    ----------
+    run : RunTable
+    variant : (str, str)
+
+    Returns
+    -------
+    RunTable
+    """
+    return dataclasses.replace(run, records=run.records[_is_of(run.records, [variant])])
 
 
 def pair_variants(
@@ -147,15 +170,12 @@ def pair_variants(
     notes : list of str
         Names of those that were left out.
     """
-    if not partners:
-        return base, new, []
-    originals = {partner: variant for variant, partner in partners.items()}
-    left_base, notes = _without(base, [one for one in originals if one not in partners], new.label)
-    new, more = _without(new, [one for one in partners if one not in originals], base.label)
-    groups = new.records.groupby(KEYS, sort=False, observed=True)
-    names = np.array([originals.get(one, one) for one in groups.size().index], dtype=object).reshape(-1, 2)
-    renamed = names[groups.ngroup().to_numpy()]
-    records = new.records.assign(estimator=renamed[:, 0], params=renamed[:, 1])
+    news = set(partners.values())
+    left_base, notes = _without(base, news - set(partners), new.label)
+    left_new, more = _without(new, set(partners) - news, base.label)
+    records = left_new.records.astype(dict.fromkeys(KEYS, object))
+    for variant, partner in partners.items():
+        records.loc[_is_of(left_new.records, [partner]), KEYS] = variant
     return left_base, dataclasses.replace(new, records=records), notes + more
 
 
@@ -167,6 +187,10 @@ def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list
     variants : sequence of (str, str)
     also : collection of str
         Parameters to spell in any case.
+
+    Returns
+    -------
+    list of str
 
     Examples
     --------
@@ -186,13 +210,6 @@ def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list
     return texts
 
 
-def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
-    """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner."""
-    variants = zip(table["estimator"], table["params"], strict=True)
-    named = [partners.get(variant, variant) for variant in variants]
-    return table.assign(new_estimator=[name for name, _ in named], new_params=[params for _, params in named])
-
-
 def _bare(name: str) -> str:
     if parse_spec(name).params:
         raise InputError(f"match {name!r}: allowed is the bare name of an estimator; a map takes parameters")
@@ -207,13 +224,6 @@ def _find(run: RunTable, text: str, allowed: str) -> Variant:
         names = dict.fromkeys(estimator for estimator, _ in variants)
         raise InputError(f"{run.label}: no estimator fits {text!r}: {did_you_mean(name, names)}")
     stored = [json.loads(params) for _, params in namesakes]
-    known = dict.fromkeys(key for params in stored for key in params)
-    for key in asked:
-        if key not in known:
-            raise InputError(
-                f"{run.label}: no variant fits {text!r}, {name} has no parameter {key!r}: "
-                f"{did_you_mean(key, known)}"
-            )
     fitting = [index for index, params in enumerate(stored) if _fits(params, asked)]
     if len(fitting) == 1:
         return namesakes[fitting[0]]
@@ -248,19 +258,17 @@ def _listed(variants: Sequence[Variant], asked: Collection[str]) -> str:
     return f"{', '.join(spell_apart(variants, asked)[:MAX_LISTED])}{more}"
 
 
-def _is_of(run: RunTable, variant: Variant) -> pd.Series[bool]:
-    """Mark the rows of a variant."""
-    return (run.records["estimator"] == variant[0]) & (run.records["params"] == variant[1])
+def _is_of(records: pd.DataFrame, variants: Collection[Variant]) -> NDArray[np.bool_]:
+    """Mark the rows of some variants."""
+    return pd.MultiIndex.from_frame(records[KEYS]).isin(list(variants))
 
 
 def _without(run: RunTable, variants: Collection[Variant], other: str) -> tuple[RunTable, list[str]]:
     """Leave variants out as far as a run holds them, and say so."""
     present = variants_of(run)
-    notes = []
-    for name, params in [variant for variant in present if variant in variants]:
-        run = dataclasses.replace(run, records=run.records[~_is_of(run, (name, params))])
-        spelt = dict(zip(present, spell_apart(present), strict=True))
-        notes.append(
-            f"{spelt[name, params]} of {run.label} is left out: that of {other} is paired with another"
-        )
-    return run, notes
+    notes = [
+        f"{spelt} of {run.label} is left out: that of {other} is paired with another"
+        for variant, spelt in zip(present, spell_apart(present), strict=True)
+        if variant in variants
+    ]
+    return dataclasses.replace(run, records=run.records[~_is_of(run.records, variants)]), notes

@@ -1,4 +1,4 @@
-"""Two runs side by side: whether they can be compared at all, and which cell belongs to which."""
+"""Matching of two runs: their rows, reasons why they cannot be compared, and pairs of cells."""
 
 from __future__ import annotations
 
@@ -8,20 +8,57 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS
+from isacbench.bench.cells.record import CLOUD_KEYS, require_sound_records, with_added
 from isacbench.bench.cells.statuses import SCORED
-from isacbench.bench.compare.estimator_pairs import with_partners
 from isacbench.bench.store.resume import differing_versions
+from isacbench.bench.store.run_store import (
+    JOURNAL,
+    MANIFEST,
+    RECORDS,
+    read_manifest,
+    read_table,
+    require_described_scenarios,
+)
 from isacbench.errors import InputError
+from isacbench.files.checked_files import is_there
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from pathlib import Path
 
-    from isacbench.bench.compare.compared_run import RunTable
     from isacbench.bench.plan.labels import Variant
 
 CURVE = ["scenario", "estimator", "params"]
 CELL = CLOUD_KEYS
+COLUMNS = [*CLOUD_KEYS, "status", "reason", "environment", "scenario_content", "timing"]
+MEASURED = {
+    "the suite": ("suite", "name"),
+    "the kind of suite": ("suite", "kind"),
+    "the seed": ("seed", ""),
+    "the metric": ("metric", "name"),
+    "the version of the metric": ("metric", "version"),
+}
+"""Parts of the manifest that are equal where two runs have measured the same: section and key."""
+
+SECTIONS = ["suite", "seed", "metric", "scenarios", "environments"]
+
+
+@dataclass(frozen=True, eq=False)
+class RunTable:
+    """Rows and manifest of a run.
+
+    Attributes
+    ----------
+    label : str
+        Name in messages: its folder.
+    records : DataFrame
+        One row a cell.
+    manifest : mapping of str to Any
+        As JSON has it.
+    """
+
+    label: str
+    records: pd.DataFrame
+    manifest: Mapping[str, Any]
 
 
 class NotComparableError(ValueError):
@@ -69,8 +106,63 @@ class CellChanges:
     added: pd.DataFrame
 
 
+def read_run(folder: Path) -> RunTable:
+    """Read what a comparison needs from the folder of a run: ``results.parquet`` and ``manifest.json``.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    RunTable
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold them, or they lack what tells runs apart.
+    """
+    manifest = read_manifest(folder)
+    if is_there(folder / JOURNAL):
+        raise InputError(
+            f"{folder}: the run has not come to its end; allowed is a finished one: the same isacbench run "
+            "into the folder goes on"
+        )
+    if not is_there(folder / RECORDS):
+        raise InputError(
+            f"{folder}: not the folder of a run, {RECORDS} missing; allowed is one that isacbench run wrote"
+        )
+    try:
+        records = with_added(read_table(folder / RECORDS))
+        require_sound_records(records)
+    except ValueError as error:
+        raise InputError(f"{folder}: damaged run: {error}") from error
+    _require(folder / MANIFEST, SECTIONS, manifest)
+    _require(folder / RECORDS, COLUMNS, records.columns)
+    _require(folder / MANIFEST, records["environment"].unique(), manifest["environments"])
+    try:
+        require_described_scenarios(records, manifest)
+    except ValueError as error:
+        raise InputError(f"{folder}: damaged run: {error}") from error
+    repeated = records.duplicated(CLOUD_KEYS)
+    if repeated.any():
+        raise InputError(
+            f"{folder / RECORDS}: {repeated.sum()} cells have more than one row; allowed is one a cell"
+        )
+    return RunTable(str(folder), records, manifest)
+
+
 def code_version(run: RunTable) -> str:
-    """Version of the code that made a run, with its commit where it is known."""
+    """Version of the code that made a run, with its commit where it is known.
+
+    Parameters
+    ----------
+    run : RunTable
+
+    Returns
+    -------
+    str
+    """
     version, git = str(run.manifest.get("isacbench", "unknown version")), run.manifest.get("git")
     if not git or not git.get("commit"):
         return version
@@ -78,7 +170,7 @@ def code_version(run: RunTable) -> str:
 
 
 def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
-    """Every reason, in words, why two runs cannot be compared; differing code is none.
+    """Find every reason why two runs cannot be compared; other code is no reason.
 
     Parameters
     ----------
@@ -87,13 +179,15 @@ def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Empty where they can.
+        In words; empty where they can be compared.
     """
-    reasons = [
-        f"{what} differs: {before} in {base.label}, {after} in {new.label}"
-        for what, before, after in _measured(base.manifest, new.manifest)
-        if before != after
-    ]
+    reasons = []
+    for what, (section, key) in MEASURED.items():
+        before, after = (
+            run.manifest[section].get(key) if key else run.manifest[section] for run in (base, new)
+        )
+        if before != after:
+            reasons.append(f"{what} differs: {before} in {base.label}, {after} in {new.label}")
     contents, others = _contents(base), _contents(new)
     changed = [name for name in contents if name in others and contents[name] != others[name]]
     reasons += [f"scenario {name} has another content" for name in changed]
@@ -145,8 +239,26 @@ def pair_cells(
     return pairs.drop(columns="_merge"), changes
 
 
+def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
+    """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the columns ``estimator`` and ``params``.
+    partners : mapping of (str, str) to (str, str)
+
+    Returns
+    -------
+    DataFrame
+    """
+    variants = zip(table["estimator"], table["params"], strict=True)
+    named = [partners.get(variant, variant) for variant in variants]
+    return table.assign(new_estimator=[name for name, _ in named], new_params=[params for _, params in named])
+
+
 def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]) -> list[str]:
-    """Say in one line by which versions cells of the same name in both runs were made, if by others.
+    """Say in one line how the versions differ that made the cells of the same name in both runs.
 
     Parameters
     ----------
@@ -154,6 +266,11 @@ def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant
     partners : mapping of (str, str) to (str, str)
         As `pair_cells` takes them. The plugins of estimators with different
         names are different anyway, and left out.
+
+    Returns
+    -------
+    list of str
+        One line, or none where the versions are equal.
     """
     before, after = _versions(base), _versions(new)
     told: set[str] = set()
@@ -176,39 +293,65 @@ def _versions(run: RunTable) -> dict[tuple[str, str], dict[str, Any]]:
     }
 
 
-def machines(run: RunTable) -> dict[str, str]:
-    """Processor and number of cores of each environment, in words.
+def timed_alike(
+    pairs: pd.DataFrame, metric: str, base: RunTable, new: RunTable
+) -> tuple[pd.DataFrame, list[str]]:
+    """Choose the pairs whose run times can be compared: both measured alone, on equal machines.
+
+    Parameters
+    ----------
+    pairs : DataFrame
+        As `pair_cells` returns it.
+    metric : str
+        Column of the run times.
+    base, new : RunTable
+
+    Returns
+    -------
+    alike : DataFrame
+        Those rows.
+    notes : list of str
+        Reasons why others are left out.
 
     Raises
     ------
     InputError
-        If the manifest does not tell.
+        If the manifest of a run does not describe a machine.
     """
+    timed = pairs["timing_base"].astype(bool) & pairs["timing_new"].astype(bool)
+    before = pairs["environment_base"].map(_machines(base))
+    after = pairs["environment_new"].map(_machines(new))
+    other = timed & (before != after)
+    reasons = []
+    if not timed.all():
+        reasons.append(f"{(~timed).sum()} were not timed (alone, serially, one BLAS thread) on both sides")
+    if other.any():
+        reasons.append(
+            f"{other.sum()} ran on other machines ({before[other].iloc[0]}, and {after[other].iloc[0]})"
+        )
+    alike = pairs[timed & ~other]
+    told = f"{metric}: {len(alike)} of {len(pairs)} paired cells compared; {', '.join(reasons)}"
+    return alike, [told] if reasons else []
+
+
+def _machines(run: RunTable) -> dict[str, str]:
+    """Processor and number of cores of each environment, in words."""
     try:
         found = {name: one["machine"] for name, one in run.manifest["environments"].items()}
         return {name: f"{one['processor']}, {one['cores']} cores" for name, one in found.items()}
     except KeyError as error:
-        raise InputError(f"{run.label}: an environment of the manifest lacks {error}") from error
-
-
-def _measured(base: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-    """What has to be equal for two runs to have measured the same, with both values."""
-    for key, what in (("name", "the suite"), ("kind", "the kind of suite")):
-        yield what, base["suite"].get(key), new["suite"].get(key)
-    yield "the seed", base["seed"], new["seed"]
-    for key, what in (("name", "the metric"), ("version", "the version of the metric")):
-        yield what, base["metric"].get(key), new["metric"].get(key)
+        raise InputError(
+            f"{run.label}: an environment of the manifest lacks {error}; allowed for a comparison of times "
+            "are runs whose manifests describe their machines"
+        ) from error
 
 
 def _contents(run: RunTable) -> dict[str, set[str]]:
     """Digests of each scenario's content, of the manifest and of the rows."""
-    found: dict[str, set[str]] = {}
-    for name, described in run.manifest["scenarios"].items():
-        found.setdefault(name, set()).add(described["content"])
-    rows = run.records[["scenario", "scenario_content"]].drop_duplicates()
+    found = {name: {described.get("content")} for name, described in run.manifest["scenarios"].items()}
+    rows = run.records[["scenario", "scenario_content"]].drop_duplicates().dropna()
     for name, content in zip(rows["scenario"], rows["scenario_content"], strict=True):
-        if not pd.isna(content):
-            found.setdefault(name, set()).add(content)
+        found.setdefault(name, set()).add(content)
     return found
 
 
@@ -217,3 +360,11 @@ def _told(cells: pd.DataFrame, end: str, partners: Mapping[Variant, Variant]) ->
     told = cells[[*CELL, f"status_{end}", f"reason_{end}"]]
     told = told.set_axis([*CELL, "status", "reason"], axis=1).reset_index(drop=True)
     return with_partners(told, partners)
+
+
+def _require(where: Path, wanted: Any, present: Any) -> None:
+    missing = [str(name) for name in wanted if name not in present]
+    if missing:
+        raise InputError(
+            f"{where}: {', '.join(missing)} missing; allowed is a run of this version: run it again"
+        )

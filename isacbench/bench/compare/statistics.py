@@ -1,4 +1,4 @@
-"""Statistics of paired trials: whether a change is real, its size, and the least that could be shown."""
+"""Statistics of paired trials: tests of a change, its size, and the least change that could be shown."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.special import ndtr, ndtri, stdtrit
 
 from isacbench.bench.studies.intervals import CONFIDENCE
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     Integers = NDArray[np.int64]
 
 MAX_EXACT = 100
-"""Differences up to which the null distribution is exact; beyond, its normal limit is."""
+"""Most differences for which the null distribution is exact; beyond, its normal limit is taken."""
 
 TEST_POWER = 0.8
 
@@ -31,6 +32,12 @@ COLUMNS_AT_ONCE = 512
 
 SIGNED_RANK_EFFICIENCY = 3 / math.pi
 """Of the signed-rank test, in trials, relative to the t test of normal differences."""
+
+MAX_ENUMERATED = 12
+"""Trials up to which all flips of signs are gone through; of more trials, as many flips are drawn."""
+
+SUM_ROUNDING = 1e-9
+"""Statistics this near to each other are equal: the same sum in another order."""
 
 
 class SignedRank(NamedTuple):
@@ -50,24 +57,7 @@ class SignedRank(NamedTuple):
     attainable: float
 
 
-class Changes(NamedTuple):
-    """Mean changes with their confidence intervals, arrays of shape (n_points,).
-
-    Attributes
-    ----------
-    change, change_low, change_high : ndarray of float64
-        Of the mean, in units of the score.
-    relative, relative_low, relative_high : ndarray of float64
-        The same over the size of the base's mean; infinite where that is zero
-        and the change is not.
-    """
-
-    change: Floats
-    change_low: Floats
-    change_high: Floats
-    relative: Floats
-    relative_low: Floats
-    relative_high: Floats
+CHANGES = ["change", "change_low", "change_high", "relative", "relative_low", "relative_high"]
 
 
 def signed_rank_test(differences: ArrayLike) -> SignedRank:
@@ -111,11 +101,14 @@ def signed_rank_test(differences: ArrayLike) -> SignedRank:
     positive, kept = int(ranks[is_positive].sum()), ranks[~is_zero]
     if not kept.size:
         return SignedRank(1.0, 1.0, 1.0)
-    negative = int(kept.sum()) - positive
-    tail = _exact_tail if kept.size <= MAX_EXACT else _normal_tail
-    key = tuple(sorted(kept.tolist()))
     # The distribution is symmetric: the sum of negative ranks has the tail of the positive ones.
-    return SignedRank(tail(key, positive), tail(key, negative), 2.0**-kept.size)
+    sums = np.array([positive, kept.sum() - positive])
+    if kept.size <= MAX_EXACT:
+        greater, less = _tails(tuple(sorted(kept.tolist())))[sums]
+    else:
+        # Half a rank towards the middle is 1 in doubled ranks.
+        greater, less = ndtr((kept.sum() / 2 + 1 - sums) / math.sqrt(np.square(kept).sum() / 4))
+    return SignedRank(float(greater), float(less), 2.0**-kept.size)
 
 
 def holm(p_values: ArrayLike) -> Floats:
@@ -151,8 +144,8 @@ def holm(p_values: ArrayLike) -> Floats:
     return adjusted
 
 
-def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> Changes:
-    """Mean changes of paired trials with 95 % bootstrap intervals.
+def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
+    """Compute mean changes of paired trials with 95 % bootstrap intervals.
 
     Trials are resampled jointly, with their pairs and for all points at once:
     what the points of one trial share, they share in every resample. The
@@ -169,9 +162,13 @@ def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> Changes:
 
     Returns
     -------
-    Changes
-        Means are NaN without pairs, intervals with fewer than six, unless
-        all differences are zero.
+    DataFrame
+        A row for each point: the change of the mean in units of the score,
+        with the limits of its interval, ``change``, ``change_low`` and
+        ``change_high``; and the same over the size of the base's mean,
+        ``relative``, infinite where that is zero and the change is not. Means
+        are NaN without pairs, intervals with fewer than six, unless all
+        differences are zero.
 
     References
     ----------
@@ -182,18 +179,18 @@ def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> Changes:
     --------
     >>> base = np.full((10, 1), 8.0)
     >>> found = bootstrap_changes(base, base + 2)
-    >>> found.relative_low, found.relative_high
-    (array([0.25]), array([0.25]))
+    >>> found[["relative_low", "relative_high"]].to_numpy()
+    array([[0.25, 0.25]])
     """
     n_trials, n_points = base.shape
-    if not base.size:
-        return Changes(*np.full((6, n_points), np.nan))
-    weights = np.random.default_rng(seed).multinomial(n_trials, np.full(n_trials, 1 / n_trials), N_RESAMPLES)
     found = np.full((6, n_points), np.nan)
-    for start in range(0, n_points, COLUMNS_AT_ONCE):
-        part = slice(start, start + COLUMNS_AT_ONCE)
-        found[:, part] = _changes(base[:, part], new[:, part], weights.astype(np.float64))
-    return Changes(*found)
+    if base.size:
+        rng = np.random.default_rng(seed)
+        weights = rng.multinomial(n_trials, np.full(n_trials, 1 / n_trials), N_RESAMPLES).astype(np.float64)
+        for start in range(0, n_points, COLUMNS_AT_ONCE):
+            part = slice(start, start + COLUMNS_AT_ONCE)
+            found[:, part] = _changes(base[:, part], new[:, part], weights)
+    return pd.DataFrame(found.T, columns=CHANGES)
 
 
 def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Floats:
@@ -245,6 +242,14 @@ def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Flo
 def trials_needed(level: float) -> int:
     """Fewest trials of which a signed-rank test can be significant at all: 2^-n is at most the level.
 
+    Parameters
+    ----------
+    level : float
+
+    Returns
+    -------
+    int
+
     Examples
     --------
     >>> trials_needed(0.01), trials_needed(0.01 / 66)
@@ -253,16 +258,85 @@ def trials_needed(level: float) -> int:
     return math.ceil(-math.log2(level))
 
 
+def best_p_values(scores: ArrayLike, margin: float = 0.0, seed: int = 0) -> Floats:
+    """Test of each alternative whether its mean is the lowest, or within a margin of it.
+
+    Those with a p-value above a level are a set that misses the best
+    alternative with at most that probability. Their number needs no
+    correction, nor does it matter that the data choose with which the best is
+    compared: it is dropped only if its own test errs (Gupta's subset
+    selection).
+
+    An alternative's statistic is the greatest, over the others, of the sum of
+    paired differences beyond the margin, over the root of the sum of their
+    squares. If the hypothesis only just holds, it is as it would be with the
+    signs of any trials flipped, of all differences of a trial at once. So no
+    normal distribution is supposed, and what alternatives share in a trial
+    they share in every flip.
+
+    Parameters
+    ----------
+    scores : array_like, shape (n_trials, n_alternatives)
+        Lower is better. Finite: every alternative has met every trial.
+    margin : float
+        By how much a mean may be above the lowest one, in units of the scores.
+    seed : int
+        Of the flips that are drawn for more than `MAX_ENUMERATED` trials; the same answer every time.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_alternatives,)
+        1 for that of least mean; never below `smallest_p_value`.
+
+    Raises
+    ------
+    ValueError
+        If the scores are no finite table with a trial.
+
+    References
+    ----------
+    Gupta, "On some multiple decision (selection and ranking) rules", Technometrics 7 (1965). Westfall and
+    Young, "Resampling-Based Multiple Testing" (1993), on the greatest of dependent statistics.
+
+    Examples
+    --------
+    The second is worse than the first in each of eight trials, the third is worse in some:
+
+    >>> trials = np.array([[1.0, 1.5, 1.0 + x] for x in (0.1, -0.1, 0.2, -0.2, 0.3, -0.3, 0.1, 0.0)])
+    >>> best_p_values(trials).round(3).tolist()
+    [1.0, 0.004, 0.672]
+    """
+    table = np.asarray(scores, dtype=np.float64)
+    if table.ndim != 2 or not len(table) or not np.isfinite(table).all():
+        raise ValueError(f"scores of shape {table.shape}: allowed is a finite table of trials x alternatives")
+    signs = _signs(len(table), seed)
+    return np.array([_p_value(_excess(table, k, margin), signs) for k in range(table.shape[1])])
+
+
+def smallest_p_value(n_trials: int) -> float:
+    """Smallest p-value that so many trials can have in `best_p_values`.
+
+    Parameters
+    ----------
+    n_trials : int
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> smallest_p_value(8)
+    0.00390625
+    """
+    return float(2.0 ** -min(n_trials, MAX_ENUMERATED))
+
+
 def _doubled_midranks(sizes: Floats) -> Integers:
     """Twice the ranks from 1 on, equal ones sharing their mean: whole numbers."""
     _, inverse, counts = np.unique(sizes, return_inverse=True, return_counts=True)
     doubled: Integers = (2 * np.cumsum(counts) - counts + 1)[inverse]
     return doubled
-
-
-def _exact_tail(ranks: tuple[int, ...], observed: int) -> float:
-    """Probability of a rank sum of at least the observed one."""
-    return float(_tails(ranks)[observed])
 
 
 @lru_cache(maxsize=256)
@@ -276,20 +350,11 @@ def _tails(ranks: tuple[int, ...]) -> Floats:
         mass /= 2
     # Summed from the far end, where the smallest are.
     tails: Floats = np.cumsum(mass[::-1])[::-1]
-    tails.flags.writeable = False
     return tails
 
 
-def _normal_tail(ranks: tuple[int, ...], observed: int) -> float:
-    """Probability of a rank sum of at least the observed one, in the limit of many."""
-    doubled = np.array(ranks, dtype=np.float64)
-    # Half a rank towards the middle is 1 in doubled ranks.
-    excess = observed - doubled.sum() / 2 - 1
-    return float(ndtr(-excess / math.sqrt(np.square(doubled).sum() / 4)))
-
-
 def _changes(base: Floats, new: Floats, weights: Floats) -> Floats:
-    """The six rows of `Changes`."""
+    """Six rows, as `CHANGES` names them."""
     paired = np.isfinite(base) & np.isfinite(new)
     n_pairs = paired.sum(axis=0)
     differences, levels = np.where(paired, new - base, 0.0), np.where(paired, base, 0.0)
@@ -325,3 +390,28 @@ def _percentiles(resampled: Floats, n_pairs: Integers) -> Floats:
     low = np.floor(ndtr(-quantile) * last).astype(np.int64)
     columns = np.arange(resampled.shape[1])
     return np.stack([ordered[low, columns], ordered[last - low, columns]])
+
+
+def _excess(table: Floats, k: int, margin: float) -> Floats:
+    """Differences (n_trials, n) of an alternative from all, beyond the margin; from itself 0."""
+    excess = table[:, [k]] - table - margin
+    excess[:, k] = 0.0
+    return excess
+
+
+def _p_value(differences: Floats, signs: Floats) -> float:
+    """Share of the flips whose greatest statistic is that of the differences (n_trials, n), or more."""
+    # Flips keep the sum of squares; given it, the sum is as good as Student's t.
+    size = np.sqrt(np.square(differences).sum(axis=0))
+    greatest = (signs @ (differences / np.where(size > 0, size, 1.0))).max(axis=1)
+    return float(np.mean(greatest >= greatest[0] - SUM_ROUNDING))
+
+
+def _signs(n_trials: int, seed: int) -> Floats:
+    """Rows of signs (n_flips, n_trials), the first one without a flip: all that there are, or many."""
+    if n_trials <= MAX_ENUMERATED:
+        bits = np.arange(2**n_trials)[:, None] >> np.arange(n_trials)
+        return (1 - 2 * (bits & 1)).astype(np.float64)
+    signs: Floats = np.random.default_rng(seed).choice([-1.0, 1.0], (2**MAX_ENUMERATED, n_trials))
+    signs[0] = 1.0
+    return signs

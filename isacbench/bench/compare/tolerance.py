@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -15,39 +14,36 @@ if TYPE_CHECKING:
 
 Direction = Literal["lower", "higher", "neither"]
 
-FORM = re.compile(r"(?P<metric>\w+)\s*=\s*(?P<number>[^%\s]+)\s*(?P<percent>%?)")
+FORM = re.compile(
+    r"\s*(?P<metric>\w+)\s*=\s*(?P<number>(\d+\.?\d*|\.\d+)(e[+-]?\d+)?)\s*(?P<percent>%?)\s*", re.IGNORECASE
+)
 
+HIGHER_IS_BETTER = ("hit", "resolved", "n_hits", "rate_bps")
+NO_BETTER_SIDE = (
+    *(
+        "n_bits",
+        "ber_expected",
+        "n_targets",
+        "n_clear",
+        "pfa",
+        "snr_gain_db",
+        "separation_cells",
+        "phase_deg",
+    ),
+    *("error_range_m", "error_velocity_mps", "error_u", "error_w"),  # errors with a sign
+    *("bound_range_m", "bound_velocity_mps", "bound_u", "bound_w"),
+    *("seed", "timing", "time_spread_s"),
+)
 STUDY_DIRECTIONS: dict[str, Direction] = {
-    "hit": "higher",
-    "resolved": "higher",
-    "n_hits": "higher",
-    "rate_bps": "higher",
-    "n_bits": "neither",
-    "ber_expected": "neither",
-    "n_targets": "neither",
-    "n_clear": "neither",
-    "pfa": "neither",
-    "snr_gain_db": "neither",
-    "separation_cells": "neither",
-    "phase_deg": "neither",
-    "error_range_m": "neither",
-    "error_velocity_mps": "neither",
-    "error_u": "neither",
-    "error_w": "neither",
-    "bound_range_m": "neither",
-    "bound_velocity_mps": "neither",
-    "bound_u": "neither",
-    "bound_w": "neither",
-    "seed": "neither",
-    "timing": "neither",
-    "time_spread_s": "neither",
+    **dict.fromkeys(HIGHER_IS_BETTER, "higher"),
+    **dict.fromkeys(NO_BETTER_SIDE, "neither"),
 }
-"""Columns beside the scores for which lower is not better; errors have a sign."""
+"""Columns that are no scores of images, and for which lower is not better."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """By how much the mean of a score may get worse.
+    """Limit to how much worse the mean of a score may get.
 
     Attributes
     ----------
@@ -56,7 +52,7 @@ class Tolerance:
     limit : float
         At least 0: a fraction of the base's mean, or in units of the score.
     is_relative : bool
-        Which of the two.
+        Whether it is a fraction.
     """
 
     metric: str
@@ -74,6 +70,14 @@ DEFAULT_TOLERANCE = Tolerance("deviation", 0.05, is_relative=True)
 def parse_tolerance(text: str) -> Tolerance:
     """Parse ``NAME=5%``, relative to the base's mean, or ``NAME=0.5``, in units of the score.
 
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    Tolerance
+
     Raises
     ------
     InputError
@@ -84,22 +88,26 @@ def parse_tolerance(text: str) -> Tolerance:
     >>> parse_tolerance("deviation=5%")
     Tolerance(metric='deviation', limit=0.05, is_relative=True)
     """
-    match = FORM.fullmatch(text.strip())
-    try:
-        number = float(match["number"]) if match else math.nan
-    except ValueError:
-        number = math.nan
-    if match is None or not 0 <= number < math.inf:
+    match = FORM.fullmatch(text)
+    if match is None:
         raise InputError(
             f"tolerance {text!r}: allowed is NAME=NUMBER% of the base's mean or NAME=NUMBER in units of the "
             "score, a number of at least 0, such as deviation=5% or hausdorff_xy_m=0.5"
         )
-    is_relative = bool(match["percent"])
+    number, is_relative = float(match["number"]), bool(match["percent"])
     return Tolerance(match["metric"], number / 100 if is_relative else number, is_relative)
 
 
 def merge_tolerances(given: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
-    """Add tolerances to the default one; the last word on a score counts.
+    """Add tolerances to the default one; the last one for a score counts.
+
+    Parameters
+    ----------
+    given : iterable of Tolerance
+
+    Returns
+    -------
+    tuple of Tolerance
 
     Examples
     --------
@@ -109,19 +117,8 @@ def merge_tolerances(given: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
     return tuple({one.metric: one for one in (DEFAULT_TOLERANCE, *given)}.values())
 
 
-def is_time(column: str) -> bool:
-    """Whether a column holds run times.
-
-    Examples
-    --------
-    >>> is_time("time_estimate_s"), is_time("deviation")
-    (True, False)
-    """
-    return column.startswith("time_") and column.endswith("_s")
-
-
 def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lower", "higher"]:
-    """Which direction of a column is better; lower, where nothing else is known.
+    """Better direction of a column: lower, where nothing else is known.
 
     Parameters
     ----------
@@ -130,6 +127,10 @@ def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lo
         Metric that the run was scored by, see `isacbench.metrics.score.METRICS`.
     columns : collection of str
         Numeric columns that the runs have.
+
+    Returns
+    -------
+    {"lower", "higher"}
 
     Raises
     ------

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Environment = dict[str, Any]
 """Origin of a row: ``versions`` (isacbench, plugins, python, packages) and ``machine``."""
 
-PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "pebble", "threadpoolctl")
+PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "threadpoolctl")
 RESULT_PACKAGES = ("numpy", "scipy")
 """Packages whose versions can change a row."""
 

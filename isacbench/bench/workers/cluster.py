@@ -9,24 +9,16 @@ time.
 
 from __future__ import annotations
 
-import asyncio
 import logging
+import math
 import time
 from collections import deque
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import groupby
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from isacbench.bench.store.resume import versions_now
-from isacbench.bench.workers.cluster_worker import (
-    Batch,
-    UnfitWorkerError,
-    WorkOrder,
-    check_worker,
-    stop,
-    work,
-)
+from isacbench.bench.workers.cluster_worker import Batch, WorkOrder, check_worker, stop, work
 from isacbench.bench.workers.workbench import Workbench
 from isacbench.errors import InputError
 
@@ -38,21 +30,15 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block
     from isacbench.bench.store.provenance import Made
-    from isacbench.bench.workers.cluster_worker import PackedOrder
     from isacbench.bench.workers.guarded_cells import Guard
 
 WAIT_S = 30.0
-"""How long a scheduler or the first worker may take to be there."""
-
-ALLOWED = "allowed is the address of a running `dask scheduler`, such as tcp://10.0.0.1:8786"
+"""Longest time in s in which a scheduler answers, or a run waits for a worker."""
 
 POLL_S = 1.0
 CLOSE_S = 5.0
 TASKS_A_THREAD = 2
-"""One that runs, and one that waits, so that no thread does."""
-
-FAULTS_TOLD = 3
-"""Workers that a message names, if many have a fault."""
+"""Tasks for each thread of a worker: one that runs, and one that waits, so that the thread does not."""
 
 NOISY = ("distributed", "tornado", "asyncio")
 """Loggers that tell on the terminal what becomes an error of ours."""
@@ -63,7 +49,7 @@ def work_on_cluster(
 ) -> Generator[Made, None, None]:
     """Work off blocks on the workers of a Dask scheduler.
 
-    Cluster and workers are looked at before this returns.
+    Scheduler and workers are checked before this returns.
 
     Parameters
     ----------
@@ -93,11 +79,10 @@ def work_on_cluster(
     if not blocks:
         nothing: tuple[Made, ...] = ()
         return (made for made in nothing)
-    order = WorkOrder(job, guard, versions_now(job.plan), mix_versions).pack()
+    order = WorkOrder.of_job(job, guard, mix_versions)
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         cluster = stack.enter_context(_connected(address, order))
-        cluster.require_workers()
         cluster.check()
         return _work(cluster, job, blocks, stack.pop_all())
 
@@ -107,103 +92,100 @@ def _work(
 ) -> Generator[Made, None, None]:
     suspects: list[Block] = []
     with stack:
-        for piece, outcome in cluster.work(Backlog(blocks)):
-            if outcome is None:
-                suspects += _cells(piece)
+        for piece, batch in cluster.work(blocks):
+            if batch is None:
+                suspects += [block._replace(entries=(entry,)) for block in piece for entry in block.entries]
             else:
-                yield from outcome.made
-        # Beside a cell that brings its worker down, others look as guilty. Alone only one does.
+                yield from batch.made
+        # A cell that ends its worker casts suspicion on those of the same task; alone only one is guilty.
         for suspect in suspects:
-            for (block,), outcome in cluster.work(Backlog([suspect])):
-                yield from _killed(job, block) if outcome is None else outcome.made
+            for (block,), batch in cluster.work([suspect]):
+                yield from _killed(job, block) if batch is None else batch.made
 
 
-class Backlog:
-    """Blocks that wait for a worker, in pieces of one trial of a scene, whose echo and noise they share.
+def _killed(job: Job, block: Block) -> Iterator[Made]:
+    """Rows of cells that left nothing else; what they would have observed is observed here."""
+    workbench = Workbench(job)
+    workbench.observe(block)
+    for entry in block.entries:
+        yield workbench.failure_row(entry, "killed", "one Dask worker after the other died with it", 0.0)
+
+
+def take_piece(pieces: deque[tuple[Block, ...]], n_wanted: int) -> tuple[Block, ...]:
+    """Take the first piece of the work, or a part of it while there are fewer pieces than wanted.
 
     Parameters
     ----------
-    blocks : sequence of Block
+    pieces : deque of tuple of Block
+        Not empty; loses what is taken.
+    n_wanted : int
+
+    Returns
+    -------
+    tuple of Block
+
+    Examples
+    --------
+    >>> pieces = deque([(1, 2, 3)])
+    >>> take_piece(pieces, 2), take_piece(pieces, 1)
+    ((1, 2), (3,))
     """
-
-    def __init__(self, blocks: Sequence[Block]) -> None:
-        self._pieces = deque(tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2]))
-
-    def __len__(self) -> int:
-        """Number of pieces."""
-        return len(self._pieces)
-
-    def put_back(self, piece: tuple[Block, ...]) -> None:
-        """Put what is left of a piece to the front."""
-        if piece:
-            self._pieces.appendleft(piece)
-
-    def take(self, n_hands: int) -> tuple[Block, ...]:
-        """Take the first piece; the longest ones are halved as long as there are fewer than hands."""
-        while len(self._pieces) < n_hands:
-            index, longest = max(enumerate(self._pieces), key=lambda found: len(found[1]))
-            middle = (len(longest) + 1) // 2
-            if middle == len(longest):
-                break
-            self._pieces[index] = longest[:middle]
-            self._pieces.insert(index + 1, longest[middle:])
-        return self._pieces.popleft()
+    piece = pieces.popleft()
+    size = math.ceil(len(piece) / max(n_wanted - len(pieces), 1))
+    if size < len(piece):
+        pieces.appendleft(piece[size:])
+    return piece[:size]
 
 
 class _Cluster:
-    """A scheduler and its workers, as far as a run has to do with them."""
+    """Workers of a scheduler, as far as a run has to do with them."""
 
-    def __init__(self, client: Client, address: str, order: PackedOrder) -> None:
+    def __init__(self, client: Client, address: str, order: WorkOrder) -> None:
         self._client, self._address, self._order = client, address, order
         self._done: SimpleQueue[Future[Batch]] = SimpleQueue()
         self._running: dict[Future[Batch], tuple[Block, ...]] = {}
         self._last_alive_s = time.monotonic()
         self._is_lost = False
 
-    def require_workers(self) -> None:
-        """Wait for the first worker.
-
-        Raises
-        ------
-        InputError
-            If none has come after `WAIT_S`.
-        """
-        deadline_s = time.monotonic() + WAIT_S
-        while not self._count_threads():
-            if time.monotonic() > deadline_s:
-                raise InputError(f"dask {self._address}: {self._no_worker()}")
-            time.sleep(POLL_S / 10)
-
     def check(self) -> None:
-        """Have every worker try whether it can do what the run asks.
+        """Wait for a worker, and have every one try whether it can do what the run asks.
 
         Raises
         ------
         InputError
-            Naming workers that cannot, and why.
+            If there is no worker, or one cannot, with the reason.
         """
+        try:
+            self._client.wait_for_workers(1, timeout=WAIT_S)
+        except TimeoutError as error:
+            raise InputError(f"dask {self._address}: {self._no_worker()}") from error
         answers = self._client.run(check_worker, self._order, on_error="return")
-        faults = [f"worker {worker}: {_fault(error)}" for worker, error in answers.items() if error]
-        if faults:
-            raise InputError(_refusal(self._address, faults))
+        for worker, fault in answers.items():
+            if fault is not None:
+                raise self._refused(f"worker {worker}", fault)
 
-    def work(self, backlog: Backlog) -> Iterator[tuple[tuple[Block, ...], Batch | None]]:
-        """Work off a backlog; yields pieces and what became of them, None where workers died of them."""
-        while backlog or self._running:
+    def work(self, blocks: Sequence[Block]) -> Iterator[tuple[tuple[Block, ...], Batch | None]]:
+        """Work off blocks in pieces of one trial of a scene, whose echo and noise they share.
+
+        Yields pieces, each with its batch, or with None where workers died of it.
+        """
+        pieces = deque(tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2]))
+        while pieces or self._running:
             n_tasks = TASKS_A_THREAD * max(self._n_threads(), 1)
-            while backlog and len(self._running) < n_tasks:
-                self._submit(backlog.take(n_tasks - len(self._running)))
+            while pieces and len(self._running) < n_tasks:
+                self._submit(take_piece(pieces, n_tasks - len(self._running)))
             future = self._next_done()
-            piece, outcome = self._running.pop(future), self._outcome(future)
-            if outcome is not None:
-                backlog.put_back(outcome.rest)
-            yield piece, outcome
+            piece, batch = self._running.pop(future), self._batch(future)
+            if batch is not None and batch.rest:
+                pieces.appendleft(batch.rest)
+            yield piece, batch
 
     def leave(self) -> None:
         """Let go of all that still runs, and of what workers keep; a cluster that is lost does so itself."""
         if not self._is_lost:
-            self._client.cancel(list(self._running))
-            self._client.run(stop, self._order.token, on_error="ignore")
+            with suppress(OSError):  # the scheduler goes at this moment
+                self._client.cancel(list(self._running))
+                self._client.run(stop, self._order.token, on_error="ignore")
         self._client.close(timeout=CLOSE_S)
 
     def _submit(self, piece: tuple[Block, ...]) -> None:
@@ -218,52 +200,44 @@ class _Cluster:
             except Empty:
                 self._n_threads()
 
-    def _outcome(self, future: Future[Batch]) -> Batch | None:
-        """Result of a task; None if it came to the end of the scheduler's patience with workers that died."""
+    def _batch(self, future: Future[Batch]) -> Batch | None:
+        """Result of a task; None where more workers died with it than the scheduler allows."""
         from distributed.scheduler import KilledWorker
 
-        while future.status != "error":
-            if future.status == "cancelled":
-                raise self._lost("the scheduler is gone")
+        while future.status not in ("error", "cancelled"):
             try:
                 batch = future.result(timeout=POLL_S)
-            except OSError:  # of which a TimeoutError is one: whoever had the result may have died
+            except OSError:  # such as TimeoutError: the worker that had the result may have died
                 self._n_threads()
             except Exception:
-                if future.status not in ("error", "cancelled"):
+                if future.status == "finished":
                     raise
             else:
                 return batch
+        if future.status == "cancelled":
+            raise self._lost("the scheduler is gone")
         error = future.exception()
+        assert error is not None
         if isinstance(error, KilledWorker):
             return None
-        if isinstance(error, UnfitWorkerError | ImportError | AttributeError):
-            raise InputError(_refusal(self._address, [f"a later worker: {_fault(error)}"])) from error
-        assert error is not None
+        if isinstance(error, InputError | ImportError | AttributeError):
+            raise self._refused("a worker", error)
         raise error
 
     def _n_threads(self) -> int:
-        """Threads of all workers at the moment.
-
-        Raises
-        ------
-        InputError
-            If there is no scheduler, or for a while has been no worker.
-        """
-        n_threads, now_s = self._count_threads(), time.monotonic()
+        """Threads of all workers at the moment; an error where the cluster is lost."""
+        try:
+            if self._client.status != "running":
+                raise OSError
+            n_threads = int(sum(self._client.nthreads().values()))
+        except OSError as error:
+            raise self._lost("the scheduler is gone") from error
+        now_s = time.monotonic()
         if n_threads:
             self._last_alive_s = now_s
         elif now_s - self._last_alive_s > WAIT_S:
             raise self._lost(self._no_worker())
         return n_threads
-
-    def _count_threads(self) -> int:
-        try:
-            if self._client.status == "running":
-                return sum(self._client.nthreads().values())
-        except OSError as error:
-            raise self._lost("the scheduler is gone") from error
-        raise self._lost("the scheduler is gone")
 
     def _no_worker(self) -> str:
         return f"no worker for {WAIT_S:g} s; start some with `dask worker {self._address}`"
@@ -275,9 +249,18 @@ class _Cluster:
             "and the same run into it goes on with the rest"
         )
 
+    def _refused(self, worker: str, error: BaseException) -> InputError:
+        """Error of a worker that cannot work; one that cannot even read the order has another isacbench."""
+        if isinstance(error, InputError):
+            return InputError(f"dask {self._address}: {worker}: {error}")
+        return InputError(
+            f"dask {self._address}: {worker} has no isacbench that could be used "
+            f"({type(error).__name__}: {error}); allowed is the isacbench of this process"
+        )
+
 
 @contextmanager
-def _connected(address: str, order: PackedOrder) -> Iterator[_Cluster]:
+def _connected(address: str, order: WorkOrder) -> Iterator[_Cluster]:
     """Client of a scheduler that leaves nothing behind."""
     try:
         from distributed import Client
@@ -286,8 +269,13 @@ def _connected(address: str, order: PackedOrder) -> Iterator[_Cluster]:
             "dask: the package `distributed` is missing; pip install 'isacbench[distributed]', here and "
             "where workers run"
         ) from error
-    _require_scheduler(address)
-    client = Client(address, timeout=WAIT_S, set_as_default=False)
+    try:
+        client = Client(address, timeout=WAIT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:  # no answer, no address, another server's address
+        raise InputError(
+            f"dask {address}: no scheduler there ({error}); allowed is the address of a running "
+            "`dask scheduler`, such as tcp://10.0.0.1:8786"
+        ) from error
     cluster = _Cluster(client, address, order)
     try:
         yield cluster
@@ -295,70 +283,13 @@ def _connected(address: str, order: PackedOrder) -> Iterator[_Cluster]:
         cluster.leave()
 
 
-def _require_scheduler(address: str) -> None:
-    """Refuse an address at which there is no scheduler: a client would never let go of it."""
-    from distributed.utils import LoopRunner
-
-    try:
-        kind = LoopRunner().run_sync(_kind_of_server, address)
-    except OSError as error:
-        raise InputError(f"dask {address}: no scheduler answered within {WAIT_S:g} s; {ALLOWED}") from error
-    except (ValueError, TypeError) as error:
-        raise InputError(f"dask {address!r}: no address ({error}); {ALLOWED}") from error
-    if kind != "Scheduler":
-        raise InputError(f"dask {address}: it is the address of a {kind}; {ALLOWED}")
-
-
-async def _kind_of_server(address: str) -> str:
-    """What a Dask server at an address is: ``Scheduler``, ``Worker`` or ``Nanny``."""
-    from distributed import Security, rpc
-
-    connection = Security().get_connection_args("client")
-    async with rpc(address, timeout=WAIT_S, connection_args=connection) as server:
-        identity = await asyncio.wait_for(server.identity(), WAIT_S)
-    return str(identity["type"])
-
-
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep what Dask logs off the terminal."""
-    loggers = [logging.getLogger(name) for name in NOISY]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
+    levels = {logger: logger.level for logger in map(logging.getLogger, NOISY)}
+    for logger in levels:
         logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    except InputError:
-        loggers.clear()  # a client that has lost its scheduler goes on complaining in the background
-        raise
-    finally:
-        for logger, level in zip(loggers, levels, strict=False):
-            logger.setLevel(level)
-
-
-def _refusal(address: str, faults: Sequence[str]) -> str:
-    more = f"; and {len(faults) - FAULTS_TOLD} more" if len(faults) > FAULTS_TOLD else ""
-    return (
-        f"dask {address}: {'; '.join(faults[:FAULTS_TOLD])}{more}; allowed are workers with the isacbench "
-        "and the plugins of this process, installed before they were started"
-    )
-
-
-def _fault(error: Any) -> str:
-    """Say what keeps a worker from working; one that cannot even read the question has another isacbench."""
-    if isinstance(error, InputError):
-        return str(error)
-    return f"has no isacbench that could be used ({type(error).__name__}: {error})"
-
-
-def _cells(piece: Sequence[Block]) -> list[Block]:
-    """Blocks of one cell each."""
-    return [block._replace(entries=(one,)) for block in piece for one in block.entries]
-
-
-def _killed(job: Job, block: Block) -> Iterator[Made]:
-    """Rows of cells that nothing else is left of; what they would have observed is observed here."""
-    workbench = Workbench(job)
-    workbench.observe(block)
-    for entry in block.entries:
-        yield workbench.failure_row(entry, "killed", "one Dask worker after the other died with it", 0.0)
+    yield
+    # Not after an error: a client that has lost its scheduler goes on complaining in the background.
+    for logger, level in levels.items():
+        logger.setLevel(level)

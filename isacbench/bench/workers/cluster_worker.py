@@ -1,7 +1,7 @@
-"""A Dask worker's side of a run: batches of blocks, in guarded processes that stay from batch to batch.
+"""Tasks of a Dask worker: batches of blocks, each in a guarded process of its own.
 
 The worker itself never imports a plugin: whatever one does, it does to a
-process of its own. All that arrives here is an order, by content.
+guarded process. An order arrives by content.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from threading import Lock, Timer
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.bench.plan.job import Job
-from isacbench.bench.store.resume import differing_versions
+from isacbench.bench.store.resume import differing_versions, versions_now
 from isacbench.bench.workers.guarded_cells import Guard, Lane
 from isacbench.errors import InputError
 
@@ -31,84 +30,95 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.run_plan import Block
     from isacbench.bench.store.provenance import Made
 
-BATCH_S = 2.0
-"""What a worker that dies loses at most, bar the cell that it is at; long beside the cost of a task."""
-
-IDLE_S = 60.0
-"""A process that waits longer for its run's next batch was left behind by a run that was killed."""
-
-
-class UnfitWorkerError(InputError):
-    """A worker lacks a plugin of a run, or has other versions."""
+BATCH_S = 10.0
+"""Time in s after which a task takes no other cell: long compared with the start of a process."""
 
 
 @dataclass(frozen=True)
 class WorkOrder:
-    """What a run asks of every worker.
+    """Request of a run to every worker, small enough for each task to carry it.
 
     Attributes
     ----------
-    job : Job
+    token : str
+        Name by which workers know the run again.
+    packed_job : bytes
     guard : Guard
         Limits of every cell.
     versions : mapping of (str, str) to Any
         Versions that rows must have, by name and parameters of the entry.
     mix_versions : bool
-        Whether rows of other versions will do.
+        Whether rows of other versions are allowed.
     """
 
-    job: Job
+    token: str
+    packed_job: bytes
     guard: Guard
     versions: Mapping[tuple[str, str], Any]
     mix_versions: bool = False
 
-    def pack(self) -> PackedOrder:
-        """Pack it so that every task can carry it, and give it a token of its own."""
-        return PackedOrder(uuid.uuid4().hex, zlib.compress(pickle.dumps(self)))
-
-    def require_versions(self, found: Mapping[tuple[str, str], Any]) -> None:
-        """Refuse a process that would make other rows than the run's.
+    @classmethod
+    def of_job(cls, job: Job, guard: Guard, mix_versions: bool = False) -> WorkOrder:
+        """Make the order for a job, with the versions of this process.
 
         Parameters
         ----------
-        found : mapping of (str, str) to Any
-            Versions that its rows would have, as in `versions`.
+        job : Job
+        guard : Guard
+        mix_versions : bool
+
+        Returns
+        -------
+        WorkOrder
+        """
+        packed = zlib.compress(pickle.dumps(job))
+        return cls(uuid.uuid4().hex, packed, guard, versions_now(job.plan), mix_versions)
+
+    @contextmanager
+    def lane(self) -> Iterator[Lane]:
+        """Start a guarded process for the cells of the order, which ends with the context.
+
+        Yields
+        ------
+        Lane
 
         Raises
         ------
         InputError
-            Naming the first entry that differs, what is there, and what
-            is wanted.
+            If it lacks a plugin of the order, or has other versions.
         """
-        for (name, params), wanted in self.versions.items():
-            if (name, params) not in found:
-                there = " or ".join(params for other, params in found if other == name)
-                raise InputError(f"{name} has the parameters {there or 'none'} instead of {params}")
-            if found[name, params] != wanted and not self.mix_versions:
-                raise InputError(f"{name}: {', '.join(differing_versions(found[name, params], wanted))}")
+        _undo_nanny()
+        with Lane(pickle.loads(zlib.decompress(self.packed_job)), self.guard) as lane:
+            _busy[self.token].add(lane)
+            try:
+                self._require_fit(lane)
+                yield lane
+            finally:
+                _busy[self.token].discard(lane)
+
+    def _require_fit(self, lane: Lane) -> None:
+        """Refuse a process that would make other rows than the run's."""
+        try:
+            found = lane.versions()
+            for (name, params), wanted in self.versions.items():
+                if (name, params) not in found:
+                    there = " or ".join(params for other, params in found if other == name) or "none"
+                    raise InputError(f"{name} has the parameters {there} instead of {params}")
+                if found[name, params] != wanted and not self.mix_versions:
+                    raise InputError(f"{name}: {', '.join(differing_versions(found[name, params], wanted))}")
+        except InputError as error:
+            raise InputError(
+                f"{error}; allowed are workers with the isacbench and the plugins of the process that runs "
+                "the suite, installed before they were started"
+            ) from error
 
 
-class PackedOrder(NamedTuple):
-    """An order on its way.
-
-    Attributes
-    ----------
-    token : str
-        By which workers know it again.
-    content : bytes
-    """
-
-    token: str
-    content: bytes
-
-    def unpack(self) -> WorkOrder:
-        """Unpack it."""
-        order: WorkOrder = pickle.loads(zlib.decompress(self.content))
-        return order
+_busy: defaultdict[str, set[Lane]] = defaultdict(set)
+"""Processes at work, by the token of their order."""
 
 
 class Batch(NamedTuple):
-    """What became of a task.
+    """Result of a task.
 
     Attributes
     ----------
@@ -122,96 +132,6 @@ class Batch(NamedTuple):
     rest: tuple[Block, ...]
 
 
-class Lanes:
-    """Guarded processes of one Dask worker: one for each thread that works, kept for the run's next batch.
-
-    Parameters
-    ----------
-    idle_s : float
-        After so many seconds without work a process ends.
-    """
-
-    def __init__(self, idle_s: float = IDLE_S) -> None:
-        self._idle_s = idle_s
-        self._lock = Lock()
-        self._idle: defaultdict[str, dict[Lane, Timer]] = defaultdict(dict)
-        self._busy: defaultdict[str, set[Lane]] = defaultdict(set)
-
-    @contextmanager
-    def lane(self, order: PackedOrder) -> Iterator[Lane]:
-        """Lend a process for an order; of an exception it does not survive.
-
-        Raises
-        ------
-        UnfitWorkerError
-            If it lacks a plugin of the order, or has other versions.
-        """
-        lane = self._idle_lane(order.token) or self._fresh_lane(order)
-        try:
-            yield lane
-        except BaseException:
-            self._forget(order.token, lane)
-            lane.stop()
-            raise
-        self._put_back(order.token, lane)
-
-    def stop(self, token: str) -> None:
-        """End all processes of an order, whatever they do."""
-        with self._lock:
-            idle, busy = self._idle.pop(token, {}), self._busy.pop(token, set())
-        for timer in idle.values():
-            timer.cancel()
-        for lane in [*idle, *busy]:
-            lane.stop()
-
-    def _idle_lane(self, token: str) -> Lane | None:
-        with self._lock:
-            if not self._idle[token]:
-                return None
-            lane, timer = self._idle[token].popitem()
-            self._busy[token].add(lane)
-        timer.cancel()
-        return lane
-
-    def _fresh_lane(self, packed: PackedOrder) -> Lane:
-        _undo_nanny()
-        order = packed.unpack()
-        lane = Lane(order.job, order.guard)
-        with self._lock:
-            self._busy[packed.token].add(lane)
-        try:
-            order.require_versions(lane.versions())
-        except BaseException as error:
-            self._forget(packed.token, lane)
-            lane.stop()
-            if isinstance(error, InputError):
-                raise UnfitWorkerError(str(error)) from error
-            raise
-        return lane
-
-    def _put_back(self, token: str, lane: Lane) -> None:
-        timer = Timer(self._idle_s, self._expire, [token, lane])
-        timer.daemon = True
-        with self._lock:
-            was_stopped = lane not in self._busy[token]
-            if not was_stopped:
-                self._busy[token].remove(lane)
-                self._idle[token][lane] = timer
-                timer.start()
-        if was_stopped:
-            lane.stop()
-
-    def _expire(self, token: str, lane: Lane) -> None:
-        with self._lock:
-            was_idle = self._idle[token].pop(lane, None) is not None
-        if was_idle:
-            lane.stop()
-
-    def _forget(self, token: str, lane: Lane) -> None:
-        with self._lock:
-            self._busy[token].discard(lane)
-
-
 def _undo_nanny() -> None:
     """Undo for the processes of cells what a nanny has done to this one."""
     # Daemons may not have children.
@@ -220,50 +140,55 @@ def _undo_nanny() -> None:
     os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
 
 
-_lanes = Lanes()
-
-
-def work(order: PackedOrder, blocks: Sequence[Block]) -> Batch:
+def work(order: WorkOrder, blocks: Sequence[Block]) -> Batch:
     """Work off blocks until `BATCH_S` is over: the Dask task.
+
+    Parameters
+    ----------
+    order : WorkOrder
+    blocks : sequence of Block
+
+    Returns
+    -------
+    Batch
 
     Raises
     ------
-    UnfitWorkerError
+    InputError
         If this worker lacks a plugin, or has other versions.
     """
     start, made = time.monotonic(), []
-    with _lanes.lane(order) as lane:
+    with order.lane() as lane:
         for index, block in enumerate(blocks):
             for n_done, one in enumerate(lane.work([block]), start=1):
                 made.append(one)
                 if time.monotonic() - start > BATCH_S:
-                    return Batch(made, _without(n_done, blocks[index:]))
+                    rest = block._replace(entries=block.entries[n_done:]), *blocks[index + 1 :]
+                    return Batch(made, tuple(one for one in rest if one.entries))
     return Batch(made, ())
 
 
-async def check_worker(order: PackedOrder) -> None:
-    """Start a process as `work` does, beside the worker's tasks, and so find out whether it can.
+async def check_worker(order: WorkOrder) -> None:
+    """Start a process as `work` does, at the same time as the worker's tasks, to find out whether it can.
+
+    Parameters
+    ----------
+    order : WorkOrder
 
     Raises
     ------
-    UnfitWorkerError
+    InputError
         As `work` does.
     """
-    await asyncio.to_thread(_start, order)
+    await asyncio.to_thread(work, order, ())
 
 
 async def stop(token: str) -> None:
-    """End all processes of an order, beside the worker's tasks."""
-    await asyncio.to_thread(_lanes.stop, token)
+    """End all processes of an order, at the same time as the worker's tasks.
 
-
-def _start(order: PackedOrder) -> None:
-    with _lanes.lane(order):
-        pass
-
-
-def _without(n_done: int, blocks: Sequence[Block]) -> tuple[Block, ...]:
-    """Blocks without the first cells of the first one."""
-    first, *others = blocks
-    waiting = first.entries[n_done:]
-    return (first._replace(entries=waiting), *others) if waiting else tuple(others)
+    Parameters
+    ----------
+    token : str
+    """
+    for lane in _busy.pop(token, set()):
+        await asyncio.to_thread(lane.stop)

@@ -8,17 +8,14 @@ from __future__ import annotations
 
 import gc
 import math
-import os
 import resource
 import time
 import warnings
-from collections import deque
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from threadpoolctl import threadpool_limits
 
@@ -31,9 +28,6 @@ from isacbench.errors import InputError, InputWarning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from types import TracebackType
-
-    from pebble import ProcessFuture
 
     from isacbench.bench.cells.record import CellStatus
     from isacbench.bench.plan.job import Job
@@ -79,7 +73,7 @@ class Guard:
 
 
 class Lane:
-    """One worker process, renewed when a cell costs it its life; a context manager.
+    """One worker process for cells, with a fresh one in its place when a cell ends it; a context manager.
 
     Parameters
     ----------
@@ -93,30 +87,25 @@ class Lane:
     def __init__(self, job: Job, guard: Guard, repeats: int | None = None) -> None:
         self._job, self._guard, self._repeats = job, guard, repeats
         self._process = GuardedProcess(_start_worker, job, repeats)
+        self._n_met = 0  # cells, by the present process
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
-
-    @property
-    def process_id(self) -> int:
-        """Number of the process, 0 where there is none yet."""
-        return self._process.id
-
-    def cancel(self) -> None:
-        """Tell the lane to end its work, without waiting for it; from any thread."""
-        self._process.cancel()
 
     def stop(self) -> None:
         """End the process for good, whatever it does; from any thread."""
         self._process.stop()
 
     def versions(self) -> dict[tuple[str, str], Any]:
-        """Versions that rows of the process have, by name and parameters of the entry.
+        """Read the versions that rows of the process have.
+
+        Returns
+        -------
+        dict of (str, str) to Any
+            By name and parameters of the entry.
 
         Raises
         ------
@@ -128,99 +117,79 @@ class Lane:
         except ProcessLostError as loss:
             raise InputError(f"loading the plugins: {loss.reason}") from loss
 
-    def work(self, blocks: Iterable[Block], n_ahead: int = 0) -> Iterator[Made]:
-        """Work off the cells of blocks; each yields a row, whatever becomes of it.
+    def work(self, blocks: Iterable[Block]) -> Iterator[Made]:
+        """Work off the cells of blocks.
 
         Parameters
         ----------
         blocks : iterable of Block
             Taken from as the work goes on.
-        n_ahead : int
-            Calls that wait in the process while one is answered, so that it
-            never does. Of those nothing comes if the iterator is left early.
+
+        Yields
+        ------
+        Made
+            A row for each cell, whatever becomes of it.
 
         Raises
         ------
         CancelledError
             If the lane was stopped meanwhile.
         InputError
-            If no process lives through observing a block.
+            If no process survives observing a block.
         """
-        steps = chain.from_iterable(map(_steps, blocks))
-        waiting: deque[_Step] = deque()
-        answers: deque[ProcessFuture[Any]] = deque()
-        traces: dict[int, Made] = {}
-        n_deaths = n_met = 0
-        while True:
-            waiting.extend(islice(steps, max(n_ahead + 1 - len(waiting), 0)))
-            if not waiting:
-                return
+        for block in blocks:
+            traces: dict[int, Made] = {}
+            for entry in block.entries:
+                made = None
+                while made is None:
+                    if not traces or not self._n_met:
+                        traces = self._observe(block)
+                    made = self._image(entry, traces[entry])
+                yield made
+
+    def _observe(self, block: Block) -> dict[int, Made]:
+        """Rows of a block's entries, should they leave no other trace; a process may die of earlier cells."""
+        for _ in range(OBSERVE_ATTEMPTS):
             try:
-                answers.extend(self._schedule(step) for step in islice(waiting, len(answers), None))
-                if waiting[0].entry is None:
-                    observed: list[Made] = self._process.answer(answers[0])
-            except ProcessLostError as loss:
-                n_deaths += 1
-                if n_deaths == OBSERVE_ATTEMPTS:
-                    raise self._unobservable(waiting[0].block, loss) from loss
-                answers.clear()
-                if waiting[0].entry is not None:
-                    waiting.appendleft(_observation(waiting[0].block, traces))
-                continue
-            step, answer = waiting.popleft(), answers.popleft()
-            if step.entry is None:
-                traces, n_deaths = dict(zip(step.block.entries, observed, strict=True)), 0
-                continue
-            trace = traces.pop(step.entry)
-            made, has_observed = self._image(step.entry, answer, trace, is_first=n_met == 0)
-            n_met = n_met + 1 if has_observed else 0
-            if made is None:
-                answers.clear()
-                waiting.extendleft([step, _observation(step.block, (step.entry, *traces))])
-                continue
-            yield made
-            if not has_observed:
-                answers.clear()
-                if traces:
-                    waiting.appendleft(_observation(step.block, traces))
+                return dict(zip(block.entries, self._process.call(_observe, block), strict=True))
+            except ProcessLostError as error:
+                loss = error
+                self._n_met = 0
+        raise InputError(
+            f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
+            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last: "
+            f"{loss.reason}; allowed are a scenario that fits into memory and plugins that can be imported"
+        ) from loss
 
-    def _schedule(self, step: _Step) -> ProcessFuture[Any]:
-        if step.entry is None:
-            return self._process.schedule(_observe, step.block)
-        limits = self._guard
-        return self._process.schedule(_image, step.entry, limits.memory_mib, timeout_s=limits.timeout_s)
+    def _image(self, entry: int, trace: Made) -> Made | None:
+        """Outcome of an entry, None if the process died of what an earlier cell has left in it.
 
-    def _image(
-        self, entry: int, answer: ProcessFuture[Any], trace: Made, is_first: bool
-    ) -> tuple[Made | None, bool]:
-        """Outcome of an image, and whether the process still has what it has observed.
-
-        A process may die of what an earlier cell has left in it. Then there is
-        no outcome yet: only a cell that is the first of its process is to blame.
+        Only a cell that is the first of its process is to blame for its end.
         """
-        start = time.perf_counter()
+        start, is_first = time.perf_counter(), not self._n_met
+        self._n_met += 1
         try:
-            made: Made = self._process.answer(answer, self._guard.timeout_s)
+            limits = self._guard
+            made = self._process.call(_image, entry, limits.memory_mib, timeout_s=limits.timeout_s)
             if is_to_time(made, self._repeats):
                 made = self._time_repeats(entry, made)
         except CancelledError:
             raise
         except ProcessLostError as loss:
+            self._n_met = 0
             if loss.status == "killed" and not is_first:
-                return None, False
-            return _lost(trace, loss.status, loss.reason, time.perf_counter() - start), False
-        except NothingObservedError:
-            self._process.renew()
-            if is_first:
-                return _lost(trace, "killed", "the process ended before it began", 0.0), False
-            return None, False
+                return None
+            return _lost(trace, loss.status, loss.reason, time.perf_counter() - start)
         except Exception as error:  # such as an answer that cannot be sent
-            self._process.renew()
-            return _lost(trace, "error", describe_error(error), time.perf_counter() - start), False
+            self._renew()
+            return _lost(trace, "error", describe_error(error), time.perf_counter() - start)
         if made.outcome.record.status == "killed":
-            self._process.renew()  # what the plugin still holds must not be held against other cells
-            return made, False
-        return made, True
+            self._renew()  # what the plugin still holds must not be held against other cells
+        return made
+
+    def _renew(self) -> None:
+        self._process.renew()
+        self._n_met = 0
 
     def _time_repeats(self, entry: int, met: Made) -> Made:
         """Outcome of an image with the times of its repeats, which share their deadlines."""
@@ -232,38 +201,16 @@ class Lane:
         except ProcessLostError as loss:
             raise ProcessLostError(loss.status, f"{loss.reason}, in {n} repeats") from loss
 
-    def _unobservable(self, block: Block, loss: ProcessLostError) -> InputError:
-        return InputError(
-            f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
-            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last: "
-            f"{loss.reason}; allowed are a scenario that fits into memory and plugins that can be imported"
-        )
-
-
-class NothingObservedError(Exception):
-    """The process is a fresh one: another has died since it observed."""
-
-
-class _Step(NamedTuple):
-    """A call of the worker process: to observe a block, or to let an entry image what was observed."""
-
-    block: Block
-    entry: int | None
-
-
-def _observation(block: Block, of: Iterable[int]) -> _Step:
-    """Step that observes a block once more, for some of its entries."""
-    return _Step(block._replace(entries=tuple(of)), None)
-
-
-def _steps(block: Block) -> Iterator[_Step]:
-    return (_Step(block, entry) for entry in (None, *block.entries))
-
 
 def _lost(trace: Made, status: CellStatus, reason: str, time_s: float) -> Made:
     """Row of a cell whose outcome did not come back."""
-    record = replace(trace.outcome.record, status=status, reason=reason, time_estimate_s=time_s)
-    return trace._replace(outcome=replace(trace.outcome, record=record))
+    return _changed(trace, status=status, reason=reason, time_estimate_s=time_s)
+
+
+def _changed(made: Made, **changes: Any) -> Made:
+    """Outcome with another record."""
+    record = replace(made.outcome.record, **changes)
+    return made._replace(outcome=replace(made.outcome, record=record))
 
 
 # What follows runs in the worker process.
@@ -271,14 +218,13 @@ def _lost(trace: Made, status: CellStatus, reason: str, time_s: float) -> Made:
 _job: Job | None = None
 _repeats: int | None = None
 _workbench: Workbench | None = None
-_process_id = 0
 
 
 def _start_worker(job: Job, repeats: int | None) -> None:
-    global _job, _repeats, _workbench, _process_id
+    global _job, _repeats
     # The process that plans the run draws the same scenes, and warns of them.
     warnings.simplefilter("ignore", InputWarning)
-    _job, _repeats, _workbench, _process_id = job, repeats, None, os.getpid()
+    _job, _repeats = job, repeats
 
 
 def _versions() -> dict[tuple[str, str], Any]:
@@ -308,8 +254,7 @@ def _time_repeats(entry: int, met: Made, memory_mib: float | None) -> Made:
 
 def _limited(entry: int, memory_mib: float | None, act: Callable[[Workbench], Made]) -> Made:
     """Let an entry act within its limits; whatever it does becomes a row."""
-    if _workbench is None or not _workbench.has_observed:
-        raise NothingObservedError
+    assert _workbench is not None
     start = time.perf_counter()
     try:
         with _memory_limit(memory_mib):
@@ -318,14 +263,10 @@ def _limited(entry: int, memory_mib: float | None, act: Callable[[Workbench], Ma
         status: CellStatus = "killed" if isinstance(error, MemoryError) else "error"
         made = _workbench.failure_row(entry, status, describe_error(error), time.perf_counter() - start)
         _workbench.start_over()
-    finally:
-        if os.getpid() != _process_id:
-            os._exit(1)  # a plugin has forked, and here comes its child
     record = made.outcome.record
     if memory_mib is None or record.status != "killed":
         return made
-    record = replace(record, reason=f"more than {memory_mib:g} MiB: {record.reason}")
-    return made._replace(outcome=replace(made.outcome, record=record))
+    return _changed(made, reason=f"more than {memory_mib:g} MiB: {record.reason}")
 
 
 @contextmanager
@@ -334,20 +275,18 @@ def _memory_limit(memory_mib: float | None) -> Iterator[None]:
     if memory_mib is None:
         yield
         return
-    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    before, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = _data_bytes() + int(memory_mib * MIB)
-    if hard != resource.RLIM_INFINITY:
-        limit = min(limit, hard)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    resource.setrlimit(
+        resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
+    )
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+        resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
 
 
 def _data_bytes() -> int:
     """Private writable memory of this process, as RLIMIT_DATA counts it."""
-    for line in PROCESS_STATUS.read_text().splitlines():
-        if line.startswith("VmData:"):
-            return int(line.split()[1]) * 1024
-    raise RuntimeError(f"{PROCESS_STATUS} has no VmData")
+    (line,) = (line for line in PROCESS_STATUS.read_text().splitlines() if line.startswith("VmData:"))
+    return int(line.split()[1]) * 1024

@@ -1,45 +1,36 @@
-"""A process for code that nobody vouches for: it may hang, exhaust memory or die, and its caller is told."""
+"""Guarded process: it calls functions that may hang, exhaust memory or end it, and its caller is told."""
 
 from __future__ import annotations
 
 import fcntl
-import math
 import os
 import signal
 import sys
-import time
-from concurrent.futures import CancelledError, wait
-from concurrent.futures import TimeoutError as DeadlineError
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import CancelledError
 from contextlib import suppress
-from multiprocessing import connection, parent_process
+from multiprocessing import connection, current_process, parent_process
 from threading import Event, Lock, Thread
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast
 
-from pebble import ProcessExpired, ProcessPool
-
-from isacbench.bench.workers.process_server import process_context
+from isacbench.bench.workers.process_server import start_process_server
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
+    from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
 
-    from pebble import ProcessFuture
-
-POLL_S = 0.2
 GRACE_S = 2.0
-ENDED_S = 0.5
-"""Longest time in which the pool says that it has ended the process at its deadline."""
+"""Longest time in s from a broken connection to the end of its process."""
 
 END_S = 10.0
 F_SETSIG = 10
-"""Of Linux: which signal tells of a file descriptor; Python has no name for it."""
+"""Command of Linux's fcntl that chooses the signal of a file descriptor; Python has no name for it."""
 
 T = TypeVar("T")
 
 
 class ProcessLostError(Exception):
-    """The process did not live to answer, or was not let.
+    """Loss of the process before it answered.
 
     Attributes
     ----------
@@ -55,7 +46,7 @@ class ProcessLostError(Exception):
 
 
 class GuardedProcess:
-    """One process that functions are called in, replaced when it is lost; a context manager.
+    """One process that calls functions in turn, replaced when it is lost; a context manager.
 
     Whatever ends it, what plugins have started from it ends as well; so does
     all when this process ends.
@@ -71,40 +62,52 @@ class GuardedProcess:
     def __init__(self, begin: Callable[..., None], *args: object) -> None:
         self._begin = begin, *args
         self._stopped = Event()
-        self._renewing = Lock()
-        self._pool = self._fresh_pool()
-        self._asked_id: ProcessFuture[int] | None = None
+        self._changing = Lock()
+        self._process: BaseProcess
+        self._connection: Connection
+        self._is_there = self._has_begun = False
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
-    @property
-    def id(self) -> int:
-        """Number of the process, 0 where none has answered yet."""
-        asked = self._asked_id
-        return asked.result() if asked is not None and asked.done() and not asked.exception() else 0
+    def start(self) -> None:
+        """Start the process, unless it runs, before the first call does.
 
-    def cancel(self) -> None:
-        """Tell the process to end, without waiting for it; from any thread."""
-        self._stopped.set()
+        Raises
+        ------
+        CancelledError
+            If the process was stopped meanwhile.
+        """
+        with self._changing:
+            self._refuse_if_stopped()
+            if not self._is_there:
+                context = start_process_server()
+                self._connection, theirs = context.Pipe()
+                # A daemon ends with this process, even where it is not stopped.
+                self._process = context.Process(target=_serve, args=(theirs, *self._begin), daemon=True)
+                self._process.start()
+                theirs.close()
+                self._is_there, self._has_begun = True, False
 
     def stop(self) -> None:
         """End the process for good, whatever it does; from any thread."""
         self._stopped.set()
-        with self._renewing:
-            self._end()
+        self._end()
 
     def renew(self) -> None:
-        """Put a fresh process in place of this one."""
-        with self._renewing:
-            self._end()
-            self._refuse_if_stopped()
-            self._pool = self._fresh_pool()
+        """End the process; the next call finds a fresh one.
+
+        Raises
+        ------
+        CancelledError
+            If the process was stopped meanwhile.
+        """
+        self._end()
+        self._is_there = False
+        self._refuse_if_stopped()
 
     def call(self, function: Callable[..., T], *args: object, timeout_s: float | None = None) -> T:
         """Call a function in the process and wait for its answer.
@@ -119,7 +122,7 @@ class GuardedProcess:
         Returns
         -------
         object
-            What the function returns.
+            The function's result.
 
         Raises
         ------
@@ -130,107 +133,88 @@ class GuardedProcess:
         Exception
             Whatever the function raises.
         """
-        return self.answer(self.schedule(function, *args, timeout_s=timeout_s), timeout_s)
+        self.start()
+        with suppress(BrokenPipeError, ConnectionResetError):  # the answer tells of a process that has ended
+            self._connection.send((function, args))
+        if not self._has_begun:
+            self._receive(None)
+            self._has_begun = True
+        is_result, answer = self._receive(timeout_s)
+        if is_result:
+            return cast("T", answer)
+        raise answer
 
-    def schedule(
-        self, function: Callable[..., T], *args: object, timeout_s: float | None = None
-    ) -> ProcessFuture[T]:
-        """Have a function called in the process, and go on meanwhile; `answer` waits for it."""
-        try:
-            return self._submit(function, *args, timeout_s=timeout_s)
-        except RuntimeError:  # the process ended while it had nothing to do
-            self._refuse_if_stopped()
+    def _receive(self, timeout_s: float | None) -> Any:
+        ready = connection.wait([self._connection, self._process.sentinel], timeout_s)
+        if not ready:
             self.renew()
-            return self._submit(function, *args, timeout_s=timeout_s)
+            raise ProcessLostError("timeout", f"more than {timeout_s:g} s")
+        if self._connection in ready:
+            with suppress(EOFError, OSError):
+                return self._connection.recv()
+        self._process.join(GRACE_S)
+        code = self._process.exitcode
+        if code == -signal.SIGTERM:
+            # What ends a job sends the signal to all its processes: this one may be about to stop, too.
+            self._stopped.wait(GRACE_S)
+        self.renew()
+        raise ProcessLostError("killed", f"the process {_cause(code)}")
 
-    def answer(self, future: ProcessFuture[T], timeout_s: float | None = None) -> T:
-        """Wait for what was scheduled, as `call` does."""
-        died_s = math.inf
-        try:
-            while not wait([future], timeout=POLL_S).done:
-                self._refuse_if_stopped()
-                if not self._is_alive():
-                    died_s = time.monotonic()
-                    break
-            # The pool tells of every death but one with code 0, though not at once.
-            return future.result(timeout=None if died_s == math.inf else GRACE_S)
-        except CancelledError:
-            raise
-        except DeadlineError as error:
-            was_dead_s = time.monotonic() - died_s
-            self._refuse_if_stopped()
-            self.renew()
-            if was_dead_s > ENDED_S:
-                raise ProcessLostError("killed", "the process exited with code 0") from error
-            raise ProcessLostError("timeout", f"more than {timeout_s:g} s") from error
-        except (ProcessExpired, BrokenProcessPool) as error:
-            if isinstance(error, ProcessExpired) and error.exitcode == -signal.SIGTERM:
-                # What ends a job sends the signal to all its processes: this one may be about to stop, too.
-                self._stopped.wait(GRACE_S)
-            self.renew()
-            raise ProcessLostError("killed", f"the process {_cause(error)}") from error
-
-    def _submit(self, function: Callable[..., T], *args: object, timeout_s: float | None) -> ProcessFuture[T]:
-        if self._asked_id is None:
-            self._asked_id = self._pool.schedule(os.getpid)
-        return self._pool.schedule(function, args=args, timeout=timeout_s)
-
-    def _is_alive(self) -> bool:
-        """Whether the process is there, as far as its number is known."""
-        try:
-            os.kill(self.id, 0)
-        except ProcessLookupError:
-            return False
-        return True
+    def _end(self) -> None:
+        """End the process and all that has been started from it."""
+        with self._changing:
+            if self._is_there:
+                assert self._process.pid is not None
+                with suppress(ProcessLookupError, PermissionError):
+                    os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.kill()
+                self._process.join(END_S)
 
     def _refuse_if_stopped(self) -> None:
         if self._stopped.is_set():
             raise CancelledError
 
-    def _end(self) -> None:
-        """End the process and all that has been started from it."""
-        process_id = 0 if self._asked_id is None or self._asked_id.cancelled() else self.id
-        self._pool.stop()  # type: ignore[no-untyped-call]
-        if process_id:
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(process_id, signal.SIGKILL)
-        self._asked_id = None
-        # Where a process died half-way through an answer, the pool waits for the rest for ever: let it.
-        end = Thread(target=self._pool.join, daemon=True)
-        end.start()
-        end.join(END_S)
 
-    def _fresh_pool(self) -> ProcessPool:
-        return ProcessPool(1, initializer=_begin, initargs=self._begin, context=process_context())
-
-
-def _cause(death: ProcessExpired | BrokenProcessPool) -> str:
+def _cause(code: int | None) -> str:
     """Say how a process ended."""
-    if isinstance(death, BrokenProcessPool):
-        return f"ended without an answer: {death.__cause__ or death}"
-    if death.exitcode < 0:
-        return f"died by {_signal_name(-death.exitcode)}"
-    return f"exited with code {death.exitcode}"
-
-
-def _signal_name(number: int) -> str:
-    """Name of a signal; those of real time have none."""
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
+    if code is None:
+        return "ended without an answer"
+    if code < 0:
+        names = {number.value: number.name for number in signal.Signals}
+        return f"died by {names.get(-code, f'signal {-code}')}"  # those of real time have no names
+    return f"exited with code {code}"
 
 
 # What follows runs in the process.
 
 
-def _begin(begin: Callable[..., None], *args: Any) -> None:
+def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> None:
+    """Call functions as they come, and answer with their results or exceptions."""
     os.setsid()  # a group of its own, so that what plugins start ends with it
-    # A plugin that never returns to the interpreter must not outlive its deadline.
+    current_process().daemon = False  # a plugin may have processes of its own
+    # The server blocks this signal; for a plugin and what it starts it means what it means everywhere.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _die_with_parent()
+    process_id = os.getpid()
     begin(*args)
+    answers.send(None)
+    while True:
+        try:
+            function, arguments = answers.recv()
+        except EOFError:  # the caller has ended
+            return
+        answer: tuple[bool, Any]
+        try:
+            answer = True, function(*arguments)
+        except BaseException as error:
+            answer = False, error
+        if os.getpid() != process_id:
+            os._exit(1)  # a plugin has forked, and here comes its child
+        try:
+            answers.send(answer)
+        except Exception as error:  # an answer that cannot be sent
+            answers.send((False, error))
 
 
 def _die_with_parent() -> None:

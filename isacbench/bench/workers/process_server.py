@@ -6,7 +6,10 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import entry_points
 from multiprocessing.context import ForkServerContext, ForkServerProcess
+from multiprocessing.forkserver import ensure_running
 from multiprocessing.process import BaseProcess
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -14,13 +17,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from multiprocessing.popen_forkserver import Popen
 
-PRELOADED = [
-    "isacbench.bench.workers.guarded_cells",
-    "isacbench.bench.studies.study_kinds",
-    "isacbench.bench.workers.preload",
-]
-"""What the server imports once, so that a fresh worker is there at once."""
-
+PRELOADED = ["isacbench.bench.workers.guarded_cells", "isacbench.bench.studies.study_kinds"]
+"""Modules that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
 
 _hiding = Lock()
 
@@ -54,18 +52,30 @@ def _script_hidden() -> Iterator[None]:
         main.update(hidden)
 
 
-def process_context() -> ForkServerContext:
-    """Context of processes that inherit neither threads nor locks, and that start in milliseconds."""
+@cache
+def _context() -> ForkServerContext:
+    """Context whose server has imported what workers need."""
+    built_in = {
+        point.module
+        for group in ("isacbench.estimators", "isacbench.detectors")
+        for point in entry_points(group=group)
+        if point.dist is not None and point.dist.name == "isacbench"
+    }
     context = _Context()
-    context.set_forkserver_preload(PRELOADED)
+    context.set_forkserver_preload([*PRELOADED, *sorted(built_in)])
     return context
 
 
-def start_process_server() -> None:
-    """Start the server, which imports while this process imports what it needs itself."""
-    process_context()
-    from multiprocessing.forkserver import ensure_running
+def start_process_server() -> ForkServerContext:
+    """Start the server unless it runs, and do not wait for what it imports.
 
+    Returns
+    -------
+    ForkServerContext
+        Context of processes that inherit neither threads nor locks, and that
+        start in milliseconds.
+    """
+    context = _context()
     # Signals that end a run are for this process: the server inherits that they are blocked, and its workers
     # from it. What sends them to all processes would else leave nothing to make the report with.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
@@ -73,3 +83,4 @@ def start_process_server() -> None:
         ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return context

@@ -24,7 +24,19 @@ CHANGED = "ValueError: it changed the observation, which is read-only and which 
 
 
 def is_to_time(made: Made, repeats: int | None) -> bool:
-    """Whether an estimate is to be repeated: where times count, and there is something to be timed."""
+    """Tell whether an estimate is to be repeated: times count, and it has delivered.
+
+    Parameters
+    ----------
+    made : Made
+        Outcome of its first call.
+    repeats : int, optional
+        Number of repeats; without it times do not count.
+
+    Returns
+    -------
+    bool
+    """
     return repeats is not None and made.outcome.record.status in SCORED
 
 
@@ -45,18 +57,17 @@ class Workbench:
         self._seed, self._repeats = job.suite.seed, repeats
         self._scenes = self._fresh_scenes()
         self._scene: Scene | None = None
-        self._block: Block | None = None
-        self._shared: SharedObservation | None = None
+        self._block: Block
+        self._shared: SharedObservation
         self._digest = ""
         self._environments: dict[tuple[str, str], tuple[str, Environment]] = {}
 
-    @property
-    def has_observed(self) -> bool:
-        """Whether there is something to image."""
-        return self._shared is not None
-
     def observe(self, block: Block) -> list[Made]:
         """Observe what the cells of a block share.
+
+        Parameters
+        ----------
+        block : Block
 
         Returns
         -------
@@ -74,35 +85,87 @@ class Workbench:
     def image(self, entry: int) -> Made:
         """Let an entry of the scene that was observed last meet the observation.
 
-        An entry that changes the observation, which is read-only, fails,
-        and what it met is made anew for the others.
+        Parameters
+        ----------
+        entry : int
+            Index of the entry in the scene.
+
+        Returns
+        -------
+        Made
+            A failure if it changed the observation, which is read-only and
+            is then made anew for the others.
         """
-        assert self._shared is not None
-        shared = self._shared
 
         def meet(chosen: Entry[Any], seed_generators: Callable[[], None]) -> Outcome:
             seed_generators()
-            return shared.meet(chosen)
+            return self._shared.meet(chosen)
 
         return self._watched(entry, meet)
 
     def time_repeats(self, entry: int, met: Made) -> Made:
-        """Time repeats of what an entry of that scene has made of the observation."""
-        assert self._shared is not None
-        assert self._repeats is not None
-        shared, repeats = self._shared, self._repeats
+        """Time repeats of what an entry of that scene has made of the observation.
+
+        Parameters
+        ----------
+        entry : int
+        met : Made
+            Outcome of `image`.
+
+        Returns
+        -------
+        Made
+        """
 
         def meet_again(chosen: Entry[Any], seed_generators: Callable[[], None]) -> Outcome:
-            return shared.time_repeats(chosen, met.outcome, repeats, seed_generators)
+            assert self._repeats is not None
+            return self._shared.time_repeats(chosen, met.outcome, self._repeats, seed_generators)
 
         return self._watched(entry, meet_again)
 
+    def failure_row(self, entry: int, status: CellStatus, reason: str, time_s: float) -> Made:
+        """Make the row of an entry of the scene that was observed last, should it leave no other trace.
+
+        Parameters
+        ----------
+        entry : int
+        status : CellStatus
+        reason : str
+        time_s : float
+            Time until the failure in s.
+
+        Returns
+        -------
+        Made
+        """
+        chosen = self._entry(entry)
+        return self._made(self._shared.failure_row(chosen, status, reason, time_s), chosen)
+
+    def start_over(self) -> None:
+        """Make anew what was observed last, and all that it was made from."""
+        self._scenes, self._scene = self._fresh_scenes(), None
+        self.observe(self._block)
+
+    def work(self, block: Block) -> Iterator[Made]:
+        """Work off a block, without any guard.
+
+        Parameters
+        ----------
+        block : Block
+
+        Yields
+        ------
+        Made
+        """
+        self.observe(block)
+        for entry in block.entries:
+            made = self.image(entry)
+            yield self.time_repeats(entry, made) if is_to_time(made, self._repeats) else made
+
     def _watched(self, entry: int, act: Callable[[Entry[Any], Callable[[], None]], Outcome]) -> Made:
         """Let an entry act; give it a function that seeds what generators all plugins share."""
-        assert self._scene is not None
-        assert self._block is not None
-        chosen = self._scene.entries[entry]
-        key = self._scene.name, self._block.trial, self._block.snr_db, chosen.name, chosen.params
+        chosen, block = self._entry(entry), self._block
+        key = self._scenes[block.scene].name, block.trial, block.snr_db, chosen.name, chosen.params
         start = time.perf_counter()
         with process_state_kept():
             outcome = act(chosen, partial(seed_global_generators, self._seed, *key))
@@ -112,37 +175,8 @@ class Workbench:
         self.start_over()
         return made
 
-    def start_over(self) -> None:
-        """Make anew what was observed last, and all that it was made from."""
-        assert self._block is not None
-        self._scenes, self._scene = self._fresh_scenes(), None
-        self.observe(self._block)
-
-    def failure_row(self, entry: int, status: CellStatus, reason: str, time_s: float) -> Made:
-        """Row of an entry of the scene that was observed last, should it leave no other trace."""
-        assert self._scene is not None
-        assert self._shared is not None
-        chosen = self._scene.entries[entry]
-        return self._made(self._shared.failure_row(chosen, status, reason, time_s), chosen)
-
-    def work(self, block: Block) -> Iterator[Made]:
-        """Work off a block, without any guard."""
-        self.observe(block)
-        for entry in block.entries:
-            made = self.image(entry)
-            yield self.time_repeats(entry, made) if is_to_time(made, self._repeats) else made
-
-    def environment(self, entry: Entry[Any]) -> tuple[str, Environment]:
-        """Name and description of the environment in which an entry runs here."""
-        key = entry.name, entry.params
-        if key not in self._environments:
-            environment = environment_of(entry.plugin)
-            self._environments[key] = environment_id(environment), environment
-        return self._environments[key]
-
     def _is_unchanged(self) -> bool:
-        """Whether the next entry is shown what the last one was."""
-        assert self._shared is not None
+        """Tell whether the next entry is shown what the last one was."""
         try:
             return self._shared.digest() == self._digest
         except Exception:  # an array may have become anything
@@ -152,6 +186,14 @@ class Workbench:
         job: Job = pickle.loads(self._job)
         return job.plan.scenes
 
+    def _entry(self, entry: int) -> Entry[Any]:
+        return self._scenes[self._block.scene].entries[entry]
+
     def _made(self, outcome: Outcome, entry: Entry[Any]) -> Made:
-        name, environment = self.environment(entry)
+        """Outcome with the environment in which its entry runs here."""
+        key = entry.name, entry.params
+        if key not in self._environments:
+            environment = environment_of(entry.plugin)
+            self._environments[key] = environment_id(environment), environment
+        name, environment = self._environments[key]
         return Made(outcome.made_by(name, timing=self._repeats is not None), environment)

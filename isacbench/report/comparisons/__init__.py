@@ -1,3 +1,3 @@
-"""A comparison as tables, figure, Markdown and JUnit XML."""
+"""Comparison as tables, figure, Markdown and JUnit XML."""
 
-__all__ = ["comparison_figure", "comparison_tables", "junit", "markdown", "words"]
+__all__ = ["ci_files", "comparison_figure", "comparison_tables", "words"]

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.lines import Line2D
 
-from isacbench.bench.compare.comparison import VERDICTS
-from isacbench.bench.studies.intervals import MIN_TRIALS
-from isacbench.errors import InputError
+from isacbench.bench.compare.matching import CURVE
+from isacbench.bench.compare.verdicts import VERDICTS
 from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import shortened
-from isacbench.report.comparisons.words import wording
+from isacbench.report.comparisons.words import Wording
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import LineLook, drawable, file_stems, save, styled
 from isacbench.report.figures.curves import axis_name
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from isacbench.bench.compare.comparison import Comparison
-    from isacbench.report.comparisons.words import Wording
 
 FOLDER = "figures"
 MAX_PANELS = 12
@@ -39,11 +37,12 @@ LEGEND_WIDTH = 80
 
 BASE = LineLook("base", "0.35", "s", "--", False)
 NEW = LineLook("new", "#0072B2", "o", "-", False)
+RING: dict[str, Any] = {"linestyle": "", "markersize": 10, "markerfacecolor": "none", "markeredgewidth": 1.6}
 MARKS = {"regression": ("#D55E00", "o"), "improvement": ("#009E73", "D")}
 
 
 def comparison_paths(comparison: Comparison, folder: Path, plot: Path | None = None) -> dict[str, Path]:
-    """Where the figures of a comparison go, by score.
+    """Name the files for the figures of a comparison, by score.
 
     Parameters
     ----------
@@ -55,30 +54,39 @@ def comparison_paths(comparison: Comparison, folder: Path, plot: Path | None = N
         File to write instead; of several scores all but the first add their
         name to its stem.
 
+    Returns
+    -------
+    dict of str to Path
+
     Raises
     ------
     InputError
         If the file has no extension of a picture.
     """
-    metrics = list(dict.fromkeys(_drawn(comparison.curves)["metric"]))
+    metrics = comparison.curves.loc[comparison.curves["n_pairs"] > 0, "metric"].unique().tolist()
     stems = file_stems(metrics)
     if plot is None:
         stem = "compare" if comparison.between is None else "between"
         return {metric: folder / FOLDER / f"{stem}-{stems[metric]}.png" for metric in metrics}
     require_picture(plot)
-    return {
-        metric: plot if not number else plot.with_stem(f"{plot.stem}-{stems[metric]}")
-        for number, metric in enumerate(metrics)
-    }
+    others = {metric: plot.with_stem(f"{plot.stem}-{stems[metric]}") for metric in metrics[1:]}
+    return {**dict.fromkeys(metrics[:1], plot), **others}
 
 
 def draw_comparison_files(comparison: Comparison, folder: Path, plot: Path | None = None) -> list[Path]:
     """Draw every score of a comparison into the files that `comparison_paths` names.
 
+    Parameters
+    ----------
+    comparison : Comparison
+    folder : Path
+    plot : Path, optional
+        As `comparison_paths` takes them.
+
     Returns
     -------
     list of Path
-        What was written; nothing where nothing was compared.
+        Written files; none where nothing was compared.
 
     Raises
     ------
@@ -87,20 +95,11 @@ def draw_comparison_files(comparison: Comparison, folder: Path, plot: Path | Non
     """
     found = []
     for metric, path in comparison_paths(comparison, folder, plot).items():
-        if plot is None:
-            make_own_folder(path.parent)
-        else:
-            _make_folder(path)
+        # A folder that the user has named may be a link, that of a run may not.
+        make_own_folder(path.parent if plot is None else path.parent.resolve())
         with styled():
             found.append(save(draw_changes(comparison, metric), path))
     return found
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def draw_changes(comparison: Comparison, metric: str) -> Figure:
@@ -117,48 +116,33 @@ def draw_changes(comparison: Comparison, metric: str) -> Figure:
     Figure
         The twelve curves with the worst verdicts, where there are more.
     """
-    points = _drawn(comparison.points[comparison.points["metric"] == metric])
-    curves = _drawn(comparison.curves[comparison.curves["metric"] == metric])
-    shown = _worst_first(curves, points) if len(curves) > MAX_PANELS else curves
-    said = wording(comparison)
-    verdicts = points["verdict"].unique()
-    figure, panels = panel_grid(
-        len(shown), _legend(said, verdicts), _title(metric, shown, curves), MAX_COLUMNS
+    points, curves = (
+        table[(table["metric"] == metric) & (table["n_pairs"] > 0)]
+        for table in (comparison.points, comparison.curves)
     )
+    shown = _worst_first(curves, points) if len(curves) > MAX_PANELS else curves
+    said = Wording(comparison)
+    part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
+    title = f"{drawable(metric)} of paired cells: {mean_of_trials(int(curves['n_pairs'].max()))}{part}"
+    figure, panels = panel_grid(len(shown), _legend(said, points["verdict"].unique()), title, MAX_COLUMNS)
+    of_curve = points.groupby(CURVE)
     for axes, curve in zip(panels, shown.to_dict("records"), strict=True):
-        chosen = (
-            points[["scenario", "estimator", "params"]]
-            == [curve["scenario"], curve["estimator"], curve["params"]]
-        ).all(axis=1)
-        _draw_panel(axes, points[chosen].sort_values("snr_db"))
+        _draw_panel(axes, of_curve.get_group(tuple(curve[key] for key in CURVE)).sort_values("snr_db"))
         name = _name(curve["scenario"], said.estimators(curve))
-        colour, _ = MARKS.get(str(curve["verdict"]), ("black", ""))
+        colour, _ = MARKS.get(curve["verdict"], ("black", ""))
         axes.set_title(
             f"{name}\nwhole curve: {_outcome(curve, said)}", color=colour, fontsize=TITLE_SIZE, pad=4.0
         )
     return figure
 
 
-def _drawn(table: pd.DataFrame) -> pd.DataFrame:
-    """Curves or points that have anything to draw: a pair at least."""
-    return table[table["n_pairs"] > 0]
-
-
 def _worst_first(curves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
     """The curves that a reader wants to see, worst verdict of the curve or any of its points first."""
-    rank = {verdict: index for index, verdict in enumerate(VERDICTS)}
-    keys = ["scenario", "estimator", "params"]
-    worst_point = points.assign(rank=points["verdict"].map(rank)).groupby(keys, sort=False)["rank"].min()
-    of_curve = curves["verdict"].map(rank).to_numpy()
-    of_points = worst_point.loc[list(map(tuple, curves[keys].to_numpy()))].to_numpy()
-    order = np.argsort(np.minimum(of_curve, of_points), kind="stable")
+    rank = points["verdict"].map(VERDICTS.index)
+    worst_point = points.assign(rank=rank).groupby(CURVE)["rank"].min().rename("worst_point")
+    ranks = curves.join(worst_point, on=CURVE)["worst_point"]
+    order = np.minimum(ranks, curves["verdict"].map(VERDICTS.index)).argsort(kind="stable")
     return curves.iloc[order[:MAX_PANELS]]
-
-
-def _title(metric: str, shown: pd.DataFrame, curves: pd.DataFrame) -> str:
-    n_trials = int(curves["n_pairs"].max())
-    part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
-    return f"{drawable(metric)} of paired cells: {mean_of_trials(n_trials)}{part}"
 
 
 def _legend(said: Wording, verdicts: Any) -> list[Line2D]:
@@ -174,17 +158,7 @@ def _legend(said: Wording, verdicts: Any) -> list[Line2D]:
 def _mark(verdict: str, x: Any, y: Any, label: str = "") -> Line2D:
     """Ring around points of a verdict."""
     colour, marker = MARKS[verdict]
-    return Line2D(
-        x,
-        y,
-        linestyle="",
-        marker=marker,
-        markersize=10,
-        markerfacecolor="none",
-        markeredgewidth=1.6,
-        markeredgecolor=colour,
-        label=label,
-    )
+    return Line2D(x, y, marker=marker, markeredgecolor=colour, label=label, **RING)
 
 
 def _draw_panel(axes: Axes, points: pd.DataFrame) -> None:
@@ -195,30 +169,17 @@ def _draw_panel(axes: Axes, points: pd.DataFrame) -> None:
     axes.set_ylabel(drawable(axis_name(points["metric"].iloc[0])))
     axes.grid(True)
     for look, run in ((BASE, "base"), (NEW, "new")):
-        mean, band = points[f"{run}_mean"], _band(points, run)
+        mean, band = points[f"{run}_mean"], points[f"{run}_band"]
         draw_line(axes, look, points["snr_db"], mean, mean - band, mean + band)
     for verdict in MARKS:
         marked = points[points["verdict"] == verdict]
         if len(marked):
             axes.add_line(_mark(verdict, marked["snr_db"], marked["new_mean"]))
-    axes.set_ylim(*_limits(points))
-
-
-def _band(points: pd.DataFrame, run: str) -> pd.Series[float]:
-    """Half widths of the confidence bands of a run; NaN of fewer than five trials."""
-    return points[f"{run}_band"].where(points["n_pairs"] >= MIN_TRIALS)
-
-
-def _limits(points: pd.DataFrame) -> tuple[float, float]:
-    """Ends of the axis: all means, and bands as long as they do not dwarf them."""
+    # Bands do not dwarf the means, and curves that hardly vary are not blown up to fill the panel.
     means = points[["base_mean", "new_mean"]].to_numpy()
-    bands = np.transpose([_band(points, run).fillna(0.0) for run in ("base", "new")])
-    low, high = float(np.nanmin(means)), float(np.nanmax(means))
-    # Curves that hardly vary are not blown up to fill the panel.
-    reach = max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0
-    low, high = max(np.nanmin(means - bands), low - reach), min(np.nanmax(means + bands), high + reach)
-    missing = max(reach - (high - low), 0.0) / 2
-    return low - missing - 0.08 * reach, high + missing + 0.08 * reach
+    low, high = float(means.min()), float(means.max())
+    margin = max(0.3 * (high - low), 0.1 * max(abs(low), abs(high))) or 1.0
+    axes.set_ylim(low - margin, high + margin)
 
 
 def _name(scenario: str, estimators: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Tables, summary and JSON of a comparison of two runs."""
+"""Tables, summary and JSON of a comparison."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.compare.comparison import VERDICTS, verdict_counts
+import numpy as np
+
+from isacbench.bench.compare.comparison import verdict_counts
+from isacbench.bench.compare.verdicts import VERDICTS
 from isacbench.files.escaping import counted
-from isacbench.report.comparisons.words import wording
+from isacbench.report.comparisons.words import Wording
 from isacbench.report.tables.run_tables import Grid
 
 if TYPE_CHECKING:
@@ -18,12 +21,32 @@ if TYPE_CHECKING:
 
     from isacbench.bench.compare.comparison import Comparison
     from isacbench.bench.compare.tolerance import Tolerance
-    from isacbench.report.comparisons.words import Wording
 
 MAX_ROWS = 40
-"""More rows of a table nobody reads: the worst verdicts come first then."""
+"""Rows of a table that somebody reads: of more, the worst verdicts are shown."""
 
 CELLS_NAMED = 3
+
+
+def compared_rows(comparison: Comparison, tolerance: Tolerance) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Choose the curves of a score, and its points that got worse or better.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    tolerance : Tolerance
+        Of the score.
+
+    Returns
+    -------
+    curves, changed : DataFrame
+        Without the point of a curve of one SNR, which is the curve.
+    """
+    curves, points = (
+        table[table["metric"] == tolerance.metric] for table in (comparison.curves, comparison.points)
+    )
+    is_changed = points["verdict"].isin(["regression", "improvement"])
+    return curves, points[(points["n_snr"] > 1) & is_changed]
 
 
 def comparison_grids(comparison: Comparison) -> list[Grid]:
@@ -36,70 +59,118 @@ def comparison_grids(comparison: Comparison) -> list[Grid]:
     Returns
     -------
     list of Grid
-        For each score one of its curves, and one of points where there are
-        any to tell of.
+        For each score one of its curves and one of its changed points, without empty ones.
     """
-    said = wording(comparison)
+    said = Wording(comparison)
     found = []
     for tolerance in comparison.tolerances:
-        curves = comparison.curves[comparison.curves["metric"] == tolerance.metric]
-        # The point of a curve of one SNR is the curve.
-        points = comparison.points[
-            (comparison.points["metric"] == tolerance.metric) & (comparison.points["n_snr"] > 1)
-        ]
-        changed = points[points["verdict"].isin(["regression", "improvement"])]
-        if len(curves):
-            found.append(_grid(f"{tolerance}: curves, means over all SNRs", curves, tolerance, said))
-        if len(changed):
-            found.append(_grid(f"{tolerance}: points that changed", changed, tolerance, said))
+        curves, changed = compared_rows(comparison, tolerance)
+        for table, title in ((curves, "curves, means over all SNRs"), (changed, "points that changed")):
+            if len(table):
+                found.append(_grid(f"{tolerance}: {title}", table, tolerance, said))
     return found
 
 
 def comparison_lines(comparison: Comparison) -> list[str]:
-    """Say what tables do not: cells that failed, went missing or came, and what was not compared."""
-    cells, said = comparison.cells, wording(comparison)
-    words = said.words
+    """Write what tables do not show: cells that one side alone has, and what was not compared.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    list of str
+    """
+    said = Wording(comparison)
     lines = [
-        *cell_lines(cells.new_failures, words.failed, said),
-        *cell_lines(cells.missing, words.missing, said),
-        *cell_lines(cells.repaired, words.repaired, said),
-        *cell_lines(cells.added, words.added, said),
+        line for cells, what in changed_cells(comparison, said) for line in cell_lines(cells, what, said)
     ]
-    if cells.n_failed_both:
-        lines.append(f"{counted(cells.n_failed_both, 'cell')} {words.failed_both}")
+    if comparison.cells.n_failed_both:
+        lines.append(f"{counted(comparison.cells.n_failed_both, 'cell')} failed in both, left out")
     return [*lines, *comparison.notes]
 
 
+def changed_cells(comparison: Comparison, said: Wording) -> list[tuple[pd.DataFrame, str]]:
+    """List the cells that one side alone delivered, with words for them.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    said : Wording
+
+    Returns
+    -------
+    list of (DataFrame, str)
+        First the two kinds that the new side lost.
+    """
+    cells, (base, new) = comparison.cells, said.sides
+    return [
+        (cells.new_failures, f"failed in {new} alone"),
+        (cells.missing, f"missing in {new}"),
+        (cells.repaired, f"failed in {base} alone"),
+        (cells.added, f"missing in {base}"),
+    ]
+
+
 def comparison_summary(comparison: Comparison) -> str:
-    """Say in one line whether the new side is worse, and count verdicts."""
-    return f"{wording(comparison).outcome}: {outcome_counts(comparison)}"
+    """Write the outcome in one line, with the counts of verdicts.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    str
+    """
+    return f"{Wording(comparison).outcome}: {outcome_counts(comparison)}"
 
 
 def outcome_counts(comparison: Comparison) -> str:
-    """Count verdicts of curves and points, and cells and scores that one side alone has."""
-    said = wording(comparison)
+    """Count verdicts of curves and points, and lost cells and scores.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    str
+    """
+    said = Wording(comparison)
     points = comparison.points[comparison.points["n_snr"] > 1]
-    parts = [_counts(table, noun, said) for table, noun in ((comparison.curves, "curve"), (points, "point"))]
-    for cells, what in (
-        (comparison.cells.new_failures, said.words.failed),
-        (comparison.cells.missing, said.words.missing),
-    ):
-        if len(cells):
-            parts.append(f"{counted(len(cells), 'cell')} {what}")
+    parts = [
+        f"of {counted(len(table), noun)} {verdict_counts(table, said.verdict)}"
+        for table, noun in ((comparison.curves, "curve"), (points, "point"))
+        if len(table)
+    ]
+    lost = changed_cells(comparison, said)[:2]
+    parts += [f"{counted(len(cells), 'cell')} {what}" for cells, what in lost if len(cells)]
     if comparison.n_lost_scores:
-        parts.append(f"{counted(comparison.n_lost_scores, 'score')} {said.words.lost}")
-    return "; ".join(part for part in parts if part) or "nothing compared"
+        parts.append(f"{counted(comparison.n_lost_scores, 'score')} missing in {said.sides[1]}")
+    return "; ".join(parts) or "nothing compared"
 
 
 def comparison_content(comparison: Comparison) -> dict[str, Any]:
-    """Return a comparison in terms of JSON; numbers that are not finite become null."""
+    """Describe a comparison in terms of JSON.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    dict
+        Numbers that are not finite are null.
+    """
     cells = comparison.cells
     return {
         "comparable": True,
         "regression": comparison.is_regression,
         "base": {"folder": comparison.base, "version": comparison.base_version},
         "new": {"folder": comparison.new, "version": comparison.new_version},
-        "between": comparison.between and [wording(comparison).labels[one] for one in comparison.between],
+        "between": comparison.between and [Wording(comparison).labels[one] for one in comparison.between],
         "alpha": comparison.alpha,
         "tolerances": [dataclasses.asdict(tolerance) for tolerance in comparison.tolerances],
         "curves": _rows(comparison.curves),
@@ -107,10 +178,9 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         "cells": {
             "n_paired": cells.n_paired,
             "n_failed_both": cells.n_failed_both,
-            "new_failures": _rows(cells.new_failures),
-            "missing": _rows(cells.missing),
-            "repaired": _rows(cells.repaired),
-            "added": _rows(cells.added),
+            **{
+                name: _rows(getattr(cells, name)) for name in ("new_failures", "missing", "repaired", "added")
+            },
             "n_lost_scores": comparison.n_lost_scores,
         },
         "notes": list(comparison.notes),
@@ -119,44 +189,44 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
 
 def _rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
     """Rows with null for what is no number or not finite."""
-    return [
-        {
-            name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in row.items()
-        }
-        for row in table.to_dict("records")
-    ]
+    return table.astype(object).replace([np.nan, np.inf, -np.inf], None).to_dict("records")
 
 
 def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, said: Wording) -> Grid:
     """One row a curve or point, the worst verdicts first where they are too many for a screen."""
     if len(table) > MAX_ROWS:
-        rank = table["verdict"].map({verdict: index for index, verdict in enumerate(VERDICTS)})
-        left_out = table.iloc[rank.argsort(kind="stable")[MAX_ROWS:]]
-        table = table.iloc[rank.argsort(kind="stable")[:MAX_ROWS]]
-        title = f"{title} ({verdict_counts(left_out, said.verdict)} more not shown)"
-    with_snr = "snr_db" in table
-    header = ["curve", *(["SNR [dB]"] if with_snr else []), "trials"]
-    header += [
-        said.words.base,
-        said.words.new,
-        f"change{' [%]' if tolerance.is_relative else ''}",
-        "95 % interval",
-        "p",
-        "verdict",
+        worst_first = table["verdict"].map(VERDICTS.index).argsort(kind="stable")
+        left_out = verdict_counts(table.iloc[worst_first[MAX_ROWS:]], said.verdict)
+        table, title = table.iloc[worst_first[:MAX_ROWS]], f"{title} ({left_out} more not shown)"
+    is_points = "snr_db" in table
+    unit = " [%]" if tolerance.is_relative else ""
+    header = ["curve", *(["SNR [dB]"] if is_points else []), "trials", *said.heads]
+    rows = [
+        [
+            f"{row['scenario']}{said.name(row, before=', ')}",
+            *([f"{row['snr_db']:g}"] if is_points else []),
+            str(row["n_pairs"]),
+            *change_cells(row, tolerance),
+            verdict_text(row, tolerance, said),
+        ]
+        for row in table.to_dict("records")
     ]
-    rows = []
-    for row in table.to_dict("records"):
-        place = [f"{row['scenario']}{said.name(row, before=', ')}"]
-        place += [f"{row['snr_db']:g}"] if with_snr else []
-        rows.append(
-            [*place, str(row["n_pairs"]), *change_cells(row, tolerance), verdict_text(row, tolerance, said)]
-        )
-    return Grid(title, header, rows)
+    return Grid(title, [*header, f"change{unit}", "95 % interval", "p", "verdict"], rows)
 
 
 def change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]:
-    """Write the means of both sides, the change with its interval, and the p-value of a curve or point."""
+    """Write the numbers of a curve or point.
+
+    Parameters
+    ----------
+    row : mapping
+    tolerance : Tolerance
+
+    Returns
+    -------
+    list of str
+        Means of both sides, the change, its interval and the p-value.
+    """
     name, scale = ("relative", 100.0) if tolerance.is_relative else ("change", 1.0)
     change, low, high = (scale * row[f"{name}{end}"] for end in ("", "_low", "_high"))
     interval = "" if math.isnan(low) else f"{_signed(low)} to {_signed(high)}"
@@ -166,7 +236,18 @@ def change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]
 
 
 def verdict_text(row: Mapping[Hashable, Any], tolerance: Tolerance, said: Wording) -> str:
-    """Write the verdict of a curve or point, and what an inconclusive one would take."""
+    """Write the verdict of a curve or point, of an inconclusive one with the effect that it could have shown.
+
+    Parameters
+    ----------
+    row : mapping
+    tolerance : Tolerance
+    said : Wording
+
+    Returns
+    -------
+    str
+    """
     if row["verdict"] != "inconclusive":
         return said.verdict(row["verdict"])
     if not row["n_pairs"]:
@@ -190,13 +271,22 @@ def _signed(number: float) -> str:
     return f"{number:+.3g}" if number else "0"
 
 
-def _counts(table: pd.DataFrame, noun: str, said: Wording) -> str:
-    """Number of curves or points by verdict."""
-    return f"of {counted(len(table), noun)} {verdict_counts(table, said.verdict)}" if len(table) else ""
-
-
 def cell_lines(cells: pd.DataFrame, what: str, said: Wording) -> list[str]:
-    """Count some cells in a line that names the first few; without cells there is no line."""
+    """Count some cells in a line that names the first few.
+
+    Parameters
+    ----------
+    cells : DataFrame
+        Table of `isacbench.bench.compare.matching.CellChanges`.
+    what : str
+        Words for them.
+    said : Wording
+
+    Returns
+    -------
+    list of str
+        One line; none without cells.
+    """
     if not len(cells):
         return []
     named = []

@@ -7,6 +7,7 @@ time that it is asked.
 from __future__ import annotations
 
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 from typing import TYPE_CHECKING, Self
 
@@ -29,6 +30,7 @@ class BackgroundDrawing:
 
     def __init__(self) -> None:
         self._process = GuardedProcess(_start, local_plugins())
+        self._thread = ThreadPoolExecutor(1)
         self._is_ready = False
 
     def __enter__(self) -> Self:
@@ -38,13 +40,14 @@ class BackgroundDrawing:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._process.stop()
+        self._thread.shutdown()
 
     def get_ready(self) -> None:
         """Start the process and have it import, and this one likewise, without waiting for either."""
         if not self._is_ready:
             self._is_ready = True
-            self._process.schedule(_get_ready)
-            Thread(target=_get_ready, daemon=True).start()
+            self._process.start()
+            Thread(target=_import_drawing, daemon=True).start()
 
     def draw_run(self, folder: Path) -> list[Path]:
         """Draw a run as `isacbench.report.figures.run_figures.draw_run` does, in two processes.
@@ -64,10 +67,10 @@ class BackgroundDrawing:
         """
         from isacbench.report.figures.run_figures import draw_run
 
-        diagnoses = self._process.schedule(_draw_diagnoses, folder, timeout_s=TIMEOUT_S)
+        diagnoses = self._thread.submit(self._process.call, _draw_diagnoses, folder, timeout_s=TIMEOUT_S)
         figures = draw_run(folder, with_diagnoses=False)
         try:
-            more, messages = self._process.answer(diagnoses, TIMEOUT_S)
+            more, messages = diagnoses.result()
         except ProcessLostError as loss:
             more, messages = [], [f"no maps and no spectra: {loss.reason}"]
         for message in messages:
@@ -75,7 +78,7 @@ class BackgroundDrawing:
         return figures + more
 
 
-def _get_ready() -> None:
+def _import_drawing() -> None:
     from isacbench.report.figures import run_figures  # noqa: F401, importing is all
 
 
@@ -85,6 +88,7 @@ def _get_ready() -> None:
 def _start(plugins: tuple[PluginFile, ...]) -> None:
     for plugin in plugins:
         register_plugin(plugin)
+    _import_drawing()
 
 
 def _draw_diagnoses(folder: Path) -> tuple[list[Path], list[str]]:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.compare.best_alternatives import best_p_values, smallest_p_value
-from isacbench.bench.compare.statistics import trials_needed
+from isacbench.bench.compare.statistics import best_p_values, smallest_p_value, trials_needed
 from isacbench.errors import InputError
 from isacbench.report.tables.pareto import find_limits, paired_numbers, summarise_points, timed_rows
 from isacbench.report.tables.run_tables import Grid
@@ -125,7 +124,7 @@ def summarise_budgets(records: pd.DataFrame) -> pd.DataFrame:
         many keep the budget; ``may_be_best``, the labels, as JSON and the
         fastest first, of those of them that are not shown to be worse than
         another one by more than 1 % of the least mean deviation; ``level``
-        of the test behind that, `isacbench.bench.compare.best_alternatives.best_p_values`;
+        of the test behind that, `isacbench.bench.compare.statistics.best_p_values`;
         ``trials_needed`` to show anything at that level. With 95 %
         probability all rows of a scenario and SNR name the truly best
         estimator. Empty where nothing was timed.

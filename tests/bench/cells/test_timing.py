@@ -10,8 +10,8 @@ import pytest
 
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS
 from isacbench.bench.cells.timing import Trial, repeat
-from isacbench.bench.compare.compared_run import read_run
-from isacbench.bench.compare.regressions import compare_tables
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import read_run
 from isacbench.bench.compare.tolerance import parse_tolerance
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore

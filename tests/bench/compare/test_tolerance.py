@@ -8,7 +8,6 @@ from isacbench.bench.compare.tolerance import (
     DEFAULT_TOLERANCE,
     Tolerance,
     direction,
-    is_time,
     merge_tolerances,
     parse_tolerance,
 )
@@ -30,7 +29,7 @@ def test_spaces_and_powers_of_ten_are_allowed(text):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "deviation", "deviation=", "=5%", "a=-1%", "a=nan", "a=inf", "a=5%%", "a=x", "a b=1", "a=1 2"],
+    ["", "deviation", "deviation=", "=5%", "a=-1%", "a=nan", "a=5%%", "a b=1", "a=1 2"],
 )
 def test_anything_else_is_refused_and_quoted(text):
     with pytest.raises(InputError, match="allowed is NAME=NUMBER%") as caught:
@@ -54,7 +53,7 @@ def test_the_deviation_is_always_compared_and_the_last_word_counts():
         ("own", "lower"),
     ],
 )
-def test_directions_are_those_of_the_metric_and_lower_for_what_nobody_knows(column, better):
+def test_directions_are_those_of_the_metric_and_lower_for_unknown_columns(column, better):
     assert direction(column, "paper", [column]) == better
 
 
@@ -62,8 +61,3 @@ def test_directions_are_those_of_the_metric_and_lower_for_what_nobody_knows(colu
 def test_what_has_no_better_direction_is_refused(column):
     with pytest.raises(InputError, match=f"{column}: neither more nor less of it is better; allowed are own"):
         direction(column, "paper", [column, "own"])
-
-
-def test_run_times_are_known_by_their_names():
-    assert is_time("time_angles_s")
-    assert not is_time("times")

@@ -134,10 +134,7 @@ def assert_failures(records, kinds):
     ],
     ids=["most", "rest"],
 )
-def test_every_way_to_fail_costs_one_row_and_leaves_the_others_as_they_were(suite, kinds, monkeypatch):
-    monkeypatch.setattr(
-        "isacbench.bench.workers.guarded_process.END_S", 1.0
-    )  # twice, where half an answer came
+def test_every_way_to_fail_costs_one_row_and_leaves_the_others_as_they_were(suite, kinds):
     wrecked = suite(kinds)
     records = guarded(wrecked).records
     assert len(records) == len(wrecked.estimators)
@@ -211,19 +208,6 @@ def test_the_number_of_processes_changes_nothing(suite):
     for other in (two, many):
         pd.testing.assert_frame_equal(one.records.drop(columns=TIMES), other.records.drop(columns=TIMES))
         pd.testing.assert_frame_equal(one.clouds, other.clouds)
-
-
-@pytest.mark.parametrize(
-    ("limits", "message"),
-    [
-        ({"timeout_s": 0}, "timeout 0 s"),
-        ({"timeout_s": float("nan")}, "timeout nan s"),
-        ({"memory_mib": -1}, "memory -1 MiB"),
-    ],
-)
-def test_a_limit_that_is_none_is_refused(limits, message):
-    with pytest.raises(InputError, match=f"{message}: allowed is more than 0"):
-        Guard(**limits)
 
 
 BROKEN_IN_WORKERS = """
@@ -303,11 +287,10 @@ def work_in_thread(lane):
 
 
 @pytest.mark.parametrize("delay_s", [0, 0.2, *(pytest.param(t, marks=SLOW) for t in (0.05, 0.1, 1))])
-@pytest.mark.parametrize("how", ["cancel", "stop"])
-def test_a_busy_lane_can_be_stopped_from_another_thread_at_any_moment(lane, how, delay_s):
+def test_a_busy_lane_can_be_stopped_from_another_thread_at_any_moment(lane, delay_s):
     ended = work_in_thread(lane)
     time.sleep(delay_s)
-    getattr(lane, how)()
+    lane.stop()
     assert isinstance(ended.get(timeout=60), CancelledError)
 
 
@@ -359,7 +342,7 @@ def test_limits_without_a_worker_to_hold_them_are_refused():
 
 
 def test_a_worker_does_not_repeat_what_the_process_that_plans_has_warned_of(monkeypatch):
-    for name in ("_job", "_repeats", "_workbench", "_process_id"):
+    for name in ("_job", "_repeats"):
         monkeypatch.setattr(guarded_cells, name, None)
     with warnings.catch_warnings():
         guarded_cells._start_worker(None, None)

@@ -4,8 +4,8 @@ import json
 import numpy as np
 import pytest
 
-from isacbench.bench.compare.compared_run import RunTable
-from isacbench.bench.compare.regressions import compare_tables
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import RunTable
 from isacbench.bench.compare.tolerance import parse_tolerance
 from isacbench.errors import InputError
 from isacbench.report.comparisons.comparison_figure import (
@@ -101,7 +101,7 @@ def test_of_many_curves_the_worst_are_shown_and_the_others_counted(compared):
 def test_failures_missing_and_repaired_cells_are_counted_and_the_first_named(compared):
     (line,) = comparison_lines(compared(failing))
     assert line.startswith(
-        "5 cells failed anew: fft4d on street at -20 dB, trial 0 (timeout: TimeoutError: 9 s); "
+        "5 cells failed in the new run alone: fft4d on street at -20 dB, trial 0 (timeout: TimeoutError: 9 s)"
     )
     assert line.endswith("; ...")
 
@@ -110,15 +110,15 @@ def test_failures_missing_and_repaired_cells_are_counted_and_the_first_named(com
 
     assert comparison_lines(compared(renumber)) == [
         "1 cell missing in the new run: fft4d on street at -20 dB, trial 0",
-        "1 cell added by the new run: fft4d on street at -20 dB, trial 99",
+        "1 cell missing in the base: fft4d on street at -20 dB, trial 99",
     ]
 
 
 def test_the_summary_is_one_line_with_all_counts(compared):
     assert comparison_summary(compared()) == "no regression: of 2 curves 2 same; of 6 points 6 same"
     summary = comparison_summary(compared(failing))
-    assert summary.startswith("regression: of 2 curves")
-    assert summary.endswith("5 cells failed anew")
+    assert summary.startswith("no regression, but results are missing: of 2 curves")
+    assert summary.endswith("5 cells failed in the new run alone")
 
     def nothing(records):
         records["deviation"] = np.nan

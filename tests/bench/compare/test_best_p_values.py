@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from isacbench.bench.compare.best_alternatives import MAX_ENUMERATED, best_p_values, smallest_p_value
+from isacbench.bench.compare.statistics import MAX_ENUMERATED, best_p_values, smallest_p_value
 
 # Sixteenths: sums are exact, so that an oracle with another order of them finds the same ties.
 tables = arrays(

@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import binom, wilcoxon
 
 from isacbench import compare
-from isacbench.bench.compare.compared_run import RunTable, read_run
-from isacbench.bench.compare.matching import NotComparableError
-from isacbench.bench.compare.regressions import compare_tables, share_level
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import NotComparableError, RunTable, read_run
 from isacbench.bench.compare.tolerance import Tolerance, parse_tolerance
+from isacbench.bench.compare.verdicts import share_level
 from isacbench.errors import InputError
 from isacbench.report.comparisons.comparison_tables import comparison_summary
 
@@ -204,7 +204,7 @@ def test_a_curve_of_one_snr_is_tested_once(two_runs):
     assert found.curves["p_worse"].min() == found.points["p_worse"].min() == 2.0**-7
 
 
-@pytest.mark.parametrize("status", ["error", "timeout", "killed", "skipped"])
+@pytest.mark.parametrize("status", ["error", "skipped"])
 def test_a_new_failure_is_a_regression_a_repaired_one_is_told(two_runs, status):
     def change(records):
         records.loc[5, ["status", "reason"]] = [status, "ValueError: no"]
@@ -592,26 +592,14 @@ def test_scores_that_disappear_are_a_regression(two_runs):
     comparison = compare_tables(*two_runs(lose))
     assert comparison.n_lost_scores == 20
     assert comparison.is_regression
-    assert "20 scores lost" in comparison_summary(comparison)
+    assert "20 scores missing in the new run" in comparison_summary(comparison)
 
 
 def test_a_run_that_has_not_come_to_its_end_is_refused(made_run, written_run):
     folder = written_run("run", *made_run())
     (folder / "journal.jsonl").write_text("")
-    with pytest.raises(InputError, match="the run has not come to its end; allowed is one that has"):
+    with pytest.raises(InputError, match="the run has not come to its end; allowed is a finished one"):
         read_run(folder)
-
-
-@pytest.mark.parametrize("column", ["error_u", "bound_u", "pfa"])
-def test_a_column_without_a_better_side_is_refused(two_runs, column):
-    def add(records):
-        records[column] = 0.0
-
-    base, new = two_runs()
-    add(base.records)
-    add(new.records)
-    with pytest.raises(InputError, match=column):
-        compare_tables(base, new, [parse_tolerance(f"{column}=5%")])
 
 
 def test_versions_that_differ_are_told(two_runs):

@@ -1,0 +1,245 @@
+"""Verdicts on curves and points: paired scores, their changes, tests of both families, and corrections."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.compare.matching import CURVE
+from isacbench.bench.compare.statistics import (
+    bootstrap_changes,
+    holm,
+    signed_rank_test,
+    smallest_effect,
+    trials_needed,
+)
+from isacbench.bench.studies.intervals import student_band
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.bench.compare.tolerance import Tolerance
+
+    Floats = NDArray[np.float64]
+
+VERDICTS = ("regression", "improvement", "inconclusive", "same")
+"""All verdicts, the worst first."""
+
+
+ROUNDING = 1e-9
+"""Largest relative difference of scores that counts as none: rounding by another processor or library."""
+
+
+class PairedScores(NamedTuple):
+    """Paired scores of one metric.
+
+    Attributes
+    ----------
+    keys : DataFrame
+        For each point or curve a row: metric, scenario, estimator, params,
+        and the point's ``snr_db`` or the curve's number ``n_snr`` of them.
+    base, new : ndarray of float64, shape (n_trials, n_keys)
+        NaN at the same places in both where a pair is missing.
+    """
+
+    keys: pd.DataFrame
+    base: Floats
+    new: Floats
+
+
+def point_scores(
+    pairs: pd.DataFrame, metric: str, sides: tuple[str, str] = ("the base", "the new run")
+) -> tuple[PairedScores, list[str]]:
+    """Collect the scores of every point, sorted by curve and SNR, without points that have none.
+
+    Parameters
+    ----------
+    pairs : DataFrame
+        As `isacbench.bench.compare.matching.pair_cells` returns it.
+    metric : str
+    sides : (str, str)
+        Words for both sides in notes.
+
+    Returns
+    -------
+    scores : PairedScores
+    notes : list of str
+        Numbers of cells of which one run alone has a score.
+    """
+    rows = pairs[[*CURVE, "snr_db", "trial"]].assign(
+        base=pairs[f"{metric}_base"].astype(float), new=pairs[f"{metric}_new"].astype(float)
+    )
+    in_base, in_new = np.isfinite(rows["base"]), np.isfinite(rows["new"])
+    rows.loc[~(in_base & in_new), ["base", "new"]] = np.nan
+    rows = rows[in_base | in_new]
+    rows["curve"] = rows.groupby(CURVE, sort=False).ngroup()
+    rows = rows.sort_values(["curve", "snr_db"], kind="stable")
+    keys = rows[[*CURVE, "snr_db"]].drop_duplicates(ignore_index=True)
+    keys.insert(0, "metric", metric)
+    point = rows.groupby(["curve", "snr_db"]).ngroup()
+    trial, trials = pd.factorize(rows["trial"])
+    base, new = np.full((2, len(trials), len(keys)), np.nan)
+    base[trial, point], new[trial, point] = rows["base"], rows["new"]
+    notes = []
+    if not len(rows):
+        notes.append(f"{metric}: no cell of both sides has one, nothing compared")
+    elif (in_base != in_new).any():
+        notes.append(
+            f"{metric}: {(in_base & ~in_new).sum()} cells that have one in {sides[0]} alone, and "
+            f"{(~in_base & in_new).sum()} that have one in {sides[1]} alone, are left out"
+        )
+    return PairedScores(keys, base, _without_rounding(base, new)), notes
+
+
+def curve_scores(points: PairedScores) -> PairedScores:
+    """Average every trial over the SNRs at which it has a pair.
+
+    Parameters
+    ----------
+    points : PairedScores
+
+    Returns
+    -------
+    PairedScores
+        Scores of whole curves.
+    """
+    curves = points.keys.groupby(["metric", *CURVE], sort=False)
+    keys = curves.size().rename("n_snr").reset_index()
+    base, change = (
+        pd.DataFrame(values.T).groupby(curves.ngroup()).mean().to_numpy().T
+        for values in (points.base, points.new - points.base)
+    )
+    return PairedScores(keys, base, _without_rounding(base, base + change))
+
+
+def _without_rounding(base: Floats, new: Floats) -> Floats:
+    """New scores, made equal to the base's where only rounding parts them: zeros and ties are to be exact."""
+    is_rounding = np.abs(new - base) <= ROUNDING * (np.abs(base) + np.abs(new)) / 2
+    return np.where(is_rounding, base, new)
+
+
+def measure(scores: PairedScores, tolerance: Tolerance, better: str) -> pd.DataFrame:
+    """Measure the changes of all points or curves, without correction for the number of tests.
+
+    Parameters
+    ----------
+    scores : PairedScores
+    tolerance : Tolerance
+    better : {"lower", "higher"}
+
+    Returns
+    -------
+    DataFrame
+        A row for each key, as `judge` takes it.
+    """
+    table = scores.keys.copy()
+    base, new = pd.DataFrame(scores.base), pd.DataFrame(scores.new)
+    worsening = new - base if better == "lower" else base - new
+    table["n_pairs"] = base.count()
+    for name, values in (("base", base), ("new", new)):
+        table[f"{name}_mean"] = values.mean()
+        table[f"{name}_band"] = student_band(values.std(), table["n_pairs"])
+    table = table.join(bootstrap_changes(scores.base, scores.new))
+    tests = [signed_rank_test(column[np.isfinite(column)]) for column in worsening.to_numpy().T]
+    table["raw_worse"] = [test.greater for test in tests]
+    table["raw_better"] = [test.less for test in tests]
+    table["attainable"] = [test.attainable for test in tests]
+    table["worsening"], table["spread"] = worsening.mean(), worsening.std()
+    table["limit"] = tolerance.limit * (table["base_mean"].abs() if tolerance.is_relative else 1.0)
+    low, high = ("relative_low", "relative_high") if tolerance.is_relative else ("change_low", "change_high")
+    table["is_within"] = (table[low] >= -tolerance.limit) & (table[high] <= tolerance.limit)
+    return table
+
+
+def judge(curves: pd.DataFrame, points: pd.DataFrame, alpha: float) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Correct the p-values of both families and give verdicts.
+
+    Parameters
+    ----------
+    curves, points : DataFrame
+        As `measure` returns them.
+    alpha : float
+        Level of everything together, in each direction.
+
+    Returns
+    -------
+    curves, points : DataFrame
+        With the columns ``p_worse``, ``p_better``, ``smallest_effect``,
+        ``trials_needed`` and ``verdict``, without those that only lead to them.
+    """
+    keys = ["metric", *CURVE]
+    of_curve = curves[[*keys, "n_snr"]].assign(curve=curves.index)
+    points = points.merge(of_curve, on=keys, how="left")
+    # The point of a curve of one SNR is the same hypothesis, and tested once.
+    is_curve = (points["n_snr"] == 1).to_numpy()
+    curves_tested = (curves["attainable"] < 1).to_numpy()
+    points_tested = (points["attainable"] < 1).to_numpy() & ~is_curve
+    shares = share_level(
+        curves["attainable"].to_numpy()[curves_tested], points["attainable"].to_numpy()[points_tested], alpha
+    )
+    corrected_curves = _correct(curves, curves_tested, shares[0], alpha)
+    corrected_points = _correct(points, points_tested, shares[1], alpha)
+    corrected_points[is_curve] = corrected_curves.loc[points.loc[is_curve, "curve"]].to_numpy()
+    return (
+        _conclude(curves, corrected_curves, alpha),
+        _conclude(points.drop(columns="curve"), corrected_points, alpha),
+    )
+
+
+def share_level(curves: Floats, points: Floats, alpha: float) -> tuple[float, float]:
+    """Share the level between curves and points, half each unless one of them cannot use its half.
+
+    Parameters
+    ----------
+    curves, points : ndarray of float64
+        Smallest attainable p-values of the hypotheses of each family.
+    alpha : float
+
+    Returns
+    -------
+    of_curves, of_points : float
+        Fractions of the level, 1 together.
+
+    Examples
+    --------
+    Ten trials can show something of four curves, but of none of 44 points:
+
+    >>> share_level(np.full(4, 2.0**-10), np.full(44, 2.0**-10), alpha=0.01)
+    (1.0, 0.0)
+    """
+    can_use = [family.size > 0 and family.min() * family.size <= alpha / 2 for family in (curves, points)]
+    if all(can_use):
+        return 0.5, 0.5
+    return (0.0, 1.0) if can_use[1] else (1.0, 0.0)
+
+
+def _correct(table: pd.DataFrame, tested: NDArray[np.bool_], share: float, alpha: float) -> pd.DataFrame:
+    """P-values to be held against the whole level, and what the trials of a family could show."""
+    found = {}
+    for side in ("worse", "better"):
+        p_values = np.ones(len(table))
+        if share:
+            p_values[tested] = np.minimum(holm(table[f"raw_{side}"].to_numpy()[tested]) / share, 1.0)
+        found[f"p_{side}"] = p_values
+    n_tests = max(int(tested.sum()), 1)
+    found["smallest_effect"] = smallest_effect(
+        table["spread"], table["n_pairs"], (share or 0.5) * alpha / n_tests
+    )
+    # More trials may let the other family have its half.
+    found["trials_needed"] = np.full(len(table), trials_needed(0.5 * alpha / n_tests))
+    return pd.DataFrame(found, index=table.index)
+
+
+def _conclude(table: pd.DataFrame, corrected: pd.DataFrame, alpha: float) -> pd.DataFrame:
+    """Table with its verdicts, without what only led to them."""
+    table = table.join(corrected)
+    is_unchanged = (table["n_pairs"] > 0) & (table["attainable"] == 1)
+    conditions = [
+        (table["p_worse"] <= alpha) & (table["worsening"] > table["limit"]),
+        (table["p_better"] <= alpha) & (-table["worsening"] > table["limit"]),
+        is_unchanged | table["is_within"],
+    ]
+    table["verdict"] = np.select(conditions, ["regression", "improvement", "same"], "inconclusive")
+    return table.drop(columns=["raw_worse", "raw_better", "attainable", "worsening", "spread", "is_within"])
