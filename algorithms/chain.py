@@ -289,7 +289,7 @@ def detect(rdm: ReadMap, estimator: StageSettings) -> Detected:
             tapered, estimator.cell_detector(), estimator.integration, estimator.dynamic_range_db
         )
         last_digit = float(np.finfo(rdm.directions.cells.dtype).eps)
-        rounding = (LAST_DIGITS_LOST * last_digit) ** 2 * float(cells.power.max())
+        rounding = max(LAST_DIGITS_LOST * last_digit, 1e-10) ** 2 * float(cells.power.max())
         white = min(max(white_noise(gated), rounding), cells.floor)
         min_power = -np.log(estimator.angle_pfa) * cells.floor / rdm.selection.n_elements
         return Detected(cells, tapered.gate, Levels(white, cells.floor, min_power))
