@@ -21,10 +21,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.dsp.angles.eigenpairs import Eigenpairs, pairs_of_covariance, pairs_of_data
+from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
 
 Floats = NDArray[np.float64]
 
@@ -63,11 +62,7 @@ def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_suba
 
 
 def line_eigenpairs(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Eigenpairs:
-    """All eigenpairs of smoothed covariances, each cell with the digits that it takes.
-
-    Where the rounding of the covariance is not small beside a gap between the
-    eigenvalues, they follow from the singular vectors of the subarrays, whose
-    dynamic range is not squared.
+    """All eigenpairs of smoothed covariances.
 
     Parameters
     ----------
@@ -80,16 +75,7 @@ def line_eigenpairs(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray
     Eigenpairs
     """
     values, vectors = np.linalg.eigh(smoothed_covariance(snapshots, n_subarray))
-    pairs = pairs_of_covariance(values[:, ::-1], vectors[:, :, ::-1])
-    coarse = pairs.coarse
-    if coarse.size:
-        transform = unitary_transform(n_subarray).conj().astype(snapshots.dtype, copy=False)
-        subarrays = sliding_window_view(snapshots[coarse], n_subarray, axis=1) @ transform
-        subarrays = subarrays.reshape(coarse.size, -1, n_subarray)
-        rows = np.concatenate([subarrays.real, subarrays.imag], axis=1)
-        data = rows / np.sqrt(subarrays.shape[1]).astype(rows.dtype)
-        pairs.put(coarse, pairs_of_data(data, n_subarray))
-    return pairs
+    return with_rounding(values[:, ::-1], vectors[:, :, ::-1])
 
 
 @lru_cache
