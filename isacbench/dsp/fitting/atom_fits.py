@@ -55,10 +55,6 @@ LEAST_SLOPE = 1e-6
 BLURRED = 0.01
 """Share of a variance that rounding decides, from which it is no variance."""
 
-DELICATE = 1e-11
-"""The same, from which a step is settled: rounding moves an atom by about as many Rayleigh cells, and by as
-much of its amplitude over the distance of its neighbour."""
-
 NOT_LESS = 1e-12
 """Of the explained energy: a step that loses no more is not told from one that gains."""
 
@@ -148,18 +144,10 @@ class AtomFit:
 
     @property
     def blurred(self) -> NDArray[np.bool_]:
-        """Atoms (n,) with a coordinate whose variance is one of rounding: the true one may be any larger."""
-        return np.logical_not(self._known_to(BLURRED).all(axis=0))
-
-    @property
-    def delicate(self) -> bool:
-        """Whether products are too coarse for the places of any atoms: `settle_atoms` does without."""
-        return not self._known_to(DELICATE).all()
-
-    def _known_to(self, largest_share: float) -> NDArray[np.bool_]:
-        """Coordinates (4, n) of whose variance rounding decides no more than a share."""
+        """Mask (n,) of atoms with a coordinate whose variance is rounding: the true one may be larger."""
         share = self._inverse_information.diagonal() * self.rounding
-        return ((share >= 0) & (share <= largest_share)).reshape(N_COORDINATES, -1)
+        known = (share >= 0) & (share <= BLURRED)
+        return np.logical_not(known.reshape(N_COORDINATES, -1).all(axis=0))
 
     def steps(self, rest: Correlations) -> tuple[Complex, Floats]:
         """Undamped Gauss-Newton steps (n,) of the amplitudes and (n, 4) of the places.

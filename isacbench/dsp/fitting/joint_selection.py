@@ -279,7 +279,6 @@ def explain_map(
         return None
     while True:
         drop, places = redundant(fit, noise)
-        is_delicate = fit.delicate
         scatterers = scatterers.select(~drop)
         if not len(scatterers):
             return scatterers
@@ -288,9 +287,7 @@ def explain_map(
             break
     if _most_unexplained(scatterers, fit, gated, system) > MOST_UNEXPLAINED * noise:
         return None
-    if is_delicate:
-        fit = settle_atoms(atom_map, fit, SETTLING_STEPS)
-    return _placed(scatterers, fit, gated)
+    return _placed(scatterers, settle_atoms(atom_map, fit, SETTLING_STEPS), gated)
 
 
 def _placed(scatterers: LocatedScatterers, fit: AtomFit, gated: GatedMap) -> LocatedScatterers:
