@@ -58,9 +58,9 @@ class Esprit2d(JointSubspaceEstimator):
     subarray_fraction, model_order, polish
         See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------
@@ -92,6 +92,8 @@ class Esprit2d(JointSubspaceEstimator):
         """
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
+        if not detected.cells.bins[0].size:
+            return PointCloud.empty()
         seen = []
         for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
             cells = read_cells(rdm, detected, reading)

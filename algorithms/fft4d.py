@@ -48,8 +48,17 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
-from .cellwise import CellPrecision, CellwiseEstimator
-from .chain import CellSnapshots, Snapshots, detect, explain, locate, read_cells, read_map
+from .chain import (
+    CellPrecision,
+    CellSnapshots,
+    CellwiseEstimator,
+    Snapshots,
+    detect,
+    explain,
+    locate,
+    read_cells,
+    read_map,
+)
 from .detectors import CaCfar
 
 
@@ -100,9 +109,9 @@ class Fft4d(CellwiseEstimator):
     angle_dynamic_range_db : float
         Below the strongest source of a cell, what is taken for its sidelobes.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------

@@ -51,8 +51,7 @@ from isacbench.model.kernels import steering
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
-from .cellwise import CellwiseEstimator
-from .chain import CellSnapshots, Levels, Reading, ReadMap, Snapshots, determined_order
+from .chain import CellSnapshots, CellwiseEstimator, Levels, Reading, ReadMap, Snapshots, determined_order
 
 CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
@@ -113,10 +112,10 @@ class JointSubspaceEstimator(CellwiseEstimator):
         Most steps of maximum likelihood in resolved cells; 0 leaves directions
         as they come out of the subspace.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`. `max_sources` is
+        See `isacbench_algorithms.chain.CellwiseEstimator`. `max_sources` is
         also the largest dimension of a signal subspace.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------

@@ -66,8 +66,18 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
-from .cellwise import CellPrecision, CellwiseEstimator
-from .chain import CellSnapshots, Snapshots, detect, determined_order, explain, locate, read_cells, read_map
+from .chain import (
+    CellPrecision,
+    CellSnapshots,
+    CellwiseEstimator,
+    Snapshots,
+    detect,
+    determined_order,
+    explain,
+    locate,
+    read_cells,
+    read_map,
+)
 from .detectors import CaCfar
 
 MIN_GRID_POINTS = 65
@@ -128,9 +138,9 @@ class Music2d(CellwiseEstimator):
     spectrum_detector : Detector
         Of peaks in a stack of spectra (cells, grid).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------

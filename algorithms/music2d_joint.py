@@ -73,9 +73,9 @@ class Music2dJoint(JointSubspaceEstimator):
     subarray_fraction, model_order, polish
         See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------
@@ -111,6 +111,8 @@ class Music2dJoint(JointSubspaceEstimator):
         """
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
+        if not detected.cells.bins[0].size:
+            return PointCloud.empty()
         seen = []
         for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
             cells = read_cells(rdm, detected, reading)

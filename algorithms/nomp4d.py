@@ -68,7 +68,7 @@ from isacbench.dsp.fitting.pursuit_moves import (
     without_images,
 )
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scaling import amplitude_exponent, in_unit
+from isacbench.dsp.scaling import in_unit
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -335,14 +335,14 @@ class Nomp4d:
 def _read_beams(observation: Observation) -> _Seen:
     """Read the range-Doppler map, and look at it through beams towards the region's directions."""
     with stage("rdm"):
-        exponent = amplitude_exponent(observation.cells)
-        gated = GatedMap.of(observation, in_unit(observation.cells, exponent))
+        cells, unit = in_unit(observation.cells)
+        gated = GatedMap.of(observation, cells)
         atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
     with stage("detection"):
         white = white_noise(gated)
     with stage("spectrum"):
         space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
-    return _Seen(observation, space, white, float(np.ldexp(1.0, exponent)))
+    return _Seen(observation, space, white, unit)
 
 
 def _noise_levels(seen: _Seen, pfa: float) -> _Noise:

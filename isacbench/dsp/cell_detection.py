@@ -9,7 +9,7 @@ without a limit on the dynamic range images get worse as the SNR rises.
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from typing import Any, Literal, cast
@@ -46,6 +46,8 @@ class DetectedCells:
     bins : (ndarray of int64, ndarray of int64), each shape (n,)
         Absolute range and Doppler bins of the cells kept: detected,
         reachable, and above the floor.
+    gate : Gate
+        Bins of the map.
     floor : float
         Power below which nothing is told from noise or from the leakage of
         the strongest echoes.
@@ -55,6 +57,7 @@ class DetectedCells:
     detector: Detector
     looks: int
     bins: Bins
+    gate: Gate
     floor: float
 
     __repr__ = brief
@@ -64,13 +67,11 @@ class DetectedCells:
         """What the detector says of the whole map, tested when first asked for."""
         return self.detector.detect(self.power, self.looks)
 
-    def strongest_cell(self, gate: Gate) -> tuple[int, int] | None:
-        """Range and Doppler bin of the strongest cell kept, None where there is none; `gate` is the map's."""
-        if not self.bins[0].size:
-            return None
-        rows, columns = self.bins[0] - gate.range_bins[0], self.bins[1] - gate.doppler_bins[0]
-        strongest = int(self.power[rows, columns].argmax())
-        return int(self.bins[0][strongest]), int(self.bins[1][strongest])
+    def strongest(self) -> DetectedCells:
+        """Strongest of the cells kept, alone; no cell where none is kept."""
+        rows, columns = self.bins[0] - self.gate.range_bins[0], self.bins[1] - self.gate.doppler_bins[0]
+        first = np.argsort(-self.power[rows, columns], kind="stable")[:1]
+        return replace(self, bins=(self.bins[0][first], self.bins[1][first]))
 
 
 def power_map(
@@ -205,4 +206,4 @@ def detect_cells(
     rows, columns = candidates = np.nonzero(gate.reachable & (power > floor))
     found = detect_listed(detector, power, looks, candidates).mask
     bins = gate.range_bins[rows[found]], gate.doppler_bins[columns[found]]
-    return DetectedCells(power, detector, looks, bins, floor)
+    return DetectedCells(power, detector, looks, bins, gate, floor)

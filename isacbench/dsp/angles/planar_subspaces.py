@@ -122,7 +122,9 @@ def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats
         values, vectors = np.linalg.eigh(covariance)
         return values[:, ::-1][:, :n_pairs], vectors[:, :, ::-1][:, :, :n_pairs]
     # Random directions: no source is orthogonal to them. The same in every run.
-    start = np.random.default_rng(0).standard_normal((n_sensors, n_basis)).astype(covariance.dtype, copy=False)
+    start = (
+        np.random.default_rng(0).standard_normal((n_sensors, n_basis)).astype(covariance.dtype, copy=False)
+    )
     basis = np.broadcast_to(start, (len(covariance), n_sensors, n_basis))
     for _ in range(ITERATIONS):
         basis = np.linalg.qr(covariance @ basis)[0]

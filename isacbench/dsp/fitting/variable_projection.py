@@ -18,13 +18,13 @@ squares problems", BIT 15 (1975).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 DIAGONAL_LOADING = 1e-14
 """Keeps the Gram matrix of coinciding directions invertible."""
