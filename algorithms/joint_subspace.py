@@ -33,13 +33,7 @@ from numpy.typing import NDArray
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.esprit import most_sources
-from isacbench.dsp.angles.model_order import (
-    ModelOrder,
-    eigenvalue_cfar_order,
-    information_order,
-    noise_order,
-    smoothed_noise_edge,
-)
+from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly, select_jointly
@@ -334,12 +328,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         -------
         ndarray of int64, shape (n,)
         """
-        rounding = pairs.rounding[:, None]
-        eigenvalues = np.maximum(pairs.values, rounding)
-        if self.model_order == "noise":
-            largest_noise = noise * smoothed_noise_edge(shape, subarray, self.angle_pfa)
-            return noise_order(eigenvalues, np.maximum(largest_noise, rounding))
-        if self.model_order == "eigenvalue_cfar":
-            return eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
-        n_independent = np.prod(shape) / np.prod(subarray)
-        return information_order(eigenvalues, float(n_independent), self.model_order)
+        largest_noise = noise * smoothed_noise_edge(shape, subarray, self.angle_pfa)
+        n_independent = float(np.prod(shape) / np.prod(subarray))
+        pfa = self.cell_detector().pfa
+        return source_count(pairs, self.model_order, largest_noise, pfa, n_independent)

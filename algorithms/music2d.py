@@ -49,14 +49,7 @@ from isacbench.dsp.angles.line_subspaces import (
     music_null_spectrum,
     real_steering,
 )
-from isacbench.dsp.angles.model_order import (
-    ModelOrder,
-    eigenvalue_cfar_order,
-    information_order,
-    noise_edge,
-    noise_order,
-    smoothed_noise_edge,
-)
+from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.peaks import Peaks, line_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.errors import require
@@ -289,19 +282,13 @@ class Music2d(CellwiseEstimator):
         """
         _, n_sensors, n_snapshots = shape
         n_subarray = pairs.vectors.shape[1]
-        rounding = pairs.rounding[:, None]
-        eigenvalues = np.maximum(pairs.values, rounding)
-        if self.model_order == "noise":
-            if n_snapshots > 1:
-                edge = noise_edge(n_subarray, 2 * n_snapshots)
-            else:  # the subarrays of one snapshot are not independent, and too few for the law of many
-                edge = smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)
-            return noise_order(eigenvalues, np.maximum(noise * edge, rounding))
-        if self.model_order == "eigenvalue_cfar":
-            return eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
+        if n_snapshots > 1:
+            edge = noise_edge(n_subarray, 2 * n_snapshots)
+        else:  # the subarrays of one snapshot are not independent, and too few for the law of many
+            edge = smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)
         # Of disjoint subarrays, each snapshot holds as many as fit.
         n_independent = n_snapshots * n_sensors / n_subarray
-        return information_order(eigenvalues, n_independent, self.model_order)
+        return source_count(pairs, self.model_order, noise * edge, self.cell_detector().pfa, n_independent)
 
 
 def _sampled_null(n_subarray: int, step: float) -> float:

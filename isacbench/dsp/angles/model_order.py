@@ -24,6 +24,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.cfar import ca_cfar
 from isacbench.errors import require
 
@@ -197,6 +198,36 @@ def information_order(
     n_parameters = order * (2 * n_sensors - order + 1) / 2
     charge = 1.0 if criterion == "aic" else np.log(max(2 * n_independent, 1.0)) / 2
     return _bounded(np.argmin(misfit + charge * n_parameters, axis=1), eigenvalues)
+
+
+def source_count(
+    pairs: Eigenpairs, method: ModelOrder, largest_noise: float, pfa: float, n_independent: float
+) -> Integers:
+    """Count the eigenvalues that belong to sources, by one of the four tests.
+
+    Parameters
+    ----------
+    pairs : Eigenpairs
+        Of n smoothed covariances.
+    method : {"noise", "eigenvalue_cfar", "mdl", "aic"}
+    largest_noise : float
+        Largest eigenvalue of the noise, for "noise".
+    pfa : float
+        For "eigenvalue_cfar".
+    n_independent : float
+        Independent complex snapshots, for "mdl" and "aic".
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+    """
+    rounding = pairs.rounding[:, None]
+    eigenvalues = np.maximum(pairs.values, rounding)
+    if method == "noise":
+        return noise_order(eigenvalues, np.maximum(largest_noise, rounding))
+    if method == "eigenvalue_cfar":
+        return eigenvalue_cfar_order(eigenvalues, pfa)
+    return information_order(eigenvalues, n_independent, method)
 
 
 def _bounded(order: Integers, eigenvalues: Floats) -> Integers:
