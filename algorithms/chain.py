@@ -41,7 +41,7 @@ from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cell
 from isacbench.dsp.fitting.joint_selection import refine_jointly, select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scaling import in_unit
-from isacbench.dsp.scatterers import Located, LocatedScatterers, locate_waves, merge_duplicates
+from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.instrument.remarks import Remarks, remark
@@ -293,7 +293,7 @@ def determined_order(pairs: Eigenpairs, order: NDArray[np.int64]) -> NDArray[np.
     return separated
 
 
-def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator) -> Located:
+def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator) -> ScatterersInCells:
     """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
 
     Parameters
@@ -307,7 +307,7 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
 
     Returns
     -------
-    Located
+    ScatterersInCells
     """
     with stage("peaks"):
         reading, tapered = cells.reading, cells.tapered
@@ -322,12 +322,12 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
         )
 
 
-def own_cell_test(located: Located) -> LocatedScatterers:
+def own_cell_test(located: ScatterersInCells) -> LocatedScatterers:
     """Keep the scatterers that are no stronger in a neighbouring cell than in their own.
 
     Parameters
     ----------
-    located : Located
+    located : ScatterersInCells
 
     Returns
     -------
