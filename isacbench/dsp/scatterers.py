@@ -1,4 +1,4 @@
-"""Scatterers from plane waves: their places between cells, the own-cell test, and duplicates of several cells."""
+"""Scatterers from plane waves: places between cells, the own-cell test, duplicates of several cells."""
 
 from __future__ import annotations
 

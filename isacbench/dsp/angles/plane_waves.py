@@ -26,8 +26,8 @@ DIAGONAL_LOADING = 1e-9
 
 TIE, TIE_UNITS = 1e-8, 80
 """Difference of two residuals, relative to the strongest wave, that counts as rounding: the larger of the
-remainder of the loading and of so many last digits of the snapshots. On a cross, a further cosine of the column
-explains as much with either of two cosines of the row whose own echoes are explained already."""
+remainder of the loading and of so many last digits of the snapshots. On a cross, a further cosine of the
+column explains as much with either of two cosines of the row whose own echoes are explained already."""
 
 
 @dataclass(frozen=True, eq=False)

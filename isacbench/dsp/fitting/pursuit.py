@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +63,7 @@ TIE_DIGITS = 9
 """Of energies: what differs beyond is rounding, and the first of equals comes first."""
 
 LEAST_VARIANCE = 2.0**-1000
-"""In place of none, where noise is that small: ratios to it are still numbers."""
+"""Variance in place of 0, without noise: ratios to it are still numbers."""
 
 LOST = 0.5
 """Standard deviation of a coordinate in Rayleigh cells from which an atom has no place."""
@@ -72,20 +71,6 @@ LOST = 0.5
 
 UNGAPPED = whole_frame(1)
 """Symbols of a frame that is sensed as a whole: the bound of its sidelobes holds for any number of them."""
-
-
-class Peaks4d(NamedTuple):
-    """Peaks of a residual: places (n, 4) in Rayleigh cells, and energies (n,)."""
-
-    places: Floats
-    energy: Floats
-
-
-class Splits(NamedTuple):
-    """Offsets (n, 4) at which two atoms may replace one, and the energies (n,) gained; 0 where none is."""
-
-    offsets: Floats
-    gain: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +132,17 @@ class BeamSpace:
         return self.atom_map.range_bins[in_range], self.atom_map.doppler_bins[in_doppler], self.u, self.w
 
     def residual(self, fit: AtomFit | None) -> Complex:
-        """Beams without the atoms of a fit."""
+        """Subtract the echoes of atoms from the beams.
+
+        Parameters
+        ----------
+        fit : AtomFit or None
+            Of the atoms; None without any.
+
+        Returns
+        -------
+        ndarray of complex128, shape of `beams`
+        """
         if fit is None:
             return self.beams
         atom_map, n = self.atom_map, len(fit)
@@ -162,8 +157,8 @@ class BeamSpace:
         residual: Complex = self.beams - echoes.reshape(self.beams.shape)
         return residual
 
-    def peaks(self, residual: Complex, least_energy: float) -> Peaks4d:
-        """Local maxima of a residual, sampled twice a Rayleigh cell along all coordinates.
+    def peaks(self, residual: Complex, least_energy: float) -> tuple[Floats, Floats]:
+        """Find the local maxima of a residual, sampled twice a Rayleigh cell along all coordinates.
 
         Parameters
         ----------
@@ -173,7 +168,9 @@ class BeamSpace:
 
         Returns
         -------
-        Peaks4d
+        places : ndarray of float64, shape (n, 4)
+            In Rayleigh cells.
+        energy : ndarray of float64, shape (n,)
         """
         index, energy = _local_maxima(_halved(_halved(residual, 0), 1), least_energy)
         along_range, along_doppler, along_u, along_w = self.axes
@@ -186,20 +183,29 @@ class BeamSpace:
             ],
             axis=1,
         )
-        return Peaks4d(places, energy)
+        return places, energy
 
     def mean_around(self, residual: Complex, places: Floats) -> Floats:
-        """Mean energy (n,) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
+        """Average the energy of a residual's beams within about 1.5 Rayleigh cells of places.
+
+        Parameters
+        ----------
+        residual : ndarray of complex128
+            From `residual`.
+        places : ndarray of float64, shape (n, 4)
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+        """
         energy = residual.real**2 + residual.imag**2
         n_beams = 2 * BEAMS_A_CELL - 1
         mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
-        index = []
-        for axis, coordinate in zip(self.axes, places.T, strict=True):
-            steps = (
-                (coordinate - axis[0]) / (axis[1] - axis[0]) if axis.size > 1 else np.zeros_like(coordinate)
-            )
-            index.append(np.clip(np.rint(steps).astype(np.int64), 0, axis.size - 1))
-        around: Floats = mean[tuple(index)]
+        nearest = (
+            np.abs(axis[:, None] - along).argmin(axis=0)
+            for axis, along in zip(self.axes, places.T, strict=True)
+        )
+        around: Floats = mean[tuple(nearest)]
         return around
 
 
@@ -236,7 +242,17 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np
 
 
 def descending(energy: Floats) -> NDArray[np.int64]:
-    """Indices (n,) that sort energies, the largest first; of those equal but for rounding, the first."""
+    """Sort energies, the largest first, and those equal but for rounding in their order.
+
+    Parameters
+    ----------
+    energy : ndarray of float64, shape (n,)
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Indices.
+    """
     order: NDArray[np.int64] = np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
     return order
 
@@ -306,7 +322,19 @@ def noise_maximum(n_independent: float, chance: float) -> float:
 
 
 def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floats:
-    """Bound of an atom's amplitude response at distances (..., 4) in Rayleigh cells, shape (...)."""
+    """Bound the amplitude response of an atom.
+
+    Parameters
+    ----------
+    distance : ndarray of float64, shape (..., 4)
+        From the atom, in Rayleigh cells.
+    bursts : SymbolBursts
+        Symbols that are sensed with.
+
+    Returns
+    -------
+    ndarray of float64, shape (...)
+    """
     envelope = np.ones(distance.shape[:-1])
     for axis in range(N_COORDINATES):
         along = distance[..., axis]
@@ -337,11 +365,24 @@ def sidelobe_energy(
 
 
 def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPPED) -> Floats:
-    """Energy (n,) that the strongest atom can show at places (n, 4).
+    """Bound the energy that the strongest atom shows at places.
 
     The larger of two: sidelobes of an atom anywhere, and all of the energy of
     one within two bins in range and Doppler, whose misfit has every direction.
     Atoms do not count at their own place.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        In Rayleigh cells.
+    fit : AtomFit
+        Of the atoms.
+    bursts : SymbolBursts
+        Symbols that are sensed with.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
     """
     if len(places) > (most := MOST_PAIRS // len(fit)):
         parts = np.split(places, range(most, len(places), most))
@@ -357,8 +398,10 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
     return strongest
 
 
-def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_energy: float) -> Splits:
-    """Energy that two atoms for one would explain, from what the residual holds of its derivatives.
+def split_gains(
+    atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_energy: float
+) -> tuple[Floats, Floats]:
+    """Energy that two atoms for one would explain, from the products of the residual with its derivatives.
 
     Two echoes less than a Rayleigh cell apart differ from one by its first
     derivative in quadrature, and by its second: the one leads where their
@@ -375,29 +418,25 @@ def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_
 
     Returns
     -------
-    Splits
-        Along the coordinate that gains most.
+    offsets : ndarray of float64, shape (n, 4)
+        Distances of the two atoms from the one, along the coordinate that
+        gains most.
+    gain : ndarray of float64, shape (n,)
+        Energies gained; 0 of atoms that are not to be split.
     """
     n = len(fit)
-    lines = atom_map.lines(fit.places)
+    lines, axes = atom_map.lines(fit.places), range(N_COORDINATES)
     curvature_outputs = atom_map.correlate_curvatures(lines)
     products = atom_map.products(lines)
-    curvatures = atom_map.curvature_products(lines)
-    others = np.stack(
-        [
-            np.prod([products[k].value for k in range(N_COORDINATES) if k != axis], axis=0)
-            for axis in range(N_COORDINATES)
-        ]
-    )
     gain, separation = np.zeros((2, n, N_COORDINATES))
-    for axis, (curved, energy) in enumerate(curvatures):
+    for axis, (curved, energy) in enumerate(atom_map.curvature_products(lines)):
+        others = np.prod([products[k].value for k in axes if k != axis], axis=0)
         slope = fit.correlations.slope[:, axis] - product_matrix(products, axis, None) @ fit.amplitude
-        curvature = curvature_outputs[:, axis] - (others[axis] * curved) @ fit.amplitude
+        curvature = curvature_outputs[:, axis] - (others * curved) @ fit.amplitude
         # An atom's second derivative without the part that is the atom itself.
         free = energy - curved.diagonal() ** 2
         if np.any(free <= LEAST_FREE * energy):
-            # Two elements: whatever they see is one wave.
-            continue
+            continue  # two elements see one wave, whatever there is
         gain[:, axis] = np.abs(slope) ** 2 / products[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
         separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
     axis, atom = gain.argmax(axis=1), np.arange(n)
@@ -405,7 +444,7 @@ def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_
     stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_CALM * fit.power)
     offsets = np.zeros((n, N_COORDINATES))
     offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
-    return Splits(offsets, np.where(stands_out & (best > least_energy), best, 0))
+    return offsets, np.where(stands_out & (best > least_energy), best, 0)
 
 
 def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
@@ -435,8 +474,9 @@ def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
     if lost.size:
         drop[lost[descending(power[lost])[::-1]][: max(1, lost.size // 2)]] = True
         return drop, places
-    first, second = np.nonzero(np.triu(_close(places, fit.periods), 1))
-    apart = unwrapped(places[first], places[second], fit.periods) - places[second]
+    apart = unwrapped(places[:, None], places, fit.periods) - places
+    first, second = np.nonzero(np.triu(np.all(np.abs(apart) < 1, axis=2), 1))
+    apart = apart[first, second]
     joint = (
         covariance[:, first, :, first]
         + covariance[:, second, :, second]
@@ -458,10 +498,3 @@ def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
         near = unwrapped(places[pair], places[stronger], fit.periods)
         places[stronger] = np.average(near, axis=0, weights=power[pair])
     return drop, places
-
-
-def _close(places: Floats, periods: Floats) -> NDArray[np.bool_]:
-    """Pairs (n, n) within a Rayleigh cell along every coordinate."""
-    apart = unwrapped(places[:, None], places, periods) - places
-    close: NDArray[np.bool_] = np.all(np.abs(apart) < 1, axis=2)
-    return close

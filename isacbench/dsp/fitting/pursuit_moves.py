@@ -31,9 +31,6 @@ PAIR_CELLS = 0.8
 MOST_LEFT = 64
 """Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
 
-LOOKED_AT = 1024
-"""Peaks that are held against those at a time, the strongest first."""
-
 
 def reachable_places(places: Floats, gate: Gate) -> NDArray[np.bool_]:
     """Tell the places within a bin of the ranges and speeds of the region.
@@ -65,9 +62,6 @@ def clear_of_sidelobes(
 ) -> NDArray[np.int64]:
     """Keep the candidates that are no sidelobes of peaks which no move explains.
 
-    Only candidates within the range of a round count: weaker ones would have
-    to wait in any case.
-
     Parameters
     ----------
     places : ndarray of float64, shape (n, 4)
@@ -84,15 +78,8 @@ def clear_of_sidelobes(
     ndarray of int64
         Some of the candidates, in their order.
     """
-    clear: list[NDArray[np.int64]] = []
-    best = 0.0
-    for part in np.split(candidates, range(LOOKED_AT, len(candidates), LOOKED_AT)):
-        if part.size and gain[part[0]] < best * 10 ** (-ROUND_RANGE_DB / 10):
-            break
-        part = part[gain[part] >= sidelobe_energy(places[part], places[left], gain[left], bursts)]
-        best = max(best, float(gain[part].max(initial=0)))
-        clear.append(part)
-    return np.concatenate(clear)
+    shown = sidelobe_energy(places[candidates], places[left], gain[left], bursts)
+    return candidates[gain[candidates] >= shown]
 
 
 def without_images(
