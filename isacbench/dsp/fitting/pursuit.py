@@ -201,9 +201,10 @@ class BeamSpace:
         energy = residual.real**2 + residual.imag**2
         n_beams = 2 * BEAMS_A_CELL - 1
         mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
+        samples_per_cell = (1, 1, BEAMS_A_CELL, BEAMS_A_CELL)
         nearest = (
-            np.abs(axis[:, None] - along).argmin(axis=0)
-            for axis, along in zip(self.axes, places.T, strict=True)
+            np.clip(np.rint((along - axis[0]) * n_samples).astype(np.int64), 0, axis.size - 1)
+            for axis, along, n_samples in zip(self.axes, places.T, samples_per_cell, strict=True)
         )
         around: Floats = mean[tuple(nearest)]
         return around
