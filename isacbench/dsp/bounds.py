@@ -78,8 +78,7 @@ class Bound:
         return self._std(3)
 
     def _std(self, parameter: int) -> Floats:
-        std: Floats = np.sqrt(self.covariance[..., parameter, parameter])
-        return std
+        return np.sqrt(self.covariance[..., parameter, parameter])
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +129,7 @@ def tone_std_bins(n: int, snr_post: ArrayLike) -> Floats:
     """
     require(n >= 2, "n", n, "2 and more")
     snr_post = _positive(snr_post, "snr_post")
-    std: Floats = np.sqrt(3 / (2 * np.pi**2 * snr_post * (1 - n**-2)))
-    return std
+    return np.sqrt(3 / (2 * np.pi**2 * snr_post * (1 - n**-2)))
 
 
 def single_bound(
@@ -364,8 +362,7 @@ class _Aperture:
 
     def moments(self) -> Floats:
         """Sums (5, 5) over all elements of products of 1 and the four slopes."""
-        moments: Floats = self.gram(np.zeros((N_PARAMETERS, 1))).real[:, :, 0, 0]
-        return moments
+        return self.gram(np.zeros((N_PARAMETERS, 1))).real[:, :, 0, 0]
 
     def gram(self, places: Floats) -> Complex:
         """Inner products (5, 5, K, K) of unit echoes and of these times each slope.
@@ -400,8 +397,7 @@ def _aperture(system: System, array_shape: tuple[int, int], sensing: Sensing) ->
 def _kernels(places: Floats, slopes: Floats) -> Complex:
     """Sums (3, K, K) of x^a exp(jx (place_l - place_k)) over the slopes x, a = 0, 1, 2."""
     waves = np.exp(1j * np.multiply.outer(places, slopes))
-    kernels: Complex = np.stack([(waves.conj() * slopes**power) @ waves.T for power in range(3)])
-    return kernels
+    return np.stack([(waves.conj() * slopes**power) @ waves.T for power in range(3)])
 
 
 def _unit_fisher(aperture: _Aperture, places: Floats, phase: Floats) -> tuple[Floats, Floats]:

@@ -1,8 +1,8 @@
-"""Which range-Doppler cells hold an echo: one element or all, a detector, and two floors under it.
+"""Detection of the range-Doppler cells that hold echoes, on one element or on all, above two floors.
 
-A CFAR detector tells an echo from noise. It does not tell an echo from what
-a strong one leaves in other cells: window sidelobes and the misfit of any
-model to a crowd of scatterers. Both scale with the strong echo, so that
+A CFAR detector tells an echo from noise. It does not tell an echo from the
+leakage of a strong one into other cells: window sidelobes and the misfit of
+any model to a crowd of scatterers. Both scale with the strong echo, so that
 without a limit on the dynamic range images get worse as the SNR rises.
 """
 
@@ -38,7 +38,7 @@ class DetectedCells:
     Attributes
     ----------
     power : ndarray of float64, shape (n_range, n_doppler)
-        The map that the detector saw.
+        The map that was tested.
     detector : Detector
         The detector.
     looks : int
@@ -49,8 +49,8 @@ class DetectedCells:
     gate : Gate
         Bins of the map.
     floor : float
-        Power below which nothing is told from noise or from the leakage of
-        the strongest echoes.
+        Power below which echoes are not told from noise or from the leakage of
+        the strongest ones.
     """
 
     power: NDArray[np.float64]
@@ -64,7 +64,7 @@ class DetectedCells:
 
     @cached_property
     def detection(self) -> Detection:
-        """What the detector says of the whole map, tested when first asked for."""
+        """Test of the whole map, made when first asked for."""
         return self.detector.detect(self.power, self.looks)
 
     def strongest(self) -> DetectedCells:
@@ -102,7 +102,7 @@ def power_map(
 
 
 def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = False) -> float | None:
-    """Noise power in Doppler bins that no speed of the region reaches, or in range bins that no place does.
+    """Measure the noise power in Doppler bins, or range bins, that nothing in the region reaches.
 
     Parameters
     ----------
@@ -110,15 +110,15 @@ def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = F
     gate : Gate
         Bins of the map.
     sees_lobes : bool, default False
-        Whether every echo shows along all Doppler bins, in grating lobes: it
-        is then range that leaves noise alone.
+        True if every echo shows in grating lobes along all Doppler bins: noise
+        is then measured in range bins.
 
     Returns
     -------
     float or None
-        Median over those bins of their mean over the others' axis, so that a
-        mover beyond the region's speeds does not count as noise; None where
-        the gate has no such bins.
+        Median over those bins of their mean along the other axis, so that a
+        mover beyond the region's speeds does not count as noise; None if the
+        gate has no such bins.
     """
     axis = 0 if sees_lobes else 1
     reach = gate.reachable_range if sees_lobes else gate.reachable_doppler
@@ -128,7 +128,7 @@ def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = F
 
 
 def white_noise(gated: GatedMap) -> float:
-    """Noise power of an untapered map, per cell and element.
+    """Measure the noise power of an untapered map, per cell and element.
 
     Parameters
     ----------
@@ -137,9 +137,9 @@ def white_noise(gated: GatedMap) -> float:
     Returns
     -------
     float
-        Of the bins that `reference_noise` looks at, behind a Hann window along
-        Doppler, which keeps the sidelobes of strong echoes out of them. Where
-        there are none, the median power of the map.
+        From the bins of `reference_noise`, behind a Hann window along Doppler,
+        which keeps the sidelobes of strong echoes out of them. Without such
+        bins, the median power of the map.
     """
     seen = gated.tapered("hann" if gated.sees_lobes else "rect", gated.doppler_taper("hann"))
     power = power_map(seen.cells, "noncoherent")[0]
@@ -150,13 +150,13 @@ def white_noise(gated: GatedMap) -> float:
 def detect_listed(
     detector: Detector, power: NDArray[np.float64], looks: int, cells: tuple[NDArray[np.intp], ...]
 ) -> Detection:
-    """Test listed cells of a power map, and no others where the detector can be told so.
+    """Test listed cells of a power map, and no others if the detector takes a list.
 
     Parameters
     ----------
     detector : Detector
-        Its `detect` may take ``cells``; of one that does not, all cells are
-        tested and the listed ones picked.
+        If its `detect` does not take ``cells``, all cells are tested and the
+        listed ones picked.
     power : ndarray of float64
         Power map of any rank.
     looks : int
@@ -189,8 +189,8 @@ def detect_cells(
     detector : Detector
     integration : {"element", "noncoherent"}
     dynamic_range_db : float
-        How far below the strongest cells an echo is still told from their
-        leakage.
+        Largest level of an echo below the strongest cells that is told from
+        their leakage.
 
     Returns
     -------

@@ -126,8 +126,7 @@ class DopplerSums:
             return sums
         cosines, sines = np.split(sums, 2, axis=1)
         quadrature = sines[:, self.absolute] * (1j * self.sign[:, None]).astype(sums.dtype)
-        bins: Complex = np.subtract(cosines[:, self.absolute], quadrature, out=quadrature)
-        return bins
+        return np.subtract(cosines[:, self.absolute], quadrature, out=quadrature)
 
 
 def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
@@ -223,8 +222,7 @@ def transform_block(
             return at_doppler
         n, d, e = at_doppler.shape
         lines = at_doppler.reshape(n, d * e).astype(along_range.dtype, copy=False)
-        cells: Complex = (along_range @ lines).reshape(-1, d, e)
-        return cells
+        return (along_range @ lines).reshape(-1, d, e)
     by_element = _product(along_doppler, block.transpose(2, 1, 0))
     if along_range is not None:
         by_element = by_element.astype(along_range.dtype, copy=False) @ along_range.T
@@ -249,15 +247,13 @@ def transform_lines(block: Complex, along_doppler: NDArray[Any], bins: ArrayLike
     """
     lines = _product(along_doppler, block.transpose(2, 1, 0)).astype(np.complex128, copy=False)
     ranges = scipy.fft.ifft(lines, axis=2, norm="ortho", overwrite_x=True)
-    cells: Complex = ranges[:, :, np.asarray(bins, dtype=np.int64) % len(block)].transpose(2, 1, 0)
-    return cells
+    return ranges[:, :, np.asarray(bins, dtype=np.int64) % len(block)].transpose(2, 1, 0)
 
 
 def _product(rows: NDArray[Any], blocks: Complex) -> Complex:
     """Product of rows (k, m) with blocks (..., m, x); of real rows with real and imaginary parts."""
     if np.iscomplexobj(rows):
-        complex_product: Complex = rows @ blocks
-        return complex_product
+        return rows @ blocks
     columns = blocks if blocks.strides[-1] == blocks.itemsize else np.ascontiguousarray(blocks)
     product: Complex = (rows @ columns.view(rows.dtype)).view(blocks.dtype)
     return product

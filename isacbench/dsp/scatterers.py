@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,7 +236,9 @@ def _offset(
     return np.where(behind >= before, offset, -offset)
 
 
-def _is_one_echo(amplitudes: NDArray[np.complex128], offset: Floats, window: Window) -> NDArray[np.bool_]:
+def _is_one_echo(
+    amplitudes: NDArray[np.complexfloating[Any, Any]], offset: Floats, window: Window
+) -> NDArray[np.bool_]:
     """Tell the amplitudes (3, ...) in a bin and its neighbours that are those of one echo at an offset."""
     model = np.moveaxis(bin_profile(offset, window), -1, 0)
     explained = np.abs(np.sum(model.conj() * amplitudes, axis=0)) ** 2

@@ -35,8 +35,7 @@ def rounded(values: Floats, digits: int) -> Floats:
     True
     """
     mantissa, exponent = np.frexp(values)
-    few: Floats = np.ldexp(np.round(mantissa, digits), exponent)
-    return few
+    return np.ldexp(np.round(mantissa, digits), exponent)
 
 
 def stepped(places: Floats, steps: Floats) -> Floats:
@@ -69,5 +68,4 @@ def stepped(places: Floats, steps: Floats) -> Floats:
     longest = np.abs(steps).max(axis=-1, keepdims=True, initial=0)
     _, exponent = np.frexp(longest)
     pitch = np.ldexp(1.0, np.where(longest > 0, 2 * exponent - STEP_BITS, -1000))
-    kept: Floats = np.rint(places / pitch) * pitch
-    return kept
+    return np.rint(places / pitch) * pitch

@@ -232,5 +232,4 @@ def source_count(
 
 def _bounded(order: Integers, eigenvalues: Floats) -> Integers:
     """Order from 1, of a cell that is known to hold something, to one less than there are eigenvalues."""
-    bounded: Integers = np.clip(order, 1, eigenvalues.shape[1] - 1)
-    return bounded
+    return np.clip(order, 1, eigenvalues.shape[1] - 1)

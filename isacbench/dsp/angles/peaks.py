@@ -91,8 +91,7 @@ def plane_maxima(power: Floats) -> Mask:
     ndarray of bool, same shape
         Samples that none of their eight neighbours exceeds.
     """
-    maxima: Mask = power >= maximum_filter(power, size=(1, 3, 3), mode="wrap")
-    return maxima
+    return power >= maximum_filter(power, size=(1, 3, 3), mode="wrap")
 
 
 def plane_peaks(power: Floats, is_peak: Mask, n_most: int) -> tuple[Floats, Floats, Mask]:

@@ -103,15 +103,13 @@ class AtomFit:
     @property
     def power(self) -> Floats:
         """Energies |amplitude|² of the atoms, shape (n,)."""
-        power: Floats = self.amplitude.real**2 + self.amplitude.imag**2
-        return power
+        return self.amplitude.real**2 + self.amplitude.imag**2
 
     @cached_property
     def score(self) -> Floats:
         """Half the slope of the energy along all coordinates, coordinate by coordinate, shape (4 n,)."""
         residual_slope = self.correlations.slope.T.ravel() - self._mixed.T @ self.amplitude
-        score: Floats = (np.tile(self.amplitude, N_COORDINATES).conj() * residual_slope).real
-        return score
+        return (np.tile(self.amplitude, N_COORDINATES).conj() * residual_slope).real
 
     @cached_property
     def information(self) -> Floats:
@@ -181,8 +179,7 @@ class AtomFit:
     @cached_property
     def _eliminated(self) -> Floats:
         """Inverse of the Gram matrix, and behind it its product with that of atoms and slopes, (n, 5 n)."""
-        solved: Floats = np.linalg.solve(self.gram, np.concatenate([np.eye(len(self)), self._mixed], axis=1))
-        return solved
+        return np.linalg.solve(self.gram, np.concatenate([np.eye(len(self)), self._mixed], axis=1))
 
     @cached_property
     def _inverse_information(self) -> Floats:
@@ -198,8 +195,7 @@ def _inverse(matrix: Floats) -> Floats:
     """Inverse of a symmetric matrix; twice as fast where it is positive definite."""
     factor, indefinite = dpotrf(matrix, lower=1)
     if indefinite:
-        inverse: Floats = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-        return inverse
+        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     lower, _ = dpotri(factor, lower=1)
     inverse = lower + lower.T
     inverse[np.diag_indices(len(inverse))] /= 2

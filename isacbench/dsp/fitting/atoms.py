@@ -332,8 +332,7 @@ class AtomMap:
     def _real_rows(self) -> Floats:
         """The map as real rows, one a range bin: the kernels are real, and so is the product with them."""
         rows = np.ascontiguousarray(self.cells).reshape(self.range_bins.size, -1)
-        real: Floats = rows.view(np.float64)
-        return real
+        return rows.view(np.float64)
 
 
 def _mirror_transform(n: int) -> Complex:

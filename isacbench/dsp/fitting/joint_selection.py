@@ -143,8 +143,7 @@ class _MatchedFilters:
 
     def echoes(self, shares: Complex) -> Complex:
         """Sums (n, r, d) of echoes on all patches, each with its share (n, n) of the patch's beam."""
-        echoes: Complex = (self.along_range * shares[:, None, :]) @ self.along_doppler.transpose(0, 2, 1)
-        return echoes
+        return (self.along_range * shares[:, None, :]) @ self.along_doppler.transpose(0, 2, 1)
 
     def amplitudes(self, member: Mask | None = None, loading: float = LOADING) -> Complex:
         """Amplitudes (n,) that explain the outputs of all members' filters together, 0 for the others."""
@@ -352,8 +351,7 @@ def _nearby(filters: _MatchedFilters) -> Mask:
     """Pairs (n, n) close enough in range and Doppler to be compared with each other."""
     in_range = np.abs(filters.range_bin[:, None] - filters.range_bin)
     in_doppler = filters.doppler.to_lobe(np.abs(filters.doppler_bin[:, None] - filters.doppler_bin))
-    near: Mask = (in_range < NEIGHBOURHOOD_BINS) & (in_doppler < NEIGHBOURHOOD_BINS)
-    return near
+    return (in_range < NEIGHBOURHOOD_BINS) & (in_doppler < NEIGHBOURHOOD_BINS)
 
 
 def _wins(candidate: Floats, competes: Mask) -> Mask:

@@ -234,8 +234,7 @@ def _damped_step(fit: WaveFit, damping: Floats, near: NDArray[np.bool_]) -> Floa
         convex = np.linalg.eigvalsh(hessian)[:, 0] > 0
         relative[exact[convex]] = hessian[convex]
     relative += damping[:, None, None] * np.eye(scale.shape[1])
-    step: Floats = np.linalg.solve(relative, (fit.gradient / scale)[:, :, None])[:, :, 0] / scale
-    return step
+    return np.linalg.solve(relative, (fit.gradient / scale)[:, :, None])[:, :, 0] / scale
 
 
 def _scaled_curvature(fit: WaveFit) -> tuple[Floats, Floats]:

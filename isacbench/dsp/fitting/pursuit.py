@@ -154,8 +154,7 @@ class BeamSpace:
         rest = (along_doppler[:, :, None] * directions).reshape(n, -1)
         # All factors but the amplitudes are real.
         echoes = (along_range * fit.amplitude.real) @ rest + 1j * ((along_range * fit.amplitude.imag) @ rest)
-        residual: Complex = self.beams - echoes.reshape(self.beams.shape)
-        return residual
+        return self.beams - echoes.reshape(self.beams.shape)
 
     def peaks(self, residual: Complex, least_energy: float) -> tuple[Floats, Floats]:
         """Find the local maxima of a residual, sampled twice a Rayleigh cell along all coordinates.
@@ -254,8 +253,7 @@ def descending(energy: Floats) -> NDArray[np.int64]:
     ndarray of int64, shape (n,)
         Indices.
     """
-    order: NDArray[np.int64] = np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
-    return order
+    return np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
 
 
 def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
@@ -281,8 +279,7 @@ def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
     >>> unwrapped(np.array([3.0, 1.0, 3.5, 0.0]), np.array([3.0, 0.0, -4.0, 0.0]), periods)
     array([ 3. ,  1. , -4.5,  0. ])
     """
-    nearest: Floats = places - periods * np.rint((places - reference) / periods)
-    return nearest
+    return places - periods * np.rint((places - reference) / periods)
 
 
 def noise_maximum(n_independent: float, chance: float) -> float:
