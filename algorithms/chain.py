@@ -31,12 +31,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.added_fields import added_field
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.arrays import Complex, Integers
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.fitting.joint_selection import refine_jointly, select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
@@ -51,8 +51,6 @@ from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Detection, Detector, Diagnosis, Needs, Spectrum
 
 from .detectors import OscaCfar
-
-Snapshots = NDArray[np.complexfloating[Any, Any]]
 
 PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
 """Uses of cells: the map and its test; snapshots, their Fourier spectra and amplitudes;
@@ -156,7 +154,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class CellSnapshots:
-    """Snapshots of n detected cells, as one reading takes them.
+    """Complex of n detected cells, as one reading takes them.
 
     Attributes
     ----------
@@ -174,15 +172,15 @@ class CellSnapshots:
     reading: Reading
     bins: Bins
     tapered: GatedMap
-    snapshots: Snapshots
+    snapshots: Complex
     levels: Levels
 
     def __len__(self) -> int:
         return len(self.snapshots)
 
     @property
-    def own(self) -> Snapshots:
-        """Snapshots (n, *elements) of the cells themselves."""
+    def own(self) -> Complex:
+        """Complex (n, *elements) of the cells themselves."""
         return self.snapshots[:, self.snapshots.shape[1] // 2]
 
 
@@ -272,7 +270,7 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
         return CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
 
 
-def determined_order(pairs: Eigenpairs, order: NDArray[np.int64]) -> NDArray[np.int64]:
+def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
     """Limit the dimensions of signal subspaces to those that rounding leaves determined.
 
     Parameters

@@ -38,10 +38,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.esprit import unitary_esprit
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.arrays import Mask
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
@@ -129,8 +129,8 @@ class Esprit2d(JointSubspaceEstimator):
         return PlaneWaves(waves.u, waves.w, waves.found & _inside(waves, observation))
 
 
-def _inside(waves: PlaneWaves, observation: Observation) -> NDArray[np.bool_]:
+def _inside(waves: PlaneWaves, observation: Observation) -> Mask:
     """Which plane waves come from directions that the region spans."""
     (lowest_u, highest_u), (lowest_w, highest_w) = observation.cosine_limits
-    inside: NDArray[np.bool_] = (waves.u >= lowest_u) & (waves.u <= highest_u)
+    inside: Mask = (waves.u >= lowest_u) & (waves.u <= highest_u)
     return inside & (waves.w >= lowest_w) & (waves.w <= highest_w)

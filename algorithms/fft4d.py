@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from isacbench.dsp.angles.aperture import Cross
 from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
+from isacbench.dsp.arrays import Complex, Floats, Mask
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
@@ -50,7 +51,6 @@ from .chain import (
     CellPrecision,
     CellSnapshots,
     CellwiseEstimator,
-    Snapshots,
     detect,
     explain,
     locate,
@@ -58,8 +58,6 @@ from .chain import (
     read_map,
 )
 from .detectors import CaCfar
-
-Floats = NDArray[np.float64]
 
 
 class _LineSpectra(NamedTuple):
@@ -201,7 +199,7 @@ class Fft4d(CellwiseEstimator):
             _cut(found.w, power[row], threshold[row], w, "w"),
         )
 
-    def _angle_spectra(self, observation: Observation, snapshots: Snapshots) -> _AngleSpectra:
+    def _angle_spectra(self, observation: Observation, snapshots: Complex) -> _AngleSpectra:
         (u, u_inside), (w, w_inside) = (
             self._cosines(n, limits)
             for n, limits in zip(snapshots.shape[1:], observation.cosine_limits, strict=True)
@@ -230,13 +228,13 @@ class Fft4d(CellwiseEstimator):
         return bool(detect_listed(self.angle_detector, power, 1, peak).mask[0])
 
     def _line_spectra(
-        self, observation: Observation, aperture: Cross, snapshots: Snapshots
+        self, observation: Observation, aperture: Cross, snapshots: Complex
     ) -> tuple[_LineSpectra, _LineSpectra]:
         column, row = aperture.lines(snapshots)
         u_limits, w_limits = observation.cosine_limits
         return self._line_spectrum(column, u_limits), self._line_spectrum(row, w_limits)
 
-    def _line_spectrum(self, lines: Snapshots, limits: Interval) -> _LineSpectra:
+    def _line_spectrum(self, lines: Complex, limits: Interval) -> _LineSpectra:
         """Spectra along the sensors of lines (n, sensors, 1), as planes of one column."""
         cosine, inside = self._cosines(lines.shape[1], limits)
         with stage("spectrum"):
@@ -247,18 +245,19 @@ class Fft4d(CellwiseEstimator):
         sample, _, found = plane_peaks(power, passed, self.max_sources)
         return _LineSpectra(cosine, power[:, :, 0], Peaks(_between(cosine, sample), found))
 
-    def _cosines(self, n_sensors: int, limits: Interval) -> tuple[Floats, NDArray[np.bool_]]:
+    def _cosines(self, n_sensors: int, limits: Interval) -> tuple[Floats, Mask]:
         """Cosines of a transform's samples, ascending, and the mask of those in the region."""
         n_points = max(self.angle_points, 2 * n_sensors)
         cosine = 2 * scipy.fft.fftshift(scipy.fft.fftfreq(n_points))
         lower, upper = limits
         return cosine, (cosine >= lower - 2 / n_points) & (cosine <= upper + 2 / n_points)
 
-    def _strong_maxima(self, power: Floats, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _strong_maxima(self, power: Floats, inside: Mask) -> Mask:
         """Local maxima of spectra (n, g, h) inside the region that are no sidelobes."""
         strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
         strong = power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)
-        return plane_maxima(power) & strong & inside
+        maxima: Mask = plane_maxima(power) & strong & inside
+        return maxima
 
     def _line_cut(self, line: _LineSpectra, label: Literal["u", "w"]) -> Spectrum:
         threshold = self.line_detector.detect(line.power).threshold[0]
@@ -275,7 +274,8 @@ def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> 
 
 def _between(cosine: Floats, sample: Floats) -> Floats:
     """Cosines at fractional samples."""
-    return cosine[0] + 2 / cosine.size * sample
+    between: Floats = cosine[0] + 2 / cosine.size * sample
+    return between
 
 
 def _cut(

@@ -29,13 +29,13 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.esprit import most_sources
 from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.arrays import Complex, Floats, Integers
 from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.scatterers import LocatedScatterers
@@ -45,7 +45,7 @@ from isacbench.model.kernels import steering
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
-from .chain import CellSnapshots, CellwiseEstimator, Levels, Reading, ReadMap, Snapshots, determined_order
+from .chain import CellSnapshots, CellwiseEstimator, Levels, Reading, ReadMap, determined_order
 
 CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
@@ -86,8 +86,8 @@ class Subspaces(NamedTuple):
         Dimension of each, 0 to k: 0 where signal and noise are not separated.
     """
 
-    basis: NDArray[np.float64]
-    order: NDArray[np.int64]
+    basis: Floats
+    order: Integers
 
 
 @dataclass(frozen=True)
@@ -270,9 +270,9 @@ class JointSubspaceEstimator(CellwiseEstimator):
         level_db = 20 * np.log10(np.abs(towards_u @ snapshot[0] @ towards_w))
 
         def cut(
-            line: NDArray[np.complex128],
+            line: Complex,
             limits: tuple[float, float],
-            places: NDArray[np.float64],
+            places: Floats,
             label: Literal["u", "w"],
         ) -> Spectrum:
             cosine = np.linspace(*limits, SPECTRUM_POINTS)
@@ -289,7 +289,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """Plane waves of any power, which a diagnosis shows."""
         return self.plane_waves(observation, replace(cells, levels=cells.levels._replace(min_power=0.0)))
 
-    def subspaces(self, snapshots: Snapshots, noise: float) -> Subspaces:
+    def subspaces(self, snapshots: Complex, noise: float) -> Subspaces:
         """Signal subspaces of snapshots (n, s, P, Q) in noise of a power per element."""
         shape = snapshots.shape[2], snapshots.shape[3]
         subarray = self.subarray(shape)
@@ -312,7 +312,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
 
     def signal_order(
         self, pairs: Eigenpairs, shape: tuple[int, int], subarray: tuple[int, int], noise: float
-    ) -> NDArray[np.int64]:
+    ) -> Integers:
         """Count the eigenvalues that belong to sources, by the test of `model_order`.
 
         Parameters

@@ -39,7 +39,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
@@ -52,6 +51,7 @@ from isacbench.dsp.angles.line_subspaces import (
 from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.peaks import Peaks, line_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
+from isacbench.dsp.arrays import Complex, Floats, Integers
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -63,7 +63,6 @@ from .chain import (
     CellPrecision,
     CellSnapshots,
     CellwiseEstimator,
-    Snapshots,
     detect,
     determined_order,
     explain,
@@ -97,8 +96,8 @@ class MusicSpectra(NamedTuple):
         Direction cosines of the peaks that pass.
     """
 
-    cosine: NDArray[np.float64]
-    spectra: NDArray[np.float64]
+    cosine: Floats
+    spectra: Floats
     detection: Detection
     peaks: Peaks
 
@@ -232,7 +231,7 @@ class Music2d(CellwiseEstimator):
             self.line_music(rows, w_limits, cells.levels.floor).first("w"),
         )
 
-    def line_music(self, lines: Snapshots, limits: Interval, noise: float) -> MusicSpectra:
+    def line_music(self, lines: Complex, limits: Interval, noise: float) -> MusicSpectra:
         """MUSIC along the sensors of lines: subspaces, spectra, their CFAR test, and peaks off the grid.
 
         Parameters
@@ -264,7 +263,7 @@ class Music2d(CellwiseEstimator):
         place = music_null_minima(pairs.vectors, order, peaks.place, peaks.found, step)
         return MusicSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
 
-    def signal_order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> NDArray[np.int64]:
+    def signal_order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> Integers:
         """Count the eigenvalues that belong to sources, by the test of `model_order`.
 
         Parameters

@@ -41,11 +41,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
 from isacbench.dsp.angles.planar_subspaces import Nulls, null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.arrays import Floats, Integers
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
@@ -146,9 +146,9 @@ class Music2dJoint(JointSubspaceEstimator):
             return ()
 
         def cut(
-            cosine: NDArray[np.float64],
-            null: NDArray[np.float64],
-            places: NDArray[np.float64],
+            cosine: Floats,
+            null: Floats,
+            places: Floats,
             label: Literal["u", "w"],
         ) -> Spectrum:
             level_db = -10 * np.log10(np.maximum(null / n_sensors, SMALLEST_NULL))
@@ -160,9 +160,7 @@ class Music2dJoint(JointSubspaceEstimator):
             cut(w, planar_null_spectrum(basis, nulls.u[0, :1], w)[0, 0], waves.w, "w"),
         )
 
-    def _grid(
-        self, observation: Observation, subarray: tuple[int, ...]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _grid(self, observation: Observation, subarray: tuple[int, ...]) -> tuple[Floats, Floats]:
         """Samples over the directions that the region spans, and one beyond to either side."""
         u, w = (
             _cosine_samples(limits, 4 / (n * self.samples_per_lobe))
@@ -171,14 +169,14 @@ class Music2dJoint(JointSubspaceEstimator):
         return u, w
 
 
-def _cosine_samples(limits: tuple[float, float], widest: float) -> NDArray[np.float64]:
+def _cosine_samples(limits: tuple[float, float], widest: float) -> Floats:
     """Equidistant samples at most so far apart, from one before the lower limit to one behind the upper."""
     n_steps = max(int(np.ceil((limits[1] - limits[0]) / widest)), 1)
     step = (limits[1] - limits[0]) / n_steps or widest
     return np.linspace(limits[0] - step, limits[0] + (n_steps + 1) * step, n_steps + 3)
 
 
-def _split(nulls: Nulls, order: NDArray[np.int64], rayleigh: NDArray[np.float64]) -> PlaneWaves:
+def _split(nulls: Nulls, order: Integers, rayleigh: Floats) -> PlaneWaves:
     """Directions of nulls, as many as the order of each cell, the flattest nulls split along a line."""
     if not nulls.found.size:  # of no cell is a subspace separated
         nowhere = np.zeros((len(order), 1))

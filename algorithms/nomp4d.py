@@ -44,8 +44,8 @@ from math import prod
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.arrays import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
@@ -74,9 +74,6 @@ from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Needs
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SPLIT_CERTAINTY = 3.0
 """Gain of a split over the threshold of a new atom: it is the best of many."""
@@ -123,7 +120,7 @@ class _Moves(NamedTuple):
     """
 
     added: Floats
-    split: NDArray[np.int64]
+    split: Integers
     centres: Floats
     offsets: Floats
 
@@ -354,7 +351,7 @@ class Nomp4d:
 
 
 def _begin(observation: Observation, pfa: float) -> _Pursuit:
-    """Read the range-Doppler map, form its beams, and measure the levels that noise exceeds with chance pfa."""
+    """Read the range-Doppler map, form its beams, and measure the noise and the levels that follow from it."""
     with stage("rdm"):
         cells, unit = in_unit(observation.cells)
         gated = GatedMap.of(observation, cells)

@@ -2,6 +2,7 @@
 
 __all__ = [
     "angles",
+    "arrays",
     "bounds",
     "bursts",
     "cell_detection",

@@ -19,9 +19,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from isacbench.display import brief
+from isacbench.dsp.arrays import Complex, Floats
 from isacbench.errors import require
 from isacbench.model.prs import resource_elements
 
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from isacbench.model.frame import Frame
     from isacbench.model.numerology import System
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 N_NUISANCE = 2
 """Unknowns of a scatterer besides its parameters: real and imaginary part of its amplitude."""
@@ -362,7 +361,8 @@ class _Aperture:
 
     def moments(self) -> Floats:
         """Sums (5, 5) over all elements of products of 1 and the four slopes."""
-        return self.gram(np.zeros((N_PARAMETERS, 1))).real[:, :, 0, 0]
+        gram = self.gram(np.zeros((N_PARAMETERS, 1)))
+        return np.asarray(gram[:, :, 0, 0].real, dtype=np.float64)
 
     def gram(self, places: Floats) -> Complex:
         """Inner products (5, 5, K, K) of unit echoes and of these times each slope.

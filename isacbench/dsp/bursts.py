@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isacbench.dsp.arrays import Complex, Floats
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.prs import resource_elements
@@ -25,9 +26,6 @@ from isacbench.model.prs import resource_elements
 if TYPE_CHECKING:
     from isacbench.choices import Sensing
     from isacbench.model.numerology import System
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
 
 
 PLACE_ERROR_BINS = 0.5

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.display import brief
+from isacbench.dsp.arrays import Complex, Floats
 from isacbench.dsp.detection import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.model.gate import Gate
@@ -53,7 +54,7 @@ class DetectedCells:
         the strongest ones.
     """
 
-    power: NDArray[np.float64]
+    power: Floats
     detector: Detector
     looks: int
     bins: Bins
@@ -74,9 +75,7 @@ class DetectedCells:
         return replace(self, bins=(self.bins[0][first], self.bins[1][first]))
 
 
-def power_map(
-    cells: NDArray[np.complexfloating[Any, Any]], integration: Integration
-) -> tuple[NDArray[np.float64], int]:
+def power_map(cells: Complex, integration: Integration) -> tuple[Floats, int]:
     """Power of range-Doppler cells and the number of looks it averages.
 
     Parameters
@@ -101,7 +100,7 @@ def power_map(
     return np.einsum("rde,rde->rd", parts, parts) / n_looks, n_looks
 
 
-def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = False) -> float | None:
+def reference_noise(power: Floats, gate: Gate, sees_lobes: bool = False) -> float | None:
     """Measure the noise power in Doppler bins, or range bins, that nothing in the region reaches.
 
     Parameters
@@ -148,7 +147,7 @@ def white_noise(gated: GatedMap) -> float:
 
 
 def detect_listed(
-    detector: Detector, power: NDArray[np.float64], looks: int, cells: tuple[NDArray[np.intp], ...]
+    detector: Detector, power: Floats, looks: int, cells: tuple[NDArray[np.intp], ...]
 ) -> Detection:
     """Test listed cells of a power map, and no others if the detector takes a list.
 

@@ -31,7 +31,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-Complex = NDArray[np.complexfloating[Any, Any]]
+from isacbench.dsp.arrays import Complex, Floats, Integers
+
 RangeMethod = Literal["partial", "fft"]
 
 MOST_SUMS = 1.25
@@ -84,7 +85,7 @@ def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:
 def _rows(bins: ArrayLike, n: int) -> NDArray[np.complex128]:
     # Whole turns are taken out in integers: no phase loses digits.
     turns = np.multiply.outer(np.asarray(bins, dtype=np.int64), np.arange(n)) % n
-    rows: NDArray[np.complex128] = np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
+    rows: Complex = np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
     return rows
 
 
@@ -103,9 +104,9 @@ class DopplerSums:
         Sign of each bin; None where the rows are the bins themselves.
     """
 
-    rows: NDArray[np.float64] | NDArray[np.complex128]
-    absolute: NDArray[np.int64]
-    sign: NDArray[np.int64] | None
+    rows: Floats | NDArray[np.complex128]
+    absolute: Integers
+    sign: Integers | None
 
     def rows_in(self, dtype: DTypeLike) -> NDArray[Any]:
         """Rows in the precision of a complex dtype, real ones in its real part's."""

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Plane
+from isacbench.dsp.arrays import Complex, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, taper
 from isacbench.instrument.stages import stage
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from isacbench.model.gate import Gate
     from isacbench.model.observation import Observation
 
-Bins = tuple[NDArray[np.int64], NDArray[np.int64]]
+Bins = tuple[Integers, Integers]
 
 
-def range_doppler_map(grid: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complexfloating[Any, Any]]:
+def range_doppler_map(grid: Complex) -> Complex:
     """Unitary inverse DFT over subcarriers and unitary DFT over symbols, so that noise keeps its power.
 
     Parameters
@@ -62,7 +62,7 @@ class GatedMap:
         (`SymbolBursts.centred`); without it the whole frame.
     """
 
-    cells: NDArray[np.complexfloating[Any, Any]]
+    cells: Complex
     gate: Gate
     elements: Aperture | None = None
     bursts: SymbolBursts | None = None
@@ -73,7 +73,7 @@ class GatedMap:
     def of(
         cls,
         observation: Observation,
-        cells: NDArray[np.complexfloating[Any, Any]],
+        cells: Complex,
         elements: Aperture | None = None,
     ) -> GatedMap:
         """Map of an observation.
@@ -192,7 +192,7 @@ class GatedMap:
                 cells = np.take(cells, index, axis=axis)
         return self if added == [0, 0] else replace(self, cells=cells, gate=self.gate.extend(*added))
 
-    def surrounds(self, bins: Bins) -> NDArray[np.bool_]:
+    def surrounds(self, bins: Bins) -> Mask:
         """Tell the bins that lie in the map with all four neighbours.
 
         Parameters

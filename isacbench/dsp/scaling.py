@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.arrays import Complex
 from isacbench.errors import require
-
-Complex = NDArray[np.complexfloating[Any, Any]]
 
 MOST_EXPONENT = 40
 """Amplitudes beyond 2^40 or its reciprocal have a unit of their own: single precision lacks their squares."""

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from isacbench.display import brief
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.stable_order import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin
-
-Floats = NDArray[np.float64]
 
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
 """Range and Doppler bins, u and w within which two points are one."""
@@ -51,7 +49,7 @@ class LocatedScatterers:
     u: Floats
     w: Floats
     power: Floats
-    family: NDArray[np.int64]
+    family: Integers
 
     __repr__ = brief
 
@@ -64,7 +62,7 @@ class LocatedScatterers:
         none = np.empty(0)
         return cls(none, none, none, none, none, np.empty(0, dtype=np.int64))
 
-    def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> LocatedScatterers:
+    def select(self, keep: Mask | Integers) -> LocatedScatterers:
         """Select scatterers.
 
         Parameters
@@ -236,14 +234,12 @@ def _offset(
     return np.where(behind >= before, offset, -offset)
 
 
-def _is_one_echo(
-    amplitudes: NDArray[np.complexfloating[Any, Any]], offset: Floats, window: Window
-) -> NDArray[np.bool_]:
+def _is_one_echo(amplitudes: Complex, offset: Floats, window: Window) -> Mask:
     """Tell the amplitudes (3, ...) in a bin and its neighbours that are those of one echo at an offset."""
     model = np.moveaxis(bin_profile(offset, window), -1, 0)
     explained = np.abs(np.sum(model.conj() * amplitudes, axis=0)) ** 2
     energy = np.sum(np.abs(model) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
-    one: NDArray[np.bool_] = explained >= ONE_ECHO * energy
+    one: Mask = explained >= ONE_ECHO * energy
     return one
 
 

@@ -8,9 +8,8 @@ fewer digits, and what is equal then keeps the order it has.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from isacbench.dsp.arrays import Floats
 
 STEP_BITS = 8
 """Binary digits that are kept below the square of a step."""

@@ -16,15 +16,13 @@ Fourier transform", Proc. IEEE 66 (1978), section V.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isacbench.dsp.arrays import Complex, Floats
 from isacbench.errors import InputError
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
 
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]
 
@@ -139,7 +137,7 @@ def fractional_bin(ratio: ArrayLike, window: Window) -> Floats:
     return offset
 
 
-def bin_profile(offset: ArrayLike, window: Window) -> NDArray[np.complex128]:
+def bin_profile(offset: ArrayLike, window: Window) -> Complex:
     """Amplitudes that a unit echo leaves in its own range bin and in the two next to it.
 
     Parameters

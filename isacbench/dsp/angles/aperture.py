@@ -14,15 +14,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import prod
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.arrays import Complex, Floats
 from isacbench.model.kernels import steering
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
 
 
 class Responses(ABC):
@@ -142,7 +139,8 @@ class _PlaneResponses(Responses):
 
     def matched(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
-        return np.sum((a @ snapshots) * b, axis=3) / self.n_elements
+        matched: Complex = np.sum((a @ snapshots) * b, axis=3) / self.n_elements
+        return matched
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
@@ -184,7 +182,8 @@ class _CrossResponses(Responses):
 
     def synthesis(self, amplitude: Complex) -> Complex:
         both = np.concatenate([self.along_u, self.along_w], axis=-1)
-        return (amplitude[:, None, :] @ both)[:, 0]
+        waves: Complex = (amplitude[:, None, :] @ both)[:, 0]
+        return waves
 
     @staticmethod
     def _joined(along_u: Complex, along_w: Complex) -> Complex:

@@ -18,10 +18,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from isacbench.dsp.arrays import Floats, Integers
 
 MOST_ROTATION = 1e-3
 """Sine of the angle by which rounding may turn a signal subspace: three digits of a direction, in units of

@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.dsp.angles.line_subspaces import unitary_transform
-
-Floats = NDArray[np.float64]
+from isacbench.dsp.arrays import Floats, Mask
 
 SMALLEST_PIVOT = 2.0**-26
 """Of equations whose columns have at most norm 1: keeps them soluble where an invariance is void, as for a
@@ -52,7 +51,7 @@ class EspritDirections(NamedTuple):
 
     u: Floats
     w: Floats
-    reliable: NDArray[np.bool_]
+    reliable: Mask
 
 
 def most_sources(subarray: tuple[int, int]) -> int:
@@ -94,10 +93,10 @@ def unitary_esprit(basis: Floats) -> EspritDirections:
     return EspritDirections(u, w, _reliable(along_u, along_w, paired))
 
 
-def _reliable(along_u: Floats, along_w: Floats, paired: NDArray[np.inexact[Any]]) -> NDArray[np.bool_]:
+def _reliable(along_u: Floats, along_w: Floats, paired: NDArray[np.inexact[Any]]) -> Mask:
     """Whether imaginary parts, which only noise makes, are small beside the distances of the pairs."""
     n, k = paired.shape
-    reliable: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
+    reliable: Mask = np.ones(n, dtype=np.bool_)
     if k > 1:
         distance = np.abs(paired[:, :, None] - paired[:, None, :]) + np.where(np.eye(k) > 0, np.inf, 0)
         for one in (along_u, along_w):

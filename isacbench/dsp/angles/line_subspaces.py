@@ -18,14 +18,12 @@ Trans. AP 34 (1986).
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
-
-Floats = NDArray[np.float64]
+from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
 
 SMALLEST_NULL = 1e-15
 """Squared distance from the signal subspace, relative, below which there is only rounding."""
@@ -34,7 +32,7 @@ NEWTON_STEPS = 3
 """From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""
 
 
-def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Floats:
+def smoothed_covariance(snapshots: Complex, n_subarray: int) -> Floats:
     """Forward-backward spatially smoothed covariance after the unitary transform.
 
     Parameters
@@ -61,7 +59,7 @@ def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_suba
     return covariance
 
 
-def line_eigenpairs(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Eigenpairs:
+def line_eigenpairs(snapshots: Complex, n_subarray: int) -> Eigenpairs:
     """All eigenpairs of smoothed covariances.
 
     Parameters
@@ -79,7 +77,7 @@ def line_eigenpairs(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray
 
 
 @lru_cache
-def unitary_transform(n: int) -> NDArray[np.complex128]:
+def unitary_transform(n: int) -> Complex:
     """Unitary matrix that turns centro-Hermitian matrices into real ones.
 
     Parameters
@@ -146,7 +144,7 @@ def real_steering_slopes(n_subarray: int, cosine: Floats) -> tuple[Floats, Float
     return steered, first, second
 
 
-def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering: Floats) -> Floats:
+def music_null_spectrum(eigenvectors: Floats, order: Integers, steering: Floats) -> Floats:
     """Squared distance of steering vectors from the signal subspace: the reciprocal of MUSIC's spectrum.
 
     Computed as L - |E_s^T a|² from the small signal subspace.
@@ -175,7 +173,7 @@ def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering
 
 
 def music_null_minima(
-    eigenvectors: Floats, order: NDArray[np.int64], place: Floats, found: NDArray[np.bool_], reach: float
+    eigenvectors: Floats, order: Integers, place: Floats, found: Mask, reach: float
 ) -> Floats:
     """Local minima of null spectra, by Newton's method from places near them.
 

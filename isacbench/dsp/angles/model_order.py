@@ -22,16 +22,14 @@ from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
+from isacbench.dsp.arrays import Floats, Integers
 from isacbench.dsp.cfar import ca_cfar
 from isacbench.errors import require
 
 ModelOrder = Literal["noise", "eigenvalue_cfar", "mdl", "aic"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SMALLEST_EIGENVALUE = 1e-12
 """Relative to the largest: below, eigenvalues of a singular covariance are rounding."""

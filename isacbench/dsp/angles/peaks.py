@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from isacbench.dsp.arrays import Floats, Integers, Mask
 
 
 class Peaks(NamedTuple):
@@ -45,9 +43,7 @@ def vertex(left: Floats, middle: Floats, right: Floats) -> Floats:
     return np.clip(offset, -0.5, 0.5)
 
 
-def line_peaks(
-    spectra: Floats, grid: Floats, n_peaks: NDArray[np.int64], allowed: Mask | None = None
-) -> Peaks:
+def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, allowed: Mask | None = None) -> Peaks:
     """Strongest local maxima of one-dimensional spectra.
 
     Parameters
@@ -122,7 +118,7 @@ def plane_peaks(power: Floats, is_peak: Mask, n_most: int) -> tuple[Floats, Floa
     peak = power[spectrum, row, column]
     top = np.where(found & (peak > 0), peak, 1.0)
 
-    def level(row: NDArray[np.int64], column: NDArray[np.int64]) -> Floats:
+    def level(row: Integers, column: Integers) -> Floats:
         # A mainlobe is nearer to a parabola in its logarithm; of a ratio, which no unit changes.
         ratio = power[spectrum, row, column] / top
         return np.log(np.maximum(ratio, np.finfo(np.float64).tiny))

@@ -18,19 +18,17 @@ Halko, Martinsson and Tropp, "Finding structure with randomness", SIAM Review
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import minimum_filter
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes, unitary_transform
+from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
 from isacbench.instrument.stages import stage
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
 
 SPARE_DIMENSIONS = 4
 """Beyond those asked for: the more, the faster a subspace iteration converges."""
@@ -177,11 +175,11 @@ class Nulls(NamedTuple):
 
     u: Floats
     w: Floats
-    found: NDArray[np.bool_]
+    found: Mask
     curvature: Floats
 
 
-def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: NDArray[np.int64]) -> Nulls:
+def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Nulls:
     """Deepest local minima of joint null spectra, placed off the grid by Newton's method.
 
     Parameters

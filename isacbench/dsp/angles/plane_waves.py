@@ -9,17 +9,13 @@ along w (`isacbench.dsp.angles.aperture`), so that the elements are touched once
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
 from isacbench.dsp.angles.peaks import Peaks
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
+from isacbench.dsp.arrays import Complex, Floats, Mask
 
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""
@@ -47,12 +43,12 @@ class PlaneWaves:
 
     u: Floats
     w: Floats
-    found: NDArray[np.bool_]
-    resolved: NDArray[np.bool_] | None = None
+    found: Mask
+    resolved: Mask | None = None
 
     __repr__ = brief
 
-    def select(self, keep: NDArray[np.bool_]) -> PlaneWaves:
+    def select(self, keep: Mask) -> PlaneWaves:
         """Select cells.
 
         Parameters
@@ -186,7 +182,7 @@ def pair_directions(
     return PlaneWaves(u.place[cell, chosen // n_w], w.place[cell, chosen % n_w], found)
 
 
-def _restricted(gram: Complex, active: NDArray[np.bool_]) -> Complex:
+def _restricted(gram: Complex, active: Mask) -> Complex:
     """Gram matrices (n, k, k) with inactive members replaced by unit vectors of their own, loaded."""
     both = active[:, :, None] & active[:, None, :]
     restricted: Complex = np.where(both, gram, 0)

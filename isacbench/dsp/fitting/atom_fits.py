@@ -28,9 +28,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri
 
+from isacbench.dsp.arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import (
     N_COORDINATES,
     AtomMap,
@@ -39,9 +38,6 @@ from isacbench.dsp.fitting.atoms import (
     Lines,
     product_matrix,
 )
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Of unit atoms: error of a product of two, that of four products along the coordinates."""
@@ -141,7 +137,7 @@ class AtomFit:
         return bound.reshape(N_COORDINATES, n, N_COORDINATES, n)
 
     @property
-    def blurred(self) -> NDArray[np.bool_]:
+    def blurred(self) -> Mask:
         """Mask (n,) of atoms with a coordinate whose variance is rounding: the true one may be larger."""
         share = self._inverse_information.diagonal() * self.rounding
         known = (share >= 0) & (share <= BLURRED)
@@ -188,18 +184,7 @@ class AtomFit:
         scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
         loaded = self.information * scale[:, None] * scale
         loaded[np.diag_indices(size)] += self.rounding * scale**2
-        return _inverse(loaded) * scale[:, None] * scale
-
-
-def _inverse(matrix: Floats) -> Floats:
-    """Inverse of a symmetric matrix; twice as fast where it is positive definite."""
-    factor, indefinite = dpotrf(matrix, lower=1)
-    if indefinite:
-        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-    lower, _ = dpotri(factor, lower=1)
-    inverse = lower + lower.T
-    inverse[np.diag_indices(len(inverse))] /= 2
-    return inverse
+        return np.linalg.inv(loaded) * scale[:, None] * scale
 
 
 def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
@@ -219,7 +204,7 @@ def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
     return _fit(atom_map, places, lines, atom_map.correlate(lines))
 
 
-def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: NDArray[np.bool_], places: Floats) -> AtomFit:
+def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats) -> AtomFit:
     """Fit some of the atoms of another fit; only atoms that have moved are correlated anew.
 
     Parameters

@@ -21,16 +21,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.arrays import Complex, Floats, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.kernels import dirichlet_slopes
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 N_COORDINATES = 4
 """Range, Doppler, u and w, in this order everywhere."""
@@ -73,7 +70,7 @@ class Correlations:
     value: Complex
     slope: Complex
 
-    def select(self, keep: NDArray[np.bool_]) -> Correlations:
+    def select(self, keep: Mask) -> Correlations:
         """Copies of those of some atoms."""
         return Correlations(self.value[keep], self.slope[keep])
 

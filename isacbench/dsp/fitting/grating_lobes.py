@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
+
 if TYPE_CHECKING:
     from isacbench.dsp.bursts import SymbolBursts
     from isacbench.model.gate import Gate
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 COMPETING_RESPONSE = 0.3
 """Response from which two scatterers do not change their lobes at once."""
@@ -32,7 +32,7 @@ LOADING = 1e-3
 """Of unit responses: keeps the amplitudes of scatterers half a bin apart from cancelling each other."""
 
 
-def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple[Indices, Floats]:
+def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple[Integers, Floats]:
     """Places where scatterers would show as they do, were they at one of their grating lobes.
 
     Parameters
@@ -61,10 +61,10 @@ def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple
 
 
 def best_lobes(
-    matched: NDArray[np.complexfloating[Any, Any]],
+    matched: Complex,
     response: NDArray[np.inexact[Any]],
-    owner: Indices,
-) -> Indices:
+    owner: Integers,
+) -> Integers:
     """Choose for every scatterer the place where the map, less all others' echoes, shows it most.
 
     Parameters
@@ -100,8 +100,8 @@ def best_lobes(
     return current
 
 
-def _leads(gain: Floats, competes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _leads(gain: Floats, competes: Mask) -> Mask:
     """Which scatterers (n,) gain most among those that they compete with; of equals the first."""
     leader = np.where(competes, gain, -np.inf).argmax(axis=1)
-    leads: NDArray[np.bool_] = leader == np.arange(gain.size)
+    leads: Mask = leader == np.arange(gain.size)
     return leads

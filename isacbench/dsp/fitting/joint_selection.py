@@ -11,11 +11,10 @@ and one row of the array are read, the products along u and w add instead.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
@@ -24,10 +23,6 @@ from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
-Mask = NDArray[np.bool_]
 
 PATCH = (3, 1)
 """Range and Doppler cells to either side that a matched filter reads: most of an echo's energy."""
@@ -339,11 +334,11 @@ def _most_unexplained(scatterers: LocatedScatterers, gated: GatedMap, system: Sy
     return float(power.max())
 
 
-def _around(places: Floats, bins: NDArray[np.int64], n_side: int) -> NDArray[np.int64]:
+def _around(places: Floats, bins: Integers, n_side: int) -> Integers:
     """Indices (n, k) of the bins around each place, shifted to stay inside the gate."""
     width = min(2 * n_side + 1, bins.size)
     first = np.clip(np.rint(places).astype(np.int64) - bins[0] - width // 2, 0, bins.size - width)
-    around: NDArray[np.int64] = first[:, None] + np.arange(width)
+    around: Integers = first[:, None] + np.arange(width)
     return around
 
 

@@ -25,17 +25,12 @@ IEEE Trans. SP 39 (1991).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.fitting.variable_projection import WaveFit, fit_waves
 from isacbench.dsp.stable_order import stepped
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
 
 DIAGONAL_LOADING = 1e-12
 """Of the curvature in units of its diagonal: keeps coinciding directions apart from infinity."""
@@ -142,9 +137,7 @@ def resolve_directions(
     return PlaneWaves(fit.u, fit.w, found)
 
 
-def _without_one(
-    fit: WaveFit, found: NDArray[np.bool_], noise: float, least_power: float
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _without_one(fit: WaveFit, found: Mask, noise: float, least_power: float) -> tuple[Floats, Floats, Mask]:
     """Directions u and w of each cell and which are left, where one wave is too weak or two are one."""
     u, w, fewer = fit.u.copy(), fit.w.copy(), found.copy()
     several = np.count_nonzero(found, axis=1) > 1
@@ -163,9 +156,7 @@ def _without_one(
     return u, w, fewer
 
 
-def _nearest_pair(
-    fit: WaveFit, found: NDArray[np.bool_]
-) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers]:
     """Of each cell, the pair least distant: its squared distance (n,) over the variance in unit noise."""
     n, k = found.shape
     scale, relative = _scaled_curvature(fit)
@@ -189,9 +180,7 @@ def _nearest_pair(
     return square.min(axis=1), first, second
 
 
-def _refined(
-    snapshots: Complex, fit: WaveFit, found: NDArray[np.bool_], n_steps: int, n_finishing: int = 0
-) -> WaveFit:
+def _refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
     """Fit after damped steps of Gauss and Newton, then of Newton; more for cells nearly explained."""
     half_cells = np.repeat(snapshots.shape[2:], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)
@@ -222,7 +211,7 @@ def _refined(
     return fit
 
 
-def _damped_step(fit: WaveFit, damping: Floats, near: NDArray[np.bool_]) -> Floats:
+def _damped_step(fit: WaveFit, damping: Floats, near: Mask) -> Floats:
     """Steps (n, 2 k) of Levenberg and Marquardt; near a minimum those of Newton, damped as much."""
     scale, relative = _scaled_curvature(fit)
     exact = np.flatnonzero(near)

@@ -15,18 +15,15 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.stable_order import rounded
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 BEAMS_A_CELL = 2
 """Beams a Rayleigh cell: halfway between two of them an echo keeps 81 % of its power along each axis."""
@@ -223,7 +220,7 @@ def _halved(beams: Complex, axis: int) -> Complex:
     return np.moveaxis(dense, 0, axis)
 
 
-def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np.int64], ...], Floats]:
+def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, ...], Floats]:
     """Indices and energies of the samples above a level that none of their 80 neighbours exceeds.
 
     By more than rounding: of an echo halfway between two samples both are maxima.
@@ -241,7 +238,7 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np
     return tuple(along - 1 for along in np.unravel_index(index, framed.shape)), flat[index]
 
 
-def descending(energy: Floats) -> NDArray[np.int64]:
+def descending(energy: Floats) -> Integers:
     """Sort energies, the largest first, and those equal but for rounding in their order.
 
     Parameters
@@ -445,7 +442,7 @@ def split_gains(
     return offsets, np.where(stands_out & (best > least_energy), best, 0)
 
 
-def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
+def redundant(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     """Atoms that noise or rounding leaves without a place of their own, by the joint Cramér-Rao bound.
 
     Parameters

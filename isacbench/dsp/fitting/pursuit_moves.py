@@ -7,14 +7,12 @@ gains what it takes from the energy of the residual.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.arrays import Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.pursuit import descending, sidelobe_energy, sidelobe_envelope, unwrapped
 from isacbench.model.gate import Gate
-
-Floats = NDArray[np.float64]
 
 ROUND_RANGE_DB = 6.0
 """Range below the best move of the others that are made in the same round."""
@@ -32,7 +30,7 @@ MOST_LEFT = 64
 """Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
 
 
-def reachable_places(places: Floats, gate: Gate) -> NDArray[np.bool_]:
+def reachable_places(places: Floats, gate: Gate) -> Mask:
     """Tell the places within a bin of the ranges and speeds of the region.
 
     Parameters
@@ -56,10 +54,10 @@ def reachable_places(places: Floats, gate: Gate) -> NDArray[np.bool_]:
 def clear_of_sidelobes(
     places: Floats,
     gain: Floats,
-    candidates: NDArray[np.int64],
-    left: NDArray[np.int64],
+    candidates: Integers,
+    left: Integers,
     bursts: SymbolBursts,
-) -> NDArray[np.int64]:
+) -> Integers:
     """Keep the candidates that are no sidelobes of peaks which no move explains.
 
     Parameters
@@ -85,10 +83,10 @@ def clear_of_sidelobes(
 def without_images(
     places: Floats,
     gain: Floats,
-    candidates: NDArray[np.int64],
-    left: NDArray[np.int64],
+    candidates: Integers,
+    left: Integers,
     bursts: SymbolBursts,
-) -> NDArray[np.int64]:
+) -> Integers:
     """Drop the peaks that are grating lobes of the best candidates, of those that stay.
 
     Parameters
@@ -111,11 +109,11 @@ def without_images(
     left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
     distance = places[left][:, None] - places[best]
     lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
-    kept: NDArray[np.int64] = left[gain[left] > lobes]
+    kept: Integers = left[gain[left] > lobes]
     return kept
 
 
-def are_near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
+def are_near(places: Floats, others: Floats, distance: float) -> Mask:
     """Tell the places that have one of the others nearer along every coordinate.
 
     Parameters
@@ -133,11 +131,11 @@ def are_near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool
     >>> are_near(np.zeros((2, 4)) + [[0.0], [1.0]], np.full((1, 4), 0.1), 0.2).tolist()
     [True, False]
     """
-    near: NDArray[np.bool_] = np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
+    near: Mask = np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
     return near
 
 
-def became_pairs(centres: Floats, places: Floats) -> NDArray[np.bool_]:
+def became_pairs(centres: Floats, places: Floats) -> Mask:
     """Tell the places that were split and have two atoms around them.
 
     Parameters
@@ -151,13 +149,11 @@ def became_pairs(centres: Floats, places: Floats) -> NDArray[np.bool_]:
     -------
     ndarray of bool, shape (n,)
     """
-    around: NDArray[np.int64] = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
+    around: Integers = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
     return around >= 2
 
 
-def choose_moves(
-    places: Floats, gain: Floats, is_new: NDArray[np.bool_], atom_map: AtomMap, room: int
-) -> NDArray[np.int64]:
+def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, room: int) -> Integers:
     """Choose the moves of a round: the best, apart, and no sidelobe of a better one.
 
     Parameters

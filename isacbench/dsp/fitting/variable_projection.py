@@ -18,13 +18,11 @@ squares problems", BIT 15 (1975).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
+from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
 
 DIAGONAL_LOADING = 1e-14
 """Keeps the Gram matrix of coinciding directions invertible."""
@@ -68,7 +66,7 @@ class WaveFit(NamedTuple):
     power: Floats
     alone: Floats
 
-    def at(self, cells: NDArray[np.int64] | NDArray[np.bool_]) -> WaveFit:
+    def at(self, cells: Integers | Mask) -> WaveFit:
         """Select cells.
 
         Parameters
@@ -82,7 +80,7 @@ class WaveFit(NamedTuple):
         """
         return WaveFit(*(values[cells] for values in self))
 
-    def put(self, cells: NDArray[np.int64], other: WaveFit) -> None:
+    def put(self, cells: Integers, other: WaveFit) -> None:
         """Overwrite cells in place.
 
         Parameters
@@ -96,7 +94,7 @@ class WaveFit(NamedTuple):
             mine[cells] = theirs
 
 
-def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: NDArray[np.bool_]) -> WaveFit:
+def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: Mask) -> WaveFit:
     """Fit the plane waves of each cell at given directions.
 
     Parameters
@@ -120,7 +118,8 @@ def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: NDArray[np.bool_]
 
     def outputs(u_order: int, w_order: int) -> Complex:
         """Outputs (n, k, s) of filters matched to derivatives of the responses."""
-        return np.einsum("nskq,nkq->nks", turned[:, :, u_order], along_w[w_order].conj())
+        outputs: Complex = np.einsum("nskq,nkq->nks", turned[:, :, u_order], along_w[w_order].conj())
+        return outputs
 
     in_u, in_w = _products(along_u), _products(along_w)
     gram = in_u[0, 0] * in_w[0, 0] + (DIAGONAL_LOADING + ~found)[:, None, :] * np.eye(k)
@@ -158,7 +157,7 @@ def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: NDArray[np.bool_]
     )
 
 
-def _line(n_elements: int, cosine: Floats, found: NDArray[np.bool_]) -> list[Complex]:
+def _line(n_elements: int, cosine: Floats, found: Mask) -> list[Complex]:
     """Responses (n, k, elements) of unit norm, referred to the middle, and two derivatives; 0 for fillers."""
     arm = np.arange(n_elements) - (n_elements - 1) / 2
     response = np.exp(-1j * np.pi * cosine[:, :, None] * arm) * (found / np.sqrt(n_elements))[:, :, None]
