@@ -85,7 +85,7 @@ def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:
 def _rows(bins: ArrayLike, n: int) -> NDArray[np.complex128]:
     # Whole turns are taken out in integers: no phase loses digits.
     turns = np.multiply.outer(np.asarray(bins, dtype=np.int64), np.arange(n)) % n
-    rows: Complex = np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
+    rows: NDArray[np.complex128] = np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
     return rows
 
 
