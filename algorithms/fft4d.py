@@ -47,16 +47,8 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
-from .chain import (
-    CellPrecision,
-    CellSnapshots,
-    CellwiseEstimator,
-    detect,
-    explain,
-    locate,
-    read_cells,
-    read_map,
-)
+from . import chain
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
 from .detectors import CaCfar
 
 
@@ -133,15 +125,15 @@ class Fft4d(CellwiseEstimator):
         -------
         PointCloud
         """
-        rdm = read_map(observation, self)  # FFT over subcarriers and symbols
-        detected = detect(rdm, self)  # OSCA-CFAR
-        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        rdm = chain.read_map(observation, self)  # FFT over subcarriers and symbols
+        detected = chain.detect(rdm, self)  # OSCA-CFAR
+        cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # FFT over rows and columns, CA-CFAR
-        located = locate(cells, waves, self)  # range and velocity
+        located = chain.locate(cells, waves, self)  # range and velocity
         candidates = self.merge(self.own_cell_test(located))
-        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = chain.explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
         return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:

@@ -59,17 +59,8 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
-from .chain import (
-    CellPrecision,
-    CellSnapshots,
-    CellwiseEstimator,
-    detect,
-    determined_order,
-    explain,
-    locate,
-    read_cells,
-    read_map,
-)
+from . import chain
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
 from .detectors import CaCfar
 
 MIN_GRID_POINTS = 65
@@ -180,15 +171,15 @@ class Music2d(CellwiseEstimator):
         -------
         PointCloud
         """
-        rdm = read_map(observation, self)  # 2D-FFT
-        detected = detect(rdm, self)  # OSCA-CFAR
-        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        rdm = chain.read_map(observation, self)  # 2D-FFT
+        detected = chain.detect(rdm, self)  # OSCA-CFAR
+        cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # MUSIC along rows and columns, CA-CFAR, pairing
-        located = locate(cells, waves, self)  # range and velocity
+        located = chain.locate(cells, waves, self)  # range and velocity
         candidates = self.merge(self.own_cell_test(located))
-        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = chain.explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
         return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
@@ -253,7 +244,7 @@ class Music2d(CellwiseEstimator):
         with stage("subspace"):
             pairs = line_eigenpairs(lines, n_subarray)
             sources = self.signal_order(pairs, lines.shape, noise)
-            order = determined_order(pairs, np.minimum(sources, self.max_order))
+            order = chain.determined_order(pairs, np.minimum(sources, self.max_order))
         with stage("spectrum"):
             null = music_null_spectrum(pairs.vectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)

@@ -351,7 +351,7 @@ class Nomp4d:
 
 
 def _begin(observation: Observation, pfa: float) -> _Pursuit:
-    """Read the range-Doppler map, form its beams, and measure the noise and the levels that follow from it."""
+    """Read the range-Doppler map, form its beams, and measure the noise and the levels that it sets."""
     with stage("rdm"):
         cells, unit = in_unit(observation.cells)
         gated = GatedMap.of(observation, cells)

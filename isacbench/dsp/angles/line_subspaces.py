@@ -163,13 +163,17 @@ def music_null_spectrum(eigenvectors: Floats, order: Integers, steering: Floats)
     ndarray of float64, shape (n, g)
         0 on a source, L in empty directions.
     """
-    n_sensors = len(steering)
+    basis = _signal_basis(eigenvectors, order)
+    projection = basis.transpose(0, 2, 1) @ steering.astype(basis.dtype, copy=False)
+    null: Floats = len(steering) - np.einsum("nkg,nkg->ng", projection, projection)
+    return np.maximum(null, 0.0)
+
+
+def _signal_basis(eigenvectors: Floats, order: Integers) -> Floats:
+    """Bases (n, L, k) of signal subspaces, 0 beyond the order of each."""
     n_signal = int(order.max(initial=1))
     in_signal = np.arange(n_signal) < order[:, None]
-    basis = eigenvectors[:, :, :n_signal] * in_signal[:, None, :]
-    projection = basis.transpose(0, 2, 1) @ steering.astype(basis.dtype, copy=False)
-    null: Floats = n_sensors - np.einsum("nkg,nkg->ng", projection, projection)
-    return np.maximum(null, 0.0)
+    return eigenvectors[:, :, :n_signal] * in_signal[:, None, :]
 
 
 def music_null_minima(
@@ -186,18 +190,16 @@ def music_null_minima(
     place : ndarray of float64, shape (n, m)
         Direction cosines, from peaks on a grid for example.
     found : ndarray of bool, shape (n, m)
-        Which entries are to be moved; the others stay.
+        Mask of the entries to move; the others stay.
     reach : float
-        How far from its place a minimum lies at most; half of it bounds a step.
+        Largest distance of a minimum from its place; half of it bounds a step.
 
     Returns
     -------
     ndarray of float64, shape (n, m)
     """
     cell, entry = np.nonzero(found)
-    n_signal = int(order.max(initial=1))
-    in_signal = np.arange(n_signal) < order[:, None]
-    basis = (eigenvectors[:, :, :n_signal] * in_signal[:, None, :])[cell]
+    basis = _signal_basis(eigenvectors, order)[cell]
     start = place[cell, entry]
     moved = start
     for _ in range(NEWTON_STEPS):

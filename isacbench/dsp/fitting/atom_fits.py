@@ -221,7 +221,7 @@ def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats) -> 
     -------
     AtomFit
     """
-    known = fit.correlations.select(keep)
+    known = Correlations(*(values[keep] for values in fit.correlations))
     moved = np.any(places[keep] != fit.places[keep], axis=1)
     if moved.any():
         fresh = atom_map.correlate(atom_map.lines(places[keep][moved]))

@@ -48,7 +48,7 @@ CONVERGED = 1e-21
 """Of a cell's power: a step that promises less is one of a few 1e-11 Rayleigh cells, and the last."""
 
 NEARLY_EXPLAINED = 1e-7
-"""Share of a cell's power: waves that leave less are those of the cell, and more steps find their places."""
+"""Share of a cell's power: waves that leave less are those of the cell, and more steps place them."""
 
 FINISHING_STEPS = 30
 """Further steps for such a cell: in the curved valley of waves in phase a tenth of a Rayleigh cell apart every
