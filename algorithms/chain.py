@@ -508,11 +508,30 @@ class CellwiseEstimator(ABC):
         return Needs("cross" if one_cross else "plane", self.integration, "detected")
 
     def aperture(self, observation: Observation) -> Aperture:
-        """Elements that are read of an observation."""
+        """Elements that are read of an observation.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        Aperture
+        """
         return (Cross if self.needs.elements == "cross" else Plane)(*observation.array.shape)
 
     def dtype_in(self, stage: PrecisionStage) -> type[np.complexfloating[Any, Any]]:
-        """Precision in which a stage reads cells."""
+        """Precision in which a stage reads cells.
+
+        Parameters
+        ----------
+        stage : {"detection", "directions", "subspace", "selection"}
+
+        Returns
+        -------
+        type
+            `numpy.complex64` or `numpy.complex128`.
+        """
         return np.complex64 if self.precision == "single" and stage in self.single_stages else np.complex128
 
     def cell_detector(self) -> Detector:
@@ -558,7 +577,17 @@ class CellwiseEstimator(ABC):
         """
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Angular spectra of the first cell, with their tests and peaks, for `diagnose`; none by default."""
+        """Angular spectra of the first cell, with their tests and peaks, for `diagnose`; none by default.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
         return ()
 
     def select(

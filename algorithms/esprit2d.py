@@ -104,7 +104,17 @@ class Esprit2d(JointSubspaceEstimator):
         return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Directions of all cells, those of one order together."""
+        """Find the directions of all cells, those of one order together.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+        """
         basis, order = subspaces[0], subspaces[1].copy()
         u, w = np.zeros((2, len(basis), basis.shape[3]))
         # From above, so that a cell that is unreliable joins those of the order below.
@@ -116,7 +126,17 @@ class Esprit2d(JointSubspaceEstimator):
         return PlaneWaves(u, w, np.arange(basis.shape[3]) < order[:, None])
 
     def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Directions of as many sources as all lie where the region is: ghosts of a crowd often do not."""
+        """Find the directions of the most sources that all lie in the region: ghosts of a crowd often do not.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+        """
         basis, order = subspaces
         waves = self.directions(observation, subspaces)
         while np.any(outside := (order > 1) & np.any(waves.found & ~_inside(waves, observation), axis=1)):
@@ -130,7 +150,7 @@ class Esprit2d(JointSubspaceEstimator):
 
 
 def _inside(waves: PlaneWaves, observation: Observation) -> Mask:
-    """Which plane waves come from directions that the region spans."""
+    """Mask (n, k) of the plane waves from directions that the region spans."""
     (lowest_u, highest_u), (lowest_w, highest_w) = observation.cosine_limits
     inside: Mask = (waves.u >= lowest_u) & (waves.u <= highest_u)
     return inside & (waves.w >= lowest_w) & (waves.w <= highest_w)

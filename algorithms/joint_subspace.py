@@ -1,4 +1,4 @@
-"""What `music2d_joint` and `esprit2d` share: planar subspaces, resolved cells, and crowds.
+"""Base of `music2d_joint` and `esprit2d`: planar subspaces, resolved cells, and crowds.
 
 The detected cells are read three times (`isacbench_algorithms.chain`):
 
@@ -43,6 +43,7 @@ from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.kernels import steering
 from isacbench.model.observation import Observation
+from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Spectrum
 
 from .chain import CellSnapshots, CellwiseEstimator, Levels, Reading, ReadMap, determined_order
@@ -92,7 +93,7 @@ class Subspaces(NamedTuple):
 
 @dataclass(frozen=True)
 class JointSubspaceEstimator(CellwiseEstimator):
-    """Parameters and steps that the planar subspace methods share; subclasses add how to find directions.
+    """Parameters and steps that the planar subspace methods share; subclasses find the directions.
 
     Attributes
     ----------
@@ -260,7 +261,17 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Cuts of the array's power along u and along w through the strongest plane wave, in dB below it."""
+        """Cut the array's power along u and along w through the strongest plane wave, in dB below it.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
         waves = self.all_waves(observation, cells)
         snapshot = cells.own
         power = np.abs(waves.amplitudes(snapshot[None], self.aperture(observation))[0, 0])
@@ -269,12 +280,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         towards_w = steering(snapshot.shape[2], waves.w[0, strongest]).conj()
         level_db = 20 * np.log10(np.abs(towards_u @ snapshot[0] @ towards_w))
 
-        def cut(
-            line: Complex,
-            limits: tuple[float, float],
-            places: Floats,
-            label: Literal["u", "w"],
-        ) -> Spectrum:
+        def cut(line: Complex, limits: Interval, places: Floats, label: Literal["u", "w"]) -> Spectrum:
             cosine = np.linspace(*limits, SPECTRUM_POINTS)
             power_db = 20 * np.log10(np.abs(steering(line.size, cosine).conj() @ line))
             return Spectrum(cosine, power_db - level_db, None, places[0][waves.found[0]], label)
@@ -286,11 +292,32 @@ class JointSubspaceEstimator(CellwiseEstimator):
         )
 
     def all_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Plane waves of any power, which a diagnosis shows."""
+        """Find plane waves of any power, which a diagnosis shows.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+        """
         return self.plane_waves(observation, replace(cells, levels=cells.levels._replace(min_power=0.0)))
 
     def subspaces(self, snapshots: Complex, noise: float) -> Subspaces:
-        """Signal subspaces of snapshots (n, s, P, Q) in noise of a power per element."""
+        """Estimate the signal subspaces of cells.
+
+        Parameters
+        ----------
+        snapshots : ndarray of complex, shape (n, s, P, Q)
+        noise : float
+            Power per element.
+
+        Returns
+        -------
+        Subspaces
+        """
         shape = snapshots.shape[2], snapshots.shape[3]
         subarray = self.subarray(shape)
         data = snapshots.astype(self.dtype_in("subspace"), copy=False)
@@ -306,7 +333,18 @@ class JointSubspaceEstimator(CellwiseEstimator):
         return Subspaces(basis.reshape(len(snapshots), *subarray, basis.shape[2]), order)
 
     def subarray(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Elements of a subarray along u and along w."""
+        """Size of the subarrays.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Elements P, Q of the array.
+
+        Returns
+        -------
+        (int, int)
+            Elements along u and along w.
+        """
         n_u, n_w = (min(max(2, round(self.subarray_fraction * n)), n) for n in shape)
         return n_u, n_w
 

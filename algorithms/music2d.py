@@ -70,7 +70,7 @@ SINGLE_LINE_PFA = 1e-2
 """Chance that the noise of one line of sensors looks like another source; the pairing has yet to pass it."""
 
 POLE_OFFSET = 1 / 4
-"""Samples between a source and the sample next to it that spectra make no difference of."""
+"""Samples from a source within which spectra are as high as at this distance."""
 
 
 class MusicSpectra(NamedTuple):
@@ -82,7 +82,7 @@ class MusicSpectra(NamedTuple):
     spectra : ndarray of float64, shape (n, g)
         1 in an empty direction.
     detection : Detection
-        What the CFAR detector says of the spectra.
+        CFAR test of the spectra.
     peaks : Peaks
         Direction cosines of the peaks that pass.
     """
@@ -93,7 +93,16 @@ class MusicSpectra(NamedTuple):
     peaks: Peaks
 
     def first(self, label: Literal["u", "w"]) -> Spectrum:
-        """First of the spectra in dB above an empty direction."""
+        """First of the spectra in dB above an empty direction.
+
+        Parameters
+        ----------
+        label : {"u", "w"}
+
+        Returns
+        -------
+        Spectrum
+        """
         return Spectrum(
             self.cosine,
             10 * np.log10(self.spectra[0]),
@@ -212,7 +221,17 @@ class Music2d(CellwiseEstimator):
             )
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """MUSIC spectra of the first cell over u and over w."""
+        """MUSIC spectra of the first cell over u and over w.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
         u_limits, w_limits = observation.cosine_limits
         columns, rows = self.aperture(observation).lines(
             cells.own.astype(self.dtype_in("subspace"), copy=False)
@@ -282,10 +301,10 @@ class Music2d(CellwiseEstimator):
 
 
 def _sampled_null(n_subarray: int, step: float) -> float:
-    """Null spectrum over n_subarray that a lone source has a fraction of a sample away: what depths tell.
+    """Null spectrum over n_subarray at `POLE_OFFSET` samples from a lone source, the least that is used.
 
-    Without noise the spectrum is as high as a sample happens to lie near its
-    pole. One that is struck would hide all others from a CFAR.
+    Without noise a sample near a pole would be so high that it hides all other
+    sources from a CFAR.
     """
     offset = np.pi * POLE_OFFSET * step
     return float(max(offset**2 * (n_subarray**2 - 1) / 12, SMALLEST_NULL))

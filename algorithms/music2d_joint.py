@@ -123,20 +123,50 @@ class Music2dJoint(JointSubspaceEstimator):
         return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Nulls of the joint spectra, split where a cell has fewer than sources."""
+        """Find the nulls of the joint spectra, split in cells with fewer nulls than sources.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+        """
         basis, order = subspaces
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
         n_p, n_q = observation.array.shape
         return _split(nulls, order, np.array([2 / n_p, 2 / n_q]))
 
     def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Nulls of the joint spectra as they are."""
+        """Find the nulls of the joint spectra, none of them split.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+        """
         basis, order = subspaces
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
         return PlaneWaves(nulls.u, nulls.w, nulls.found)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Cuts of the first cell's joint spectrum through its deepest null, in dB over an empty direction."""
+        """Cut the first cell's joint spectrum through its deepest null, in dB above an empty direction.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
         basis, order = self.subspaces(cells.snapshots, cells.levels.white)
         n_sensors = basis.shape[1] * basis.shape[2]
         grid = self._grid(observation, basis.shape[1:3])
@@ -145,12 +175,7 @@ class Music2dJoint(JointSubspaceEstimator):
         if not nulls.found[0].any():
             return ()
 
-        def cut(
-            cosine: Floats,
-            null: Floats,
-            places: Floats,
-            label: Literal["u", "w"],
-        ) -> Spectrum:
+        def cut(cosine: Floats, null: Floats, places: Floats, label: Literal["u", "w"]) -> Spectrum:
             level_db = -10 * np.log10(np.maximum(null / n_sensors, SMALLEST_NULL))
             return Spectrum(cosine, level_db, None, places[0][waves.found[0]], label)
 

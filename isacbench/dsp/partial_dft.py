@@ -99,7 +99,7 @@ class DopplerSums:
         Cosines and then sines of every distinct absolute Doppler bin; or, where
         few bins have their opposite, the rows of the DFT themselves.
     absolute : ndarray of int64, shape (d,)
-        Which of the cosines each bin of the gate has.
+        Index of the cosine of each bin of the gate.
     sign : ndarray of int64, shape (d,), or None
         Sign of each bin; None where the rows are the bins themselves.
     """
@@ -109,7 +109,17 @@ class DopplerSums:
     sign: Integers | None
 
     def rows_in(self, dtype: DTypeLike) -> NDArray[Any]:
-        """Rows in the precision of a complex dtype, real ones in its real part's."""
+        """Convert the rows to the precision of a complex type.
+
+        Parameters
+        ----------
+        dtype : dtype
+            Complex; real rows get the precision of its real part.
+
+        Returns
+        -------
+        ndarray of float or complex, shape (k, n_symbols)
+        """
         return self.rows.astype(dtype if np.iscomplexobj(self.rows) else np.empty(0, dtype).real.dtype)
 
     def bins(self, sums: Complex) -> Complex:
@@ -159,14 +169,14 @@ def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
 def range_method(
     n_bins: int, n_subcarriers: int, lines: Literal["contiguous", "strided"] = "strided"
 ) -> RangeMethod:
-    """Which way to so many range bins takes less time.
+    """Choose the faster way to the range bins of a gate.
 
     Parameters
     ----------
     n_bins, n_subcarriers : int
         Range bins of the gate, and of the whole map.
     lines : {"contiguous", "strided"}
-        Whether the subcarriers of a symbol and element lie side by side.
+        Layout in memory of the subcarriers of one symbol and element.
 
     Returns
     -------
@@ -184,12 +194,34 @@ def range_method(
 
 
 def is_element_major(block: Complex) -> bool:
-    """Whether subcarriers of a block (n, m, e) are closer in memory than its elements."""
+    """Compare the distances in memory of subcarriers and of elements.
+
+    Parameters
+    ----------
+    block : ndarray of complex, shape (n, m, e)
+        Subcarriers, symbols and elements.
+
+    Returns
+    -------
+    bool
+        True if subcarriers are closer.
+    """
     return block.strides[0] < block.strides[2]
 
 
 def with_few_elements_outermost(block: Complex) -> Complex:
-    """Block (n, m, e), copied where products with so few elements side by side would be slow."""
+    """Copy a block if products with so few elements side by side would be slow.
+
+    Parameters
+    ----------
+    block : ndarray of complex, shape (n, m, e)
+        Subcarriers, symbols and elements.
+
+    Returns
+    -------
+    ndarray of complex, same shape
+        The block itself if products are fast.
+    """
     if is_element_major(block) or block.shape[2] >= min(FEW_ELEMENTS, block.shape[0]):
         return block
     return np.ascontiguousarray(block.transpose(2, 1, 0)).transpose(2, 1, 0)

@@ -26,9 +26,9 @@ from isacbench.dsp.angles.line_subspaces import unitary_transform
 from isacbench.dsp.arrays import Floats, Mask
 
 SMALLEST_PIVOT = 2.0**-26
-"""Of equations whose columns have at most norm 1: keeps them soluble where an invariance is void, as for a
-source at the very edge of the visible region, whose tangent is infinite. The root of rounding: that source
-is right to 1e-8, and its tangent leaves as many digits to the others."""
+"""Of equations whose columns have at most norm 1: keeps them soluble for a source at the edge of the visible
+region, whose tangent is infinite. With the root of rounding, that source is right to 1e-8, and its tangent
+leaves as many digits to the others."""
 
 
 UNRELIABLE = 0.4
@@ -44,9 +44,9 @@ class EspritDirections(NamedTuple):
     u, w : ndarray of float64, shape (n, k)
         Direction cosines, -1 to 1.
     reliable : ndarray of bool, shape (n,)
-        Whether both equations alone have real eigenvalues, as far as the
-        distances of the pairs show: complex ones are those of two sources
-        that noise took for apart along the wrong axis.
+        Cells in which either equation alone has real eigenvalues, compared
+        with the distances of the pairs. Complex ones are those of two sources
+        that noise separates along the wrong axis.
     """
 
     u: Floats
@@ -94,7 +94,7 @@ def unitary_esprit(basis: Floats) -> EspritDirections:
 
 
 def _reliable(along_u: Floats, along_w: Floats, paired: NDArray[np.inexact[Any]]) -> Mask:
-    """Whether imaginary parts, which only noise makes, are small beside the distances of the pairs."""
+    """Mask (n,) of the cells with imaginary parts, made by noise, far below the distances of the pairs."""
     n, k = paired.shape
     reliable: Mask = np.ones(n, dtype=np.bool_)
     if k > 1:
@@ -113,7 +113,7 @@ def _invariance(lines: Floats, n_sources: int) -> Floats:
     n, n_line, n_others = lines.shape
     rows = (n, (n_line - 1) * n_others // n_sources, n_sources)
     even, odd = ((selection @ lines).reshape(rows) for selection in _selections(n_line))
-    # Orthogonalised: normal equations would have half the digits near that edge.
+    # Normal equations would have half the digits near the edge of the visible region.
     rotation, triangle = np.linalg.qr(even)
     pivot = np.einsum("nii->ni", triangle)
     small = np.abs(pivot) < SMALLEST_PIVOT

@@ -168,7 +168,7 @@ class Nulls(NamedTuple):
     u, w : ndarray of float64, shape (n, m)
         Direction cosines.
     found : ndarray of bool, shape (n, m)
-        Which entries are minima.
+        Mask of the minima.
     curvature : ndarray of float64, shape (n, m, 2, 2)
         Second derivatives of the null spectrum at the minima.
     """
@@ -187,15 +187,15 @@ def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Null
     basis : ndarray of float64, shape (n, L, M, k)
         As for `planar_null_spectrum`.
     u, w : ndarray of float64, shapes (g,) and (h,)
-        Equidistant samples, three and more. Minima on their border are none:
-        the spectrum may go on falling.
+        Equidistant samples, three and more. Samples on their border are no
+        minima: the spectrum may fall beyond.
     n_minima : ndarray of int64, shape (n,)
         Most minima to return of each cell.
 
     Returns
     -------
     Nulls
-        Those that hold half of their steering vector, and the deepest in any
+        Minima that hold half of their steering vector, and the deepest in any
         case.
     """
     with stage("spectrum"):
@@ -215,7 +215,7 @@ def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Null
     for _ in range(NEWTON_STEPS):
         gradient, curvature = _null_slopes(basis, place_u, place_w)
         step = _newton_step(gradient, curvature, step_limit)
-        # A minimum lies within a sample of where it was seen.
+        # A minimum lies within a sample of its start.
         place_u = np.clip(place_u + step[:, :, 0], start_u - step_limit[0], start_u + step_limit[0])
         place_w = np.clip(place_w + step[:, :, 1], start_w - step_limit[1], start_w + step_limit[1])
     return Nulls(place_u, place_w, found, _null_slopes(basis, place_u, place_w)[1])

@@ -51,8 +51,8 @@ NEARLY_EXPLAINED = 1e-7
 """Share of a cell's power: waves that leave less are those of the cell, and more steps place them."""
 
 FINISHING_STEPS = 30
-"""Further steps for such a cell: in the curved valley of waves in phase a tenth of a Rayleigh cell apart every
-second step goes too far."""
+"""Further steps for such a cell: in the curved valley of waves in phase a tenth of a Rayleigh cell apart
+every second step goes too far."""
 
 LEAST_DEVIATIONS = 3.0
 """Standard deviations of their distance from which two directions are two: the three-sigma rule."""

@@ -1,12 +1,12 @@
-"""Moves of a matching pursuit in four dimensions: where the residual peaks, which atoms are two or none.
+"""Residual of a matching pursuit in four dimensions: its peaks, atoms to split, and redundant atoms.
 
-The residual is watched through beams towards the directions that the region
-spans. Beams of the map are formed once; those of atoms are products of four
-kernels, so that a new residual never touches the array again.
+The residual is seen through beams towards the directions of the region. Beams
+of the map are formed once; those of atoms are products of four kernels, so that
+a new residual needs no element of the array again.
 
-What strong echoes leave behind scales with them. A residual peak is an echo
-only if it stands above what the misfit of stronger atoms may have put there:
-the same fraction of each of them, spread like its sidelobes.
+The misfit of strong echoes scales with them. A residual peak is an echo only
+if it exceeds the misfit that stronger atoms may leave there: the same fraction
+of each of them, spread like its sidelobes.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ MARGIN_BINS = 2
 """Range and Doppler bins beyond those of the region in which its echoes still show."""
 
 NEIGHBOURHOOD_BINS = 2.0 + 1e-9
-"""Range and Doppler bins in which weaker atoms are held against the strongest, whatever their direction. Not
-two, for at the borders of their boxes atoms are two bins apart but for rounding."""
+"""Range and Doppler bins in which weaker atoms are compared with the strongest, in any direction. More than
+two: at the borders of their boxes atoms are two bins apart but for rounding."""
 
 MOST_PAIRS = 1 << 20
-"""Pairs of a place and an atom that are looked at together: 32 MiB of distances."""
+"""Pairs of a place and an atom computed at once: 32 MiB of distances."""
 
 SPLIT_OFFSETS_CELLS = (0.15, 0.5)
-"""Least and most distance of the two starts from the atom that is split."""
+"""Least and largest distance of the two starts from the atom that is split."""
 
 SPLIT_STANDOUT = 25.0
 """Gain of a split over the mean residual around it."""
 
 SPLIT_CALM = 1e-2
-"""Residual around an atom, relative to it, above which what it misses is a crowd and not a second echo."""
+"""Residual around an atom, relative to it, above which a crowd is there and not a second echo."""
 
 LEAST_FREE = 1e-6
-"""Part of the energy of an atom's second derivative beside the atom itself, below which it is rounding."""
+"""Least share of an atom's second derivative, in energy, that is orthogonal to the atom; less is rounding."""
 
 FIXED_POINT_STEPS = 40
 """Each halves the error of a level, or better."""
@@ -57,7 +57,7 @@ TOLD_APART = 16.0
 """Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
 
 TIE_DIGITS = 9
-"""Of energies: what differs beyond is rounding, and the first of equals comes first."""
+"""Digits in which energies are compared: the rest is rounding."""
 
 LEAST_VARIANCE = 2.0**-1000
 """Variance in place of 0, without noise: ratios to it are still numbers."""

@@ -1,4 +1,4 @@
-"""Moves of one round of a matching pursuit: which of the possible ones are made together.
+"""Choice of the moves of one round of a matching pursuit.
 
 Places are in Rayleigh cells, shape (n, 4): range, Doppler, u and w. A move
 gains what it takes from the energy of the residual.
@@ -21,13 +21,13 @@ APART_CELLS = 1.0
 """Distance of moves of one round."""
 
 SPLIT_PREFERENCE = 2.0
-"""A split gains from what is left near the atom; a new atom there would only be the first of two."""
+"""Preference of a split to a new atom near the same atom, which would only be the first of two."""
 
 PAIR_CELLS = 0.8
-"""Distance from the atom that was split, within which the two are looked for."""
+"""Distance from the atom that was split, within which its two parts must lie."""
 
 MOST_LEFT = 64
-"""Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
+"""Strongest peaks of the residual that no move explains: their sidelobes are no moves."""
 
 
 def reachable_places(places: Floats, gate: Gate) -> Mask:
@@ -87,7 +87,7 @@ def without_images(
     left: Integers,
     bursts: SymbolBursts,
 ) -> Integers:
-    """Drop the peaks that are grating lobes of the best candidates, of those that stay.
+    """Drop the peaks that are grating lobes of the best candidates.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def without_images(
     Returns
     -------
     ndarray of int64
-        Some of `left`; all where the whole frame is sensed with, which has no
+        Some of `left`; all of it if the whole frame is sensed with, which has no
         grating lobes.
     """
     if bursts.is_whole_frame:
@@ -177,7 +177,7 @@ def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, 
     eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
     candidates = eligible[descending(worth[eligible])]
     amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
-    # Read between bins, a grating lobe may be the higher one: none joins beside its peak.
+    # Between bins a grating lobe may exceed its peak: none joins with its peak.
     bursts = atom_map.bursts.with_equal_lobes
     # Coordinate by coordinate in memory: a map without echoes has ten thousands of candidates.
     along = places[candidates].T.copy()
