@@ -3,8 +3,8 @@
 In white noise the likeliest directions are those whose plane waves, each with
 its best amplitude, leave the least power unexplained. The amplitudes drop out
 in closed form; the directions follow by damped Gauss-Newton steps, whose
-curvature is the Fisher information of the directions
-(`isacbench.dsp.fitting.variable_projection`).
+curvature is the Fisher information of the directions, and by Newton steps near
+the optimum (`isacbench.dsp.fitting.variable_projection`).
 
 A cell is done when the next step promises no more than rounding. The power
 itself would be too coarse a measure: a minimum is flat, and powers that agree
@@ -44,8 +44,11 @@ FIRST_DAMPING, LESS_DAMPING, MORE_DAMPING = 1e-3, 0.05, 10.0
 LARGEST_STEP = 0.5
 """Rayleigh cells of a step: farther away the likelihood is no parabola."""
 
+NEAR = 0.05
+"""Rayleigh cells: after a step as short, the next is Newton's, whose digits double."""
+
 CONVERGED = 1e-21
-"""Of a cell's power: a step that promises less is one of a few 1e-11 Rayleigh cells, and the last."""
+"""Of a cell's power: a step that promises less is a Newton step of a few 1e-11 Rayleigh cells, and the last."""
 
 NEARLY_EXPLAINED = 1e-7
 """Share of a cell's power: waves that leave less are those of the cell, and more steps place them."""
@@ -175,9 +178,10 @@ def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers
 
 
 def _refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
-    """Fit after damped Gauss-Newton steps; cells that are nearly explained take more of them."""
+    """Fit after damped Gauss-Newton and Newton steps; cells that are nearly explained take more of them."""
     half_cells = np.repeat(snapshots.shape[2:], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)
+    near = np.zeros(len(snapshots), dtype=np.bool_)
     power = np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
     least_gain = CONVERGED * power
     moving = np.flatnonzero(found.any(axis=1))
@@ -187,7 +191,7 @@ def _refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_fini
         if not moving.size:
             break
         old = fit.at(moving)
-        step = _damped_step(old, damping[moving])
+        step = _damped_step(old, damping[moving], near[moving])
         gain = np.sum(step * old.gradient, axis=1)
         # Shortened as a whole, a step still descends.
         length = np.abs(step * half_cells).max(axis=1)
@@ -198,14 +202,23 @@ def _refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_fini
         # A step that loses no more than rounding is taken: rounding must not decide.
         better = new.unexplained <= old.unexplained + np.maximum(old.rounding, new.rounding)
         fit.put(moving[better], new.at(better))
+        near[moving] = better & (length < NEAR)
         damping[moving] *= np.where(better, LESS_DAMPING, MORE_DAMPING)
         moving = moving[~(better & (gain <= least_gain[moving]))]
     return fit
 
 
-def _damped_step(fit: WaveFit, damping: Floats) -> Floats:
-    """Steps (n, 2 k) of Levenberg and Marquardt."""
+def _damped_step(fit: WaveFit, damping: Floats, near: Mask) -> Floats:
+    """Steps (n, 2 k) of Levenberg and Marquardt; near a minimum Newton steps, damped as much."""
     scale, relative = _scaled_curvature(fit)
+    exact = np.flatnonzero(near)
+    if exact.size:
+        hessian = fit.hessian[exact] / scale[exact, :, None] / scale[exact, None, :]
+        hessian += DIAGONAL_LOADING * np.eye(scale.shape[1])
+        idle = fit.curvature[exact].diagonal(axis1=1, axis2=2) <= 0
+        hessian += idle[:, :, None] * np.eye(scale.shape[1])
+        convex = np.linalg.eigvalsh(hessian)[:, 0] > 0
+        relative[exact[convex]] = hessian[convex]
     relative += damping[:, None, None] * np.eye(scale.shape[1])
     return np.linalg.solve(relative, (fit.gradient / scale)[:, :, None])[:, :, 0] / scale
 

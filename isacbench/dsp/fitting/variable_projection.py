@@ -47,6 +47,8 @@ class WaveFit(NamedTuple):
     curvature : ndarray of float64, shape (n, 2 k, 2 k)
         Half of the power's second derivatives in the approximation of Gauss
         and Newton: the Fisher information, but for the noise.
+    hessian : ndarray of float64, shape (n, 2 k, 2 k)
+        The same without approximation.
     power : ndarray of float64, shape (n, k)
         Power of each plane wave, summed over elements and snapshots.
     alone : ndarray of float64, shape (n, k)
@@ -60,6 +62,7 @@ class WaveFit(NamedTuple):
     rounding: Floats
     gradient: Floats
     curvature: Floats
+    hessian: Floats
     power: Floats
     alone: Floats
 
@@ -111,7 +114,7 @@ def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: Mask) -> WaveFit:
     power = np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
     along_u, along_w = _line(snapshots.shape[2], u, found), _line(snapshots.shape[3], w, found)
     turned = np.concatenate(along_u, axis=1).conj()[:, None] @ snapshots
-    turned = turned.reshape(*turned.shape[:2], 2, k, turned.shape[3])
+    turned = turned.reshape(*turned.shape[:2], 3, k, turned.shape[3])
 
     def outputs(u_order: int, w_order: int) -> Complex:
         """Outputs (n, k, s) of filters matched to derivatives of the responses."""
@@ -132,6 +135,14 @@ def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: Mask) -> WaveFit:
     misfit = np.concatenate([outputs(1, 0), outputs(0, 1)], axis=1) - cross @ amplitude
     both = np.concatenate([amplitude, amplitude], axis=1)
     curvature = ((slopes - cross @ leaning) * (both.conj() @ both.transpose(0, 2, 1))).real
+    # The rest of the second derivatives vanishes with the misfit.
+    moved = (np.tile(leaning, (1, 2, 1)) * (misfit.conj() @ both.transpose(0, 2, 1))).real
+    taken = (np.tile(inverse, (1, 2, 2)) * (misfit @ _adjoint(misfit)).transpose(0, 2, 1)).real
+    hessian = curvature + moved + moved.transpose(0, 2, 1) - taken
+    wave = np.arange(k)
+    for (i, j), row, column in (((2, 0), 0, 0), ((1, 1), 0, k), ((1, 1), k, 0), ((0, 2), k, k)):
+        bent = outputs(i, j) - (in_u[i, 0] * in_w[j, 0]) @ amplitude
+        hessian[:, wave + row, wave + column] -= np.sum((bent.conj() * amplitude).real, axis=2)
     own_power = np.sum(amplitude.real**2 + amplitude.imag**2, axis=2)
     return WaveFit(
         u=u.copy(),
@@ -140,21 +151,23 @@ def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: Mask) -> WaveFit:
         rounding=ROUNDING * power,
         gradient=np.sum((both.conj() * misfit).real, axis=2),
         curvature=curvature,
+        hessian=hessian,
         power=own_power,
         alone=own_power / np.einsum("nii->ni", inverse).real,
     )
 
 
-def _line(n_elements: int, cosine: Floats, found: Mask) -> tuple[Complex, Complex]:
-    """Responses (n, k, elements) of unit norm, referred to the middle, and their slopes; 0 for fillers."""
+def _line(n_elements: int, cosine: Floats, found: Mask) -> list[Complex]:
+    """Responses (n, k, elements) of unit norm, referred to the middle, and two derivatives; 0 for fillers."""
     arm = np.arange(n_elements) - (n_elements - 1) / 2
     response = np.exp(-1j * np.pi * cosine[:, :, None] * arm) * (found / np.sqrt(n_elements))[:, :, None]
-    return response, -1j * np.pi * arm * response
+    slope = -1j * np.pi * arm * response
+    return [response, slope, -1j * np.pi * arm * slope]
 
 
-def _products(line: tuple[Complex, Complex]) -> dict[tuple[int, int], Complex]:
-    """Products (n, k, k) of responses and slopes, orders 0 and 1, with each other along one line."""
-    orders = ((0, 0), (1, 0), (1, 1))
+def _products(line: list[Complex]) -> dict[tuple[int, int], Complex]:
+    """Products (n, k, k) of derivatives of one order with those of another along one line."""
+    orders = ((0, 0), (1, 0), (1, 1), (2, 0))
     return {(i, j): line[i].conj() @ line[j].transpose(0, 2, 1) for i, j in orders}
 
 
