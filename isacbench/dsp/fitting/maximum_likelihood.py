@@ -51,7 +51,7 @@ CONVERGED = 1e-21
 """Of a cell's power: a step that promises less is a Newton step of a few 1e-11 Rayleigh cells, and the last."""
 
 NEARLY_EXPLAINED = 1e-7
-"""Share of a cell's power: waves that leave less are those of the cell, and more steps place them."""
+"""Share of a cell's power: waves that leave less are those of the cell; further steps place them."""
 
 FINISHING_STEPS = 30
 """Further steps for such a cell: in the curved valley of waves in phase a tenth of a Rayleigh cell apart
@@ -178,7 +178,7 @@ def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers
 
 
 def _refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
-    """Fit after damped Gauss-Newton and Newton steps; cells that are nearly explained take more of them."""
+    """Fit after damped Gauss-Newton and Newton steps; cells that are nearly explained take more."""
     half_cells = np.repeat(snapshots.shape[2:], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)
     near = np.zeros(len(snapshots), dtype=np.bool_)

@@ -36,13 +36,13 @@ class OpenedRange(EstimatorCase):
     """Two echoes in one cell, no noise, dynamic ranges opened to 160 dB; for subspace methods."""
 
     name: ClassVar[str] = "opened_range"
-    fixed: ClassVar = tuple({"level_db": level_db} for level_db in (40.0, 80.0, 100.0, 140.0, 150.0))
+    fixed: ClassVar = tuple({"level_db": level_db} for level_db in (0.0, 40.0, 60.0, 80.0, 100.0))
 
-    level_db: float = real(0.0, 150.0, 100.0)
+    level_db: float = real(0.0, 100.0, 80.0)
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """Both: a covariance has lost the weak one from 150 dB on, and half its digits from 75 dB."""
+        """Both: a covariance has half the digits of the weak one from 75 dB on."""
         return *EVERY, *RESOLVED_ECHOES
 
     def parameters(self) -> Mapping[str, Any]:
