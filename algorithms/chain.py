@@ -1,18 +1,18 @@
-"""Stages that cell-by-cell estimators share, one function a stage, in the order in which an image needs them.
+"""Stages of cell-by-cell estimators, one function a stage in the order of an image, and their base class.
 
 1. `read_map` reads the range-Doppler map.
 2. `detect` finds the cells that hold echoes, on a map tapered for low
    sidelobes, by a CFAR detector on one element or on the array's average power.
 3. `read_cells` takes the snapshots of those cells, tapered less, for
    resolution. In them the estimator finds plane waves by its own method.
-4. `locate` gives plane waves a place in range and Doppler.
+4. `locate` places plane waves in range and Doppler.
 5. `own_cell_test` drops those that are stronger in a neighbouring cell.
-6. `merge_scatterers` makes one of scatterers that several cells saw.
+6. `merge_scatterers` merges scatterers that several cells saw.
 7. `explain` selects the scatterers that explain the map together, and moves
    them between the bins to where the rest of the map leaves them.
 8. `to_cloud` turns radio coordinates into points.
 
-No stage needs a constant of the scene: what counts is the noise, the strongest
+No stage needs a constant of the scene: levels follow from the noise, the strongest
 cells and the strongest scatterers nearby. Every stage marks its own time
 (`isacbench.instrument.stages`).
 
@@ -95,7 +95,7 @@ class ReadMap:
 
 
 class Levels(NamedTuple):
-    """Powers per element that stages hold cells and plane waves against, in the unit of the map read.
+    """Powers per element that stages compare cells and plane waves with, in the unit of the map read.
 
     Attributes
     ----------
@@ -136,8 +136,8 @@ class Reading:
         Tapers.
     range_cells : {1, 3}
         Neighbouring range cells that serve as snapshots, the cell itself in
-        the middle. More give the mean direction of what a crowd of echoes
-        spreads over them.
+        the middle. More give the mean direction of the crowd of echoes in
+        them.
     resolved_only : bool
         Whether only cells count that their plane waves explain down to the
         noise.
@@ -300,8 +300,8 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
     waves : PlaneWaves
         Of the same cells.
     estimator : CellwiseEstimator
-        Its `local_dynamic_range_db` counts: what lies further below the
-        strongest plane wave of the 5 x 5 cells around is left out.
+        Its `local_dynamic_range_db` counts: plane waves further below the
+        strongest one of the 5 x 5 cells around are left out.
 
     Returns
     -------
@@ -430,7 +430,7 @@ class CellwiseEstimator(ABC):
         Class attribute: whether directions are sought along u and along w
         apart, so that one column and one row of the array show them.
     single_stages : frozenset of {"detection", "directions", "subspace", "selection"}
-        Class attribute: what `precision` "single" computes in single
+        Class attribute: stages that `precision` "single" computes in single
         precision.
     detector : Detector
         Of range-Doppler cells.
@@ -447,15 +447,15 @@ class CellwiseEstimator(ABC):
     angle_pfa : float
         Probability that noise passes for a plane wave, or for a scatterer.
     dynamic_range_db : float
-        Below the strongest cells, what is neither detected nor modelled.
+        Range below the strongest cells in which echoes are detected and modelled.
     local_dynamic_range_db : float
-        Below the strongest scatterer nearby, what is not told from its leakage.
+        Range below the strongest scatterer nearby in which others are told from its leakage.
     precision : {"double", "single"}
         Of the cells. "single" in the stages whose effect on the curves is
         below 0.1 % (``docs/precision.md``): subspaces and joint least squares
         are double either way.
     explain : {"joint", "none"}
-        What happens to the candidates that the cells show. "joint" selects
+        Treatment of the candidates that the cells show. "joint" selects
         those that explain the map together and refines them together; "none"
         makes all of them points. An estimator with several readings then
         merges the candidates of all of them.
@@ -470,7 +470,7 @@ class CellwiseEstimator(ABC):
     """
 
     separable: ClassVar[bool] = False
-    # Directions hang on the last digits of the snapshots: points would move by more than 1e-6 of their size.
+    # Directions depend on the last digits of the snapshots: points would move by more than 1e-6.
     single_stages: ClassVar[frozenset[PrecisionStage]] = frozenset({"detection"})
 
     detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))

@@ -85,7 +85,7 @@ class Fft4d(CellwiseEstimator):
         with `integration` "element". The default passes a peak 10 dB below
         another that its training cells hold.
     angle_dynamic_range_db : float
-        Below the strongest source of a cell, what is taken for its sidelobes.
+        Range below the strongest source of a cell; weaker maxima count as its sidelobes.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window

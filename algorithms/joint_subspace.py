@@ -52,25 +52,25 @@ CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
 
 LEAST_NOISE = 1e-8
-"""Of the floor for leakage: what a map that counts as explained may hold in any case, noise or none."""
+"""Times the floor for leakage: noise that every explained map may hold."""
 
 FIT_ROUNDING = 1e-16
-"""Of the strongest scatterer's power: what a joint fit, its equations loaded by 1e-9, leaves of it."""
+"""Times the strongest scatterer's power: remainder of a joint fit whose equations are loaded by 1e-9."""
 
 INTERLEAVINGS = 2
-"""How often crowds are filled in: extended objects have more than one point a range bin."""
+"""Rounds of filling in crowds: extended objects have more than one point a range bin."""
 
 INTERLEAVED_BINS = 0.5
-"""Range bins between a scatterer and the candidates that are put beside it."""
+"""Range bins between a scatterer and the candidates put next to it."""
 
 INTERLEAVED_DYNAMIC_RANGE_DB = 23.0
 """Least local dynamic range among interleaved scatterers, which share the directions of selected ones."""
 
 MOST_LEFT_OF_CELL = 1.5
-"""Of white noise: what plane waves may leave of a cell that they explain. 256 elements scatter by 0.06."""
+"""Times white noise: largest remainder of a cell that plane waves explain. 256 elements scatter by 0.06."""
 
 LEAST_EXPLAINED = 10**1.8
-"""Power of a cell over what plane waves leave of it, 18 dB: in more noise a crowd looks like a few waves."""
+"""Least power of a cell over its remainder, 18 dB: in more noise a crowd looks like a few waves."""
 
 SPECTRUM_POINTS = 201
 """Samples of the spectra that a diagnosis shows."""

@@ -7,7 +7,7 @@ A scatterer is an atom with four coordinates off any grid. In rounds:
    show which atoms are rather two. The moves that gain most are made, one in a
    neighbourhood.
 2. All atoms move together by damped Newton steps towards the least-squares fit.
-3. Atoms leave that are weak beside their neighbours, that have no place within
+3. Atoms leave that are weak compared with their neighbours, that have no place within
    their own Cramér-Rao bound, or that it does not tell from another atom.
 
 No detector is asked: the threshold follows from `pfa` and the noise in Doppler
@@ -20,7 +20,7 @@ n K b for the residual and K n s + K³ for a step.
 
 Where two rounds leave more than half of a map unexplained, far above the noise, it
 is no sum of a few echoes: more rounds would bend hundreds of atoms to it until
-rounding decides where they lie. The pursuit then ends with what it has, and so it
+rounding decides about their places. The pursuit then ends, and so it
 does with the round that reaches `max_scatterers`.
 
 Fails in crowds: where more scatterers share a Rayleigh cell than can be told
@@ -222,7 +222,7 @@ class Nomp4d:
         Probability that noise alone adds an atom to an image; less, because an
         echo must also show in beams between which it loses power.
     local_dynamic_range_db : float
-        Below the strongest atom nearby, what is not told from its misfit.
+        Range below the strongest atom nearby in which others are told from its misfit.
     max_rounds : int
         Most rounds of moves.
     max_scatterers : int

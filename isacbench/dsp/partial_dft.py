@@ -3,7 +3,7 @@
 A full map needs every bin of both transforms. A gate needs few of them, and a
 few bins are a product with a few rows of the DFT matrix, which
 
-- reads the grid once, in whatever blocks it comes, and sums what they give;
+- reads the grid once, in blocks of any kind, and sums their shares;
 - keeps to the cells of the gate: 12 MB in place of 940 MB on a street;
 - runs at the speed of a matrix product, some sixteen times that of a strided
   FFT per operation.
@@ -91,7 +91,7 @@ def _rows(bins: ArrayLike, n: int) -> NDArray[np.complex128]:
 
 @dataclass(frozen=True, eq=False)
 class DopplerSums:
-    """Sums over symbols from which the Doppler bins of a gate follow, after whatever linear steps.
+    """Sums over symbols from which the Doppler bins of a gate follow, after any linear steps.
 
     Attributes
     ----------

@@ -4,7 +4,7 @@ A plane wave that a cell shows may belong to a scatterer in the next cell or be
 a sidelobe of one far away. So each scatterer is fitted together with all
 others. An echo is the product of four kernels, along range, Doppler, u and w,
 and so is the response of one scatterer's matched filter to another: n
-scatterers cost four n x n products, whatever the array's size. Where one column
+scatterers cost four n x n products for any size of the array. Where one column
 and one row of the array are read, the products along u and w add instead.
 """
 
@@ -277,8 +277,8 @@ def explain_map(
 ) -> LocatedScatterers | None:
     """Move scatterers in all four coordinates to the least-squares fit, if that explains the map.
 
-    A fit bends to whatever is not modelled, and in a crowd this is more than
-    the error that it removes.
+    A fit bends to echoes that are not modelled; in a crowd this error is larger
+    than the one that it removes.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ def _gauss_newton(filters: _MatchedFilters, amplitude: Complex) -> Floats:
     range_slope, doppler_slope = filters.own_slopes()
     strength = np.abs(amplitude)
     phase = np.divide(amplitude, strength, out=np.ones_like(amplitude), where=strength > 0)[:, None, None]
-    # Slopes of a unit echo: the four columns then have one unit, whatever that of the map.
+    # Slopes of a unit echo: the four columns then have one unit, in any unit of the map.
     along_range, along_doppler = range_slope[:, :, None] * own_doppler, own_range * doppler_slope[:, None, :]
     model = np.stack([echo, 1j * echo, phase * along_range, phase * along_doppler], axis=1).reshape(n, 4, -1)
     misfit = (filters.beam - others - amplitude[:, None, None] * echo).reshape(n, -1, 1)

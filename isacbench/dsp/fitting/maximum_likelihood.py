@@ -48,7 +48,7 @@ NEAR = 0.05
 """Rayleigh cells: after a step as short, the next is Newton's, whose digits double."""
 
 CONVERGED = 1e-21
-"""Of a cell's power: a step that promises less is a Newton step of a few 1e-11 Rayleigh cells, and the last."""
+"""Of a cell's power: a step that promises less, a few 1e-11 Rayleigh cells of Newton's, is the last."""
 
 NEARLY_EXPLAINED = 1e-7
 """Share of a cell's power: waves that leave less are those of the cell; further steps place them."""

@@ -310,7 +310,7 @@ def noise_maximum(n_independent: float, chance: float) -> float:
     """
     samples = np.log(n_independent / chance)
     level = samples
-    # A contraction where the level is above 4; below that, noise is what it is.
+    # A contraction where the level is above 4; lower levels do not occur.
     for _ in range(FIXED_POINT_STEPS):
         level = samples + N_COORDINATES / 2 * np.log(np.pi / 3 * max(level, N_COORDINATES))
     return float(level)
@@ -431,7 +431,7 @@ def split_gains(
         # An atom's second derivative without the part that is the atom itself.
         free = energy - curved.diagonal() ** 2
         if np.any(free <= LEAST_FREE * energy):
-            continue  # two elements see one wave, whatever there is
+            continue  # two elements always see one wave
         gain[:, axis] = np.abs(slope) ** 2 / products[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
         separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
     axis, atom = gain.argmax(axis=1), np.arange(n)
@@ -454,9 +454,9 @@ def redundant(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     Returns
     -------
     drop : ndarray of bool, shape (n,)
-        The weaker half of the atoms without a place; where there are none, the
-        weaker one of each pair that is not told apart, be it by noise or by
-        rounding: without noise two atoms are one from 0.01 Rayleigh cells in
+        The weaker half of the atoms without a place; if all have one, the
+        weaker one of each pair that noise or rounding does not tell apart:
+        without noise two atoms are one from 0.01 Rayleigh cells in
         phase, from 0.001 in quadrature (`AtomFit.blurred`).
     places : ndarray of float64, shape (n, 4)
         Those of the atoms that stay, each moved to the mean of its pair.

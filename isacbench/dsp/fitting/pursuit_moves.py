@@ -1,7 +1,7 @@
 """Choice of the moves of one round of a matching pursuit.
 
-Places are in Rayleigh cells, shape (n, 4): range, Doppler, u and w. A move
-gains what it takes from the energy of the residual.
+Places are in Rayleigh cells, shape (n, 4): range, Doppler, u and w. The gain
+of a move is the energy that it takes from the residual.
 """
 
 from __future__ import annotations
