@@ -175,10 +175,7 @@ def detect_listed(
 
 
 def detect_cells(
-    gated: GatedMap,
-    detector: Detector,
-    integration: Integration,
-    dynamic_range_db: float,
+    gated: GatedMap, detector: Detector, integration: Integration, dynamic_range_db: float
 ) -> DetectedCells:
     """Detect cells of a gated range-Doppler map.
 

@@ -70,12 +70,7 @@ class GatedMap:
     __repr__ = brief
 
     @classmethod
-    def of(
-        cls,
-        observation: Observation,
-        cells: Complex,
-        elements: Aperture | None = None,
-    ) -> GatedMap:
+    def of(cls, observation: Observation, cells: Complex, elements: Aperture | None = None) -> GatedMap:
         """Map of an observation.
 
         Parameters

@@ -61,11 +61,7 @@ def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple
     return owner[exists], place[exists]
 
 
-def best_lobes(
-    matched: Complex,
-    response: NDArray[np.inexact[Any]],
-    owner: Integers,
-) -> Integers:
+def best_lobes(matched: Complex, response: NDArray[np.inexact[Any]], owner: Integers) -> Integers:
     """Choose for each scatterer the place where the map, less all others' echoes, shows it most.
 
     Parameters

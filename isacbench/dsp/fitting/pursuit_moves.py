@@ -52,11 +52,7 @@ def reachable_places(places: Floats, gate: Gate) -> Mask:
 
 
 def clear_of_sidelobes(
-    places: Floats,
-    gain: Floats,
-    candidates: Integers,
-    left: Integers,
-    bursts: SymbolBursts,
+    places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
 ) -> Integers:
     """Keep the candidates that are no sidelobes of peaks which no move explains.
 
@@ -81,11 +77,7 @@ def clear_of_sidelobes(
 
 
 def without_images(
-    places: Floats,
-    gain: Floats,
-    candidates: Integers,
-    left: Integers,
-    bursts: SymbolBursts,
+    places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
 ) -> Integers:
     """Drop the peaks that are grating lobes of the best candidates.
 
