@@ -36,7 +36,7 @@ from isacbench.added_fields import added_field
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.arrays import Complex, Integers
+from isacbench.dsp.array_types import Complex, Integers
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.fitting.joint_selection import refine_jointly, select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap

@@ -51,7 +51,7 @@ from isacbench.dsp.angles.line_subspaces import (
 from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.peaks import Peaks, line_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
-from isacbench.dsp.arrays import Complex, Floats, Integers
+from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud

@@ -45,7 +45,7 @@ import numpy as np
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
 from isacbench.dsp.angles.planar_subspaces import Nulls, null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.arrays import Floats, Integers
+from isacbench.dsp.array_types import Floats, Integers
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation

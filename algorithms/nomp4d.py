@@ -45,7 +45,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from isacbench.dsp.arrays import Complex, Floats, Integers
+from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix

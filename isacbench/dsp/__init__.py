@@ -2,7 +2,7 @@
 
 __all__ = [
     "angles",
-    "arrays",
+    "array_types",
     "bounds",
     "bursts",
     "cell_detection",

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isacbench.display import brief
-from isacbench.dsp.arrays import Complex, Floats
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.errors import require
 from isacbench.model.prs import resource_elements
 

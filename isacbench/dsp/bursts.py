@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.dsp.arrays import Complex, Floats
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.prs import resource_elements

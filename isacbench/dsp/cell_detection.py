@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.display import brief
-from isacbench.dsp.arrays import Complex, Floats
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.dsp.detection import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.model.gate import Gate

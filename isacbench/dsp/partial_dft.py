@@ -31,7 +31,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from isacbench.dsp.arrays import Complex, Floats, Integers
+from isacbench.dsp.array_types import Complex, Floats, Integers
 
 RangeMethod = Literal["partial", "fft"]
 

@@ -10,7 +10,7 @@ import scipy.fft
 
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Plane
-from isacbench.dsp.arrays import Complex, Integers, Mask
+from isacbench.dsp.array_types import Complex, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, taper
 from isacbench.instrument.stages import stage

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from isacbench.display import brief
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.stable_order import rounded

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacbench.dsp.arrays import Floats
+from isacbench.dsp.array_types import Floats
 
 STEP_BITS = 8
 """Binary digits kept below the square of a step."""

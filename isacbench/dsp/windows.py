@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.dsp.arrays import Complex, Floats
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.errors import InputError
 
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isacbench.dsp.arrays import Floats, Integers
+from isacbench.dsp.array_types import Floats, Integers
 
 MOST_ROTATION = 1e-3
 """Sine of the angle by which rounding may turn a signal subspace: three digits of a direction, in units of

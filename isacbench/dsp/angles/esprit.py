@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.dsp.angles.line_subspaces import unitary_transform
-from isacbench.dsp.arrays import Floats, Mask
+from isacbench.dsp.array_types import Floats, Mask
 
 SMALLEST_PIVOT = 2.0**-26
 """Of equations whose columns have at most norm 1: keeps them soluble for a source at the edge of the visible

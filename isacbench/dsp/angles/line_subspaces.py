@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
-from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 
 SMALLEST_NULL = 1e-15
 """Squared distance from the signal subspace, relative, below which there is only rounding."""

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
-from isacbench.dsp.arrays import Floats, Integers
+from isacbench.dsp.array_types import Floats, Integers
 from isacbench.dsp.cfar import ca_cfar
 from isacbench.errors import require
 

@@ -27,7 +27,7 @@ from scipy.ndimage import minimum_filter
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes, unitary_transform
-from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.instrument.stages import stage
 
 SPARE_DIMENSIONS = 4

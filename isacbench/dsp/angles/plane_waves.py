@@ -15,7 +15,7 @@ import numpy as np
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
 from isacbench.dsp.angles.peaks import Peaks
-from isacbench.dsp.arrays import Complex, Floats, Mask
+from isacbench.dsp.array_types import Complex, Floats, Mask
 
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""

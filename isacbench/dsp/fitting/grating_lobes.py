@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.arrays import Complex, Floats, Integers, Mask
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 
 if TYPE_CHECKING:
     from isacbench.dsp.bursts import SymbolBursts
