@@ -1,18 +1,18 @@
-"""Stages that cell-by-cell estimators share, one function a stage, in the order in which an image needs them.
+"""Stages of cell-by-cell estimators, one function a stage in the order of an image, and their base class.
 
 1. `read_map` reads the range-Doppler map.
 2. `detect` finds the cells that hold echoes, on a map tapered for low
    sidelobes, by a CFAR detector on one element or on the array's average power.
 3. `read_cells` takes the snapshots of those cells, tapered less, for
    resolution. In them the estimator finds plane waves by its own method.
-4. `locate` gives plane waves a place in range and Doppler.
+4. `locate` places plane waves in range and Doppler.
 5. `own_cell_test` drops those that are stronger in a neighbouring cell.
-6. `merge_scatterers` makes one of scatterers that several cells saw.
+6. `merge_scatterers` merges scatterers that several cells saw.
 7. `explain` selects the scatterers that explain the map together, and moves
    them between the bins to where the rest of the map leaves them.
 8. `to_cloud` turns radio coordinates into points.
 
-No stage needs a constant of the scene: what counts is the noise, the strongest
+No stage needs a constant of the scene: levels follow from the noise, the strongest
 cells and the strongest scatterers nearby. Every stage marks its own time
 (`isacbench.instrument.stages`).
 
@@ -25,41 +25,47 @@ paper has neither `own_cell_test`, nor `merge_scatterers`, nor `explain`
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from isacbench.dsp.angles.aperture import Cross
+from isacbench.added_fields import added_field
+from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
-from isacbench.dsp.cell_detection import DetectedCells, detect_cells, white_noise
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Complex, Integers
+from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
+from isacbench.dsp.fitting.joint_selection import refine_jointly, select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
-from isacbench.dsp.scaling import amplitude_exponent, in_unit
-from isacbench.dsp.scatterers import Located, LocatedScatterers, locate_waves, merge_duplicates
+from isacbench.dsp.scaling import in_unit
+from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
-from isacbench.instrument.remarks import remark
+from isacbench.errors import require
+from isacbench.instrument.remarks import Remarks, remark
 from isacbench.instrument.stages import stage
+from isacbench.model.cloud import PointCloud
+from isacbench.model.observation import Observation
+from isacbench.plugins.contracts import Detection, Detector, Diagnosis, Needs, Spectrum
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from isacbench.dsp.angles.aperture import Aperture
-    from isacbench.dsp.angles.plane_waves import PlaneWaves
-    from isacbench.dsp.cell_detection import Integration
-    from isacbench.dsp.detection import Detector
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.gate import Gate
-    from isacbench.model.observation import Observation
-
-Snapshots = NDArray[np.complexfloating[Any, Any]]
+from .detectors import OscaCfar
 
 PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
 """Uses of cells: the map and its test; snapshots, their Fourier spectra and amplitudes;
 covariances, their eigenvectors and null spectra; the joint explanation."""
 
+CellPrecision = Literal["double", "single"]
+
+Explanation = Literal["joint", "none"]
+"""Treatment of the candidates that the cells show: joint selection and refinement, or none."""
+
 LAST_DIGITS_LOST = 4
-"""Last digits of the strongest cell that sums over a few of them lose: noise, where there is no other."""
+"""Last digits of the strongest cell that sums over a few cells lose: they count as noise."""
+
+LEAST_NOISE = 1e-10
+"""Least amplitude of noise, relative to the strongest cell, 200 dB below it: fits need not be more exact."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
@@ -89,7 +95,7 @@ class ReadMap:
 
 
 class Levels(NamedTuple):
-    """Powers per element that stages hold cells and plane waves against, in the unit of the map read.
+    """Powers per element that stages compare cells and plane waves with, in the unit of the map read.
 
     Attributes
     ----------
@@ -113,21 +119,11 @@ class Detected(NamedTuple):
     ----------
     cells : DetectedCells
         Their bins, the power map and its test.
-    gate : Gate
-        Bins of the power map.
     levels : Levels
     """
 
     cells: DetectedCells
-    gate: Gate
     levels: Levels
-
-    def strongest(self) -> Detected:
-        """Strongest of the cells alone; none where there is none."""
-        cell = self.cells.strongest_cell(self.gate)
-        rows, columns = ([], []) if cell is None else ([cell[0]], [cell[1]])
-        bins = np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
-        return self._replace(cells=replace(self.cells, bins=bins))
 
 
 @dataclass(frozen=True)
@@ -140,8 +136,8 @@ class Reading:
         Tapers.
     range_cells : {1, 3}
         Neighbouring range cells that serve as snapshots, the cell itself in
-        the middle. More give the mean direction of what a crowd of echoes
-        spreads over them.
+        the middle. More give the mean direction of the crowd of echoes in
+        them.
     resolved_only : bool
         Whether only cells count that their plane waves explain down to the
         noise.
@@ -158,7 +154,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class CellSnapshots:
-    """Snapshots of n detected cells, as one reading takes them.
+    """Complex of n detected cells, as one reading takes them.
 
     Attributes
     ----------
@@ -176,67 +172,19 @@ class CellSnapshots:
     reading: Reading
     bins: Bins
     tapered: GatedMap
-    snapshots: Snapshots
+    snapshots: Complex
     levels: Levels
 
     def __len__(self) -> int:
         return len(self.snapshots)
 
     @property
-    def own(self) -> Snapshots:
-        """Snapshots (n, *elements) of the cells themselves."""
+    def own(self) -> Complex:
+        """Complex (n, *elements) of the cells themselves."""
         return self.snapshots[:, self.snapshots.shape[1] // 2]
 
 
-class StageSettings(Protocol):
-    """Settings that the stages ask of an estimator, as `isacbench_algorithms.cellwise` has them."""
-
-    @property
-    def integration(self) -> Integration:
-        """Elements whose power the detection map averages."""
-
-    @property
-    def detection_window(self) -> Window:
-        """Taper of the map that cells are detected on."""
-
-    @property
-    def angle_pfa(self) -> float:
-        """Probability that noise passes for a plane wave."""
-
-    @property
-    def dynamic_range_db(self) -> float:
-        """Range below the strongest cells that is detected."""
-
-    @property
-    def local_dynamic_range_db(self) -> float:
-        """Range below the strongest plane wave nearby that is kept."""
-
-    @property
-    def explain(self) -> Literal["joint", "none"]:
-        """Joint selection and refinement of candidates, or none."""
-
-    def aperture(self, observation: Observation) -> Aperture:
-        """Elements that are read."""
-
-    def dtype_in(self, stage: PrecisionStage) -> type[np.complexfloating[Any, Any]]:
-        """Precision in which a stage reads cells."""
-
-    def cell_detector(self) -> Detector:
-        """Detector of range-Doppler cells."""
-
-    def merge(self, scatterers: LocatedScatterers, /) -> LocatedScatterers:
-        """Make one of scatterers that several cells saw."""
-
-    def select(
-        self, rdm: ReadMap, levels: Levels, candidates: LocatedScatterers, members: LocatedScatterers
-    ) -> LocatedScatterers:
-        """Select the scatterers that explain the map together."""
-
-    def refine(self, rdm: ReadMap, levels: Levels, chosen: LocatedScatterers) -> LocatedScatterers:
-        """Refine the selected scatterers together."""
-
-
-def read_map(observation: Observation, estimator: StageSettings) -> ReadMap:
+def read_map(observation: Observation, estimator: CellwiseEstimator) -> ReadMap:
     """Read the range-Doppler map of the elements that an estimator needs.
 
     The others may never have been computed. Amplitudes are read in units of a
@@ -245,7 +193,7 @@ def read_map(observation: Observation, estimator: StageSettings) -> ReadMap:
     Parameters
     ----------
     observation : Observation
-    estimator : StageSettings
+    estimator : CellwiseEstimator
         Its `aperture` and `dtype_in` count.
 
     Returns
@@ -255,16 +203,16 @@ def read_map(observation: Observation, estimator: StageSettings) -> ReadMap:
     with stage("rdm"):
         aperture = estimator.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
-        exponent = amplitude_exponent(cells)
-        gated = GatedMap.of(observation, in_unit(cells, exponent), aperture)
+        cells, unit = in_unit(cells)
+        gated = GatedMap.of(observation, cells, aperture)
         stages: tuple[PrecisionStage, ...] = ("detection", "directions", "selection")
         # Stages of one precision share one map.
         maps = {dtype: gated.astype(dtype) for dtype in set(map(estimator.dtype_in, stages))}
         detection, directions, selection = (maps[estimator.dtype_in(name)] for name in stages)
-        return ReadMap(observation, detection, directions, selection, float(np.ldexp(1.0, exponent)))
+        return ReadMap(observation, detection, directions, selection, unit)
 
 
-def detect(rdm: ReadMap, estimator: StageSettings) -> Detected:
+def detect(rdm: ReadMap, estimator: CellwiseEstimator) -> Detected:
     """Detect the cells that hold echoes, by a CFAR detector, and measure noise and floor.
 
     White noise is never above the floor that was detected with, nor below
@@ -274,7 +222,7 @@ def detect(rdm: ReadMap, estimator: StageSettings) -> Detected:
     Parameters
     ----------
     rdm : ReadMap
-    estimator : StageSettings
+    estimator : CellwiseEstimator
         Its `detection_window`, `cell_detector`, `integration`,
         `dynamic_range_db` and `angle_pfa` count.
 
@@ -289,10 +237,10 @@ def detect(rdm: ReadMap, estimator: StageSettings) -> Detected:
             tapered, estimator.cell_detector(), estimator.integration, estimator.dynamic_range_db
         )
         last_digit = float(np.finfo(rdm.directions.cells.dtype).eps)
-        rounding = (LAST_DIGITS_LOST * last_digit) ** 2 * float(cells.power.max())
+        rounding = max(LAST_DIGITS_LOST * last_digit, LEAST_NOISE) ** 2 * float(cells.power.max())
         white = min(max(white_noise(gated), rounding), cells.floor)
         min_power = -np.log(estimator.angle_pfa) * cells.floor / rdm.selection.n_elements
-        return Detected(cells, tapered.gate, Levels(white, cells.floor, min_power))
+        return Detected(cells, Levels(white, cells.floor, min_power))
 
 
 def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapshots:
@@ -322,7 +270,7 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
         return CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
 
 
-def determined_order(pairs: Eigenpairs, order: NDArray[np.int64]) -> NDArray[np.int64]:
+def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
     """Limit the dimensions of signal subspaces to those that rounding leaves determined.
 
     Parameters
@@ -343,7 +291,7 @@ def determined_order(pairs: Eigenpairs, order: NDArray[np.int64]) -> NDArray[np.
     return separated
 
 
-def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: StageSettings) -> Located:
+def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator) -> ScatterersInCells:
     """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
 
     Parameters
@@ -351,13 +299,13 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: StageSettings) ->
     cells : CellSnapshots
     waves : PlaneWaves
         Of the same cells.
-    estimator : StageSettings
-        Its `local_dynamic_range_db` counts: what lies further below the
-        strongest plane wave of the 5 x 5 cells around is left out.
+    estimator : CellwiseEstimator
+        Its `local_dynamic_range_db` counts: plane waves further below the
+        strongest one of the 5 x 5 cells around are left out.
 
     Returns
     -------
-    Located
+    ScatterersInCells
     """
     with stage("peaks"):
         reading, tapered = cells.reading, cells.tapered
@@ -372,12 +320,12 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: StageSettings) ->
         )
 
 
-def own_cell_test(located: Located) -> LocatedScatterers:
+def own_cell_test(located: ScatterersInCells) -> LocatedScatterers:
     """Keep the scatterers that are no stronger in a neighbouring cell than in their own.
 
     Parameters
     ----------
-    located : Located
+    located : ScatterersInCells
 
     Returns
     -------
@@ -405,7 +353,7 @@ def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
 
 
 def explain(
-    rdm: ReadMap, levels: Levels, seen: Sequence[LocatedScatterers], estimator: StageSettings
+    rdm: ReadMap, levels: Levels, seen: Sequence[LocatedScatterers], estimator: CellwiseEstimator
 ) -> LocatedScatterers:
     """Explain the map jointly: select scatterers that do so together, and refine them together.
 
@@ -416,7 +364,7 @@ def explain(
     seen : sequence of LocatedScatterers
         Candidates of each reading. Those of a later one join if what was
         selected before leaves them unexplained.
-    estimator : StageSettings
+    estimator : CellwiseEstimator
         Its `select` and `refine` do the work. With `explain` "none" neither
         does: the candidates of all readings are merged.
 
@@ -453,3 +401,268 @@ def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
         # Unit by unit: its square may overflow where the power does not.
         unit_power = found.power / observation.system.processing_gain * rdm.unit * rdm.unit
         return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
+
+
+@dataclass(frozen=True)
+class CellwiseEstimator(ABC):
+    """Base of estimators that find plane waves in range-Doppler cells: parameters, and a method a stage.
+
+    A subclass has `estimate`, which calls the stages in order, `plane_waves`,
+    and `spectra` if it has any to show. A stage is exchanged by an argument or
+    by overriding one method:
+
+    ==================  ===================================================
+    stage               exchanged by
+    ==================  ===================================================
+    detection           argument `detector`
+    plane waves         `plane_waves`; of subspace methods, the number of
+                        sources: argument `model_order`, or `signal_order`
+    own-cell test       `own_cell_test`
+    merging             `merge`
+    joint selection     `select`, or none with argument `explain` "none"
+    joint refinement    `refine`, or none with argument `explain` "none"
+    cloud               `to_cloud`
+    ==================  ===================================================
+
+    Attributes
+    ----------
+    separable : bool
+        Class attribute: whether directions are sought along u and along w
+        apart, so that one column and one row of the array show them.
+    single_stages : frozenset of {"detection", "directions", "subspace", "selection"}
+        Class attribute: stages that `precision` "single" computes in single
+        precision.
+    detector : Detector
+        Of range-Doppler cells.
+    pfa : float or None
+        Overrides the detector's probability of false alarm.
+    integration : {"noncoherent", "element"}
+        Detect on power averaged over the array, or on its element (0, 0). With
+        "element", a separable estimator reads no more than the column and the
+        row of that element, P + Q - 1 elements instead of P Q.
+    range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
+        Taper of the cells whose angles are estimated.
+    max_sources : int
+        Most plane waves in a cell.
+    angle_pfa : float
+        Probability that noise passes for a plane wave, or for a scatterer.
+    dynamic_range_db : float
+        Range below the strongest cells in which echoes are detected and modelled.
+    local_dynamic_range_db : float
+        Range below the strongest scatterer nearby in which others are told from its leakage.
+    precision : {"double", "single"}
+        Of the cells. "single" in the stages whose effect on the curves is
+        below 0.1 % (``docs/precision.md``): subspaces and joint least squares
+        are double either way.
+    explain : {"joint", "none"}
+        Treatment of the candidates that the cells show. "joint" selects
+        those that explain the map together and refines them together; "none"
+        makes all of them points. An estimator with several readings then
+        merges the candidates of all of them.
+    detection_window : {"hann", "rect", "soft", "hamming", "blackman"}
+        Taper of the map that cells are detected on, along range and Doppler.
+        Its sidelobes must not look like echoes.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+    """
+
+    separable: ClassVar[bool] = False
+    # Directions depend on the last digits of the snapshots: points would move by more than 1e-6.
+    single_stages: ClassVar[frozenset[PrecisionStage]] = frozenset({"detection"})
+
+    detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
+    pfa: float | None = None
+    integration: Integration = "noncoherent"
+    range_window: Window = "rect"
+    doppler_window: Window = "soft"
+    max_sources: int = 6
+    angle_pfa: float = 1e-5
+    dynamic_range_db: float = 28.0
+    local_dynamic_range_db: float = 16.5
+    precision: CellPrecision = "double"
+    explain: Literal["joint", "none"] = added_field("joint", before="joint")
+    detection_window: Window = added_field("hann", before="hann")  # noqa: RUF009, a field
+
+    own_cell_test = staticmethod(own_cell_test)
+    merge = staticmethod(merge_scatterers)
+    to_cloud = staticmethod(to_cloud)
+
+    def __post_init__(self) -> None:
+        require(self.max_sources >= 1, "max_sources", self.max_sources, "1 and more")
+        require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")
+        for name in ("dynamic_range_db", "local_dynamic_range_db"):
+            require(getattr(self, name) > 0, name, getattr(self, name), "above 0")
+        require(self.precision in ("double", "single"), "precision", self.precision, "single or double")
+        require(self.explain in get_args(Explanation), "explain", self.explain, "joint or none")
+        windows, window = get_args(Window), self.detection_window
+        require(window in windows, "detection_window", window, f"one of {', '.join(windows)}")
+        self.cell_detector()
+
+    @property
+    def needs(self) -> Needs:
+        """All elements, or the column and the row of one, and the directions of detected cells alone."""
+        one_cross = self.separable and self.integration == "element"
+        return Needs("cross" if one_cross else "plane", self.integration, "detected")
+
+    def aperture(self, observation: Observation) -> Aperture:
+        """Elements that are read of an observation.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        Aperture
+        """
+        return (Cross if self.needs.elements == "cross" else Plane)(*observation.array.shape)
+
+    def dtype_in(self, stage: PrecisionStage) -> type[np.complexfloating[Any, Any]]:
+        """Precision in which a stage reads cells.
+
+        Parameters
+        ----------
+        stage : {"detection", "directions", "subspace", "selection"}
+
+        Returns
+        -------
+        type
+            `numpy.complex64` or `numpy.complex128`.
+        """
+        return np.complex64 if self.precision == "single" and stage in self.single_stages else np.complex128
+
+    def cell_detector(self) -> Detector:
+        """Detector of range-Doppler cells, with this estimator's probability of false alarm if it has one."""
+        if self.pfa is None:
+            return self.detector
+        return cast("Detector", replace(cast("Any", self.detector), pfa=self.pfa))
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Windows that the cells are read behind, one reading after the other; `diagnose` draws the last."""
+        return (Reading(self.range_window, self.doppler_window),)
+
+    @abstractmethod
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation by calling the stages in order.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        PointCloud
+        """
+
+    @abstractmethod
+    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find the plane waves of each cell.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+            One row a cell.
+
+        Notes
+        -----
+        It marks its own stages (`isacbench.instrument.stages`).
+        """
+
+    def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
+        """Angular spectra of the first cell, with their tests and peaks, for `diagnose`; none by default.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
+        return ()
+
+    def select(
+        self, rdm: ReadMap, levels: Levels, candidates: LocatedScatterers, members: LocatedScatterers
+    ) -> LocatedScatterers:
+        """Select the scatterers that explain the map together.
+
+        Parameters
+        ----------
+        rdm : ReadMap
+        levels : Levels
+        candidates : LocatedScatterers
+            What one reading of the cells shows.
+        members : LocatedScatterers
+            What was selected from earlier readings.
+
+        Returns
+        -------
+        LocatedScatterers
+            Of both, see `isacbench.dsp.fitting.joint_selection.select_jointly`.
+        """
+        return select_jointly(
+            members.join(candidates),
+            rdm.selection,
+            rdm.observation.system,
+            levels.min_power,
+            self.local_dynamic_range_db,
+            len(members),
+        )
+
+    def refine(self, rdm: ReadMap, levels: Levels, chosen: LocatedScatterers) -> LocatedScatterers:
+        """Refine the selected scatterers together.
+
+        Parameters
+        ----------
+        rdm : ReadMap
+        levels : Levels
+        chosen : LocatedScatterers
+
+        Returns
+        -------
+        LocatedScatterers
+            See `isacbench.dsp.fitting.joint_selection.refine_jointly`.
+        """
+        return refine_jointly(chosen, rdm.selection, rdm.observation.system)
+
+    def diagnose(self, observation: Observation) -> Diagnosis:
+        """Show the range-Doppler map, its test, and the spectra of the strongest detected cell.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        Diagnosis
+        """
+        rdm = read_map(observation, self)
+        found, levels = detect(rdm, self)
+        strongest = found.strongest()
+        cells = read_cells(rdm, Detected(strongest, levels), self.readings()[-1])
+        with Remarks() as remarks:
+            spectra = self.spectra(observation, cells) if len(cells) else ()
+        unseparated, unit = remarks.counts.get("unseparated"), rdm.unit
+        return Diagnosis(
+            # Unit by unit: its square may overflow where the power does not.
+            found.power.astype(np.float64) * unit * unit,
+            Detection(
+                found.detection.mask,
+                found.detection.threshold * unit * unit,
+                found.detection.noise * unit * unit,
+            ),
+            found.gate.range_bins,
+            found.gate.doppler_bins,
+            spectra,
+            next(((int(row), int(column)) for row, column in zip(*strongest.bins, strict=True)), None),
+            None if unseparated is None else unseparated.n == 0,
+        )

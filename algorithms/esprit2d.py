@@ -38,10 +38,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.esprit import unitary_esprit
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Mask
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
@@ -58,9 +58,9 @@ class Esprit2d(JointSubspaceEstimator):
     subarray_fraction, model_order, polish
         See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------
@@ -92,6 +92,8 @@ class Esprit2d(JointSubspaceEstimator):
         """
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
+        if not detected.cells.bins[0].size:
+            return PointCloud.empty()
         seen = []
         for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
             cells = read_cells(rdm, detected, reading)
@@ -102,7 +104,17 @@ class Esprit2d(JointSubspaceEstimator):
         return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Directions of all cells, those of one order together."""
+        """Find the directions of all cells, those of one order together.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+        """
         basis, order = subspaces[0], subspaces[1].copy()
         u, w = np.zeros((2, len(basis), basis.shape[3]))
         # From above, so that a cell that is unreliable joins those of the order below.
@@ -114,7 +126,17 @@ class Esprit2d(JointSubspaceEstimator):
         return PlaneWaves(u, w, np.arange(basis.shape[3]) < order[:, None])
 
     def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Directions of as many sources as all lie where the region is: ghosts of a crowd often do not."""
+        """Find the directions of the most sources that all lie in the region: ghosts of a crowd often do not.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+        """
         basis, order = subspaces
         waves = self.directions(observation, subspaces)
         while np.any(outside := (order > 1) & np.any(waves.found & ~_inside(waves, observation), axis=1)):
@@ -127,8 +149,8 @@ class Esprit2d(JointSubspaceEstimator):
         return PlaneWaves(waves.u, waves.w, waves.found & _inside(waves, observation))
 
 
-def _inside(waves: PlaneWaves, observation: Observation) -> NDArray[np.bool_]:
-    """Which plane waves come from directions that the region spans."""
+def _inside(waves: PlaneWaves, observation: Observation) -> Mask:
+    """Mask (n, k) of the plane waves from directions that the region spans."""
     (lowest_u, highest_u), (lowest_w, highest_w) = observation.cosine_limits
-    inside: NDArray[np.bool_] = (waves.u >= lowest_u) & (waves.u <= highest_u)
+    inside: Mask = (waves.u >= lowest_u) & (waves.u <= highest_u)
     return inside & (waves.w >= lowest_w) & (waves.w <= highest_w)

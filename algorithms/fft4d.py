@@ -29,7 +29,6 @@ arXiv 2310.06401, the 4D-FFT that it compares with.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -37,10 +36,10 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isacbench.dsp.angles.aperture import Cross
-from isacbench.dsp.angles.peaks import Peaks, plane_peaks
+from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
+from isacbench.dsp.array_types import Complex, Floats, Mask
 from isacbench.dsp.cell_detection import detect_listed
-from isacbench.dsp.cfar import Cells
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -48,37 +47,25 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
-from .cellwise import CellPrecision, CellwiseEstimator
-from .chain import CellSnapshots, Snapshots, detect, explain, locate, read_cells, read_map
+from . import chain
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
 from .detectors import CaCfar
 
 
-class _CosineAxis(NamedTuple):
-    """Cosines of a transform's samples, ascending, and which of them lie where the region is."""
-
-    cosine: NDArray[np.float64]
-    inside: NDArray[np.bool_]
-
-    def at(self, sample: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Cosines between the samples."""
-        cosine: NDArray[np.float64] = self.cosine[0] + 2 / self.cosine.size * sample
-        return cosine
-
-
-class _FourierSpectra(NamedTuple):
+class _LineSpectra(NamedTuple):
     """Power spectra (n, g) of lines of sensors, the cosines of their samples, and the peaks that pass."""
 
-    cosine: NDArray[np.float64]
-    power: NDArray[np.float64]
+    cosine: Floats
+    power: Floats
     peaks: Peaks
 
 
 class _AngleSpectra(NamedTuple):
     """Angular power spectra (n, g, h), the cosines of their axes, and the peaks that pass their test."""
 
-    u: NDArray[np.float64]
-    w: NDArray[np.float64]
-    power: NDArray[np.float64]
+    u: Floats
+    w: Floats
+    power: Floats
     waves: PlaneWaves
 
 
@@ -98,11 +85,11 @@ class Fft4d(CellwiseEstimator):
         with `integration` "element". The default passes a peak 10 dB below
         another that its training cells hold.
     angle_dynamic_range_db : float
-        Below the strongest source of a cell, what is taken for its sidelobes.
+        Range below the strongest source of a cell; weaker maxima count as its sidelobes.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------
@@ -138,15 +125,15 @@ class Fft4d(CellwiseEstimator):
         -------
         PointCloud
         """
-        rdm = read_map(observation, self)  # FFT over subcarriers and symbols
-        detected = detect(rdm, self)  # OSCA-CFAR
-        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        rdm = chain.read_map(observation, self)  # FFT over subcarriers and symbols
+        detected = chain.detect(rdm, self)  # OSCA-CFAR
+        cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # FFT over rows and columns, CA-CFAR
-        located = locate(cells, waves, self)  # range and velocity
+        located = chain.locate(cells, waves, self)  # range and velocity
         candidates = self.merge(self.own_cell_test(located))
-        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = chain.explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
         return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
@@ -178,136 +165,117 @@ class Fft4d(CellwiseEstimator):
             )
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Cuts along u and along w through the maximum of the first cell's angular spectrum, in dB below it.
+        """Cut the first cell's angular spectrum through its maximum along u and along w, in dB below it.
 
         Of a row and a column, the spectrum of each.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
         """
         aperture = self.aperture(observation)
         if isinstance(aperture, Cross):
             along_u, along_w = self._line_spectra(observation, aperture, cells.own)
-            return self._as_spectrum(along_u, "u"), self._as_spectrum(along_w, "w")
+            return self._line_cut(along_u, "u"), self._line_cut(along_w, "w")
         found = self._angle_spectra(observation, cells.own)
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
-        strongest = found.power[0].max()
-        level_db = _level_db(found.power[0], strongest)
-        threshold_db = _level_db(self.angle_detector.detect(found.power).threshold[0], strongest)
-        peaks = found.waves.found[0]
+        power, threshold = found.power[0], self.angle_detector.detect(found.power).threshold[0]
+        u, w = (places[0][found.waves.found[0]] for places in (found.waves.u, found.waves.w))
         return (
-            Spectrum(found.u, level_db[:, column], threshold_db[:, column], found.waves.u[0][peaks], "u"),
-            Spectrum(found.w, level_db[row], threshold_db[row], found.waves.w[0][peaks], "w"),
+            _cut(found.u, power[:, column], threshold[:, column], u, "u"),
+            _cut(found.w, power[row], threshold[row], w, "w"),
         )
 
-    def _angle_spectra(self, observation: Observation, snapshots: Snapshots) -> _AngleSpectra:
-        u, w = (
-            self._axis(n, limits)
+    def _angle_spectra(self, observation: Observation, snapshots: Complex) -> _AngleSpectra:
+        (u, u_inside), (w, w_inside) = (
+            self._cosines(n, limits)
             for n, limits in zip(snapshots.shape[1:], observation.cosine_limits, strict=True)
         )
-        shape = u.cosine.size, w.cosine.size
         with stage("spectrum"):
-            spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, shape, norm="forward"), axes=(1, 2))
-            power = spectra.real**2 + spectra.imag**2
-        # Only local maxima can be peaks, so that nothing else needs a test.
-        peaks = _spectral_maxima(power, self._strong(power, u.inside[:, None] & w.inside))
-        passed = _passed(power, peaks, detect_listed(self.angle_detector, power, 1, peaks).mask)
-        if not self._passes_a_lone_wave(snapshots.shape[1:], shape):
-            passed[_strongest(power, peaks)] = True
+            power = _fourier_power(snapshots, (u.size, w.size))
+        is_maximum = self._strong_maxima(power, u_inside[:, None] & w_inside)
+        maxima = np.nonzero(is_maximum)
+        passed = np.zeros_like(is_maximum)
+        passed[maxima] = detect_listed(self.angle_detector, power, 1, maxima).mask
+        if not self._passes_a_lone_wave(snapshots.shape[1:], (u.size, w.size)):
+            n = len(power)
+            highest = np.where(is_maximum, power, 0).reshape(n, -1).argmax(axis=1)
+            passed.reshape(n, -1)[np.arange(n), highest] = is_maximum.any(axis=(1, 2))
         row, column, found = plane_peaks(power, passed, self.max_sources)
-        return _AngleSpectra(u.cosine, w.cosine, power, PlaneWaves(u.at(row), w.at(column), found))
+        return _AngleSpectra(u, w, power, PlaneWaves(_between(u, row), _between(w, column), found))
 
     def _passes_a_lone_wave(self, elements: tuple[int, ...], samples: tuple[int, int]) -> bool:
-        """Whether the maximum of a lone plane wave without noise passes the test on P x Q elements.
+        """Test the maximum of a lone plane wave without noise on P x Q elements.
 
-        The mainlobe of a few elements covers whatever samples the detector
-        compares with: of those it tells nothing.
+        The mainlobe of a few elements covers all samples that the detector
+        compares with: then its test tells nothing.
         """
-        key = elements, samples
-        if key not in self._lone_waves:
-            spectrum = scipy.fft.fftshift(scipy.fft.ifft2(np.ones(elements), samples, norm="forward"))
-            power = (spectrum.real**2 + spectrum.imag**2)[None]
-            peak = tuple(index[:1] for index in np.nonzero(power == power.max()))
-            self._lone_waves[key] = bool(detect_listed(self.angle_detector, power, 1, peak).mask[0])
-        return self._lone_waves[key]
-
-    @cached_property
-    def _lone_waves(self) -> dict[tuple[tuple[int, ...], tuple[int, int]], bool]:
-        """Answers of `_passes_a_lone_wave`, by elements and samples."""
-        return {}
+        power = _fourier_power(np.ones((1, *elements)), samples)
+        peak = tuple(index[:1] for index in np.nonzero(power == power.max()))
+        return bool(detect_listed(self.angle_detector, power, 1, peak).mask[0])
 
     def _line_spectra(
-        self, observation: Observation, aperture: Cross, snapshots: Snapshots
-    ) -> tuple[_FourierSpectra, _FourierSpectra]:
-        along_u, along_w = (lines[:, :, 0] for lines in aperture.lines(snapshots))
+        self, observation: Observation, aperture: Cross, snapshots: Complex
+    ) -> tuple[_LineSpectra, _LineSpectra]:
+        column, row = aperture.lines(snapshots)
         u_limits, w_limits = observation.cosine_limits
-        return self._line_spectrum(along_u, u_limits), self._line_spectrum(along_w, w_limits)
+        return self._line_spectrum(column, u_limits), self._line_spectrum(row, w_limits)
 
-    def _line_spectrum(self, lines: Snapshots, limits: Interval) -> _FourierSpectra:
-        """Spectra along the sensors of lines (n, sensors)."""
-        axis = self._axis(lines.shape[1], limits)
+    def _line_spectrum(self, lines: Complex, limits: Interval) -> _LineSpectra:
+        """Spectra along the sensors of lines (n, sensors, 1), as planes of one column."""
+        cosine, inside = self._cosines(lines.shape[1], limits)
         with stage("spectrum"):
-            spectra = scipy.fft.fftshift(scipy.fft.ifft(lines, axis.cosine.size, norm="forward"), axes=1)
-            # A plane of one column, for which peaks are the same thing.
-            power = (spectra.real**2 + spectra.imag**2)[:, :, None]
-        peaks = _spectral_maxima(power, self._strong(power, axis.inside[:, None]))
-        passed = _passed(power, peaks, detect_listed(self.line_detector, power[:, :, 0], 1, peaks[:2]).mask)
-        place, _, found = plane_peaks(power, passed, self.max_sources)
-        return _FourierSpectra(axis.cosine, power[:, :, 0], Peaks(axis.at(place), found))
+            power = _fourier_power(lines, (cosine.size, 1))
+        passed = self._strong_maxima(power, inside[:, None])
+        maxima = np.nonzero(passed)
+        passed[maxima] = detect_listed(self.line_detector, power[:, :, 0], 1, maxima[:2]).mask
+        sample, _, found = plane_peaks(power, passed, self.max_sources)
+        return _LineSpectra(cosine, power[:, :, 0], Peaks(_between(cosine, sample), found))
 
-    def _axis(self, n_sensors: int, limits: Interval) -> _CosineAxis:
+    def _cosines(self, n_sensors: int, limits: Interval) -> tuple[Floats, Mask]:
+        """Cosines of a transform's samples, ascending, and the mask of those in the region."""
         n_points = max(self.angle_points, 2 * n_sensors)
         cosine = 2 * scipy.fft.fftshift(scipy.fft.fftfreq(n_points))
         lower, upper = limits
-        return _CosineAxis(cosine, (cosine >= lower - 2 / n_points) & (cosine <= upper + 2 / n_points))
+        return cosine, (cosine >= lower - 2 / n_points) & (cosine <= upper + 2 / n_points)
 
-    def _strong(self, power: NDArray[np.float64], inside: NDArray[np.bool_]) -> Cells:
-        """Samples of spectra (n, g, h) that are no sidelobes, as `numpy.nonzero` gives them."""
+    def _strong_maxima(self, power: Floats, inside: Mask) -> Mask:
+        """Local maxima of spectra (n, g, h) inside the region that are no sidelobes."""
         strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
-        strong: Cells = np.nonzero((power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)) & inside)
-        return strong
+        strong = power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)
+        maxima: Mask = plane_maxima(power) & strong & inside
+        return maxima
 
-    def _as_spectrum(self, line: _FourierSpectra, label: Literal["u", "w"]) -> Spectrum:
-        """First of the spectra in dB below its maximum."""
-        strongest = line.power[0].max()
+    def _line_cut(self, line: _LineSpectra, label: Literal["u", "w"]) -> Spectrum:
         threshold = self.line_detector.detect(line.power).threshold[0]
-        return Spectrum(
-            line.cosine,
-            _level_db(line.power[0], strongest),
-            _level_db(threshold, strongest),
-            line.peaks.place[0][line.peaks.found[0]],
-            label,
-        )
+        places = line.peaks.place[0][line.peaks.found[0]]
+        return _cut(line.cosine, line.power[0], threshold, places, label)
 
 
-def _level_db(power: NDArray[np.float64], strongest: float) -> NDArray[np.float64]:
-    """Level below the strongest in dB; of nulls, which may be exact, as low as rounding leaves them."""
-    level_db: NDArray[np.float64] = 10 * np.log10(
-        np.maximum(power / strongest, np.finfo(np.float64).eps ** 2)
+def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> Floats:
+    """Angular power spectra (n, *samples) of snapshots (n, P, Q), cosines ascending."""
+    spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, samples, norm="forward"), axes=(1, 2))
+    power: Floats = spectra.real**2 + spectra.imag**2
+    return power
+
+
+def _between(cosine: Floats, sample: Floats) -> Floats:
+    """Cosines at fractional samples."""
+    between: Floats = cosine[0] + 2 / cosine.size * sample
+    return between
+
+
+def _cut(
+    cosine: Floats, power: Floats, threshold: Floats, places: Floats, label: Literal["u", "w"]
+) -> Spectrum:
+    """Line through the maximum of a spectrum, in dB below it; exact nulls are as low as rounding."""
+    lowest, strongest = np.finfo(np.float64).eps ** 2, power.max()
+    level_db, threshold_db = (
+        10 * np.log10(np.maximum(level / strongest, lowest)) for level in (power, threshold)
     )
-    return level_db
-
-
-def _strongest(power: NDArray[np.float64], cells: Cells) -> Cells:
-    """Of the listed cells (spectrum, row, column) the strongest of each spectrum."""
-    order = np.lexsort((-power[cells], cells[0]))
-    _, first = np.unique(cells[0][order], return_index=True)
-    spectrum, row, column = (index[order[first]] for index in cells)
-    return spectrum, row, column
-
-
-def _passed(power: NDArray[np.float64], cells: Cells, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Samples of spectra that passed their test, out of listed ones."""
-    passed = np.zeros(power.shape, dtype=np.bool_)
-    passed[cells] = mask
-    return passed
-
-
-def _spectral_maxima(power: NDArray[np.float64], cells: Cells) -> Cells:
-    """Those of the listed cells of periodic spectra (n, g, h) that no neighbour exceeds."""
-    spectrum, row, column = cells
-    n_rows, n_columns = power.shape[1:]
-    neighbours = [
-        power[spectrum, (row + down) % n_rows, (column + right) % n_columns]
-        for down in (-1, 0, 1)
-        for right in (-1, 0, 1)
-    ]
-    highest = power[cells] >= np.max(neighbours, axis=0)
-    return spectrum[highest], row[highest], column[highest]
+    return Spectrum(cosine, level_db, threshold_db, places, label)

@@ -1,4 +1,4 @@
-"""What `music2d_joint` and `esprit2d` share: planar subspaces, resolved cells, and crowds.
+"""Base of `music2d_joint` and `esprit2d`: planar subspaces, resolved cells, and crowds.
 
 The detected cells are read three times (`isacbench_algorithms.chain`):
 
@@ -29,19 +29,13 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.esprit import most_sources
-from isacbench.dsp.angles.model_order import (
-    ModelOrder,
-    eigenvalue_cfar_order,
-    information_order,
-    noise_order,
-    smoothed_noise_edge,
-)
+from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.scatterers import LocatedScatterers
@@ -49,34 +43,34 @@ from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.kernels import steering
 from isacbench.model.observation import Observation
+from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Spectrum
 
-from .cellwise import CellwiseEstimator
-from .chain import CellSnapshots, Levels, Reading, ReadMap, Snapshots, determined_order
+from .chain import CellSnapshots, CellwiseEstimator, Levels, Reading, ReadMap, determined_order
 
 CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
 
 LEAST_NOISE = 1e-8
-"""Of the floor for leakage: what a map that counts as explained may hold in any case, noise or none."""
+"""Times the floor for leakage: noise that every explained map may hold."""
 
 FIT_ROUNDING = 1e-16
-"""Of the strongest scatterer's power: what a joint fit, its equations loaded by 1e-9, leaves of it."""
+"""Times the strongest scatterer's power: remainder of a joint fit whose equations are loaded by 1e-9."""
 
 INTERLEAVINGS = 2
-"""How often crowds are filled in: extended objects have more than one point a range bin."""
+"""Rounds of filling in crowds: extended objects have more than one point a range bin."""
 
 INTERLEAVED_BINS = 0.5
-"""Range bins between a scatterer and the candidates that are put beside it."""
+"""Range bins between a scatterer and the candidates put next to it."""
 
 INTERLEAVED_DYNAMIC_RANGE_DB = 23.0
 """Least local dynamic range among interleaved scatterers, which share the directions of selected ones."""
 
 MOST_LEFT_OF_CELL = 1.5
-"""Of white noise: what plane waves may leave of a cell that they explain. 256 elements scatter by 0.06."""
+"""Times white noise: largest remainder of a cell that plane waves explain. 256 elements scatter by 0.06."""
 
 LEAST_EXPLAINED = 10**1.8
-"""Power of a cell over what plane waves leave of it, 18 dB: in more noise a crowd looks like a few waves."""
+"""Least power of a cell over its remainder, 18 dB: in more noise a crowd looks like a few waves."""
 
 SPECTRUM_POINTS = 201
 """Samples of the spectra that a diagnosis shows."""
@@ -93,13 +87,13 @@ class Subspaces(NamedTuple):
         Dimension of each, 0 to k: 0 where signal and noise are not separated.
     """
 
-    basis: NDArray[np.float64]
-    order: NDArray[np.int64]
+    basis: Floats
+    order: Integers
 
 
 @dataclass(frozen=True)
 class JointSubspaceEstimator(CellwiseEstimator):
-    """Parameters and steps that the planar subspace methods share; subclasses add how to find directions.
+    """Parameters and steps that the planar subspace methods share; subclasses find the directions.
 
     Attributes
     ----------
@@ -113,10 +107,10 @@ class JointSubspaceEstimator(CellwiseEstimator):
         Most steps of maximum likelihood in resolved cells; 0 leaves directions
         as they come out of the subspace.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`. `max_sources` is
+        See `isacbench_algorithms.chain.CellwiseEstimator`. `max_sources` is
         also the largest dimension of a signal subspace.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------
@@ -267,7 +261,17 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Cuts of the array's power along u and along w through the strongest plane wave, in dB below it."""
+        """Cut the array's power along u and along w through the strongest plane wave, in dB below it.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
         waves = self.all_waves(observation, cells)
         snapshot = cells.own
         power = np.abs(waves.amplitudes(snapshot[None], self.aperture(observation))[0, 0])
@@ -276,12 +280,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         towards_w = steering(snapshot.shape[2], waves.w[0, strongest]).conj()
         level_db = 20 * np.log10(np.abs(towards_u @ snapshot[0] @ towards_w))
 
-        def cut(
-            line: NDArray[np.complex128],
-            limits: tuple[float, float],
-            places: NDArray[np.float64],
-            label: Literal["u", "w"],
-        ) -> Spectrum:
+        def cut(line: Complex, limits: Interval, places: Floats, label: Literal["u", "w"]) -> Spectrum:
             cosine = np.linspace(*limits, SPECTRUM_POINTS)
             power_db = 20 * np.log10(np.abs(steering(line.size, cosine).conj() @ line))
             return Spectrum(cosine, power_db - level_db, None, places[0][waves.found[0]], label)
@@ -293,11 +292,32 @@ class JointSubspaceEstimator(CellwiseEstimator):
         )
 
     def all_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Plane waves of any power, which a diagnosis shows."""
+        """Find plane waves of any power, which a diagnosis shows.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+        """
         return self.plane_waves(observation, replace(cells, levels=cells.levels._replace(min_power=0.0)))
 
-    def subspaces(self, snapshots: Snapshots, noise: float) -> Subspaces:
-        """Signal subspaces of snapshots (n, s, P, Q) in noise of a power per element."""
+    def subspaces(self, snapshots: Complex, noise: float) -> Subspaces:
+        """Estimate the signal subspaces of cells.
+
+        Parameters
+        ----------
+        snapshots : ndarray of complex, shape (n, s, P, Q)
+        noise : float
+            Power per element.
+
+        Returns
+        -------
+        Subspaces
+        """
         shape = snapshots.shape[2], snapshots.shape[3]
         subarray = self.subarray(shape)
         data = snapshots.astype(self.dtype_in("subspace"), copy=False)
@@ -313,13 +333,24 @@ class JointSubspaceEstimator(CellwiseEstimator):
         return Subspaces(basis.reshape(len(snapshots), *subarray, basis.shape[2]), order)
 
     def subarray(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Elements of a subarray along u and along w."""
+        """Size of the subarrays.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Elements P, Q of the array.
+
+        Returns
+        -------
+        (int, int)
+            Elements along u and along w.
+        """
         n_u, n_w = (min(max(2, round(self.subarray_fraction * n)), n) for n in shape)
         return n_u, n_w
 
     def signal_order(
         self, pairs: Eigenpairs, shape: tuple[int, int], subarray: tuple[int, int], noise: float
-    ) -> NDArray[np.int64]:
+    ) -> Integers:
         """Count the eigenvalues that belong to sources, by the test of `model_order`.
 
         Parameters
@@ -335,12 +366,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         -------
         ndarray of int64, shape (n,)
         """
-        rounding = pairs.rounding[:, None]
-        eigenvalues = np.maximum(pairs.values, rounding)
-        if self.model_order == "noise":
-            largest_noise = noise * smoothed_noise_edge(shape, subarray, self.angle_pfa)
-            return noise_order(eigenvalues, np.maximum(largest_noise, rounding))
-        if self.model_order == "eigenvalue_cfar":
-            return eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
-        n_independent = np.prod(shape) / np.prod(subarray)
-        return information_order(eigenvalues, float(n_independent), self.model_order)
+        largest_noise = noise * smoothed_noise_edge(shape, subarray, self.angle_pfa)
+        n_independent = float(np.prod(shape) / np.prod(subarray))
+        pfa = self.cell_detector().pfa
+        return source_count(pairs, self.model_order, largest_noise, pfa, n_independent)

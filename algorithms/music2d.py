@@ -39,7 +39,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
@@ -49,16 +48,10 @@ from isacbench.dsp.angles.line_subspaces import (
     music_null_spectrum,
     real_steering,
 )
-from isacbench.dsp.angles.model_order import (
-    ModelOrder,
-    eigenvalue_cfar_order,
-    information_order,
-    noise_edge,
-    noise_order,
-    smoothed_noise_edge,
-)
+from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.peaks import Peaks, line_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
+from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -66,8 +59,8 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
-from .cellwise import CellPrecision, CellwiseEstimator
-from .chain import CellSnapshots, Snapshots, detect, determined_order, explain, locate, read_cells, read_map
+from . import chain
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
 from .detectors import CaCfar
 
 MIN_GRID_POINTS = 65
@@ -77,7 +70,7 @@ SINGLE_LINE_PFA = 1e-2
 """Chance that the noise of one line of sensors looks like another source; the pairing has yet to pass it."""
 
 POLE_OFFSET = 1 / 4
-"""Samples between a source and the sample next to it that spectra make no difference of."""
+"""Samples from a source within which spectra are as high as at this distance."""
 
 
 class MusicSpectra(NamedTuple):
@@ -89,18 +82,27 @@ class MusicSpectra(NamedTuple):
     spectra : ndarray of float64, shape (n, g)
         1 in an empty direction.
     detection : Detection
-        What the CFAR detector says of the spectra.
+        CFAR test of the spectra.
     peaks : Peaks
         Direction cosines of the peaks that pass.
     """
 
-    cosine: NDArray[np.float64]
-    spectra: NDArray[np.float64]
+    cosine: Floats
+    spectra: Floats
     detection: Detection
     peaks: Peaks
 
     def first(self, label: Literal["u", "w"]) -> Spectrum:
-        """First of the spectra in dB above an empty direction."""
+        """First of the spectra in dB above an empty direction.
+
+        Parameters
+        ----------
+        label : {"u", "w"}
+
+        Returns
+        -------
+        Spectrum
+        """
         return Spectrum(
             self.cosine,
             10 * np.log10(self.spectra[0]),
@@ -128,9 +130,9 @@ class Music2d(CellwiseEstimator):
     spectrum_detector : Detector
         Of peaks in a stack of spectra (cells, grid).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------
@@ -178,15 +180,15 @@ class Music2d(CellwiseEstimator):
         -------
         PointCloud
         """
-        rdm = read_map(observation, self)  # 2D-FFT
-        detected = detect(rdm, self)  # OSCA-CFAR
-        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        rdm = chain.read_map(observation, self)  # 2D-FFT
+        detected = chain.detect(rdm, self)  # OSCA-CFAR
+        cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # MUSIC along rows and columns, CA-CFAR, pairing
-        located = locate(cells, waves, self)  # range and velocity
+        located = chain.locate(cells, waves, self)  # range and velocity
         candidates = self.merge(self.own_cell_test(located))
-        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = chain.explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
         return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
@@ -219,7 +221,17 @@ class Music2d(CellwiseEstimator):
             )
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """MUSIC spectra of the first cell over u and over w."""
+        """MUSIC spectra of the first cell over u and over w.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
         u_limits, w_limits = observation.cosine_limits
         columns, rows = self.aperture(observation).lines(
             cells.own.astype(self.dtype_in("subspace"), copy=False)
@@ -229,7 +241,7 @@ class Music2d(CellwiseEstimator):
             self.line_music(rows, w_limits, cells.levels.floor).first("w"),
         )
 
-    def line_music(self, lines: Snapshots, limits: Interval, noise: float) -> MusicSpectra:
+    def line_music(self, lines: Complex, limits: Interval, noise: float) -> MusicSpectra:
         """MUSIC along the sensors of lines: subspaces, spectra, their CFAR test, and peaks off the grid.
 
         Parameters
@@ -251,7 +263,7 @@ class Music2d(CellwiseEstimator):
         with stage("subspace"):
             pairs = line_eigenpairs(lines, n_subarray)
             sources = self.signal_order(pairs, lines.shape, noise)
-            order = determined_order(pairs, np.minimum(sources, self.max_order))
+            order = chain.determined_order(pairs, np.minimum(sources, self.max_order))
         with stage("spectrum"):
             null = music_null_spectrum(pairs.vectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)
@@ -261,7 +273,7 @@ class Music2d(CellwiseEstimator):
         place = music_null_minima(pairs.vectors, order, peaks.place, peaks.found, step)
         return MusicSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
 
-    def signal_order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> NDArray[np.int64]:
+    def signal_order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> Integers:
         """Count the eigenvalues that belong to sources, by the test of `model_order`.
 
         Parameters
@@ -279,26 +291,20 @@ class Music2d(CellwiseEstimator):
         """
         _, n_sensors, n_snapshots = shape
         n_subarray = pairs.vectors.shape[1]
-        rounding = pairs.rounding[:, None]
-        eigenvalues = np.maximum(pairs.values, rounding)
-        if self.model_order == "noise":
-            if n_snapshots > 1:
-                edge = noise_edge(n_subarray, 2 * n_snapshots)
-            else:  # the subarrays of one snapshot are not independent, and too few for the law of many
-                edge = smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)
-            return noise_order(eigenvalues, np.maximum(noise * edge, rounding))
-        if self.model_order == "eigenvalue_cfar":
-            return eigenvalue_cfar_order(eigenvalues, self.cell_detector().pfa)
+        if n_snapshots > 1:
+            edge = noise_edge(n_subarray, 2 * n_snapshots)
+        else:  # the subarrays of one snapshot are not independent, and too few for the law of many
+            edge = smoothed_noise_edge((n_sensors, 1), (n_subarray, 1), SINGLE_LINE_PFA)
         # Of disjoint subarrays, each snapshot holds as many as fit.
         n_independent = n_snapshots * n_sensors / n_subarray
-        return information_order(eigenvalues, n_independent, self.model_order)
+        return source_count(pairs, self.model_order, noise * edge, self.cell_detector().pfa, n_independent)
 
 
 def _sampled_null(n_subarray: int, step: float) -> float:
-    """Null spectrum over n_subarray that a lone source has a fraction of a sample away: what depths tell.
+    """Null spectrum over n_subarray at `POLE_OFFSET` samples from a lone source, the least that is used.
 
-    Without noise the spectrum is as high as a sample happens to lie near its
-    pole. One that is struck would hide all others from a CFAR.
+    Without noise a sample near a pole would be so high that it hides all other
+    sources from a CFAR.
     """
     offset = np.pi * POLE_OFFSET * step
     return float(max(offset**2 * (n_subarray**2 - 1) / 12, SMALLEST_NULL))

@@ -41,11 +41,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
 from isacbench.dsp.angles.planar_subspaces import Nulls, null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Floats, Integers
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
@@ -73,9 +73,9 @@ class Music2dJoint(JointSubspaceEstimator):
     subarray_fraction, model_order, polish
         See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
-        See `isacbench_algorithms.cellwise.CellwiseEstimator`.
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
     ------
@@ -111,6 +111,8 @@ class Music2dJoint(JointSubspaceEstimator):
         """
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
+        if not detected.cells.bins[0].size:
+            return PointCloud.empty()
         seen = []
         for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
             cells = read_cells(rdm, detected, reading)
@@ -121,20 +123,50 @@ class Music2dJoint(JointSubspaceEstimator):
         return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Nulls of the joint spectra, split where a cell has fewer than sources."""
+        """Find the nulls of the joint spectra, split in cells with fewer nulls than sources.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+        """
         basis, order = subspaces
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
         n_p, n_q = observation.array.shape
         return _split(nulls, order, np.array([2 / n_p, 2 / n_q]))
 
     def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Nulls of the joint spectra as they are."""
+        """Find the nulls of the joint spectra, none of them split.
+
+        Parameters
+        ----------
+        observation : Observation
+        subspaces : Subspaces
+
+        Returns
+        -------
+        PlaneWaves
+        """
         basis, order = subspaces
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
         return PlaneWaves(nulls.u, nulls.w, nulls.found)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Cuts of the first cell's joint spectrum through its deepest null, in dB over an empty direction."""
+        """Cut the first cell's joint spectrum through its deepest null, in dB above an empty direction.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
         basis, order = self.subspaces(cells.snapshots, cells.levels.white)
         n_sensors = basis.shape[1] * basis.shape[2]
         grid = self._grid(observation, basis.shape[1:3])
@@ -143,12 +175,7 @@ class Music2dJoint(JointSubspaceEstimator):
         if not nulls.found[0].any():
             return ()
 
-        def cut(
-            cosine: NDArray[np.float64],
-            null: NDArray[np.float64],
-            places: NDArray[np.float64],
-            label: Literal["u", "w"],
-        ) -> Spectrum:
+        def cut(cosine: Floats, null: Floats, places: Floats, label: Literal["u", "w"]) -> Spectrum:
             level_db = -10 * np.log10(np.maximum(null / n_sensors, SMALLEST_NULL))
             return Spectrum(cosine, level_db, None, places[0][waves.found[0]], label)
 
@@ -158,9 +185,7 @@ class Music2dJoint(JointSubspaceEstimator):
             cut(w, planar_null_spectrum(basis, nulls.u[0, :1], w)[0, 0], waves.w, "w"),
         )
 
-    def _grid(
-        self, observation: Observation, subarray: tuple[int, ...]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _grid(self, observation: Observation, subarray: tuple[int, ...]) -> tuple[Floats, Floats]:
         """Samples over the directions that the region spans, and one beyond to either side."""
         u, w = (
             _cosine_samples(limits, 4 / (n * self.samples_per_lobe))
@@ -169,14 +194,14 @@ class Music2dJoint(JointSubspaceEstimator):
         return u, w
 
 
-def _cosine_samples(limits: tuple[float, float], widest: float) -> NDArray[np.float64]:
+def _cosine_samples(limits: tuple[float, float], widest: float) -> Floats:
     """Equidistant samples at most so far apart, from one before the lower limit to one behind the upper."""
     n_steps = max(int(np.ceil((limits[1] - limits[0]) / widest)), 1)
     step = (limits[1] - limits[0]) / n_steps or widest
     return np.linspace(limits[0] - step, limits[0] + (n_steps + 1) * step, n_steps + 3)
 
 
-def _split(nulls: Nulls, order: NDArray[np.int64], rayleigh: NDArray[np.float64]) -> PlaneWaves:
+def _split(nulls: Nulls, order: Integers, rayleigh: Floats) -> PlaneWaves:
     """Directions of nulls, as many as the order of each cell, the flattest nulls split along a line."""
     if not nulls.found.size:  # of no cell is a subspace separated
         nowhere = np.zeros((len(order), 1))

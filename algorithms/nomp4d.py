@@ -7,7 +7,7 @@ A scatterer is an atom with four coordinates off any grid. In rounds:
    show which atoms are rather two. The moves that gain most are made, one in a
    neighbourhood.
 2. All atoms move together by damped Newton steps towards the least-squares fit.
-3. Atoms leave that are weak beside their neighbours, that have no place within
+3. Atoms leave that are weak compared with their neighbours, that have no place within
    their own Cramér-Rao bound, or that it does not tell from another atom.
 
 No detector is asked: the threshold follows from `pfa` and the noise in Doppler
@@ -20,7 +20,7 @@ n K b for the residual and K n s + K³ for a step.
 
 Where two rounds leave more than half of a map unexplained, far above the noise, it
 is no sum of a few echoes: more rounds would bend hundreds of atoms to it until
-rounding decides where they lie. The pursuit then ends with what it has, and so it
+rounding decides about their places. The pursuit then ends, and so it
 does with the round that reaches `max_scatterers`.
 
 Fails in crowds: where more scatterers share a Rayleigh cell than can be told
@@ -39,13 +39,13 @@ feature extraction", IEEE Trans. SP 44 (1996): RELAX.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import prod
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
@@ -68,16 +68,12 @@ from isacbench.dsp.fitting.pursuit_moves import (
     without_images,
 )
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scaling import amplitude_exponent, in_unit
+from isacbench.dsp.scaling import in_unit
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
-from isacbench.model.gate import Gate
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Needs
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SPLIT_CERTAINTY = 3.0
 """Gain of a split over the threshold of a new atom: it is the best of many."""
@@ -110,76 +106,110 @@ LAST_ROUNDS = 2
 """Rounds without moves at the end."""
 
 
-class _Atoms(NamedTuple):
-    """Where atoms are and where they came in, both (n, 4) in Rayleigh cells."""
-
-    places: Floats
-    origins: Floats
-
-    def select(self, keep: NDArray[np.bool_]) -> _Atoms:
-        return _Atoms(self.places[keep], self.origins[keep])
-
-
 class _Moves(NamedTuple):
-    """Places (n, 4) of new atoms; indices, places and offsets of atoms that become two."""
+    """Moves of a round: places (n, 4) of new atoms, and atoms that become two.
+
+    Attributes
+    ----------
+    added : ndarray of float64, shape (n, 4)
+        New atoms.
+    split : ndarray of int64, shape (m,)
+        Indices of the atoms that become two.
+    centres, offsets : ndarray of float64, shape (m, 4)
+        Their places, and the distances of their parts from there.
+    """
 
     added: Floats
-    split: NDArray[np.int64]
+    split: Integers
     centres: Floats
     offsets: Floats
-
-    @classmethod
-    def none(cls) -> _Moves:
-        """No moves."""
-        places = np.empty((0, N_COORDINATES))
-        return cls(places, np.empty(0, dtype=np.int64), places, places)
 
     @property
     def number(self) -> int:
         return len(self.added) + len(self.split)
 
-    def made(self, atoms: _Atoms) -> _Atoms:
-        """Atoms with the moves made."""
-        kept = np.ones(len(atoms.places), dtype=np.bool_)
-        kept[self.split] = False
-        new = np.concatenate([self.centres - self.offsets, self.centres + self.offsets, self.added])
-        return _Atoms(*(np.concatenate([old[kept], new]) for old in atoms))
+
+NO_PLACES = np.empty((0, N_COORDINATES))
+NO_MOVES = _Moves(NO_PLACES, np.empty(0, dtype=np.int64), NO_PLACES, NO_PLACES)
 
 
-class _Seen(NamedTuple):
-    """An observation through beams, and the amplitude that is 1 there."""
+@dataclass
+class _Pursuit:
+    """State of a pursuit; places are in Rayleigh cells.
+
+    Attributes
+    ----------
+    observation : Observation
+    space : BeamSpace
+        Beams of its map.
+    unit : float
+        Amplitude of 1 in the unit of the observation.
+    noise : float
+        Noise power of an element.
+    threshold : float
+        Least energy of a new atom.
+    highest_noise : float
+        Highest energy of noise off the grid.
+    places, origins : ndarray of float64, shape (n, 4)
+        Atoms now, and where they came in.
+    fit : AtomFit or None
+        Of the atoms, if there are any.
+    hopeless, unsplit : ndarray of float64, shape (m, 4)
+        Places of new atoms and of splits that failed.
+    """
 
     observation: Observation
     space: BeamSpace
-    white: float
     unit: float
-
-
-class _Noise(NamedTuple):
-    """Noise of an element, threshold of a new atom's energy, and the highest that noise has off the grid."""
-
-    power: float
+    noise: float
     threshold: float
-    highest: float
+    highest_noise: float
+    places: Floats = field(default_factory=NO_PLACES.copy)
+    origins: Floats = field(default_factory=NO_PLACES.copy)
+    fit: AtomFit | None = None
+    hopeless: Floats = field(default_factory=NO_PLACES.copy)
+    unsplit: Floats = field(default_factory=NO_PLACES.copy)
 
+    def residual(self) -> Complex:
+        """Outputs of the beams less the echoes of all atoms."""
+        with stage("spectrum"):
+            return self.space.residual(self.fit)
 
-class _Pursued(NamedTuple):
-    """Atoms, their fit if there are any, and the places (n, 4) of new atoms and of splits that failed."""
+    def release(self, residual: Complex) -> None:
+        """Put new boxes around the atoms that explain almost all that there is around them."""
+        if self.fit is not None:
+            around = self.space.mean_around(residual, self.places)
+            calm = (around < CALM * self.fit.power) | (around < CALM_NOISE * self.noise)
+            self.origins = np.where(calm[:, None], self.places, self.origins)
 
-    atoms: _Atoms
-    fit: AtomFit | None
-    hopeless: Floats
-    unsplit: Floats
+    def make(self, moves: _Moves) -> None:
+        """Add the new atoms, and replace those that are split by two."""
+        parts = [moves.centres - moves.offsets, moves.centres + moves.offsets, moves.added]
+        self.places, self.origins = (
+            np.concatenate([np.delete(old, moves.split, axis=0), *parts])
+            for old in (self.places, self.origins)
+        )
 
-    @classmethod
-    def nothing(cls) -> _Pursued:
-        """No atoms."""
-        places = np.empty((0, N_COORDINATES))
-        return cls(_Atoms(places, places), None, places, places)
+    def move_to_best_lobes(self) -> None:
+        """Move atoms, and their boxes, to those of their grating lobes where the map shows them most."""
+        atom_map = self.space.atom_map
+        owner, doppler = lobes_within(self.places[:, 1], atom_map.bursts, self.observation.gate)
+        places = self.places[owner]
+        places[:, 1] = doppler
+        lines = atom_map.lines(places)
+        gram = product_matrix(atom_map.products(lines), None, None)
+        # Relative to the energy within the gate: of two lobes the one that explains more counts.
+        scale = 1 / np.sqrt(gram.diagonal())
+        gram *= np.multiply.outer(scale, scale)
+        moved = places[best_lobes(scale * atom_map.correlate(lines).value, gram, owner)]
+        self.places, self.origins = moved, self.origins + moved - self.places
 
-    @property
-    def number(self) -> int:
-        return len(self.atoms.places)
+    def remember(self, moves: _Moves, n_before: int) -> None:
+        """Note the moves of a round that failed."""
+        is_pair = became_pairs(moves.centres, self.places)
+        self.unsplit = np.concatenate([self.unsplit, moves.centres[~is_pair]])
+        if len(self.places) == n_before and not is_pair.any():
+            self.hopeless = np.concatenate([self.hopeless, moves.added])
 
 
 @dataclass(frozen=True)
@@ -192,7 +222,7 @@ class Nomp4d:
         Probability that noise alone adds an atom to an image; less, because an
         echo must also show in beams between which it loses power.
     local_dynamic_range_db : float
-        Below the strongest atom nearby, what is not told from its misfit.
+        Range below the strongest atom nearby in which others are told from its misfit.
     max_rounds : int
         Most rounds of moves.
     max_scatterers : int
@@ -239,181 +269,138 @@ class Nomp4d:
         -------
         PointCloud
         """
-        seen = _read_beams(observation)  # 2D-FFT, beams towards the region
-        noise = _noise_levels(seen, self.pfa)  # of Doppler bins that no speed of the region reaches
-        pursued = _Pursued.nothing()
+        pursuit = _begin(observation, self.pfa)  # 2D-FFT, beams towards the region, noise outside its speeds
         for n_rounds in range(self.max_rounds):
-            residual = _residual(seen, pursued)
-            if n_rounds == ROUNDS_TO_EXPLAIN and _mostly_unexplained(seen.space, residual, noise.highest):
+            residual = pursuit.residual()
+            if n_rounds == ROUNDS_TO_EXPLAIN and _mostly_unexplained(pursuit, residual):
                 break
-            moves = self._moves(seen, residual, pursued, noise)  # new atoms, and atoms that become two
+            moves = self._moves(pursuit, residual)  # new atoms, and atoms that become two
             if not moves.number:
                 break
-            n_sought = pursued.number + moves.number
-            pursued = self._pursue(seen, residual, pursued, moves, noise)  # joint Newton steps, pruning
+            n_sought = len(pursuit.places) + moves.number
+            self._pursue(pursuit, residual, moves)  # joint Newton steps, pruning
             if n_sought >= self.max_scatterers:
                 break
         for _ in range(LAST_ROUNDS):
-            pursued = self._pursue(seen, _residual(seen, pursued), pursued, _Moves.none(), noise)
-        return _to_cloud(seen, pursued)
+            self._pursue(pursuit, pursuit.residual(), NO_MOVES)
+        return _to_cloud(pursuit)
 
-    def _pursue(
-        self, seen: _Seen, residual: Complex, pursued: _Pursued, moves: _Moves, noise: _Noise
-    ) -> _Pursued:
+    def _moves(self, pursuit: _Pursuit, residual: Complex) -> _Moves:
+        """Best moves, one in a neighbourhood, none of those that failed."""
+        with stage("peaks"):
+            new_places, new_gain = self._new_atoms(pursuit, residual)
+            offsets, split_gain = _splits(pursuit, residual)
+            places = np.concatenate([new_places, pursuit.places])
+            is_new = np.arange(len(places)) < len(new_places)
+            room = max(self.max_scatterers - len(pursuit.places), 0)
+            gain = np.concatenate([new_gain, split_gain])
+            chosen = choose_moves(places, gain, is_new, pursuit.space.atom_map, room)
+            split = chosen[~is_new[chosen]] - len(new_places)
+            return _Moves(places[chosen[is_new[chosen]]], split, pursuit.places[split], offsets[split])
+
+    def _new_atoms(self, pursuit: _Pursuit, residual: Complex) -> tuple[Floats, Floats]:
+        """Places (n, 4) and gains (n,) of new atoms: peaks of the residual that are no sidelobes."""
+        bursts = pursuit.space.atom_map.bursts
+        places, gain = pursuit.space.peaks(residual, pursuit.threshold)
+        eligible = reachable_places(places, pursuit.observation.gate)
+        eligible &= ~are_near(places, pursuit.hopeless, HOPELESS_CELLS)
+        if pursuit.fit is not None:
+            eligible &= gain > self._weakest(strongest_around(places, pursuit.fit, bursts))
+        order = descending(gain)
+        candidates, others = order[eligible[order]], order[~eligible[order]]
+        left = without_images(places, gain, candidates, others, bursts)[:MOST_LEFT]
+        clear = clear_of_sidelobes(places, gain, candidates, left, bursts)
+        return places[clear], gain[clear]
+
+    def _pursue(self, pursuit: _Pursuit, residual: Complex, moves: _Moves) -> None:
         """Make the moves of a round, or none, settle all atoms, and remember the moves that failed."""
         with stage("refinement"):
-            n_steps = STEPS if moves.number else LAST_STEPS
-            start = moves.made(_released(seen.space, residual, pursued.atoms, pursued.fit, noise.power))
-            atoms, fit = self._settle(seen.space.atom_map, seen.observation.gate, start, n_steps, noise)
-            is_pair = became_pairs(moves.centres, atoms.places)
-            unsplit = np.concatenate([pursued.unsplit, moves.centres[~is_pair]])
-            hopeless = pursued.hopeless
-            if len(atoms.places) == pursued.number and not is_pair.any():
-                hopeless = np.concatenate([hopeless, moves.added])
-            return _Pursued(atoms, fit, hopeless, unsplit)
+            n_before = len(pursuit.places)
+            pursuit.release(residual)
+            pursuit.make(moves)
+            if len(pursuit.places):
+                self._settle(pursuit, STEPS if moves.number else LAST_STEPS)
+            pursuit.remember(moves, n_before)
 
-    def _moves(self, seen: _Seen, residual: Complex, pursued: _Pursued, noise: _Noise) -> _Moves:
-        """Best moves, one in a neighbourhood, none of those that failed."""
-        space, fit = seen.space, pursued.fit
-        with stage("peaks"):
-            places, gain = space.peaks(residual, noise.threshold)
-            eligible = reachable_places(places, seen.observation.gate)
-            eligible &= ~are_near(places, pursued.hopeless, HOPELESS_CELLS)
-            if fit is not None:
-                eligible &= gain > self._weakest(strongest_around(places, fit, space.atom_map.bursts))
-            order = descending(gain)
-            movable = eligible[order]
-            bursts = space.atom_map.bursts
-            left = without_images(places, gain, order[movable], order[~movable], bursts)[:MOST_LEFT]
-            clear = clear_of_sidelobes(places, gain, order[movable], left, bursts)
-            places, gain = places[clear], gain[clear]
-            n_new = len(places)
-            offsets = np.zeros_like(places)
-            if fit is not None:
-                around = space.mean_around(residual, fit.places)
-                splits = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * noise.threshold)
-                allowed = ~are_near(fit.places, pursued.unsplit, TABOO_CELLS)
-                places = np.concatenate([places, fit.places])
-                offsets = np.concatenate([offsets, splits.offsets])
-                gain = np.concatenate([gain, np.where(allowed, splits.gain, 0)])
-            room = max(self.max_scatterers - (0 if fit is None else len(fit)), 0)
-            chosen = choose_moves(places, gain, np.arange(len(places)) < n_new, space.atom_map, room)
-            split = chosen[chosen >= n_new]
-            return _Moves(places[chosen[chosen < n_new]], split - n_new, places[split], offsets[split])
-
-    def _settle(
-        self, atom_map: AtomMap, gate: Gate, atoms: _Atoms, n_steps: int, noise: _Noise
-    ) -> tuple[_Atoms, AtomFit | None]:
+    def _settle(self, pursuit: _Pursuit, n_steps: int) -> None:
         """Move all atoms, each in its box, and drop those that explain nothing of their own."""
-        if not len(atoms.places):
-            return atoms, None
-        atoms = _atoms_at_best_lobes(atom_map, gate, atoms)
-        fit = refine_atoms(atom_map, atoms.places, n_steps)
-        kept = _without_last_digits(fit.places, atoms.places)
-        boxed = np.clip(kept, atoms.origins - BOX_CELLS, atoms.origins + BOX_CELLS)
-        everyone = np.ones(len(boxed), dtype=np.bool_)
-        fit = refit_atoms(atom_map, fit, everyone, boxed)
+        atom_map = pursuit.space.atom_map
+        if not atom_map.bursts.is_whole_frame:
+            pursuit.move_to_best_lobes()
+        fit = refine_atoms(atom_map, pursuit.places, n_steps)
+        kept = _without_last_digits(fit.places, pursuit.places)
+        places = np.clip(kept, pursuit.origins - BOX_CELLS, pursuit.origins + BOX_CELLS)
+        stays = np.ones(len(places), dtype=np.bool_)
         while True:
+            fit = refit_atoms(atom_map, fit, stays, places)
             places = fit.places
-            strongest = strongest_around(places, fit, atom_map.bursts)
-            weak = fit.power < np.maximum(noise.highest, self._weakest(strongest))
-            weak |= np.any(np.abs(places[:, 2:] * atom_map.cell_size[2:]) > 1, axis=1)
-            if not weak.any():
-                weak, places = redundant(fit, noise.power)
-            atoms = _Atoms(places, atoms.origins).select(~weak)
-            if not len(atoms.places):
-                return atoms, None
-            if not weak.any():
-                return atoms, fit
-            fit = refit_atoms(atom_map, fit, ~weak, places)
+            weakest = self._weakest(strongest_around(places, fit, atom_map.bursts))
+            stays = fit.power >= np.maximum(pursuit.highest_noise, weakest)
+            stays &= np.all(np.abs(places[:, 2:] * atom_map.cell_size[2:]) <= 1, axis=1)
+            if stays.all():
+                drop, places = redundant(fit, pursuit.noise)
+                stays = ~drop
+            pursuit.places, pursuit.origins = places[stays], pursuit.origins[stays]
+            pursuit.fit = fit if stays.any() else None
+            if stays.all() or not stays.any():
+                return
 
     def _weakest(self, strongest: Floats) -> Floats:
-        """Energy that an atom beside a stronger one must have."""
+        """Least energy of an atom near a stronger one."""
         return strongest * 10 ** (-self.local_dynamic_range_db / 10)
 
 
-def _read_beams(observation: Observation) -> _Seen:
-    """Read the range-Doppler map, and look at it through beams towards the region's directions."""
+def _begin(observation: Observation, pfa: float) -> _Pursuit:
+    """Read the range-Doppler map, form its beams, and measure the noise and the levels that it sets."""
     with stage("rdm"):
-        exponent = amplitude_exponent(observation.cells)
-        gated = GatedMap.of(observation, in_unit(observation.cells, exponent))
+        cells, unit = in_unit(observation.cells)
+        gated = GatedMap.of(observation, cells)
         atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
-    with stage("detection"):
-        white = white_noise(gated)
     with stage("spectrum"):
         space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
-    return _Seen(observation, space, white, float(np.ldexp(1.0, exponent)))
-
-
-def _noise_levels(seen: _Seen, pfa: float) -> _Noise:
-    """Levels that noise alone exceeds in a share `pfa` of the images."""
-    n_independent = seen.space.n_independent
-    return _Noise(
-        seen.white, seen.white * np.log(n_independent / pfa), seen.white * noise_maximum(n_independent, pfa)
+    with stage("detection"):
+        noise = white_noise(gated)
+    threshold = noise * np.log(space.n_independent / pfa)
+    return _Pursuit(
+        observation, space, unit, noise, threshold, noise * noise_maximum(space.n_independent, pfa)
     )
 
 
-def _residual(seen: _Seen, pursued: _Pursued) -> Complex:
-    """Outputs of the beams less the echoes of all atoms."""
-    with stage("spectrum"):
-        return seen.space.residual(pursued.fit)
+def _splits(pursuit: _Pursuit, residual: Complex) -> tuple[Floats, Floats]:
+    """Offsets (n, 4) of the parts of each atom, and the energies (n,) that splits gain."""
+    space, fit = pursuit.space, pursuit.fit
+    if fit is None:
+        return NO_PLACES, np.empty(0)
+    around = space.mean_around(residual, fit.places)
+    offsets, gain = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * pursuit.threshold)
+    return offsets, np.where(are_near(fit.places, pursuit.unsplit, TABOO_CELLS), 0, gain)
 
 
-def _to_cloud(seen: _Seen, pursued: _Pursued) -> PointCloud:
+def _mostly_unexplained(pursuit: _Pursuit, residual: Complex) -> bool:
+    """Tell whether more than half of the energy in the beams is left, for another reason than noise."""
+    held, left = (float(np.vdot(beams, beams).real) for beams in (pursuit.space.beams, residual))
+    # Atoms weaker than the highest output of noise are not found.
+    return left > LEFT_STANDOUT * pursuit.highest_noise * residual.size and left > held / 2
+
+
+def _to_cloud(pursuit: _Pursuit) -> PointCloud:
     """Points at the places of the atoms, with their powers."""
-    fit, observation = pursued.fit, seen.observation
+    fit, observation = pursuit.fit, pursuit.observation
     if fit is None:
         return PointCloud.empty()
     with stage("peaks"):
-        range_bin, doppler_bin, u, w = (fit.places * seen.space.atom_map.cell_size).T
-        n_elements = prod(observation.array.shape)
+        range_bin, doppler_bin, u, w = (fit.places * pursuit.space.atom_map.cell_size).T
+        gain = prod(observation.array.shape) * observation.system.processing_gain
         # Unit by unit: its square may overflow where the power does not.
-        unit_power = fit.power / (n_elements * observation.system.processing_gain) * seen.unit * seen.unit
+        unit_power = fit.power / gain * pursuit.unit * pursuit.unit
         return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
 
 
 def _without_last_digits(places: Floats, starts: Floats) -> Floats:
-    """Places (n, 4), of atoms that still move without the digits that rounding would decide.
+    """Places (n, 4), those of atoms that still move rounded to a lattice.
 
     In a crowd steps never settle, and each magnifies the last digits of the
-    one before: processors would part, and in the end count other atoms.
+    one before: results of two processors would part, up to the number of atoms.
     """
     moves = np.abs(places - starts).max(axis=1, keepdims=True) > MOVING_CELLS
     return np.where(moves, np.rint(places / PLACE_CELLS) * PLACE_CELLS, places)
-
-
-def _atoms_at_best_lobes(atom_map: AtomMap, gate: Gate, atoms: _Atoms) -> _Atoms:
-    """Atoms, and their boxes, at those of their grating lobes where the map shows them most."""
-    if atom_map.bursts.is_whole_frame:
-        return atoms
-    owner, doppler = lobes_within(atoms.places[:, 1], atom_map.bursts, gate)
-    places = atoms.places[owner]
-    places[:, 1] = doppler
-    lines = atom_map.lines(places)
-    gram = product_matrix(atom_map.products(lines), None, None)
-    # Of what lies within the gate: of two lobes that counts which explains more.
-    scale = 1 / np.sqrt(gram.diagonal())
-    gram *= np.multiply.outer(scale, scale)
-    chosen = best_lobes(scale * atom_map.correlate(lines).value, gram, owner)
-    moved = places[chosen]
-    return _Atoms(moved, atoms.origins + moved - atoms.places)
-
-
-def _released(
-    space: BeamSpace, residual: Complex, atoms: _Atoms, fit: AtomFit | None, noise: float
-) -> _Atoms:
-    """Atoms with new boxes around those that explain almost all that there is."""
-    if fit is None:
-        return atoms
-    around = space.mean_around(residual, atoms.places)
-    calm = (around < CALM * fit.power) | (around < CALM_NOISE * noise)
-    return _Atoms(atoms.places, np.where(calm[:, None], atoms.places, atoms.origins))
-
-
-def _mostly_unexplained(space: BeamSpace, residual: Complex, least: float) -> bool:
-    """Whether more than half of what the beams hold is left, and noise is not the reason.
-
-    `least` is the highest output of noise: atoms weaker than it are not found.
-    """
-    held, left = (float(np.vdot(beams, beams).real) for beams in (space.beams, residual))
-    return left > LEFT_STANDOUT * least * residual.size and left > held / 2

@@ -1,12 +1,11 @@
-"""The truth, merged in Rayleigh cells: what a plot shows beside estimators, and no limit to them.
+"""Truth merged in Rayleigh cells: a reference for plots of estimators, not a limit to them.
 
 Scatterers of one Rayleigh cell in range, velocity, u and w are replaced by
 their centroid. The cells are the radio's own: a range bin, a velocity bin,
 and 2/P and 2/Q in direction cosine (2/16 on the 16 x 16 array).
 
-Where the borders of the lattice of cells fall among the scatterers decides how
-many are merged: 1e-13 m of jitter changes the score of a scene that has some
-on a border.
+The number of merged scatterers depends on the borders of the lattice of cells:
+1e-13 m of jitter changes the score of a scene with scatterers on a border.
 """
 
 from __future__ import annotations

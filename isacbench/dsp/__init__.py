@@ -2,6 +2,7 @@
 
 __all__ = [
     "angles",
+    "array_types",
     "bounds",
     "bursts",
     "cell_detection",

@@ -1,11 +1,11 @@
-"""The deterministic Cramér-Rao bound: how well range, velocity and direction cosines can be known.
+"""Deterministic Cramér-Rao bound of range, velocity and direction cosines.
 
 Data are the echoes of `isacbench.model.echo` on all sensed resource elements
 and all virtual elements in white circular complex Gaussian noise of power σ²
-each. Unknown are four parameters (R, v, u, w) and a complex amplitude G a
-scatterer. Amplitudes are a nuisance, magnitude and phase: the carrier phase
-exp(-j4π f_c R/c), which would tell the range to a fraction of the wavelength,
-is part of G and tells nothing here.
+each. Each scatterer has four unknown parameters (R, v, u, w) and an unknown
+complex amplitude G, magnitude and phase. The carrier phase exp(-j4π f_c R/c),
+which would tell the range to a fraction of the wavelength, is part of G and
+tells nothing here.
 
 An echo is a wave exp(jψ), ψ linear in the parameters. All inner products of
 echoes and of their slopes are sums x^a exp(jxΔ) along one axis (a = 0, 1, 2),
@@ -19,9 +19,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from isacbench.display import brief
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.errors import require
 from isacbench.model.prs import resource_elements
 
@@ -30,19 +31,14 @@ if TYPE_CHECKING:
     from isacbench.model.frame import Frame
     from isacbench.model.numerology import System
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 N_NUISANCE = 2
-"""Unknowns of a scatterer beside its parameters: real and imaginary part of its amplitude."""
+"""Unknowns of a scatterer besides its parameters: real and imaginary part of its amplitude."""
 
 N_PARAMETERS = 4
 
-LEAST_SNR, MOST_SNR = 1e-250, 1e250
-"""|G|²/σ² for which variances are numbers, even of scatterers that are hardly told apart."""
-
 NEGLIGIBLE = 1e-3
-"""Share of a variance that may be lost to rounding before the variance is called infinite."""
+"""Share of a variance that may be lost to rounding before the variance counts as infinite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +77,7 @@ class Bound:
         return self._std(3)
 
     def _std(self, parameter: int) -> Floats:
-        std: Floats = np.sqrt(self.covariance[..., parameter, parameter])
-        return std
+        return np.sqrt(self.covariance[..., parameter, parameter])
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,20 +127,18 @@ def tone_std_bins(n: int, snr_post: ArrayLike) -> Floats:
     0.039
     """
     require(n >= 2, "n", n, "2 and more")
-    snr_post = np.asarray(snr_post, dtype=np.float64)
-    require(bool(np.all(snr_post > 0)), "snr_post", snr_post, "a positive ratio")
-    std: Floats = np.sqrt(3 / (2 * np.pi**2 * snr_post * (1 - n**-2)))
-    return std
+    snr_post = _positive(snr_post, "snr_post")
+    return np.sqrt(3 / (2 * np.pi**2 * snr_post * (1 - n**-2)))
 
 
 def single_bound(
     system: System, array_shape: tuple[int, int], snr: ArrayLike, sensing: Sensing = "all"
 ) -> Bound:
-    """Bound of one scatterer alone, in closed form; it does not depend on where the scatterer is.
+    """Bound of one scatterer alone, in closed form, for any place of the scatterer.
 
-    With x the phase slopes of the four parameters, the inverse of 2 SNR times
-    the covariance of x over all sensed elements. On the full grid that is
-    diagonal, and `tone_std_bins` its entries; the comb of the PRS couples
+    The bound is the inverse of 2 SNR times the covariance of the phase slopes
+    of the four parameters over all sensed elements. On the full grid it is
+    diagonal, with the entries of `tone_std_bins`; the comb of the PRS couples
     range and velocity slightly.
 
     Parameters
@@ -167,7 +160,7 @@ def single_bound(
     ------
     InputError
         If the elements that are used do not determine all four parameters, or
-        a ratio is none.
+        a ratio is not positive.
 
     Examples
     --------
@@ -176,8 +169,7 @@ def single_bound(
     >>> round(float(bound.range_m), 4), round(float(bound.u), 4)
     (0.011, 0.0045)
     """
-    snr = np.asarray(snr, dtype=np.float64)
-    _require_snr(snr, "snr", snr)
+    snr = _positive(snr, "snr")
     aperture = _aperture(system, array_shape, sensing)
     # The centroid is the origin of the slopes, so that second moments are covariances.
     slopes = aperture.moments()[1:, 1:]
@@ -198,9 +190,8 @@ def joint_bound(
 ) -> JointBound:
     """Bound of several scatterers whose parameters and complex amplitudes are all unknown.
 
-    Six real unknowns a scatterer; the block of the parameters in the inverse
-    of the Fisher matrix, which is the inverse of the Schur complement of the
-    amplitudes. The cost is that of the eigenvalues of a (6K, 6K) matrix and
+    The Fisher matrix has six real unknowns a scatterer; the bound is the block
+    of the parameters in its inverse. The cost is that of the eigenvalues of a (6K, 6K) matrix and
     of products (K, n) x (n, K) with n each axis's length.
 
     Parameters
@@ -229,8 +220,7 @@ def joint_bound(
     ------
     InputError
         If the elements that are used do not determine all four parameters of
-        a scatterer alone, or an amplitude is 0 or so far from the noise that
-        variances leave the floating-point range.
+        a scatterer alone, an amplitude is 0, or numbers are not finite or not as many.
 
     References
     ----------
@@ -251,25 +241,15 @@ def joint_bound(
     >>> (joint.range_m / single.range_m).round(1)
     array([9.4, 9.4])
     """
-    given = {"range_m": range_m, "velocity_mps": velocity_mps, "u": u, "w": w}
     gain = np.asarray(amplitude, dtype=np.complex128)
+    given = {"range_m": range_m, "velocity_mps": velocity_mps, "u": u, "w": w}
     for name, values in given.items():
-        allowed = gain.ndim == 1 and gain.size > 0 and np.shape(values) == gain.shape
-        require(
-            allowed,
-            name,
-            values,
-            f"numbers, as many as amplitudes and at least one; these are of shape {gain.shape}",
-        )
-    places = np.array(list(given.values()), dtype=np.float64)
-    require(bool(np.all(np.isfinite(places))), "range_m, velocity_mps, u, w", places, "finite numbers")
+        same = gain.ndim == 1 and gain.size > 0 and np.shape(values) == gain.shape
+        require(same and bool(np.all(np.isfinite(values))), name, values, "as many as amplitudes, finite")
     require(bool(np.all(np.isfinite(gain) & (gain != 0))), "amplitude", gain, "a number other than 0")
     require(0 < noise_power < np.inf, "noise_power", noise_power, "a positive power")
-    # Of amplitudes first: their squares, or the noise over them, may not be numbers.
-    root_snr = np.abs(gain) / np.sqrt(noise_power)
-    _require_snr(np.minimum(root_snr, np.sqrt(np.finfo(np.float64).max)) ** 2, "amplitude", gain)
     aperture = _aperture(system, array_shape, sensing)
-    places /= aperture.units[:, None]
+    places = np.array(list(given.values()), dtype=np.float64) / aperture.units[:, None]
     fisher, scale = _unit_fisher(aperture, places, np.angle(gain))
     covariance = _invert(fisher)
     # From unit columns back to parameters in their units, of echoes of this strength in this noise.
@@ -283,13 +263,13 @@ def joint_bound(
 def position_covariance(
     frame: Frame, range_m: ArrayLike, u: ArrayLike, w: ArrayLike, covariance: ArrayLike
 ) -> Floats:
-    """Transport of covariances to positions in space, to first order.
+    """Propagate covariances to positions in space, to first order.
 
     Parameters
     ----------
     frame : Frame
     range_m, u, w : array_like, shape (K,)
-        Where the scatterers are.
+        Places of the scatterers.
     covariance : array_like, shape (K, 4, 4) or (4, 4)
         Of (R, v, u, w), as in `Bound`.
 
@@ -324,19 +304,20 @@ def position_covariance(
     return transported
 
 
-def _require_snr(snr: Floats, name: str, value: ArrayLike) -> None:
-    """Refuse what is no ratio, or one beyond all numbers."""
-    allowed = bool(np.all((snr >= LEAST_SNR) & (snr <= MOST_SNR)))
-    require(allowed, name, value, f"a positive ratio |G|²/σ² from {LEAST_SNR:g} to {MOST_SNR:g}")
+def _positive(ratio: ArrayLike, name: str) -> Floats:
+    """Signal-to-noise ratios as an array, checked."""
+    checked = np.asarray(ratio, dtype=np.float64)
+    require(bool(np.all((checked > 0) & (checked < np.inf))), name, ratio, "a positive ratio |G|²/σ²")
+    return checked
 
 
 class _Aperture:
-    """Where the echo is sampled: phase slopes per bin along four axes, from their centroids.
+    """Samples of an echo: phase slopes per bin along four axes, from their centroids.
 
-    The centroid as the origin makes the amplitudes those at the middle of
-    the aperture. That leaves the bound as it is (G turns by a phase that the
-    parameters fix) and keeps sums free of cancellation. Resource elements are a union of
-    products of subcarriers and symbols: one for the full grid, one for each comb offset of the PRS.
+    With the centroid as the origin, amplitudes are those at the middle of the
+    aperture. That leaves the bound as it is and keeps sums free of
+    cancellation. Resource elements are a union of products of subcarriers and
+    symbols: one for the full grid, one for each comb offset of the PRS.
 
     Attributes
     ----------
@@ -352,46 +333,36 @@ class _Aperture:
 
     def __init__(self, system: System, array_shape: tuple[int, int], sensing: Sensing) -> None:
         mask = resource_elements(system, sensing)
+        n_c, n_s = mask.shape
         n_p, n_q = array_shape
         require(min(array_shape) >= 2, "array_shape", array_shape, "2 elements and more along u and w")
-        along_range = -2 * np.pi / system.n_subcarriers * np.arange(system.n_subcarriers)
-        along_doppler = 2 * np.pi / system.n_symbols * np.arange(system.n_symbols)
+        along_range, along_doppler = -2 * np.pi / n_c * np.arange(n_c), 2 * np.pi / n_s * np.arange(n_s)
         along_u, along_w = -np.pi * np.arange(n_p), -np.pi * np.arange(n_q)
-        combs, comb_of_symbol = np.unique(mask, axis=1, return_inverse=True)
         share = mask / max(mask.sum(), 1)
-        self.reference = np.array(
-            [
-                np.sum(share.T @ along_range),
-                np.sum(share @ along_doppler),
-                along_u.mean(),
-                along_w.mean(),
-            ]
+        centroid = (
+            np.sum(share.T @ along_range),
+            np.sum(share @ along_doppler),
+            along_u.mean(),
+            along_w.mean(),
         )
+        self.reference = np.array(centroid)
         self.units = np.array([system.range_bin_m, system.velocity_bin_mps, 1.0, 1.0])
+        along_range, along_doppler = along_range - centroid[0], along_doppler - centroid[1]
+        self.along_u, self.along_w = along_u - centroid[2], along_w - centroid[3]
+        combs, comb_of_symbol = np.unique(mask, axis=1, return_inverse=True)
         self.blocks = [
-            (
-                along_range[comb] - self.reference[0],
-                along_doppler[comb_of_symbol == i] - self.reference[1],
-            )
+            (along_range[comb], along_doppler[comb_of_symbol == i])
             for i, comb in enumerate(combs.T)
             if comb.any()
         ]
-        self.along_u, self.along_w = along_u - self.reference[2], along_w - self.reference[3]
-        determined = (
-            np.linalg.matrix_rank(self.moments(), hermitian=True) > N_PARAMETERS if self.blocks else False
-        )
-        require(
-            bool(determined),
-            "system",
-            system,
-            f"subcarriers and symbols whose sensed elements ({sensing!r}) determine range and velocity",
-        )
+        determined = self.blocks and np.linalg.matrix_rank(self.moments(), hermitian=True) > N_PARAMETERS
+        allowed = f"subcarriers and symbols whose sensed elements ({sensing!r}) determine range and velocity"
+        require(bool(determined), "system", system, allowed)
 
     def moments(self) -> Floats:
         """Sums (5, 5) over all elements of products of 1 and the four slopes."""
-        none = np.zeros((N_PARAMETERS, 1))
-        moments: Floats = self.gram(none).real[:, :, 0, 0]
-        return moments
+        gram = self.gram(np.zeros((N_PARAMETERS, 1)))
+        return np.asarray(gram[:, :, 0, 0].real, dtype=np.float64)
 
     def gram(self, places: Floats) -> Complex:
         """Inner products (5, 5, K, K) of unit echoes and of these times each slope.
@@ -426,8 +397,7 @@ def _aperture(system: System, array_shape: tuple[int, int], sensing: Sensing) ->
 def _kernels(places: Floats, slopes: Floats) -> Complex:
     """Sums (3, K, K) of x^a exp(jx (place_l - place_k)) over the slopes x, a = 0, 1, 2."""
     waves = np.exp(1j * np.multiply.outer(places, slopes))
-    kernels: Complex = np.stack([(waves.conj() * slopes**power) @ waves.T for power in range(3)])
-    return kernels
+    return np.stack([(waves.conj() * slopes**power) @ waves.T for power in range(3)])
 
 
 def _unit_fisher(aperture: _Aperture, places: Floats, phase: Floats) -> tuple[Floats, Floats]:
@@ -459,7 +429,7 @@ def _invert(fisher: Floats) -> Floats:
     parameters = vector.reshape(n_unknowns, n, size)[N_NUISANCE:].reshape(-1, size)
     covariance: Floats = (parameters[:, ~null] / eigenvalue[~null]) @ parameters[:, ~null].T
     covariance = covariance.reshape(N_PARAMETERS, n, N_PARAMETERS, n)
-    # A scatterer with a share in a null vector, be it by its amplitude alone, cannot be told from others.
+    # A scatterer with a share in a null vector, even by its amplitude alone, cannot be told from others.
     shares = vector.reshape(n_unknowns, n, size) ** 2
     lost = shares[:, :, null].sum(axis=2) / floor
     rest = (shares[:, :, ~null] / eigenvalue[~null]).sum(axis=2)

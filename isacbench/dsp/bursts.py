@@ -1,11 +1,11 @@
-"""The Doppler kernel of an echo that is sensed in bursts of symbols: grating lobes under an envelope.
+"""Doppler kernel of an echo that is sensed in bursts of symbols: grating lobes under an envelope.
 
-Bursts of L successive symbols that start every P symbols leave of an echo, x of
-N Doppler bins away and referred to the middle of the bursts,
+With B bursts of L successive symbols that start every P symbols, the response to
+an echo x of N Doppler bins away, referred to the middle of the bursts, is
 
     sin(π B P x/N) / (B sin(π P x/N))  ·  sin(π L x/N) / (L sin(π x/N)),
 
-a Dirichlet kernel of the B bursts, which repeats every N/P bins, times that of
+a Dirichlet kernel of the bursts, which repeats every N/P bins, times that of
 one burst. A frame sensed as a whole is one burst of all its symbols.
 """
 
@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.prs import resource_elements
@@ -26,15 +27,12 @@ if TYPE_CHECKING:
     from isacbench.choices import Sensing
     from isacbench.model.numerology import System
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
-
 
 PLACE_ERROR_BINS = 0.5
-"""Of the distance of two peaks that are read twice a bin."""
+"""Error of the distance of two peaks that are read twice a bin."""
 
 OFFSETS = 513
-"""Of an echo from a bin, at which the kernel is tabulated."""
+"""Offsets of an echo from a bin at which the kernel is tabulated."""
 
 
 @dataclass(frozen=True)
@@ -62,35 +60,35 @@ class SymbolBursts:
 
     @property
     def is_whole_frame(self) -> bool:
-        """Whether all symbols are sensed with, so that noise is white and echoes have one mainlobe."""
+        """True if all symbols are sensed with: noise is then white, and echoes have one mainlobe."""
         return self.length == self.n_symbols
 
     @property
     def delay_symbols(self) -> float:
-        """From the middle of the bursts to that of the frame."""
+        """Symbols from the middle of the bursts to that of the frame."""
         last = self.first + (self.n_bursts - 1) * self.spacing + self.length - 1
         return (self.n_symbols - 1 - self.first - last) / 2
 
     @property
     def redundancy(self) -> float:
-        """Doppler bins for every sensed symbol: so many bins hold the same noise."""
+        """Doppler bins per sensed symbol: so many bins hold the same noise."""
         return self.n_symbols / (self.n_bursts * self.length)
 
     @property
     def lobe_period(self) -> float:
-        """Doppler bins from an echo to its grating lobes; of a single burst infinite."""
+        """Doppler bins from an echo to its grating lobes; infinite for a single burst."""
         return self.n_symbols / self.spacing if self.n_bursts > 1 else np.inf
 
     @property
     def with_equal_lobes(self) -> SymbolBursts:
-        """Bursts of one symbol each, whose grating lobes are as high as their peak; itself where none are."""
+        """Bursts of one symbol each, whose grating lobes equal their peak; a single burst as it is."""
         return replace(self, length=1) if self.n_bursts > 1 else self
 
     def centred(self, cells: Complex, doppler_bins: ArrayLike) -> Complex:
-        """Cells as though the middle of the bursts were that of the frame.
+        """Refer cells to the middle of the bursts instead of the frame's.
 
         Then tapers act on the bursts symmetrically, and kernels are real but
-        for the phase that they have of a whole frame.
+        for the phase that those of a whole frame have.
 
         Parameters
         ----------
@@ -100,7 +98,7 @@ class SymbolBursts:
         Returns
         -------
         ndarray of complex, same shape and precision
-            The cells themselves where nothing is to be done.
+            The array itself where both middles are the same.
         """
         if self.delay_symbols == 0:
             return cells
@@ -154,26 +152,31 @@ class SymbolBursts:
         if self.is_whole_frame:
             return dirichlet_slopes(distance, self.n_symbols)
         distance = np.asarray(distance, dtype=np.float64)
-        one, of_one = self._stretched(distance, self.length, self.length)
+        one = self._stretched(distance, self.length, self.length)
         if self.n_bursts == 1:
-            return one, *of_one
-        all_, of_all = self._stretched(distance, self.n_bursts * self.spacing, self.n_bursts)
-        return (
-            one * all_,
-            one * of_all[0] + of_one[0] * all_,
-            one * of_all[1] + 2 * of_one[0] * of_all[0] + of_one[1] * all_,
-        )
+            return one
+        (f, f1, f2), (g, g1, g2) = one, self._stretched(distance, self.n_bursts * self.spacing, self.n_bursts)
+        return f * g, f * g1 + f1 * g, f * g2 + 2 * f1 * g1 + f2 * g
 
     def sidelobe_drop(self, distance: Floats) -> Floats:
-        """How far below its peak a kernel is at least at distances in bins, as a ratio of amplitudes.
+        """Least ratio of a kernel's peak to its amplitude at a distance.
 
         Of bursts, the envelope is taken half a bin nearer: peaks are read there.
+
+        Parameters
+        ----------
+        distance : ndarray of float64, any shape
+            In bins.
+
+        Returns
+        -------
+        ndarray of float64, same shape
+            1 and more.
         """
         if self.is_whole_frame:
-            drop: Floats = np.maximum(np.pi * np.abs(distance), 1)
-            return drop
+            return np.maximum(np.pi * np.abs(distance), 1)
         angle = np.pi / self.n_symbols * np.maximum(np.abs(distance) - PLACE_ERROR_BINS, 0)
-        drop = np.maximum(self.length * np.abs(np.sin(angle)), 1)
+        drop: Floats = np.maximum(self.length * np.abs(np.sin(angle)), 1)
         if self.n_bursts > 1:
             drop *= np.maximum(np.pi * self.to_lobe(np.abs(distance)), 1)
         return drop
@@ -193,26 +196,42 @@ class SymbolBursts:
         offsets = np.linspace(0, 1, OFFSETS)
         kernel = np.abs(self.slopes(offsets)[0])
         share = np.divide(other, own + other, out=np.zeros_like(own), where=own + other > 0)
-        offset: Floats = np.interp(share, kernel[::-1] / (kernel + kernel[::-1]), offsets)
-        return offset
+        return np.interp(share, kernel[::-1] / (kernel + kernel[::-1]), offsets)
 
     def to_lobe(self, distance: Floats) -> Floats:
-        """How far distances in bins, 0 and more, are from the next mainlobe or grating lobe."""
+        """Distance from the nearest mainlobe or grating lobe.
+
+        Parameters
+        ----------
+        distance : ndarray of float64, any shape
+            From the mainlobe in bins, 0 and more.
+
+        Returns
+        -------
+        ndarray of float64, same shape
+        """
         if self.n_bursts == 1:
             return distance
-        period = self.n_symbols / self.spacing
-        nearest: Floats = np.abs(distance - period * np.rint(distance / period))
-        return nearest
+        return np.abs(distance - self.lobe_period * np.rint(distance / self.lobe_period))
 
-    def _stretched(self, distance: Floats, span: int, n: int) -> tuple[Floats, tuple[Floats, Floats]]:
-        """Dirichlet kernel of n samples that span so many symbols; its derivatives."""
+    def _stretched(self, distance: Floats, span: int, n: int) -> tuple[Floats, Floats, Floats]:
+        """Dirichlet kernel of n samples that span so many symbols, and its first two derivatives."""
         rate = span / self.n_symbols
         value, slope, curvature = dirichlet_slopes(rate * distance, n)
-        return value, (rate * slope, rate**2 * curvature)
+        return value, rate * slope, rate**2 * curvature
 
 
 def whole_frame(n_symbols: int) -> SymbolBursts:
-    """All symbols of a frame as one burst."""
+    """All symbols of a frame as one burst.
+
+    Parameters
+    ----------
+    n_symbols : int
+
+    Returns
+    -------
+    SymbolBursts
+    """
     return SymbolBursts(n_symbols, 0, n_symbols)
 
 
@@ -232,8 +251,8 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     Raises
     ------
     InputError
-        If `sensing` is neither, or no symbol is sensed with, or bursts differ in
-        length or spacing: then the kernel is another.
+        If `sensing` is neither, no symbol is sensed with, or bursts differ in
+        length or spacing, which gives another kernel.
 
     Examples
     --------

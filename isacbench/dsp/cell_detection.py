@@ -1,15 +1,15 @@
-"""Which range-Doppler cells hold an echo: one element or all, a detector, and two floors under it.
+"""Detection of the range-Doppler cells that hold echoes, on one element or on all, above two floors.
 
-A CFAR detector tells an echo from noise. It does not tell an echo from what
-a strong one leaves in other cells: window sidelobes and the misfit of any
-model to a crowd of scatterers. Both scale with the strong echo, so that
+A CFAR detector tells an echo from noise. It does not tell an echo from the
+leakage of a strong one into other cells: window sidelobes and the misfit of
+any model to a crowd of scatterers. Both scale with the strong echo, so that
 without a limit on the dynamic range images get worse as the SNR rises.
 """
 
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from typing import Any, Literal, cast
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.display import brief
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.dsp.detection import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.model.gate import Gate
@@ -38,7 +39,7 @@ class DetectedCells:
     Attributes
     ----------
     power : ndarray of float64, shape (n_range, n_doppler)
-        The map that the detector saw.
+        The map that was tested.
     detector : Detector
         The detector.
     looks : int
@@ -46,36 +47,35 @@ class DetectedCells:
     bins : (ndarray of int64, ndarray of int64), each shape (n,)
         Absolute range and Doppler bins of the cells kept: detected,
         reachable, and above the floor.
+    gate : Gate
+        Bins of the map.
     floor : float
-        Power below which nothing is told from noise or from the leakage of
-        the strongest echoes.
+        Power below which echoes are not told from noise or from the leakage of
+        the strongest ones.
     """
 
-    power: NDArray[np.float64]
+    power: Floats
     detector: Detector
     looks: int
     bins: Bins
+    gate: Gate
     floor: float
 
     __repr__ = brief
 
     @cached_property
     def detection(self) -> Detection:
-        """What the detector says of the whole map, tested when first asked for."""
+        """Test of the whole map, made when first asked for."""
         return self.detector.detect(self.power, self.looks)
 
-    def strongest_cell(self, gate: Gate) -> tuple[int, int] | None:
-        """Range and Doppler bin of the strongest cell kept, None where there is none; `gate` is the map's."""
-        if not self.bins[0].size:
-            return None
-        rows, columns = self.bins[0] - gate.range_bins[0], self.bins[1] - gate.doppler_bins[0]
-        strongest = int(self.power[rows, columns].argmax())
-        return int(self.bins[0][strongest]), int(self.bins[1][strongest])
+    def strongest(self) -> DetectedCells:
+        """Strongest of the cells kept, alone; no cell where none is kept."""
+        rows, columns = self.bins[0] - self.gate.range_bins[0], self.bins[1] - self.gate.doppler_bins[0]
+        first = np.argsort(-self.power[rows, columns], kind="stable")[:1]
+        return replace(self, bins=(self.bins[0][first], self.bins[1][first]))
 
 
-def power_map(
-    cells: NDArray[np.complexfloating[Any, Any]], integration: Integration
-) -> tuple[NDArray[np.float64], int]:
+def power_map(cells: Complex, integration: Integration) -> tuple[Floats, int]:
     """Power of range-Doppler cells and the number of looks it averages.
 
     Parameters
@@ -100,8 +100,8 @@ def power_map(
     return np.einsum("rde,rde->rd", parts, parts) / n_looks, n_looks
 
 
-def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = False) -> float | None:
-    """Noise power in Doppler bins that no speed of the region reaches, or in range bins that no place does.
+def reference_noise(power: Floats, gate: Gate, sees_lobes: bool = False) -> float | None:
+    """Measure the noise power in Doppler bins, or range bins, that nothing in the region reaches.
 
     Parameters
     ----------
@@ -109,15 +109,15 @@ def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = F
     gate : Gate
         Bins of the map.
     sees_lobes : bool, default False
-        Whether every echo shows along all Doppler bins, in grating lobes: it
-        is then range that leaves noise alone.
+        True if every echo shows in grating lobes along all Doppler bins: noise
+        is then measured in range bins.
 
     Returns
     -------
     float or None
-        Median over those bins of their mean over the others' axis, so that a
-        mover beyond the region's speeds does not count as noise; None where
-        the gate has no such bins.
+        Median over those bins of their mean along the other axis, so that a
+        mover beyond the region's speeds does not count as noise; None if the
+        gate has no such bins.
     """
     axis = 0 if sees_lobes else 1
     reach = gate.reachable_range if sees_lobes else gate.reachable_doppler
@@ -127,7 +127,7 @@ def reference_noise(power: NDArray[np.float64], gate: Gate, sees_lobes: bool = F
 
 
 def white_noise(gated: GatedMap) -> float:
-    """Noise power of an untapered map, per cell and element.
+    """Measure the noise power of an untapered map, per cell and element.
 
     Parameters
     ----------
@@ -136,9 +136,9 @@ def white_noise(gated: GatedMap) -> float:
     Returns
     -------
     float
-        Of the bins that `reference_noise` looks at, behind a Hann window along
-        Doppler, which keeps the sidelobes of strong echoes out of them. Where
-        there are none, the median power of the map.
+        From the bins of `reference_noise`, behind a Hann window along Doppler,
+        which keeps the sidelobes of strong echoes out of them. Without such
+        bins, the median power of the map.
     """
     seen = gated.tapered("hann" if gated.sees_lobes else "rect", gated.doppler_taper("hann"))
     power = power_map(seen.cells, "noncoherent")[0]
@@ -147,15 +147,15 @@ def white_noise(gated: GatedMap) -> float:
 
 
 def detect_listed(
-    detector: Detector, power: NDArray[np.float64], looks: int, cells: tuple[NDArray[np.intp], ...]
+    detector: Detector, power: Floats, looks: int, cells: tuple[NDArray[np.intp], ...]
 ) -> Detection:
-    """Test listed cells of a power map, and no others where the detector can be told so.
+    """Test listed cells of a power map, and no others if the detector takes a list.
 
     Parameters
     ----------
     detector : Detector
-        Its `detect` may take ``cells``; of one that does not, all cells are
-        tested and the listed ones picked.
+        If its `detect` does not take ``cells``, all cells are tested and the
+        listed ones picked.
     power : ndarray of float64
         Power map of any rank.
     looks : int
@@ -175,10 +175,7 @@ def detect_listed(
 
 
 def detect_cells(
-    gated: GatedMap,
-    detector: Detector,
-    integration: Integration,
-    dynamic_range_db: float,
+    gated: GatedMap, detector: Detector, integration: Integration, dynamic_range_db: float
 ) -> DetectedCells:
     """Detect cells of a gated range-Doppler map.
 
@@ -188,8 +185,8 @@ def detect_cells(
     detector : Detector
     integration : {"element", "noncoherent"}
     dynamic_range_db : float
-        How far below the strongest cells an echo is still told from their
-        leakage.
+        Largest level of an echo below the strongest cells that is told from
+        their leakage.
 
     Returns
     -------
@@ -205,4 +202,4 @@ def detect_cells(
     rows, columns = candidates = np.nonzero(gate.reachable & (power > floor))
     found = detect_listed(detector, power, looks, candidates).mask
     bins = gate.range_bins[rows[found]], gate.doppler_bins[columns[found]]
-    return DetectedCells(power, detector, looks, bins, floor)
+    return DetectedCells(power, detector, looks, bins, gate, floor)

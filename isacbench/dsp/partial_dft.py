@@ -3,7 +3,7 @@
 A full map needs every bin of both transforms. A gate needs few of them, and a
 few bins are a product with a few rows of the DFT matrix, which
 
-- reads the grid once, in whatever blocks it comes, and sums what they give;
+- reads the grid once, in blocks of any kind, and sums their shares;
 - keeps to the cells of the gate: 12 MB in place of 940 MB on a street;
 - runs at the speed of a matrix product, some sixteen times that of a strided
   FFT per operation.
@@ -31,7 +31,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-Complex = NDArray[np.complexfloating[Any, Any]]
+from isacbench.dsp.array_types import Complex, Floats, Integers
+
 RangeMethod = Literal["partial", "fft"]
 
 MOST_SUMS = 1.25
@@ -90,7 +91,7 @@ def _rows(bins: ArrayLike, n: int) -> NDArray[np.complex128]:
 
 @dataclass(frozen=True, eq=False)
 class DopplerSums:
-    """Sums over symbols from which the Doppler bins of a gate follow, after whatever linear steps.
+    """Sums over symbols from which the Doppler bins of a gate follow, after any linear steps.
 
     Attributes
     ----------
@@ -98,17 +99,27 @@ class DopplerSums:
         Cosines and then sines of every distinct absolute Doppler bin; or, where
         few bins have their opposite, the rows of the DFT themselves.
     absolute : ndarray of int64, shape (d,)
-        Which of the cosines each bin of the gate has.
+        Index of the cosine of each bin of the gate.
     sign : ndarray of int64, shape (d,), or None
         Sign of each bin; None where the rows are the bins themselves.
     """
 
-    rows: NDArray[np.float64] | NDArray[np.complex128]
-    absolute: NDArray[np.int64]
-    sign: NDArray[np.int64] | None
+    rows: Floats | NDArray[np.complex128]
+    absolute: Integers
+    sign: Integers | None
 
     def rows_in(self, dtype: DTypeLike) -> NDArray[Any]:
-        """Rows in the precision of a complex dtype, real ones in its real part's."""
+        """Convert the rows to the precision of a complex type.
+
+        Parameters
+        ----------
+        dtype : dtype
+            Complex; real rows get the precision of its real part.
+
+        Returns
+        -------
+        ndarray of float or complex, shape (k, n_symbols)
+        """
         return self.rows.astype(dtype if np.iscomplexobj(self.rows) else np.empty(0, dtype).real.dtype)
 
     def bins(self, sums: Complex) -> Complex:
@@ -126,8 +137,7 @@ class DopplerSums:
             return sums
         cosines, sines = np.split(sums, 2, axis=1)
         quadrature = sines[:, self.absolute] * (1j * self.sign[:, None]).astype(sums.dtype)
-        bins: Complex = np.subtract(cosines[:, self.absolute], quadrature, out=quadrature)
-        return bins
+        return np.subtract(cosines[:, self.absolute], quadrature, out=quadrature)
 
 
 def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
@@ -159,14 +169,14 @@ def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
 def range_method(
     n_bins: int, n_subcarriers: int, lines: Literal["contiguous", "strided"] = "strided"
 ) -> RangeMethod:
-    """Which way to so many range bins takes less time.
+    """Choose the faster way to the range bins of a gate.
 
     Parameters
     ----------
     n_bins, n_subcarriers : int
         Range bins of the gate, and of the whole map.
     lines : {"contiguous", "strided"}
-        Whether the subcarriers of a symbol and element lie side by side.
+        Layout in memory of the subcarriers of one symbol and element.
 
     Returns
     -------
@@ -184,12 +194,34 @@ def range_method(
 
 
 def is_element_major(block: Complex) -> bool:
-    """Whether subcarriers of a block (n, m, e) are closer in memory than its elements."""
+    """Compare the distances in memory of subcarriers and of elements.
+
+    Parameters
+    ----------
+    block : ndarray of complex, shape (n, m, e)
+        Subcarriers, symbols and elements.
+
+    Returns
+    -------
+    bool
+        True if subcarriers are closer.
+    """
     return block.strides[0] < block.strides[2]
 
 
 def with_few_elements_outermost(block: Complex) -> Complex:
-    """Block (n, m, e), copied where products with so few elements side by side would be slow."""
+    """Copy a block if products with so few elements side by side would be slow.
+
+    Parameters
+    ----------
+    block : ndarray of complex, shape (n, m, e)
+        Subcarriers, symbols and elements.
+
+    Returns
+    -------
+    ndarray of complex, same shape
+        The block itself if products are fast.
+    """
     if is_element_major(block) or block.shape[2] >= min(FEW_ELEMENTS, block.shape[0]):
         return block
     return np.ascontiguousarray(block.transpose(2, 1, 0)).transpose(2, 1, 0)
@@ -223,8 +255,7 @@ def transform_block(
             return at_doppler
         n, d, e = at_doppler.shape
         lines = at_doppler.reshape(n, d * e).astype(along_range.dtype, copy=False)
-        cells: Complex = (along_range @ lines).reshape(-1, d, e)
-        return cells
+        return (along_range @ lines).reshape(-1, d, e)
     by_element = _product(along_doppler, block.transpose(2, 1, 0))
     if along_range is not None:
         by_element = by_element.astype(along_range.dtype, copy=False) @ along_range.T
@@ -249,15 +280,13 @@ def transform_lines(block: Complex, along_doppler: NDArray[Any], bins: ArrayLike
     """
     lines = _product(along_doppler, block.transpose(2, 1, 0)).astype(np.complex128, copy=False)
     ranges = scipy.fft.ifft(lines, axis=2, norm="ortho", overwrite_x=True)
-    cells: Complex = ranges[:, :, np.asarray(bins, dtype=np.int64) % len(block)].transpose(2, 1, 0)
-    return cells
+    return ranges[:, :, np.asarray(bins, dtype=np.int64) % len(block)].transpose(2, 1, 0)
 
 
 def _product(rows: NDArray[Any], blocks: Complex) -> Complex:
     """Product of rows (k, m) with blocks (..., m, x); of real rows with real and imaginary parts."""
     if np.iscomplexobj(rows):
-        complex_product: Complex = rows @ blocks
-        return complex_product
+        return rows @ blocks
     columns = blocks if blocks.strides[-1] == blocks.itemsize else np.ascontiguousarray(blocks)
     product: Complex = (rows @ columns.view(rows.dtype)).view(blocks.dtype)
     return product

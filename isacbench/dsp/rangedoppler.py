@@ -1,4 +1,4 @@
-"""The range-Doppler map: of a whole resource grid, and gated as estimators see it."""
+"""Range-Doppler maps of whole resource grids, and gated ones as estimators see them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Plane
+from isacbench.dsp.array_types import Complex, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, taper
 from isacbench.instrument.stages import stage
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from isacbench.model.gate import Gate
     from isacbench.model.observation import Observation
 
-Bins = tuple[NDArray[np.int64], NDArray[np.int64]]
+Bins = tuple[Integers, Integers]
 
 
-def range_doppler_map(grid: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complexfloating[Any, Any]]:
+def range_doppler_map(grid: Complex) -> Complex:
     """Unitary inverse DFT over subcarriers and unitary DFT over symbols, so that noise keeps its power.
 
     Parameters
@@ -43,10 +43,7 @@ def range_doppler_map(grid: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np
     5.656854249492
     """
     ranges = scipy.fft.ifft(grid, axis=0, norm="ortho", workers=-1)
-    cells: NDArray[np.complexfloating[Any, Any]] = scipy.fft.fft(
-        ranges, axis=1, norm="ortho", workers=-1, overwrite_x=True
-    )
-    return cells
+    return scipy.fft.fft(ranges, axis=1, norm="ortho", workers=-1, overwrite_x=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +53,16 @@ class GatedMap:
     Attributes
     ----------
     cells : ndarray of complex128 or complex64, shape (n_range, n_doppler, *elements)
-        Elements (P, Q), or as `elements` has them.
+        Elements (P, Q), or those of `elements`.
     gate : Gate
     elements : Aperture, optional
         The elements that the cells hold; without it a plane.
     bursts : SymbolBursts, optional
-        Symbols that the cells come from, to the middle of which they are
-        referred (`SymbolBursts.centred`); without it the whole frame.
+        Symbols of the cells, which are referred to the middle of these symbols
+        (`SymbolBursts.centred`); without it the whole frame.
     """
 
-    cells: NDArray[np.complexfloating[Any, Any]]
+    cells: Complex
     gate: Gate
     elements: Aperture | None = None
     bursts: SymbolBursts | None = None
@@ -73,13 +70,8 @@ class GatedMap:
     __repr__ = brief
 
     @classmethod
-    def of(
-        cls,
-        observation: Observation,
-        cells: NDArray[np.complexfloating[Any, Any]],
-        elements: Aperture | None = None,
-    ) -> GatedMap:
-        """Map of what an observation holds.
+    def of(cls, observation: Observation, cells: Complex, elements: Aperture | None = None) -> GatedMap:
+        """Map of an observation.
 
         Parameters
         ----------
@@ -114,32 +106,58 @@ class GatedMap:
 
     @property
     def sees_lobes(self) -> bool:
-        """Whether echoes show in Doppler bins far from their own."""
+        """True if echoes show in Doppler bins far from their own."""
         return self.bursts is not None and not self.bursts.is_whole_frame
 
     def doppler_kernel(self, n_symbols: int) -> SymbolBursts:
-        """Kernel of an echo along Doppler, in a frame of so many symbols."""
+        """Kernel of an echo along Doppler.
+
+        Parameters
+        ----------
+        n_symbols : int
+            Symbols of the frame.
+
+        Returns
+        -------
+        SymbolBursts
+        """
         return whole_frame(n_symbols) if self.bursts is None else self.bursts
 
     def doppler_taper(self, window: Window) -> Window:
-        """Window along Doppler to use for one that suits a whole frame.
+        """Choose the window along Doppler.
 
-        Of bursts none: between one grating lobe and the next there are no
-        sidelobes that a taper would lower, and it widens all lobes until they
-        meet.
+        Parameters
+        ----------
+        window : {"rect", "soft", "hamming", "hann", "blackman"}
+            Window for a whole frame.
+
+        Returns
+        -------
+        {"rect", "soft", "hamming", "hann", "blackman"}
+            "rect" for bursts: between one grating lobe and the next there are
+            no sidelobes to lower, and a taper widens all lobes until they meet.
         """
         return "rect" if self.sees_lobes else window
 
     def astype(self, dtype: type[np.complexfloating[Any, Any]]) -> GatedMap:
-        """Map in another precision; itself where it has that already."""
-        if self.cells.dtype == dtype:
-            return self
-        return replace(self, cells=self.cells.astype(dtype))
+        """Convert the map to a precision.
+
+        Parameters
+        ----------
+        dtype : type
+            Complex type of numpy.
+
+        Returns
+        -------
+        GatedMap
+            The map itself if it has that precision.
+        """
+        return self if self.cells.dtype == dtype else replace(self, cells=self.cells.astype(dtype))
 
     def tapered(self, range_window: Window, doppler_window: Window, neighbours: int = 0) -> GatedMap:
-        """Map behind windows along range and Doppler, without the outermost bins that lack neighbours.
+        """Taper the map along range and Doppler, without the outermost bins that lack neighbours.
 
-        Along an axis whose last bin is next to its first none does.
+        Along an axis whose last bin is next to its first, all bins have neighbours.
 
         Parameters
         ----------
@@ -158,24 +176,43 @@ class GatedMap:
         return replace(self, cells=cells, gate=wrapped.gate.trim(*reaches))
 
     def _wrapped(self, reaches: tuple[int, int], neighbours: int) -> GatedMap:
-        """Map with bins repeated from the other end where an axis wraps; itself where none does."""
+        """Map with bins repeated from the other end of axes that wrap."""
         cells, added = self.cells, [0, 0]
         for axis, n_side in enumerate(reaches):
             n_bins = self.gate.shape[axis]
-            # Of shorter axes a window has no bins to itself, and is refused.
+            # `taper` refuses axes shorter than the window.
             if self.gate.wraps[axis] and n_bins > 2 * n_side:
                 added[axis] = n_side + neighbours
                 index = np.arange(-added[axis], n_bins + added[axis]) % n_bins
                 cells = np.take(cells, index, axis=axis)
         return self if added == [0, 0] else replace(self, cells=cells, gate=self.gate.extend(*added))
 
-    def surrounds(self, bins: Bins) -> NDArray[np.bool_]:
-        """Which absolute range and Doppler bins, shape (n,), lie in the map with all four neighbours."""
-        inside: NDArray[np.bool_] = np.ones(bins[0].shape, dtype=np.bool_)
-        for index, size in zip(self.index(bins), self.gate.shape, strict=True):
-            inside &= (index >= 1) & (index < size - 1)
-        return inside
+    def surrounds(self, bins: Bins) -> Mask:
+        """Tell the bins that lie in the map with all four neighbours.
+
+        Parameters
+        ----------
+        bins : (ndarray of int64, ndarray of int64)
+            Absolute range and Doppler bins, shape (n,).
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        (rows, columns), (n_rows, n_columns) = self.index(bins), self.gate.shape
+        return (rows >= 1) & (rows < n_rows - 1) & (columns >= 1) & (columns < n_columns - 1)
 
     def index(self, bins: Bins) -> Bins:
-        """Find absolute range and Doppler bins: their indices into `cells`."""
+        """Find range and Doppler bins in the map.
+
+        Parameters
+        ----------
+        bins : (ndarray of int64, ndarray of int64)
+            Absolute range and Doppler bins, shape (n,).
+
+        Returns
+        -------
+        (ndarray of int64, ndarray of int64)
+            Indices into `cells`.
+        """
         return bins[0] - self.gate.range_bins[0], bins[1] - self.gate.doppler_bins[0]

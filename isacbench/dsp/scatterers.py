@@ -1,29 +1,27 @@
-"""Scatterers from plane waves: which of them are at home in their cell, and which are one seen twice."""
+"""Scatterers from plane waves: places between cells, the own-cell test, duplicates of several cells."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from isacbench.display import brief
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.stable_order import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin
 
-Floats = NDArray[np.float64]
-
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
 """Range and Doppler bins, u and w within which two points are one."""
 
 TIE_DIGITS = 6
-"""Of powers and amplitudes: what differs beyond is rounding, and the first of equals stays."""
+"""Digits in which powers and amplitudes are compared: the rest is rounding, and the first of equals stays."""
 
 ONE_ECHO = 0.95
 """Share of the energy in three bins that a single echo has to explain."""
@@ -51,7 +49,7 @@ class LocatedScatterers:
     u: Floats
     w: Floats
     power: Floats
-    family: NDArray[np.int64]
+    family: Integers
 
     __repr__ = brief
 
@@ -64,54 +62,59 @@ class LocatedScatterers:
         none = np.empty(0)
         return cls(none, none, none, none, none, np.empty(0, dtype=np.int64))
 
-    def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> LocatedScatterers:
-        """Those that a mask or an index array picks."""
-        return LocatedScatterers(
-            self.range_bin[keep],
-            self.doppler_bin[keep],
-            self.u[keep],
-            self.w[keep],
-            self.power[keep],
-            self.family[keep],
-        )
+    def select(self, keep: Mask | Integers) -> LocatedScatterers:
+        """Select scatterers.
 
-    @property
-    def next_family(self) -> int:
-        """A number that no family has."""
-        return int(self.family.max(initial=-1)) + 1
+        Parameters
+        ----------
+        keep : ndarray of bool or int64
+            Mask or indices of the scatterers.
+
+        Returns
+        -------
+        LocatedScatterers
+        """
+        return LocatedScatterers(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     def join(self, others: LocatedScatterers) -> LocatedScatterers:
-        """These and others behind them, whose families are numbered on from these."""
-        family = np.where(others.family >= 0, others.family + self.next_family, -1)
-        return LocatedScatterers(
-            np.concatenate([self.range_bin, others.range_bin]),
-            np.concatenate([self.doppler_bin, others.doppler_bin]),
-            np.concatenate([self.u, others.u]),
-            np.concatenate([self.w, others.w]),
-            np.concatenate([self.power, others.power]),
-            np.concatenate([self.family, family]),
-        )
+        """Append scatterers, whose families are numbered on from the present ones.
+
+        Parameters
+        ----------
+        others : LocatedScatterers
+
+        Returns
+        -------
+        LocatedScatterers
+        """
+        n_families = self.family.max(initial=-1) + 1
+        others = replace(others, family=np.where(others.family >= 0, others.family + n_families, -1))
+        columns = ((getattr(part, field.name) for part in (self, others)) for field in fields(self))
+        return LocatedScatterers(*(np.concatenate([*column]) for column in columns))
 
     def interleaved(self, step_bins: float) -> LocatedScatterers:
-        """These, and behind them candidates without power a step nearer and a step farther than each.
+        """Append two candidates without power for each scatterer, a step nearer and a step farther.
 
         Where extended objects are imaged at one point a bin, the candidates
         lie between the points.
+
+        Parameters
+        ----------
+        step_bins : float
+            In range bins.
+
+        Returns
+        -------
+        LocatedScatterers
         """
-        shifted = [
-            replace(
-                self,
-                range_bin=self.range_bin + step,
-                power=np.zeros_like(self.power),
-                family=np.full_like(self.family, -1),
-            )
-            for step in (-step_bins, step_bins)
-        ]
-        return self.join(shifted[0]).join(shifted[1])
+        blank = replace(self, power=np.zeros_like(self.power), family=np.full_like(self.family, -1))
+        nearer = replace(blank, range_bin=self.range_bin - step_bins)
+        farther = replace(blank, range_bin=self.range_bin + step_bins)
+        return self.join(nearer).join(farther)
 
 
-class Located(NamedTuple):
-    """Scatterers at the places of plane waves, and how strong they are in the cells around.
+class ScatterersInCells(NamedTuple):
+    """Scatterers at the places of plane waves, and their amplitudes in the cells around.
 
     Attributes
     ----------
@@ -130,13 +133,13 @@ class Located(NamedTuple):
     along_doppler: Floats
 
     def at_home(self, range_excess: float, doppler_excess: float) -> LocatedScatterers:
-        """Scatterers that pass the own-cell test.
+        """Select the scatterers that pass the own-cell test.
 
         Parameters
         ----------
         range_excess, doppler_excess : float
-            How much stronger than in its own cell a plane wave may be in the
-            next one, along range and along Doppler. 1 keeps local maxima only,
+            Largest amplitude of a plane wave in the next cell over that in its
+            own, along range and along Doppler. 1 keeps local maxima only,
             which breaks up lines of scatterers.
 
         Returns
@@ -159,13 +162,13 @@ def locate_waves(
     windows: tuple[Window, Window],
     dynamic_range_db: float,
     one_doppler: bool = False,
-) -> Located:
-    """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
+) -> ScatterersInCells:
+    """Place plane waves in range and Doppler, by their amplitudes in the neighbouring cells.
 
     The amplitudes in two neighbouring bins place a scatterer between them.
     Along range, where streets are crowded, they often belong to several: the
-    scatterer is then left in the middle of its bin, for a joint refinement to
-    move.
+    scatterer then stays in the middle of its bin, and a joint refinement moves
+    it.
 
     Parameters
     ----------
@@ -176,74 +179,67 @@ def locate_waves(
         Absolute range and Doppler bin of each cell, shape (n,), none at the
         map's edge.
     windows : (Window, Window)
-        That the map is tapered with along range and along Doppler.
+        Tapers of the map along range and along Doppler.
     dynamic_range_db : float
-        How far below the strongest plane wave of the 5 x 5 cells around it
-        another may lie.
+        Largest level of a plane wave below the strongest of the 5 x 5 cells
+        around it.
     one_doppler : bool, default False
-        Whether a plane wave must look like one echo along Doppler. One
+        Keep only plane waves that look like one echo along Doppler. One
         between two movers, which the direction of neither fits, does not.
 
     Returns
     -------
-    Located
+    ScatterersInCells
     """
     rows, columns = index = tapered.index(bins)
-    steps = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+    steps = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
     snapshots = np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
     amplitudes = waves.amplitudes(snapshots, tapered.aperture)
-    levels = np.abs(amplitudes)
+    own, nearer, farther, slower, faster = levels = np.abs(amplitudes)
     strongest = np.zeros(tapered.gate.shape)
-    strongest[index] = levels[0].max(axis=1, initial=0)
+    strongest[index] = own.max(axis=1, initial=0)
     weakest = maximum_filter(strongest, size=5)[index][:, None] * 10 ** (-dynamic_range_db / 20)
-    kept = waves.found & (levels[0] > 0) & (levels[0] >= weakest)
-    if one_doppler:
-        own, _, _, faster, slower = levels
-        profile = np.stack([amplitudes[4], amplitudes[0], amplitudes[3]], axis=-1)
-        kept &= _is_one_echo(profile, _offset(own, faster, slower, windows[1]), windows[1])
-    own, farther, nearer, faster, slower = levels[:, kept]
+    kept = waves.found & (own > 0) & (own >= weakest)
     range_offset = _offset(own, farther, nearer, windows[0])
-    profile = np.stack([amplitudes[2][kept], amplitudes[0][kept], amplitudes[1][kept]], axis=-1)
-    range_offset[~_is_one_echo(profile, range_offset, windows[0])] = 0
-    doppler_offset = _doppler_offset(own, faster, slower, windows[1], tapered.bursts)
+    range_offset[~_is_one_echo(amplitudes[[1, 0, 2]], range_offset, windows[0])] = 0
+    doppler_offset = _offset(own, faster, slower, windows[1], tapered.bursts if tapered.sees_lobes else None)
+    if one_doppler:
+        kept &= _is_one_echo(amplitudes[[3, 0, 4]], doppler_offset, windows[1])
     resolved = np.zeros(len(kept), dtype=np.bool_) if waves.resolved is None else waves.resolved
     cell = np.nonzero(kept)[0]
     scatterers = LocatedScatterers(
-        bins[0][cell] + range_offset,
-        bins[1][cell] + doppler_offset,
+        bins[0][cell] + range_offset[kept],
+        bins[1][cell] + doppler_offset[kept],
         waves.u[kept],
         waves.w[kept],
-        own**2,
+        own[kept] ** 2,
         np.where(resolved[cell], cell, -1),
     )
-    return Located(
-        scatterers, np.stack([nearer, own, farther], axis=1), np.stack([slower, own, faster], axis=1)
-    )
+    return ScatterersInCells(scatterers, levels[[1, 0, 2]][:, kept].T, levels[[3, 0, 4]][:, kept].T)
 
 
-def _offset(own: Floats, behind: Floats, before: Floats, window: Window) -> Floats:
-    """Signed offset in bins, from the amplitudes in a bin and in the two next to it."""
-    towards = np.where(behind >= before, 1, -1)
-    ratio = np.divide(np.maximum(behind, before), own, out=np.zeros_like(own), where=own > 0)
-    return towards * fractional_bin(ratio, window)
-
-
-def _doppler_offset(
-    own: Floats, faster: Floats, slower: Floats, window: Window, bursts: SymbolBursts | None
+def _offset(
+    own: Floats, behind: Floats, before: Floats, window: Window, bursts: SymbolBursts | None = None
 ) -> Floats:
-    """The same along Doppler, where bursts have a kernel of their own and no window."""
-    if bursts is None or bursts.is_whole_frame:
-        return _offset(own, faster, slower, window)
-    stronger = np.maximum(faster, slower)
-    return np.where(faster >= slower, 1, -1) * bursts.fractional_bin(own, stronger)
+    """Signed offset in bins, from the amplitudes in a bin and in the two next to it.
+
+    Along Doppler, bursts have a kernel of their own and no window.
+    """
+    stronger = np.maximum(behind, before)
+    if bursts is None:
+        ratio = np.divide(stronger, own, out=np.zeros_like(own), where=own > 0)
+        offset = fractional_bin(ratio, window)
+    else:
+        offset = bursts.fractional_bin(own, stronger)
+    return np.where(behind >= before, offset, -offset)
 
 
-def _is_one_echo(profile: NDArray[np.complex128], offset: Floats, window: Window) -> NDArray[np.bool_]:
-    """Whether amplitudes (..., 3) around a bin are those of one echo at that offset."""
-    model = bin_profile(offset, window)
-    explained = np.abs(np.sum(model.conj() * profile, axis=-1)) ** 2
-    energy = np.sum(np.abs(model) ** 2, axis=-1) * np.sum(np.abs(profile) ** 2, axis=-1)
-    one: NDArray[np.bool_] = explained >= ONE_ECHO * energy
+def _is_one_echo(amplitudes: Complex, offset: Floats, window: Window) -> Mask:
+    """Tell the amplitudes (3, ...) in a bin and its neighbours that are those of one echo at an offset."""
+    model = np.moveaxis(bin_profile(offset, window), -1, 0)
+    explained = np.abs(np.sum(model.conj() * amplitudes, axis=0)) ** 2
+    energy = np.sum(np.abs(model) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
+    one: Mask = explained >= ONE_ECHO * energy
     return one
 
 
@@ -251,28 +247,33 @@ def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:
     """Keep the strongest of scatterers within 0.3 bins in range and Doppler and 0.01 in u and w.
 
     Stronger scatterers decide first, so that a chain of neighbours is thinned
-    out and not merged into one. A family is as strong as its strongest: where
-    two cells have resolved the same scatterers, those of one cell are kept.
+    out and not merged into one. A family is as strong as its strongest member:
+    where two cells have resolved the same scatterers, those of one cell are kept.
+
+    Parameters
+    ----------
+    scatterers : LocatedScatterers
+
+    Returns
+    -------
+    LocatedScatterers
     """
     points = np.column_stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w])
     pairs = cKDTree(points / DUPLICATE_CELL).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    rank = np.empty(len(scatterers), dtype=np.int64)
     keys = scatterers.power, _family_power(scatterers)
-    rank[np.lexsort([-rounded(power, TIE_DIGITS) for power in keys])] = np.arange(len(scatterers))
-    swap = rank[pairs[:, 0]] > rank[pairs[:, 1]]
-    pairs[swap] = pairs[swap][:, ::-1]
+    strongest_first = np.lexsort([-rounded(power, TIE_DIGITS) for power in keys])
+    rank = np.argsort(strongest_first)
+    pairs = np.sort(rank[pairs], axis=1)
     alive = np.ones(len(scatterers), dtype=np.bool_)
-    for stronger, weaker in pairs[np.argsort(rank[pairs[:, 0]], kind="stable")]:
+    for stronger, weaker in strongest_first[pairs[np.argsort(pairs[:, 0], kind="stable")]]:
         if alive[stronger]:
             alive[weaker] = False
     return scatterers.select(alive)
 
 
 def _family_power(scatterers: LocatedScatterers) -> Floats:
-    """Power (n,) of the strongest of each scatterer's family, its own where it has none."""
-    related = scatterers.family >= 0
-    strongest = np.zeros(scatterers.next_family)
-    np.maximum.at(strongest, scatterers.family[related], scatterers.power[related])
-    power = scatterers.power.copy()
-    power[related] = strongest[scatterers.family[related]]
-    return power
+    """Power (n,) of the strongest of each scatterer's family, its own without a family."""
+    power, family = scatterers.power, scatterers.family
+    strongest = np.zeros(family.max(initial=-1) + 1)
+    np.maximum.at(strongest, family[family >= 0], power[family >= 0])
+    return np.where(family >= 0, np.append(strongest, 0)[family], power)

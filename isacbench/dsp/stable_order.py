@@ -1,23 +1,22 @@
-"""Ties: numbers that only rounding tells apart, and that come in one order however they were rounded.
+"""Order of numbers that differ by rounding alone, the same on every processor.
 
 Equal echoes have equal powers but for their last digits, which threads, memory
-order and units change. Where the order of powers decides, they are compared to
-fewer digits, and what is equal then keeps the order it has.
+order and units change. Powers whose order decides are compared to fewer
+digits, and those equal then keep their order.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from isacbench.dsp.array_types import Floats
 
 STEP_BITS = 8
-"""Binary digits that are kept below the square of a step."""
+"""Binary digits kept below the square of a step."""
 
 
 def rounded(values: Floats, digits: int) -> Floats:
-    """Values to so many decimal digits of their binary mantissa, in any unit the same.
+    """Round values to decimal digits of their binary mantissa.
 
     Parameters
     ----------
@@ -35,25 +34,24 @@ def rounded(values: Floats, digits: int) -> Floats:
     True
     """
     mantissa, exponent = np.frexp(values)
-    few: Floats = np.ldexp(np.round(mantissa, digits), exponent)
-    return few
+    return np.ldexp(np.round(mantissa, digits), exponent)
 
 
 def stepped(places: Floats, steps: Floats) -> Floats:
-    """Places after a step, without the digits that the step cannot know.
+    """Round places after a step to the digits that the step determines.
 
     A Newton step of length s ends about s² from its aim, in units in which the
     curvature changes by its own size. Digits far below s² carry rounding alone,
-    which the next steps would magnify wherever they are not yet near their aim:
-    two processors whose sums differ in the last digit would part. So they are
-    dropped. Near its aim a step is short, and the digits stay.
+    and the next steps would magnify it: results of two processors whose sums
+    differ in the last digit would part. Near its aim a step is short, and the
+    digits stay.
 
     Parameters
     ----------
     places : ndarray of float64, shape (..., m)
         In Rayleigh cells.
     steps : ndarray of float64, shape (..., m)
-        Steps that have led there. All coordinates keep the digits of the longest.
+        Steps to these places. All coordinates keep the digits of the longest.
 
     Returns
     -------
@@ -69,5 +67,4 @@ def stepped(places: Floats, steps: Floats) -> Floats:
     longest = np.abs(steps).max(axis=-1, keepdims=True, initial=0)
     _, exponent = np.frexp(longest)
     pitch = np.ldexp(1.0, np.where(longest > 0, 2 * exponent - STEP_BITS, -1000))
-    kept: Floats = np.rint(places / pitch) * pitch
-    return kept
+    return np.rint(places / pitch) * pitch

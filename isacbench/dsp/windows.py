@@ -16,16 +16,13 @@ Fourier transform", Proc. IEEE 66 (1978), section V.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Complex = NDArray[np.complexfloating[Any, Any]]
 
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]
 
@@ -39,13 +36,31 @@ COEFFICIENTS: dict[Window, tuple[float, ...]] = {
 
 
 def reach(window: Window) -> int:
-    """Neighbouring bins to either side that the window mixes in."""
+    """Neighbouring bins to either side that a window mixes in.
+
+    Parameters
+    ----------
+    window : {"rect", "soft", "hamming", "hann", "blackman"}
+
+    Returns
+    -------
+    int
+    """
     return len(COEFFICIENTS[window]) - 1
 
 
 @lru_cache
 def taps(window: Window) -> tuple[float, ...]:
-    """Convolution taps from one side to the other, of unit energy.
+    """Convolution taps of a window, of unit energy.
+
+    Parameters
+    ----------
+    window : {"rect", "soft", "hamming", "hann", "blackman"}
+
+    Returns
+    -------
+    tuple of float
+        From one side to the other.
 
     Examples
     --------
@@ -56,11 +71,6 @@ def taps(window: Window) -> tuple[float, ...]:
     side = [(-1) ** order * coefficient / 2 for order, coefficient in enumerate(others, start=1)]
     kernel = np.array([*side[::-1], first, *side])
     return tuple(float(tap) for tap in kernel / np.linalg.norm(kernel))
-
-
-def coherent_gain(window: Window) -> float:
-    """Amplitude that the window leaves of an echo in the middle of a bin, noise power kept."""
-    return taps(window)[reach(window)]
 
 
 def taper(cells: Complex, window: Window, axis: int) -> Complex:
@@ -102,8 +112,8 @@ def taper(cells: Complex, window: Window, axis: int) -> Complex:
     return tapered
 
 
-def fractional_bin(ratio: ArrayLike, window: Window) -> NDArray[np.float64]:
-    """Offset of an echo from its strongest bin, from how strong the next bin is.
+def fractional_bin(ratio: ArrayLike, window: Window) -> Floats:
+    """Offset of an echo from its strongest bin, from the amplitude in the next bin.
 
     Parameters
     ----------
@@ -123,11 +133,11 @@ def fractional_bin(ratio: ArrayLike, window: Window) -> NDArray[np.float64]:
     """
     ratio = np.asarray(ratio, dtype=np.float64)
     shares, offsets = _share_table(window)
-    offset: NDArray[np.float64] = np.interp(ratio / (1 + ratio), shares, offsets)
+    offset: Floats = np.interp(ratio / (1 + ratio), shares, offsets)
     return offset
 
 
-def bin_profile(offset: ArrayLike, window: Window) -> NDArray[np.complex128]:
+def bin_profile(offset: ArrayLike, window: Window) -> Complex:
     """Amplitudes that a unit echo leaves in its own range bin and in the two next to it.
 
     Parameters
@@ -152,24 +162,12 @@ def bin_profile(offset: ArrayLike, window: Window) -> NDArray[np.complex128]:
     distance = bins - np.asarray(offset, dtype=np.float64)[..., np.newaxis]
     untapered = np.sinc(distance) * np.exp(1j * np.pi * distance)
     kernel = np.array(taps(window))
-    profile: NDArray[np.complex128] = np.stack(
-        [untapered[..., k : k + kernel.size] @ kernel for k in range(3)], axis=-1
-    )
-    return profile
+    return np.stack([untapered[..., k : k + kernel.size] @ kernel for k in range(3)], axis=-1)
 
 
 @lru_cache
-def _share_table(window: Window) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _share_table(window: Window) -> tuple[Floats, Floats]:
     """Share of the next bin in both amplitudes, bounded unlike their ratio, over the offset from 0 to 1."""
     offsets = np.linspace(0, 1, 513)
-    own, other = _mainlobe(offsets, window), _mainlobe(1 - offsets, window)
+    _, own, other = np.abs(bin_profile(offsets, window)).T
     return other / (own + other), offsets
-
-
-def _mainlobe(offset: NDArray[np.float64], window: Window) -> NDArray[np.float64]:
-    """Amplitude response of the window at an offset in bins, transform length taken as infinite."""
-    neighbours = np.arange(-reach(window), reach(window) + 1)
-    # Dirichlet kernels of neighbouring bins, sinc(d) exp(jπd), alternate in sign.
-    alternating = np.where(neighbours % 2, -1.0, 1.0)
-    response: NDArray[np.float64] = np.sinc(offset[:, None] + neighbours) @ (alternating * taps(window))
-    return response

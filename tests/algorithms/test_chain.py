@@ -9,7 +9,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from isacbench_algorithms.cellwise import CellwiseEstimator
+from isacbench_algorithms.chain import CellwiseEstimator
 from isacbench_algorithms.detectors import CaCfar
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d

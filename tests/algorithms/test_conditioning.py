@@ -93,7 +93,7 @@ def drift(one, other):
 
 
 @ALL
-@pytest.mark.parametrize("db", [100, 140])
+@pytest.mark.parametrize("db", [60, 100])
 def test_two_scatterers_of_one_cell_far_apart_in_power_are_both_imaged(method, db):
     points = [FIRST, beside(FIRST, 0.2)]
     observation = observe(points, amplitude=[1, 10 ** (-db / 20)])

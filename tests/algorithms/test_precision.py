@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from isacbench_algorithms.cellwise import PrecisionStage
+from isacbench_algorithms.chain import PrecisionStage
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d

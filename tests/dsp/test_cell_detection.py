@@ -128,14 +128,14 @@ def test_the_strongest_cell_that_is_kept_is_named_by_its_bins():
     cells[10, 12] *= 30
     cells[3, 12] *= 90  # beyond reach
     found = detect_cells(GatedMap(cells, GATE), Everything(), "noncoherent", 30.0)
-    assert found.strongest_cell(GATE) == (50, 0)
+    assert [bins.tolist() for bins in found.strongest().bins] == [[50], [0]]
 
 
 def test_where_nothing_is_kept_there_is_no_strongest_cell():
     nothing = Everything(mask=np.zeros(GATE.shape, dtype=bool))
     found = detect_cells(GatedMap(noise_cells(GATE), GATE), nothing, "noncoherent", 30.0)
     assert found.bins[0].size == found.bins[1].size == 0
-    assert found.strongest_cell(GATE) is None
+    assert found.strongest().bins[0].size == 0
 
 
 def test_without_clear_doppler_bins_the_floor_falls_back_on_the_noise_of_the_detector():

@@ -178,11 +178,6 @@ def test_joining_none_changes_nothing():
         assert joined.family.dtype == np.int64
 
 
-@pytest.mark.parametrize(("family", "expected"), [((), 0), ((-1, -1), 0), ((0, -1), 1), ((4, 2, 4), 5)])
-def test_the_next_family_is_new(family, expected):
-    assert with_families(*family).next_family == expected
-
-
 def test_those_who_are_picked_keep_their_family():
     some = with_families(5, -1, 7)
     assert some.select(np.array([True, False, True])).family.tolist() == [5, 7]

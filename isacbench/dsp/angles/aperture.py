@@ -1,4 +1,4 @@
-"""The virtual elements that are read, and how they respond to directions: a plane, or a cross of two lines.
+"""Virtual elements that are read, a plane or a cross of two lines, and their responses to directions.
 
 The response to a plane wave is a line of phases along u times one along w. So
 the products of responses over the P x Q elements of a plane are those over a
@@ -13,20 +13,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from math import prod
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.model.kernels import steering
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
 
-
-@dataclass(frozen=True, eq=False)
 class Responses(ABC):
-    """How the elements respond to plane waves from directions, cosines u and w apart.
+    """Responses of the elements to plane waves, from direction cosines u and w apart.
 
     Products with snapshots have the precision of the snapshots; products of
     responses with each other are always double.
@@ -42,9 +39,12 @@ class Responses(ABC):
         Elements over which products are averaged.
     """
 
-    along_u: Complex
-    along_w: Complex
-    n_elements: int
+    first_of_row = 0
+
+    def __init__(self, aperture: Aperture, u: Floats, w: Floats) -> None:
+        self.along_u = steering(aperture.n_p, u)
+        self.along_w = steering(aperture.n_q, w)[..., self.first_of_row :]
+        self.n_elements = aperture.n_elements
 
     def gram(self) -> Complex:
         """Outputs of filters matched to k directions, for unit waves from each of them.
@@ -54,7 +54,7 @@ class Responses(ABC):
         ndarray of complex128, shape (..., k, k)
             Hermitian, filters first; 1 on the diagonal.
         """
-        return self._joined(*self._line_products())
+        return self._joined(*self._line_products()) / self.n_elements
 
     def intersections_gram(self) -> Complex:
         """The same of all pairs of one of the i cosines u and one of the j cosines w.
@@ -64,7 +64,7 @@ class Responses(ABC):
         ndarray of complex128, shape (n, i, j, i, j)
         """
         along_u, along_w = self._line_products()
-        return self._joined(along_u[:, :, None, :, None], along_w[:, None, :, None, :])
+        return self._joined(along_u[:, :, None, :, None], along_w[:, None, :, None, :]) / self.n_elements
 
     @abstractmethod
     def matched(self, snapshots: Complex) -> Complex:
@@ -119,9 +119,10 @@ class Responses(ABC):
         ndarray of complex, shape (n, *elements)
         """
 
+    @staticmethod
     @abstractmethod
-    def _joined(self, along_u: Complex, along_w: Complex) -> Complex:
-        """Mean products over all elements from the products over each line."""
+    def _joined(along_u: Complex, along_w: Complex) -> Complex:
+        """Products over all elements from the products over each line."""
 
     def _filters(self, snapshots: Complex) -> tuple[Complex, Complex]:
         """Conjugate responses in the precision of snapshots."""
@@ -134,68 +135,59 @@ class Responses(ABC):
 
 
 class _PlaneResponses(Responses):
-    """On all P x Q elements, which are touched along one axis and then along the other."""
+    """Responses of all P x Q elements, which are touched along one axis and then along the other."""
 
     def matched(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
-        matched: Complex = np.sum((a @ snapshots) * b, axis=3)
-        matched /= self.n_elements
+        matched: Complex = np.sum((a @ snapshots) * b, axis=3) / self.n_elements
         return matched
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
-        matched: Complex = a @ snapshots @ b.transpose(0, 2, 1)
-        matched /= self.n_elements
-        return matched
+        return a @ snapshots @ b.transpose(0, 2, 1) / self.n_elements
 
     def beams(self, snapshots: Complex) -> Complex:
         n, n_snapshots, n_p, n_q = snapshots.shape
         # Two products of large matrices with vectors, and none of as many small ones.
         a, b = self._filters(snapshots)
         columns = snapshots.reshape(n, n_snapshots * n_p, n_q) @ b[:, :, None]
-        outputs = columns.reshape(n, n_snapshots, n_p) @ a[:, :, None]
-        beams: Complex = outputs[:, :, 0] / self.n_elements
-        return beams
+        return (columns.reshape(n, n_snapshots, n_p) @ a[:, :, None])[:, :, 0] / self.n_elements
 
     def synthesis(self, amplitude: Complex) -> Complex:
-        waves: Complex = (self.along_u * amplitude[:, :, None]).transpose(0, 2, 1) @ self.along_w
-        return waves
+        return (self.along_u * amplitude[:, :, None]).transpose(0, 2, 1) @ self.along_w
 
-    def _joined(self, along_u: Complex, along_w: Complex) -> Complex:
-        joined: Complex = along_u * along_w
-        joined /= self.n_elements
-        return joined
+    @staticmethod
+    def _joined(along_u: Complex, along_w: Complex) -> Complex:
+        return along_u * along_w
 
 
 class _CrossResponses(Responses):
-    """On one column, and on the rest of one row."""
+    """Responses of one column, and of the rest of one row."""
+
+    first_of_row = 1
 
     def matched(self, snapshots: Complex) -> Complex:
-        outputs = np.concatenate(self._filters(snapshots), axis=-1) @ snapshots[..., None]
-        matched: Complex = outputs[..., 0] / self.n_elements
-        return matched
+        both = np.concatenate(self._filters(snapshots), axis=-1)
+        return (both @ snapshots[..., None])[..., 0] / self.n_elements
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
         n_p = a.shape[-1]
-        along_w = b @ snapshots[:, n_p:, None]
-        return self._joined(a @ snapshots[:, :n_p, None], along_w.transpose(0, 2, 1))
+        along_u, along_w = a @ snapshots[:, :n_p, None], b @ snapshots[:, n_p:, None]
+        return self._joined(along_u, along_w.transpose(0, 2, 1)) / self.n_elements
 
     def beams(self, snapshots: Complex) -> Complex:
-        filters: Complex = np.concatenate(self._filters(snapshots), axis=-1)
-        outputs = snapshots @ filters[:, :, None]
-        beams: Complex = outputs[:, :, 0] / self.n_elements
-        return beams
+        both: Complex = np.concatenate(self._filters(snapshots), axis=-1)
+        return (snapshots @ both[:, :, None])[:, :, 0] / self.n_elements
 
     def synthesis(self, amplitude: Complex) -> Complex:
         both = np.concatenate([self.along_u, self.along_w], axis=-1)
         waves: Complex = (amplitude[:, None, :] @ both)[:, 0]
         return waves
 
-    def _joined(self, along_u: Complex, along_w: Complex) -> Complex:
-        joined: Complex = along_u + along_w
-        joined /= self.n_elements
-        return joined
+    @staticmethod
+    def _joined(along_u: Complex, along_w: Complex) -> Complex:
+        return along_u + along_w
 
 
 @dataclass(frozen=True)
@@ -210,18 +202,18 @@ class Aperture(ABC):
 
     n_p: int
     n_q: int
-
-    @property
-    @abstractmethod
-    def n_elements(self) -> int:
-        """Elements that are read."""
+    _responses: ClassVar[type[Responses]]
 
     @property
     @abstractmethod
     def shape(self) -> tuple[int, ...]:
         """Axes of the elements in snapshots."""
 
-    @abstractmethod
+    @property
+    def n_elements(self) -> int:
+        """Elements that are read."""
+        return prod(self.shape)
+
     def towards(self, u: Floats, w: Floats) -> Responses:
         """Responses to directions.
 
@@ -236,8 +228,8 @@ class Aperture(ABC):
         -------
         Responses
         """
+        return self._responses(self, u, w)
 
-    @abstractmethod
     def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
         """Read snapshots as lines of sensors along u, and as lines along w.
 
@@ -248,9 +240,14 @@ class Aperture(ABC):
         Returns
         -------
         along_u : ndarray of complex, shape (n, P, s)
-            s lines each.
+            Lines of P sensors: the Q columns of a plane, or the column of a cross.
         along_w : ndarray of complex, shape (n, Q, t)
+            Lines of Q sensors: the P rows of a plane, or the row of a cross.
         """
+        return self._lines(snapshots)
+
+    @abstractmethod
+    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]: ...
 
 
 class Plane(Aperture):
@@ -265,22 +262,14 @@ class Plane(Aperture):
     [[1.0, 0.638], [0.638, 1.0]]
     """
 
-    @property
-    def n_elements(self) -> int:
-        """Elements P Q."""
-        return self.n_p * self.n_q
+    _responses = _PlaneResponses
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(P, Q)."""
+        """Elements (P, Q)."""
         return self.n_p, self.n_q
 
-    def towards(self, u: Floats, w: Floats) -> Responses:
-        """Responses of all columns and rows."""
-        return _PlaneResponses(steering(self.n_p, u), steering(self.n_q, w), self.n_elements)
-
-    def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
-        """Columns and rows: Q lines along u, P along w."""
+    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
         return snapshots, snapshots.transpose(0, 2, 1)
 
 
@@ -299,21 +288,13 @@ class Cross(Aperture):
     [[1.0, 0.611], [0.611, 1.0]]
     """
 
-    @property
-    def n_elements(self) -> int:
-        """Elements P + Q - 1."""
-        return self.n_p + self.n_q - 1
+    _responses = _CrossResponses
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(P + Q - 1,)."""
-        return (self.n_elements,)
+        """Elements (P + Q - 1,)."""
+        return (self.n_p + self.n_q - 1,)
 
-    def towards(self, u: Floats, w: Floats) -> Responses:
-        """Responses of the column and of the rest of the row."""
-        return _CrossResponses(steering(self.n_p, u), steering(self.n_q, w)[..., 1:], self.n_elements)
-
-    def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
-        """The column and the row, which share the element (0, 0)."""
+    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
         row = np.concatenate([snapshots[:, :1], snapshots[:, self.n_p :]], axis=1)
         return snapshots[:, : self.n_p, None], row[:, :, None]

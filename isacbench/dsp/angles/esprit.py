@@ -23,13 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.dsp.angles.line_subspaces import unitary_transform
-
-Floats = NDArray[np.float64]
+from isacbench.dsp.array_types import Floats, Mask
 
 SMALLEST_PIVOT = 2.0**-26
-"""Of equations whose columns have at most norm 1: keeps them soluble where an invariance is void, as for a
-source at the very edge of the visible region, whose tangent is infinite. The root of rounding: that source
-is right to 1e-8, and its tangent leaves as many digits to the others."""
+"""Of equations whose columns have at most norm 1: keeps them soluble for a source at the edge of the visible
+region, whose tangent is infinite. With the root of rounding, that source is right to 1e-8, and its tangent
+leaves as many digits to the others."""
 
 
 UNRELIABLE = 0.4
@@ -45,14 +44,14 @@ class EspritDirections(NamedTuple):
     u, w : ndarray of float64, shape (n, k)
         Direction cosines, -1 to 1.
     reliable : ndarray of bool, shape (n,)
-        Whether both equations alone have real eigenvalues, as far as the
-        distances of the pairs show: complex ones are those of two sources
-        that noise took for apart along the wrong axis.
+        Cells in which either equation alone has real eigenvalues, compared
+        with the distances of the pairs. Complex ones are those of two sources
+        that noise separates along the wrong axis.
     """
 
     u: Floats
     w: Floats
-    reliable: NDArray[np.bool_]
+    reliable: Mask
 
 
 def most_sources(subarray: tuple[int, int]) -> int:
@@ -94,10 +93,10 @@ def unitary_esprit(basis: Floats) -> EspritDirections:
     return EspritDirections(u, w, _reliable(along_u, along_w, paired))
 
 
-def _reliable(along_u: Floats, along_w: Floats, paired: NDArray[np.inexact[Any]]) -> NDArray[np.bool_]:
-    """Whether imaginary parts, which only noise makes, are small beside the distances of the pairs."""
+def _reliable(along_u: Floats, along_w: Floats, paired: NDArray[np.inexact[Any]]) -> Mask:
+    """Mask (n,) of the cells with imaginary parts, made by noise, far below the distances of the pairs."""
     n, k = paired.shape
-    reliable: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
+    reliable: Mask = np.ones(n, dtype=np.bool_)
     if k > 1:
         distance = np.abs(paired[:, :, None] - paired[:, None, :]) + np.where(np.eye(k) > 0, np.inf, 0)
         for one in (along_u, along_w):
@@ -114,7 +113,7 @@ def _invariance(lines: Floats, n_sources: int) -> Floats:
     n, n_line, n_others = lines.shape
     rows = (n, (n_line - 1) * n_others // n_sources, n_sources)
     even, odd = ((selection @ lines).reshape(rows) for selection in _selections(n_line))
-    # Orthogonalised: normal equations would have half the digits near that edge.
+    # Normal equations would have half the digits near the edge of the visible region.
     rotation, triangle = np.linalg.qr(even)
     pivot = np.einsum("nii->ni", triangle)
     small = np.abs(pivot) < SMALLEST_PIVOT

@@ -18,15 +18,12 @@ Trans. AP 34 (1986).
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from isacbench.dsp.angles.eigenpairs import Eigenpairs, pairs_of_covariance, pairs_of_data
-
-Floats = NDArray[np.float64]
+from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 
 SMALLEST_NULL = 1e-15
 """Squared distance from the signal subspace, relative, below which there is only rounding."""
@@ -35,7 +32,7 @@ NEWTON_STEPS = 3
 """From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""
 
 
-def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Floats:
+def smoothed_covariance(snapshots: Complex, n_subarray: int) -> Floats:
     """Forward-backward spatially smoothed covariance after the unitary transform.
 
     Parameters
@@ -62,12 +59,8 @@ def smoothed_covariance(snapshots: NDArray[np.complexfloating[Any, Any]], n_suba
     return covariance
 
 
-def line_eigenpairs(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray: int) -> Eigenpairs:
-    """All eigenpairs of smoothed covariances, each cell with the digits that it takes.
-
-    Where the rounding of the covariance is not small beside a gap between the
-    eigenvalues, they follow from the singular vectors of the subarrays, whose
-    dynamic range is not squared.
+def line_eigenpairs(snapshots: Complex, n_subarray: int) -> Eigenpairs:
+    """All eigenpairs of smoothed covariances.
 
     Parameters
     ----------
@@ -80,20 +73,11 @@ def line_eigenpairs(snapshots: NDArray[np.complexfloating[Any, Any]], n_subarray
     Eigenpairs
     """
     values, vectors = np.linalg.eigh(smoothed_covariance(snapshots, n_subarray))
-    pairs = pairs_of_covariance(values[:, ::-1], vectors[:, :, ::-1])
-    coarse = pairs.coarse
-    if coarse.size:
-        transform = unitary_transform(n_subarray).conj().astype(snapshots.dtype, copy=False)
-        subarrays = sliding_window_view(snapshots[coarse], n_subarray, axis=1) @ transform
-        subarrays = subarrays.reshape(coarse.size, -1, n_subarray)
-        rows = np.concatenate([subarrays.real, subarrays.imag], axis=1)
-        data = rows / np.sqrt(subarrays.shape[1]).astype(rows.dtype)
-        pairs.put(coarse, pairs_of_data(data, n_subarray))
-    return pairs
+    return with_rounding(values[:, ::-1], vectors[:, :, ::-1])
 
 
 @lru_cache
-def unitary_transform(n: int) -> NDArray[np.complex128]:
+def unitary_transform(n: int) -> Complex:
     """Unitary matrix that turns centro-Hermitian matrices into real ones.
 
     Parameters
@@ -160,7 +144,7 @@ def real_steering_slopes(n_subarray: int, cosine: Floats) -> tuple[Floats, Float
     return steered, first, second
 
 
-def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering: Floats) -> Floats:
+def music_null_spectrum(eigenvectors: Floats, order: Integers, steering: Floats) -> Floats:
     """Squared distance of steering vectors from the signal subspace: the reciprocal of MUSIC's spectrum.
 
     Computed as L - |E_s^T a|² from the small signal subspace.
@@ -179,17 +163,21 @@ def music_null_spectrum(eigenvectors: Floats, order: NDArray[np.int64], steering
     ndarray of float64, shape (n, g)
         0 on a source, L in empty directions.
     """
-    n_sensors = len(steering)
-    n_signal = int(order.max(initial=1))
-    in_signal = np.arange(n_signal) < order[:, None]
-    basis = eigenvectors[:, :, :n_signal] * in_signal[:, None, :]
+    basis = _signal_basis(eigenvectors, order)
     projection = basis.transpose(0, 2, 1) @ steering.astype(basis.dtype, copy=False)
-    null: Floats = n_sensors - np.einsum("nkg,nkg->ng", projection, projection)
+    null: Floats = len(steering) - np.einsum("nkg,nkg->ng", projection, projection)
     return np.maximum(null, 0.0)
 
 
+def _signal_basis(eigenvectors: Floats, order: Integers) -> Floats:
+    """Bases (n, L, k) of signal subspaces, 0 beyond the order of each."""
+    n_signal = int(order.max(initial=1))
+    in_signal = np.arange(n_signal) < order[:, None]
+    return eigenvectors[:, :, :n_signal] * in_signal[:, None, :]
+
+
 def music_null_minima(
-    eigenvectors: Floats, order: NDArray[np.int64], place: Floats, found: NDArray[np.bool_], reach: float
+    eigenvectors: Floats, order: Integers, place: Floats, found: Mask, reach: float
 ) -> Floats:
     """Local minima of null spectra, by Newton's method from places near them.
 
@@ -202,18 +190,16 @@ def music_null_minima(
     place : ndarray of float64, shape (n, m)
         Direction cosines, from peaks on a grid for example.
     found : ndarray of bool, shape (n, m)
-        Which entries are to be moved; the others stay.
+        Mask of the entries to move; the others stay.
     reach : float
-        How far from its place a minimum lies at most; half of it bounds a step.
+        Largest distance of a minimum from its place; half of it bounds a step.
 
     Returns
     -------
     ndarray of float64, shape (n, m)
     """
     cell, entry = np.nonzero(found)
-    n_signal = int(order.max(initial=1))
-    in_signal = np.arange(n_signal) < order[:, None]
-    basis = (eigenvectors[:, :, :n_signal] * in_signal[:, None, :])[cell]
+    basis = _signal_basis(eigenvectors, order)[cell]
     start = place[cell, entry]
     moved = start
     for _ in range(NEWTON_STEPS):

@@ -1,9 +1,9 @@
-"""How many sources a covariance holds: four tests of its eigenvalues.
+"""Number of sources in a covariance: four tests of its eigenvalues.
 
 A smoothed covariance is made of overlapping pieces of one snapshot. Its noise
 eigenvalues scatter far more than those of as many independent snapshots, so
-that textbook thresholds see sources in noise; each test here says what it
-takes for independent.
+that textbook thresholds see sources in noise; each test here states the number
+of snapshots that it counts as independent.
 
 References
 ----------
@@ -12,7 +12,7 @@ IEEE Trans. ASSP 33 (1985).
 Marchenko and Pastur, "Distribution of eigenvalues for some sets of random
 matrices", Math. USSR Sbornik 1 (1967).
 Bryc, Dembo and Jiang, "Spectral measure of large random Hankel, Markov and
-Toeplitz matrices", Ann. Probab. 34 (2006): that the eigenvalues have no edge.
+Toeplitz matrices", Ann. Probab. 34 (2006), on eigenvalues without an edge.
 """
 
 from __future__ import annotations
@@ -22,21 +22,20 @@ from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from isacbench.dsp.angles.eigenpairs import Eigenpairs
+from isacbench.dsp.array_types import Floats, Integers
 from isacbench.dsp.cfar import CaCfar
 from isacbench.errors import require
 
 ModelOrder = Literal["noise", "eigenvalue_cfar", "mdl", "aic"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SMALLEST_EIGENVALUE = 1e-12
 """Relative to the largest: below, eigenvalues of a singular covariance are rounding."""
 
 NOISE_WEIGHT_STEPS = 100
-"""Of an alternating maximisation that gains a factor of ten in accuracy every few steps."""
+"""Steps of an alternating maximisation that gains a factor of ten in accuracy every few steps."""
 
 
 def noise_edge(n_subarray: int, n_snapshots: int) -> float:
@@ -61,12 +60,12 @@ def smoothed_noise_edge(shape: tuple[int, int], subarray: tuple[int, int], pfa: 
     """Eigenvalue that the noise of one smoothed snapshot, of unit power, exceeds with probability pfa.
 
     A smoothed snapshot has few looks at many directions, and its largest
-    noise eigenvalue is the noise that happens to look most like one source.
-    A piece of noise of energy E raises the largest eigenvalue by at most κ E,
-    κ the squared norm of the smoothing, and the strongest of P Q independent
-    pieces exceeds E with probability P Q exp(-E). Beneath it lies the noise of
-    the other elements, 1, and what the eigenvector gains by leaning towards
-    it, half the sensors per subarray: together
+    noise eigenvalue belongs to the noise most similar to one source. A piece
+    of noise of energy E raises the largest eigenvalue by at most κ E, κ the
+    squared norm of the smoothing, and the strongest of P Q independent pieces
+    exceeds E with probability P Q exp(-E). The noise of the other elements
+    adds 1, and the gain of the eigenvector by leaning towards it half the
+    sensors per subarray: together
 
         1 + sensors / (2 subarrays) + κ ln(P Q / pfa).
 
@@ -174,9 +173,9 @@ def information_order(
     eigenvalues : ndarray of float64, shape (n, L)
         Descending.
     n_independent : float
-        Independent complex snapshots. Of smoothed data: elements in all over
-        elements of a subarray, what disjoint subarrays would be. To count
-        overlapping ones finds sources in noise.
+        Independent complex snapshots. For smoothed data this is the number of
+        disjoint subarrays, elements of the array over those of a subarray;
+        with overlapping ones the test finds sources in noise.
     criterion : {"mdl", "aic"}
         Minimum description length, or Akaike's information criterion, which
         charges less for a parameter.
@@ -199,7 +198,36 @@ def information_order(
     return _bounded(np.argmin(misfit + charge * n_parameters, axis=1), eigenvalues)
 
 
+def source_count(
+    pairs: Eigenpairs, method: ModelOrder, largest_noise: float, pfa: float, n_independent: float
+) -> Integers:
+    """Count the eigenvalues that belong to sources, by one of the four tests.
+
+    Parameters
+    ----------
+    pairs : Eigenpairs
+        Of n smoothed covariances.
+    method : {"noise", "eigenvalue_cfar", "mdl", "aic"}
+    largest_noise : float
+        Largest eigenvalue of the noise, for "noise".
+    pfa : float
+        For "eigenvalue_cfar".
+    n_independent : float
+        Independent complex snapshots, for "mdl" and "aic".
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+    """
+    rounding = pairs.rounding[:, None]
+    eigenvalues = np.maximum(pairs.values, rounding)
+    if method == "noise":
+        return noise_order(eigenvalues, np.maximum(largest_noise, rounding))
+    if method == "eigenvalue_cfar":
+        return eigenvalue_cfar_order(eigenvalues, pfa)
+    return information_order(eigenvalues, n_independent, method)
+
+
 def _bounded(order: Integers, eigenvalues: Floats) -> Integers:
     """Order from 1, of a cell that is known to hold something, to one less than there are eigenvalues."""
-    bounded: Integers = np.clip(order, 1, eigenvalues.shape[1] - 1)
-    return bounded
+    return np.clip(order, 1, eigenvalues.shape[1] - 1)

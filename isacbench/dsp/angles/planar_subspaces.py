@@ -18,26 +18,24 @@ Halko, Martinsson and Tropp, "Finding structure with randomness", SIAM Review
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import minimum_filter
 
-from isacbench.dsp.angles.eigenpairs import (
-    ITERATIONS,
-    SPARE_DIMENSIONS,
-    Eigenpairs,
-    pairs_of_covariance,
-    pairs_of_data,
-    start_basis,
-)
+from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes, unitary_transform
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.instrument.stages import stage
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
+SPARE_DIMENSIONS = 4
+"""Beyond those asked for: the more, the faster a subspace iteration converges."""
+
+ITERATIONS = 4
+"""Steps of a subspace iteration. A source at the edge of the noise is then right to 1e-3 of its eigenvector,
+far below the effect of the noise; a strong one to rounding."""
 
 CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""
@@ -64,30 +62,20 @@ def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
         Real, symmetric, non-negative definite, in the precision of the
         snapshots. Mean eigenvalue in noise of power σ² is σ².
     """
-    real = _real_subarrays(snapshots, subarray)
-    covariance: Floats = real.transpose(0, 2, 1) @ real
-    covariance /= real.shape[1] / 2
-    return covariance
-
-
-def _real_subarrays(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
-    """Subarrays of planar snapshots, read forwards and backwards, as real rows (n, 2 S, L M)."""
     n_u, n_w = subarray
     into_u, into_w = (unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in subarray)
     along_u = sliding_window_view(snapshots, n_u, axis=1) @ into_u
     both = sliding_window_view(along_u, n_w, axis=2) @ into_w
     subarrays = both.reshape(len(snapshots), both.shape[1] * both.shape[2], n_u * n_w)
     # Real and imaginary parts are the forward-backward average: the backward half adds the conjugate.
-    real: Floats = np.concatenate([subarrays.real, subarrays.imag], axis=1)
-    return real
+    real = np.concatenate([subarrays.real, subarrays.imag], axis=1)
+    covariance: Floats = real.transpose(0, 2, 1) @ real
+    covariance /= subarrays.shape[1]
+    return covariance
 
 
 def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: int) -> Eigenpairs:
-    """Largest eigenpairs of smoothed covariances, each cell with the digits that it takes.
-
-    Of almost all cells they follow from the covariance. Where its rounding is
-    not small beside a gap between them, they follow from the singular vectors
-    of the subarrays, whose dynamic range is not squared.
+    """Largest eigenpairs of smoothed covariances.
 
     Parameters
     ----------
@@ -102,18 +90,10 @@ def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: in
     -------
     Eigenpairs
     """
-    n_cells, n_snapshots = snapshots.shape[:2]
-    shape = snapshots.shape[2], snapshots.shape[3]
-    each = planar_covariance(snapshots.reshape(n_cells * n_snapshots, *shape), subarray)
+    n_cells, n_snapshots, n_p, n_q = snapshots.shape
+    each = planar_covariance(snapshots.reshape(n_cells * n_snapshots, n_p, n_q), subarray)
     covariance = each.reshape(n_cells, n_snapshots, *each.shape[1:]).mean(axis=1)
-    pairs = pairs_of_covariance(*leading_eigenpairs(covariance, n_pairs))
-    coarse = pairs.coarse
-    if coarse.size:
-        rows = _real_subarrays(snapshots[coarse].reshape(coarse.size * n_snapshots, *shape), subarray)
-        n_rows = n_snapshots * rows.shape[1]
-        data = rows.reshape(coarse.size, n_rows, rows.shape[2]) / np.sqrt(n_rows / 2).astype(rows.dtype)
-        pairs.put(coarse, pairs_of_data(data, n_pairs))
-    return pairs
+    return with_rounding(*leading_eigenpairs(covariance, n_pairs))
 
 
 def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats]:
@@ -139,7 +119,10 @@ def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats
     if 2 * n_basis >= n_sensors:
         values, vectors = np.linalg.eigh(covariance)
         return values[:, ::-1][:, :n_pairs], vectors[:, :, ::-1][:, :, :n_pairs]
-    start = start_basis(n_sensors, n_basis).astype(covariance.dtype, copy=False)
+    # Random directions: no source is orthogonal to them. The same in every run.
+    start = (
+        np.random.default_rng(0).standard_normal((n_sensors, n_basis)).astype(covariance.dtype, copy=False)
+    )
     basis = np.broadcast_to(start, (len(covariance), n_sensors, n_basis))
     for _ in range(ITERATIONS):
         basis = np.linalg.qr(covariance @ basis)[0]
@@ -185,18 +168,18 @@ class Nulls(NamedTuple):
     u, w : ndarray of float64, shape (n, m)
         Direction cosines.
     found : ndarray of bool, shape (n, m)
-        Which entries are minima.
+        Mask of the minima.
     curvature : ndarray of float64, shape (n, m, 2, 2)
         Second derivatives of the null spectrum at the minima.
     """
 
     u: Floats
     w: Floats
-    found: NDArray[np.bool_]
+    found: Mask
     curvature: Floats
 
 
-def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: NDArray[np.int64]) -> Nulls:
+def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Nulls:
     """Deepest local minima of joint null spectra, placed off the grid by Newton's method.
 
     Parameters
@@ -204,15 +187,15 @@ def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: NDArray[np.int64]
     basis : ndarray of float64, shape (n, L, M, k)
         As for `planar_null_spectrum`.
     u, w : ndarray of float64, shapes (g,) and (h,)
-        Equidistant samples, three and more. Minima on their border are none:
-        the spectrum may go on falling.
+        Equidistant samples, three and more. Samples on their border are no
+        minima: the spectrum may fall beyond.
     n_minima : ndarray of int64, shape (n,)
         Most minima to return of each cell.
 
     Returns
     -------
     Nulls
-        Those that hold half of their steering vector, and the deepest in any
+        Minima that hold half of their steering vector, and the deepest in any
         case.
     """
     with stage("spectrum"):
@@ -232,7 +215,7 @@ def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: NDArray[np.int64]
     for _ in range(NEWTON_STEPS):
         gradient, curvature = _null_slopes(basis, place_u, place_w)
         step = _newton_step(gradient, curvature, step_limit)
-        # A minimum lies within a sample of where it was seen.
+        # A minimum lies within a sample of its start.
         place_u = np.clip(place_u + step[:, :, 0], start_u - step_limit[0], start_u + step_limit[0])
         place_w = np.clip(place_w + step[:, :, 1], start_w - step_limit[1], start_w + step_limit[1])
     return Nulls(place_u, place_w, found, _null_slopes(basis, place_u, place_w)[1])

@@ -1,6 +1,6 @@
-"""The plane waves in a cell: which pairs of direction cosines, and how strong, on all elements that are read.
+"""Plane waves of cells: pairs of direction cosines, and their amplitudes on all elements that are read.
 
-Row and column spectra give candidates for u and for w apart; k sources then
+Row and column spectra give separate candidates for u and for w; k sources then
 have up to k² intersections. The joint response of the snapshot tells sources
 from ghosts. All Gram matrices follow from a small one along u and a small one
 along w (`isacbench.dsp.angles.aperture`), so that the elements are touched once.
@@ -9,25 +9,21 @@ along w (`isacbench.dsp.angles.aperture`), so that the elements are touched once
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
 from isacbench.dsp.angles.peaks import Peaks
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
+from isacbench.dsp.array_types import Complex, Floats, Mask
 
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""
 
 TIE, TIE_UNITS = 1e-8, 80
-"""Difference of two residuals, relative to the strongest wave, that is rounding: what the loading leaves, or
-last digits of the snapshots, whichever is more. On a cross, one more cosine of the column explains as much
-with either of two of the row whose own echoes are explained already."""
+"""Difference of two residuals, relative to the strongest wave, that counts as rounding: the larger of the
+remainder of the loading and of so many last digits of the snapshots. On a cross, a further cosine of the
+column explains as much with either of two cosines of the row whose own echoes are explained already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,29 +35,51 @@ class PlaneWaves:
     u, w : ndarray of float64, shape (n, k)
         Direction cosines.
     found : ndarray of bool, shape (n, k)
-        Which entries are plane waves.
+        Mask of the plane waves.
     resolved : ndarray of bool, shape (n,), or None
-        Cells that their plane waves explain down to the noise, so that even
-        close ones are apart; None where nobody has looked.
+        Mask of the cells that their plane waves explain down to the noise, so
+        that even close ones are apart; None before that is tested.
     """
 
     u: Floats
     w: Floats
-    found: NDArray[np.bool_]
-    resolved: NDArray[np.bool_] | None = None
+    found: Mask
+    resolved: Mask | None = None
 
     __repr__ = brief
 
-    def select(self, keep: NDArray[np.bool_]) -> PlaneWaves:
-        """Those of some cells."""
+    def select(self, keep: Mask) -> PlaneWaves:
+        """Select cells.
+
+        Parameters
+        ----------
+        keep : ndarray of bool or int64
+            Mask or indices of the cells.
+
+        Returns
+        -------
+        PlaneWaves
+        """
         resolved = None if self.resolved is None else self.resolved[keep]
         return PlaneWaves(self.u[keep], self.w[keep], self.found[keep], resolved)
 
     def unexplained(self, snapshots: Complex, aperture: Aperture) -> Floats:
-        """Power per element (n,) that the waves leave of snapshots (n, *elements), amplitudes fitted."""
+        """Power that the waves leave of snapshots, amplitudes fitted.
+
+        Parameters
+        ----------
+        snapshots : ndarray of complex, shape (n, *elements)
+        aperture : Aperture
+            The elements.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Per element.
+        """
         responses = aperture.towards(self.u, self.w)
         residual = snapshots
-        # Twice: of snapshots without noise the loading of the first fit would be all that is left.
+        # Twice: without noise, the first fit leaves what its loading takes from the amplitudes.
         for _ in range(2):
             residual = residual - responses.synthesis(self._fit(residual[None], responses)[0])
         axes = tuple(range(1, residual.ndim))
@@ -69,12 +87,12 @@ class PlaneWaves:
         return power
 
     def amplitudes(self, snapshots: Complex, aperture: Aperture) -> Complex:
-        """Least-squares amplitudes of the cell's plane waves in any snapshots, jointly on all elements.
+        """Fit the amplitudes of the cell's plane waves in any snapshots, jointly on all elements.
 
         Parameters
         ----------
         snapshots : ndarray of complex, shape (s, n, *elements)
-            For example of each cell and of its neighbours.
+            Such as those of each cell and of its neighbours.
         aperture : Aperture
             The elements.
 
@@ -101,10 +119,10 @@ def pair_directions(
     dynamic_range_db: float,
     n_most: int,
 ) -> PlaneWaves:
-    """Pair direction cosines by the joint response of all elements, ghosts left out.
+    """Pair direction cosines by the joint response of all elements, without ghosts.
 
-    Orthogonal matching pursuit over all intersections: the pair that
-    explains most of what is left joins, all amplitudes are fitted anew.
+    Orthogonal matching pursuit over all intersections: in each round the pair
+    joins that explains most of the residual, and all amplitudes are fitted anew.
 
     Parameters
     ----------
@@ -114,9 +132,9 @@ def pair_directions(
     u, w : Peaks
         Candidates of each cell along either axis.
     min_power : float
-        Power |amplitude|² per element that a plane wave must have.
+        Least power |amplitude|² per element of a plane wave.
     dynamic_range_db : float
-        How far below the cell's strongest plane wave another may lie.
+        Largest level of a plane wave below the cell's strongest.
     n_most : int
         Most plane waves in a cell.
 
@@ -132,7 +150,7 @@ def pair_directions(
     n, n_w = len(snapshots), w.place.shape[1]
     n_pairs = u.place.shape[1] * n_w
     responses = aperture.towards(u.place, w.place)
-    # Few numbers from here on, whatever the precision of the snapshots.
+    # From here on in double precision: these arrays are small.
     matched = responses.matched_intersections(snapshots).reshape(n, n_pairs).astype(np.complex128, copy=False)
     gram = responses.intersections_gram().reshape(n, n_pairs, n_pairs)
     eligible = (u.found[:, :, None] & w.found[:, None, :]).reshape(n, n_pairs)
@@ -146,7 +164,7 @@ def pair_directions(
         best_power = power.max(axis=1)
         if k == 0:
             strongest = best_power
-        # Of equals the first, which pairs the stronger peaks.
+        # The first of equals pairs the stronger peaks.
         least = best_power - tie * np.sqrt(best_power * strongest)
         best = np.argmax(eligible & (power >= least[:, None]), axis=1)
         growing = (best_power > min_power) & (best_power > strongest * 10 ** (-dynamic_range_db / 10))
@@ -164,7 +182,7 @@ def pair_directions(
     return PlaneWaves(u.place[cell, chosen // n_w], w.place[cell, chosen % n_w], found)
 
 
-def _restricted(gram: Complex, active: NDArray[np.bool_]) -> Complex:
+def _restricted(gram: Complex, active: Mask) -> Complex:
     """Gram matrices (n, k, k) with inactive members replaced by unit vectors of their own, loaded."""
     both = active[:, :, None] & active[:, None, :]
     restricted: Complex = np.where(both, gram, 0)

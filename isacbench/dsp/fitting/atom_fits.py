@@ -5,14 +5,14 @@ solves for four real coordinates an atom. The matrix of the step is, up to the
 noise, the joint Fisher information, whose inverse is the Cramér-Rao bound.
 
 Products of atoms square the data: of two atoms d Rayleigh cells apart, d²
-survives in the Gram matrix, and d⁴ in the information where their echoes are in
-phase, d² in quadrature. What rounding leaves of that, a fit tells (`AtomFit.blurred`):
-it is about 0.01 cells in phase and 0.001 in quadrature from which places are known.
+survives in the Gram matrix, and in the information d⁴ for echoes in phase, d²
+for echoes in quadrature. Rounding leaves places known from about 0.01 cells in
+phase and 0.001 in quadrature (`AtomFit.blurred`).
 
-Of a step only what it is solved for need have all digits, not its matrix. So a fit that
-products leave imprecise (`AtomFit.delicate`) is settled on what it leaves of the map, cell by
-cell (`settle_atoms`): the differences are taken before anything is squared, and
-rounding is magnified by the condition of the atoms and slopes, not by its square.
+Only the right side of a step needs all digits, not its matrix. So a fit is
+settled on its misfit to the map, cell by cell (`settle_atoms`): differences are
+taken before anything is squared, and rounding is magnified by the condition of
+the atoms and slopes, not by its square.
 
 References
 ----------
@@ -28,9 +28,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri
 
+from isacbench.dsp.array_types import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import (
     N_COORDINATES,
     AtomMap,
@@ -40,33 +39,26 @@ from isacbench.dsp.fitting.atoms import (
     product_matrix,
 )
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
-"""Of unit atoms: error of a product of two, that of four products along the coordinates."""
+"""Error of the product of two unit atoms, which is one of four products along the coordinates."""
 
 LEVERAGE = 4.0
-"""Of two products and a loading between them: rounding of the information over that of a product."""
+"""Rounding of the information, of two products with a loading between them, over that of a product."""
 
 LEAST_SLOPE = 1e-6
-"""Energy of a unit atom's slope, 3 of many samples, from which a coordinate is seen: 0 of one sample."""
+"""Least energy of a unit atom's slope along a coordinate: 3 of many samples, 0 of one sample."""
 
 BLURRED = 0.01
-"""Share of a variance that rounding decides, from which it is no variance."""
-
-DELICATE = 1e-11
-"""The same, from which a step is settled: rounding moves an atom by about as many Rayleigh cells, and by as
-much of its amplitude over the distance of its neighbour."""
+"""Largest share of a variance that rounding may decide."""
 
 NOT_LESS = 1e-12
-"""Of the explained energy: a step that loses no more is not told from one that gains."""
+"""Of the explained energy: a step that loses no more may as well gain."""
 
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
 """Levenberg-Marquardt damping, relative to the diagonal of the information."""
 
 LONGEST_STEP_CELLS = 0.3
-"""Beyond it the quadratic model of a kernel is wrong."""
+"""Longest step: beyond it the quadratic model of a kernel is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +73,13 @@ class AtomFit:
         Of the unit-energy atoms; a scatterer's power per element of the map
         is |amplitude|² / (P Q).
     energy : float
-        Explained of the map's.
+        Energy of the map that the atoms explain.
     correlations : Correlations
         Of the atoms with the map.
     products : tuple of LineProducts
         Of the atoms with each other.
     gram : ndarray of float64, shape (n, n)
-        Products of the atoms, loaded by their rounding: two atoms that
+        Products of the atoms, loaded by their rounding, so that two atoms that
         coincide share their amplitude.
     periods : ndarray of float64, shape (4,)
         Rayleigh cells after which an atom is the same (`AtomMap.periods`).
@@ -107,19 +99,17 @@ class AtomFit:
     @property
     def power(self) -> Floats:
         """Energies |amplitude|² of the atoms, shape (n,)."""
-        power: Floats = self.amplitude.real**2 + self.amplitude.imag**2
-        return power
+        return self.amplitude.real**2 + self.amplitude.imag**2
 
     @cached_property
     def score(self) -> Floats:
         """Half the slope of the energy along all coordinates, coordinate by coordinate, shape (4 n,)."""
         residual_slope = self.correlations.slope.T.ravel() - self._mixed.T @ self.amplitude
-        score: Floats = (np.tile(self.amplitude, N_COORDINATES).conj() * residual_slope).real
-        return score
+        return (np.tile(self.amplitude, N_COORDINATES).conj() * residual_slope).real
 
     @cached_property
     def information(self) -> Floats:
-        """Of the places, amplitudes eliminated, for noise of power 2 per cell and element, (4 n, 4 n)."""
+        """Fisher information of the places (4 n, 4 n), amplitudes eliminated, in noise of power 2."""
         information: Floats = self._slopes - self._mixed.T @ self._eliminated[:, len(self) :]
         coherence = (self.amplitude.conj()[:, None] * self.amplitude).real
         n = len(self)
@@ -137,37 +127,45 @@ class AtomFit:
         return LEVERAGE * ROUNDING * rounding
 
     def covariance(self, noise: float) -> Floats:
-        """Joint Cramér-Rao bound of the places (4, n, 4, n) in noise of a power, Rayleigh cells squared.
+        """Joint Cramér-Rao bound of the places.
 
         No variance is above that of an information of the size of its
         rounding; see `blurred`.
+
+        Parameters
+        ----------
+        noise : float
+            Noise power.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, n, 4, n)
+            In Rayleigh cells squared.
         """
         n = len(self)
         bound: Floats = noise / 2 * self._inverse_information
         return bound.reshape(N_COORDINATES, n, N_COORDINATES, n)
 
     @property
-    def blurred(self) -> NDArray[np.bool_]:
-        """Atoms (n,) with a coordinate whose variance is one of rounding: the true one may be any larger."""
-        return np.logical_not(self._known_to(BLURRED).all(axis=0))
-
-    @property
-    def delicate(self) -> bool:
-        """Whether products are too coarse for the places of any atoms: `settle_atoms` does without."""
-        return not self._known_to(DELICATE).all()
-
-    def _known_to(self, largest_share: float) -> NDArray[np.bool_]:
-        """Coordinates (4, n) of whose variance rounding decides no more than a share."""
+    def blurred(self) -> Mask:
+        """Mask (n,) of atoms with a coordinate whose variance is rounding: the true one may be larger."""
         share = self._inverse_information.diagonal() * self.rounding
-        return ((share >= 0) & (share <= largest_share)).reshape(N_COORDINATES, -1)
+        known = (share >= 0) & (share <= BLURRED)
+        return np.logical_not(known.reshape(N_COORDINATES, -1).all(axis=0))
 
     def steps(self, rest: Correlations) -> tuple[Complex, Floats]:
-        """Undamped Gauss-Newton steps (n,) of the amplitudes and (n, 4) of the places.
+        """Undamped Gauss-Newton steps of the amplitudes and of the places.
 
         Parameters
         ----------
         rest : Correlations
-            Of the atoms with what they leave of the map.
+            Of the atoms with the map less their echoes.
+
+        Returns
+        -------
+        amplitude : ndarray of complex128, shape (n,)
+        places : ndarray of float64, shape (n, 4)
+            In Rayleigh cells.
         """
         matched = np.stack([rest.value.real, rest.value.imag], axis=1)
         own: Complex = np.linalg.solve(self.gram, matched) @ np.array([1, 1j])
@@ -193,8 +191,7 @@ class AtomFit:
     @cached_property
     def _eliminated(self) -> Floats:
         """Inverse of the Gram matrix, and behind it its product with that of atoms and slopes, (n, 5 n)."""
-        solved: Floats = np.linalg.solve(self.gram, np.concatenate([np.eye(len(self)), self._mixed], axis=1))
-        return solved
+        return np.linalg.solve(self.gram, np.concatenate([np.eye(len(self)), self._mixed], axis=1))
 
     @cached_property
     def _inverse_information(self) -> Floats:
@@ -203,19 +200,7 @@ class AtomFit:
         scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
         loaded = self.information * scale[:, None] * scale
         loaded[np.diag_indices(size)] += self.rounding * scale**2
-        return _inverse(loaded) * scale[:, None] * scale
-
-
-def _inverse(matrix: Floats) -> Floats:
-    """Inverse of a symmetric matrix; twice as fast where it is positive definite."""
-    factor, indefinite = dpotrf(matrix, lower=1)
-    if indefinite:
-        inverse: Floats = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-        return inverse
-    lower, _ = dpotri(factor, lower=1)
-    inverse = lower + lower.T
-    inverse[np.diag_indices(len(inverse))] /= 2
-    return inverse
+        return np.linalg.inv(loaded) * scale[:, None] * scale
 
 
 def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
@@ -235,7 +220,7 @@ def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
     return _fit(atom_map, places, lines, atom_map.correlate(lines))
 
 
-def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: NDArray[np.bool_], places: Floats) -> AtomFit:
+def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats) -> AtomFit:
     """Fit some of the atoms of another fit; only atoms that have moved are correlated anew.
 
     Parameters
@@ -246,13 +231,13 @@ def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: NDArray[np.bool_], places
     keep : ndarray of bool, shape (n,)
         Atoms that stay, one at least.
     places : ndarray of float64, shape (n, 4)
-        Where they are now.
+        Present places.
 
     Returns
     -------
     AtomFit
     """
-    known = fit.correlations.select(keep)
+    known = Correlations(*(values[keep] for values in fit.correlations))
     moved = np.any(places[keep] != fit.places[keep], axis=1)
     if moved.any():
         fresh = atom_map.correlate(atom_map.lines(places[keep][moved]))
@@ -279,7 +264,7 @@ def refine_atoms(atom_map: AtomMap, places: Floats, n_steps: int) -> AtomFit:
     places : ndarray of float64, shape (n, 4)
         In Rayleigh cells, n at least 1.
     n_steps : int
-        Steps to try; one that explains less, by more than rounding, is taken back.
+        Steps to try; one that explains less, beyond rounding, is taken back.
 
     Returns
     -------
@@ -290,7 +275,7 @@ def refine_atoms(atom_map: AtomMap, places: Floats, n_steps: int) -> AtomFit:
     damping = FIRST_DAMPING
     for _ in range(n_steps):
         tried = fit_atoms(atom_map, best.places + _step(best, damping))
-        # At the optimum rounding decides which of two explains more, and must not decide whether to step.
+        # At the optimum rounding decides which of two explains more; it must not decide about a step.
         if tried.energy >= (1 - NOT_LESS) * best.energy:
             best, damping = tried, max(damping / 3, LEAST_DAMPING)
         else:
@@ -309,9 +294,9 @@ def _step(fit: AtomFit, damping: float) -> Floats:
 
 
 def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
-    """Finish a fit on what it leaves of the map, for atoms so close that products have lost their digits.
+    """Finish a fit on its misfit to the map, for atoms so close that products have lost their digits.
 
-    Every step subtracts all echoes from the map first, and correlates the rest.
+    Each step first subtracts all echoes from the map, and correlates the rest.
 
     Parameters
     ----------
@@ -319,12 +304,12 @@ def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
     fit : AtomFit
         Near the optimum.
     n_steps : int
-        Most steps; one that leaves more, by more than rounding, is taken back and is the last.
+        Most steps; one that leaves more, beyond rounding, is taken back and is the last.
 
     Returns
     -------
     AtomFit
-        With amplitudes from the last step, as places are.
+        With places and amplitudes of the last step.
     """
     rounding = ROUNDING * np.sqrt(atom_map.energy)
     lines = atom_map.lines(fit.places)

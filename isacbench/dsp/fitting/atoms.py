@@ -21,16 +21,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.array_types import Complex, Floats
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.kernels import dirichlet_slopes
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 N_COORDINATES = 4
 """Range, Doppler, u and w, in this order everywhere."""
@@ -53,12 +50,11 @@ class AtomFactors(NamedTuple):
     curvature: Floats
 
 
-Lines = tuple[AtomFactors, AtomFactors, AtomFactors, AtomFactors]
+Lines = tuple[AtomFactors, ...]
 """Factors of atoms along range, Doppler, u and w."""
 
 
-@dataclass(frozen=True, eq=False)
-class Correlations:
+class Correlations(NamedTuple):
     """Products of n atoms and of their slopes with a map.
 
     Attributes
@@ -73,23 +69,18 @@ class Correlations:
     value: Complex
     slope: Complex
 
-    def select(self, keep: NDArray[np.bool_]) -> Correlations:
-        """Copies of those of some atoms."""
-        return Correlations(self.value[keep], self.slope[keep])
 
-
-@dataclass(frozen=True, eq=False)
-class LineProducts:
+class LineProducts(NamedTuple):
     """Real products of n atoms with m atoms along one coordinate, each of shape (n, m).
 
     Attributes
     ----------
     value : ndarray of float64
-        Of the atoms.
+        Products of the atoms.
     slope : ndarray of float64
-        Of the first ones with the slopes of the second ones.
+        Products of the first ones with the slopes of the second ones.
     slopes : ndarray of float64
-        Of both slopes.
+        Products of both slopes.
     """
 
     value: Floats
@@ -193,20 +184,15 @@ class AtomMap:
         -------
         AtomFactors
         """
-        if axis < 2:
-            bins = (self.range_bins, self.doppler_bins)[axis]
-            value, slope, curvature = self._slopes(bins - places[:, None], axis)
-            return AtomFactors(value, -slope, curvature)
-        basis = self.bases[axis - 2]
-        return AtomFactors(*(factor @ basis for factor in _real_steering(len(basis), places)))
-
-    def _slopes(self, distance: Floats, axis: int) -> tuple[Floats, Floats, Floats]:
-        """Kernel along range or Doppler, of unit energy over all bins, and its first two derivatives."""
+        if axis > 1:
+            basis = self.bases[axis - 2]
+            return AtomFactors(*(factor @ basis for factor in _real_steering(len(basis), places)))
         if axis == 0:
-            return dirichlet_slopes(distance, self.n_subcarriers)
-        value, slope, curvature = self.bursts.slopes(distance)
+            value, slope, curvature = dirichlet_slopes(self.range_bins - places[:, None], self.n_subcarriers)
+            return AtomFactors(value, -slope, curvature)
+        value, slope, curvature = self.bursts.slopes(self.doppler_bins - places[:, None])
         scale = 1 / self.bin_gain
-        return scale * value, scale * slope, scale * curvature
+        return AtomFactors(scale * value, -scale * slope, scale * curvature)
 
     def lines(self, places: Floats) -> Lines:
         """Factors of atoms along range, Doppler, u and w.
@@ -219,10 +205,7 @@ class AtomMap:
         -------
         tuple of AtomFactors
         """
-        along_range, along_doppler, along_u, along_w = (
-            self.line(places[:, axis], axis) for axis in range(N_COORDINATES)
-        )
-        return along_range, along_doppler, along_u, along_w
+        return tuple(self.line(places[:, axis], axis) for axis in range(N_COORDINATES))
 
     @property
     def energy(self) -> float:
@@ -332,8 +315,7 @@ class AtomMap:
     def _real_rows(self) -> Floats:
         """The map as real rows, one a range bin: the kernels are real, and so is the product with them."""
         rows = np.ascontiguousarray(self.cells).reshape(self.range_bins.size, -1)
-        real: Floats = rows.view(np.float64)
-        return real
+        return rows.view(np.float64)
 
 
 def _mirror_transform(n: int) -> Complex:
@@ -379,13 +361,9 @@ def product_matrix(lines: tuple[LineProducts, ...], left: int | None, right: int
     ndarray of float64, shape (n, n)
     """
     matrix = np.ones_like(lines[0].value)
-    for axis, line in enumerate(lines):
-        if left == axis and right == axis:
-            matrix *= line.slopes
-        elif right == axis:
-            matrix *= line.slope
-        elif left == axis:
-            matrix *= line.slope.T
+    for axis, (value, slope, slopes) in enumerate(lines):
+        if axis == left:
+            matrix *= slopes if axis == right else slope.T
         else:
-            matrix *= line.value
+            matrix *= slope if axis == right else value
     return matrix

@@ -1,8 +1,8 @@
-"""Which of its grating lobes a scatterer is: told by what the map holds there beside all other echoes.
+"""Choice of the grating lobe of each scatterer, by what the map holds there besides all other echoes.
 
 Lobes next to each other differ by less than the sidelobes of other echoes.
-Taken one by one, scatterers are easily put at a wrong one; together they are
-told apart, because each has the others' echoes taken away.
+A scatterer taken alone is easily put at a wrong one. Together scatterers are
+told apart, because the echoes of all others are subtracted for each.
 """
 
 from __future__ import annotations
@@ -12,40 +12,41 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+
 if TYPE_CHECKING:
     from isacbench.dsp.bursts import SymbolBursts
     from isacbench.model.gate import Gate
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 COMPETING_RESPONSE = 0.3
-"""Response from which two scatterers do not change their lobes at once."""
+"""Response from which two scatterers do not change their lobes in the same round."""
 
 MAX_ROUNDS = 16
-"""Of changes; two to four are usual."""
+"""Rounds of changes; two to four are usual."""
 
 TIE = 1e-6
-"""Difference of two lobes, relative to them, that is rounding: of such a scatterer stays."""
+"""Relative difference of two lobes that counts as rounding: the scatterer then stays."""
 
 LOADING = 1e-3
 """Of unit responses: keeps the amplitudes of scatterers half a bin apart from cancelling each other."""
 
 
-def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple[Indices, Floats]:
-    """Places where scatterers would show as they do, were they at one of their grating lobes.
+def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple[Integers, Floats]:
+    """Find the grating lobes of scatterers within the speeds of the region.
 
     Parameters
     ----------
     doppler_bin : ndarray of float64, shape (n,)
     bursts : SymbolBursts
     gate : Gate
-        Lobes are looked for at speeds of the region.
+        Of the map.
 
     Returns
     -------
     owner : ndarray of int64, shape (m,)
-        Scatterer of each place: the n scatterers as they are, then their lobes.
+        Scatterer of each place: first the n scatterers at their own places, then
+        their lobes.
     place : ndarray of float64, shape (m,)
         Doppler bins.
     """
@@ -54,23 +55,19 @@ def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple
     n_lobes = int((fastest - slowest) / bursts.lobe_period)
     steps = np.repeat(np.r_[0, -n_lobes:0, 1 : n_lobes + 1], n)
     owner = np.tile(np.arange(n), 2 * n_lobes + 1)
-    # Of a single burst the period is infinite, and there is no step but 0.
+    # A single burst has an infinite period, and no step but 0.
     place = doppler_bin[owner] + (steps * bursts.lobe_period if n_lobes else 0.0)
     exists = (steps == 0) | ((place >= slowest) & (place <= fastest))
     return owner[exists], place[exists]
 
 
-def best_lobes(
-    matched: NDArray[np.complexfloating[Any, Any]],
-    response: NDArray[np.inexact[Any]],
-    owner: Indices,
-) -> Indices:
-    """Choose for every scatterer the place where the map, less all others' echoes, shows it most.
+def best_lobes(matched: Complex, response: NDArray[np.inexact[Any]], owner: Integers) -> Integers:
+    """Choose for each scatterer the place where the map, less all others' echoes, shows it most.
 
     Parameters
     ----------
     matched : ndarray of complex128, shape (m,)
-        Outputs of the matched filters of all places; what they are is compared.
+        Outputs of the matched filters of all places, of comparable scale.
     response : ndarray, shape (m, m)
         Of filter i to a scatterer at place j, 1 at its own.
     owner : ndarray of int64, shape (m,)
@@ -100,8 +97,8 @@ def best_lobes(
     return current
 
 
-def _leads(gain: Floats, competes: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which scatterers (n,) gain most among those that they compete with; of equals the first."""
+def _leads(gain: Floats, competes: Mask) -> Mask:
+    """Mask (n,) of the scatterers that gain most among those that they compete with; of equals the first."""
     leader = np.where(competes, gain, -np.inf).argmax(axis=1)
-    leads: NDArray[np.bool_] = leader == np.arange(gain.size)
+    leads: Mask = leader == np.arange(gain.size)
     return leads

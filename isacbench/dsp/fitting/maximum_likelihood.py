@@ -2,16 +2,16 @@
 
 In white noise the likeliest directions are those whose plane waves, each with
 its best amplitude, leave the least power unexplained. The amplitudes drop out
-in closed form (variable projection); the directions follow by damped
-Gauss-Newton steps, whose curvature is the Fisher information of the
-directions, and by Newton's once they are near (`isacbench.dsp.fitting.variable_projection`).
+in closed form; the directions follow by damped Gauss-Newton steps, whose
+curvature is the Fisher information of the directions, and by Newton steps near
+the optimum (`isacbench.dsp.fitting.variable_projection`).
 
-A cell is done when a step no longer promises anything but rounding. What the
-power itself says would be too coarse: a minimum is flat, and powers that agree
-in all digits leave half the digits of a direction open, for rounding to decide.
+A cell is done when the next step promises no more than rounding. The power
+itself would be too coarse a measure: a minimum is flat, and powers that agree
+in all digits leave half the digits of a direction open.
 
-The same curvature says how well two directions are told apart. A pair nearer
-than noise would place two estimates of one direction is one direction.
+From the same curvature follows the error of the distance of two directions. A
+pair nearer than its error is one direction.
 
 References
 ----------
@@ -25,50 +25,43 @@ IEEE Trans. SP 39 (1991).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.fitting.variable_projection import WaveFit, fit_waves
 from isacbench.dsp.stable_order import stepped
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complexfloating[Any, Any]]
-
 DIAGONAL_LOADING = 1e-12
-"""Of the curvature in units of its diagonal: keeps coinciding directions apart from infinity."""
+"""Of the curvature in units of its diagonal: keeps the covariance of coinciding directions finite."""
 
 SMALLEST_SCALE = 1e-9
-"""Root of the curvature along one direction, relative to the largest, that counts as none."""
+"""Root of the curvature along one direction, relative to the largest, that counts as 0."""
 
 FIRST_DAMPING, LESS_DAMPING, MORE_DAMPING = 1e-3, 0.05, 10.0
 """Marquardt's damping, relative to the curvature: at first, after a good and after a bad step."""
 
 LARGEST_STEP = 0.5
-"""Of a Rayleigh cell: farther the likelihood is no parabola."""
+"""Rayleigh cells of a step: farther away the likelihood is no parabola."""
 
 NEAR = 0.05
-"""Rayleigh cells: after a step as short, the next is Newton's, from which digits double."""
+"""Rayleigh cells: after a step as short, the next is Newton's, whose digits double."""
 
 CONVERGED = 1e-21
-"""Of a cell's power: a step that promises less is one of a few 1e-11 Rayleigh cells and Newton's. It is
-the last: it leaves nothing but rounding."""
+"""Of a cell's power: a step that promises less, a few 1e-11 Rayleigh cells of Newton's, is the last."""
 
 NEARLY_EXPLAINED = 1e-7
-"""Of a cell's power: where waves leave less, they are those of the cell, and steps lead to where they are."""
+"""Share of a cell's power: waves that leave less are those of the cell; further steps place them."""
 
 FINISHING_STEPS = 30
-"""More of them that such a cell may take: in the curved valley of waves in phase a tenth of a Rayleigh cell
-apart every second step is one too far."""
+"""Further steps for such a cell: in the curved valley of waves in phase a tenth of a Rayleigh cell apart
+every second step goes too far."""
 
 LEAST_DEVIATIONS = 3.0
-"""Standard deviations of their distance from which two directions are two, as
-the three-sigma rule has it."""
+"""Standard deviations of their distance from which two directions are two: the three-sigma rule."""
 
 REFIT_STEPS = 10
-"""Most of them after a plane wave left or two became one: the others move little, and are soon done."""
+"""Most steps after a plane wave left or two became one: the others move little."""
 
 
 def refine_directions(snapshots: Complex, waves: PlaneWaves, n_steps: int) -> PlaneWaves:
@@ -82,7 +75,7 @@ def refine_directions(snapshots: Complex, waves: PlaneWaves, n_steps: int) -> Pl
     waves : PlaneWaves
         Starts, k in a row.
     n_steps : int
-        Most steps; cells that no longer change stop before.
+        Most steps; cells that no longer change stop earlier.
 
     Returns
     -------
@@ -96,16 +89,15 @@ def refine_directions(snapshots: Complex, waves: PlaneWaves, n_steps: int) -> Pl
 def resolve_directions(
     snapshots: Complex, waves: PlaneWaves, noise: float, pfa: float, n_steps: int
 ) -> PlaneWaves:
-    """Refine directions, and leave out what noise makes of them: weak waves and pairs that are one.
+    """Refine directions, drop waves as weak as noise, and merge pairs that noise does not tell apart.
 
-    Of a cell, the weakest wave leaves first, if noise is as strong. Then, of
-    the two told apart least, both become one between them, if their distance
-    is within its error. The others are refined again, until all stand. The
-    last wave of a cell stays.
+    In each round of a cell, the weakest wave leaves if noise is as strong.
+    Otherwise the nearest pair, relative to the error of its distance, becomes
+    one wave if that distance is within its error. The others are refined
+    again, until all stay. The last wave of a cell stays.
 
-    A pair that close may explain more than one wave does and still leaves: a
-    crowd of echoes, of which a cell shows only a few moments, is explained by
-    two nearly cancelling waves that are no echoes.
+    Even a pair that explains more than one wave is merged: two nearly
+    cancelling waves that are no echoes explain a crowd of echoes.
 
     Parameters
     ----------
@@ -142,10 +134,8 @@ def resolve_directions(
     return PlaneWaves(fit.u, fit.w, found)
 
 
-def _without_one(
-    fit: WaveFit, found: NDArray[np.bool_], noise: float, least_power: float
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Directions u and w of each cell and which are left, where one wave is too weak or two are one."""
+def _without_one(fit: WaveFit, found: Mask, noise: float, least_power: float) -> tuple[Floats, Floats, Mask]:
+    """Directions u and w of each cell, and the mask of those left, after one wave left or two became one."""
     u, w, fewer = fit.u.copy(), fit.w.copy(), found.copy()
     several = np.count_nonzero(found, axis=1) > 1
     alone = np.where(found, fit.alone, np.inf)
@@ -163,14 +153,12 @@ def _without_one(
     return u, w, fewer
 
 
-def _nearest_pair(
-    fit: WaveFit, found: NDArray[np.bool_]
-) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Of each cell, the pair least distant: its squared distance (n,) over the variance in unit noise."""
+def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers]:
+    """Nearest pair of each cell: its squared distance (n,) over the variance in unit noise, and its waves."""
     n, k = found.shape
     scale, relative = _scaled_curvature(fit)
     relative += np.tile(~found, 2)[:, None, :] * np.eye(2 * k)
-    # Of noise of unit power, so that there may be none.
+    # For noise of unit power, so that noise may be 0.
     covariance = np.linalg.inv(relative) / 2 / (scale[:, :, None] * scale[:, None, :])
     blocks = covariance.reshape(n, 2, k, 2, k).transpose(0, 2, 4, 1, 3)
     own = np.einsum("niiab->niab", blocks)
@@ -189,10 +177,8 @@ def _nearest_pair(
     return square.min(axis=1), first, second
 
 
-def _refined(
-    snapshots: Complex, fit: WaveFit, found: NDArray[np.bool_], n_steps: int, n_finishing: int = 0
-) -> WaveFit:
-    """Fit after damped steps of Gauss and Newton, then of Newton; more for cells nearly explained."""
+def _refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
+    """Fit after damped Gauss-Newton and Newton steps; cells that are nearly explained take more."""
     half_cells = np.repeat(snapshots.shape[2:], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)
     near = np.zeros(len(snapshots), dtype=np.bool_)
@@ -213,7 +199,7 @@ def _refined(
         places = np.concatenate([old.u, old.w], axis=1) + step
         u, w = np.split(stepped(places * half_cells, step * half_cells) / half_cells, 2, axis=1)
         new = fit_waves(snapshots[moving], u, w, found[moving])
-        # A step that seems to lose no more than rounding may be as good, and is taken, lest rounding decide.
+        # A step that loses no more than rounding is taken: rounding must not decide.
         better = new.unexplained <= old.unexplained + np.maximum(old.rounding, new.rounding)
         fit.put(moving[better], new.at(better))
         near[moving] = better & (length < NEAR)
@@ -222,8 +208,8 @@ def _refined(
     return fit
 
 
-def _damped_step(fit: WaveFit, damping: Floats, near: NDArray[np.bool_]) -> Floats:
-    """Steps (n, 2 k) of Levenberg and Marquardt; near a minimum those of Newton, damped as much."""
+def _damped_step(fit: WaveFit, damping: Floats, near: Mask) -> Floats:
+    """Steps (n, 2 k) of Levenberg and Marquardt; near a minimum Newton steps, damped as much."""
     scale, relative = _scaled_curvature(fit)
     exact = np.flatnonzero(near)
     if exact.size:
@@ -234,14 +220,13 @@ def _damped_step(fit: WaveFit, damping: Floats, near: NDArray[np.bool_]) -> Floa
         convex = np.linalg.eigvalsh(hessian)[:, 0] > 0
         relative[exact[convex]] = hessian[convex]
     relative += damping[:, None, None] * np.eye(scale.shape[1])
-    step: Floats = np.linalg.solve(relative, (fit.gradient / scale)[:, :, None])[:, :, 0] / scale
-    return step
+    return np.linalg.solve(relative, (fit.gradient / scale)[:, :, None])[:, :, 0] / scale
 
 
 def _scaled_curvature(fit: WaveFit) -> tuple[Floats, Floats]:
     """Scales (n, 2 k) that give the curvature a unit diagonal, and that curvature, loaded."""
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", fit.curvature), 0))
-    # Fillers, and waves that have no power, are along for the ride.
+    # Fillers, and waves without power, have no curvature of their own.
     strongest = scale.max(axis=1, keepdims=True, initial=0)
     scale = np.maximum(scale, np.where(strongest > 0, SMALLEST_SCALE * strongest, 1))
     relative = fit.curvature / scale[:, :, None] / scale[:, None, :]

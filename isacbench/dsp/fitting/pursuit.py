@@ -1,33 +1,29 @@
-"""Moves of a matching pursuit in four dimensions: where the residual peaks, which atoms are two or none.
+"""Residual of a matching pursuit in four dimensions: its peaks, atoms to split, and redundant atoms.
 
-The residual is watched through beams towards the directions that the region
-spans. Beams of the map are formed once; those of atoms are products of four
-kernels, so that a new residual never touches the array again.
+The residual is seen through beams towards the directions of the region. Beams
+of the map are formed once; those of atoms are products of four kernels, so that
+a new residual needs no element of the array again.
 
-What strong echoes leave behind scales with them. A residual peak is an echo
-only if it stands above what the misfit of stronger atoms may have put there:
-the same fraction of each of them, spread like its sidelobes.
+The misfit of strong echoes scales with them. A residual peak is an echo only
+if it exceeds the misfit that stronger atoms may leave there: the same fraction
+of each of them, spread like its sidelobes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.stable_order import rounded
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 BEAMS_A_CELL = 2
 """Beams a Rayleigh cell: halfway between two of them an echo keeps 81 % of its power along each axis."""
@@ -36,23 +32,23 @@ MARGIN_BINS = 2
 """Range and Doppler bins beyond those of the region in which its echoes still show."""
 
 NEIGHBOURHOOD_BINS = 2.0 + 1e-9
-"""Range and Doppler bins in which weaker atoms are held against the strongest, whatever their direction. Not
-two, for at the borders of their boxes atoms are two bins apart but for rounding."""
+"""Range and Doppler bins in which weaker atoms are compared with the strongest, in any direction. More than
+two: at the borders of their boxes atoms are two bins apart but for rounding."""
 
 MOST_PAIRS = 1 << 20
-"""Pairs of a place and an atom that are looked at together: 32 MiB of distances."""
+"""Pairs of a place and an atom computed at once: 32 MiB of distances."""
 
 SPLIT_OFFSETS_CELLS = (0.15, 0.5)
-"""Least and most distance of the two starts from the atom that is split."""
+"""Least and largest distance of the two starts from the atom that is split."""
 
 SPLIT_STANDOUT = 25.0
 """Gain of a split over the mean residual around it."""
 
 SPLIT_CALM = 1e-2
-"""Residual around an atom, relative to it, above which what it misses is a crowd and not a second echo."""
+"""Residual around an atom, relative to it, above which a crowd is there and not a second echo."""
 
 LEAST_FREE = 1e-6
-"""Part of the energy of an atom's second derivative beside the atom itself, below which it is rounding."""
+"""Least share of an atom's second derivative, in energy, that is orthogonal to the atom; less is rounding."""
 
 FIXED_POINT_STEPS = 40
 """Each halves the error of a level, or better."""
@@ -61,10 +57,10 @@ TOLD_APART = 16.0
 """Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
 
 TIE_DIGITS = 9
-"""Of energies: what differs beyond is rounding, and the first of equals comes first."""
+"""Digits in which energies are compared: the rest is rounding."""
 
 LEAST_VARIANCE = 2.0**-1000
-"""In place of none, where noise is that small: ratios to it are still numbers."""
+"""Variance in place of 0, without noise: ratios to it are still numbers."""
 
 LOST = 0.5
 """Standard deviation of a coordinate in Rayleigh cells from which an atom has no place."""
@@ -72,20 +68,6 @@ LOST = 0.5
 
 UNGAPPED = whole_frame(1)
 """Symbols of a frame that is sensed as a whole: the bound of its sidelobes holds for any number of them."""
-
-
-class Peaks4d(NamedTuple):
-    """Peaks of a residual: places (n, 4) in Rayleigh cells, and energies (n,)."""
-
-    places: Floats
-    energy: Floats
-
-
-class Splits(NamedTuple):
-    """Offsets (n, 4) at which two atoms may replace one, and the energies (n,) gained; 0 where none is."""
-
-    offsets: Floats
-    gain: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +129,17 @@ class BeamSpace:
         return self.atom_map.range_bins[in_range], self.atom_map.doppler_bins[in_doppler], self.u, self.w
 
     def residual(self, fit: AtomFit | None) -> Complex:
-        """Beams without the atoms of a fit."""
+        """Subtract the echoes of atoms from the beams.
+
+        Parameters
+        ----------
+        fit : AtomFit or None
+            Of the atoms; None without any.
+
+        Returns
+        -------
+        ndarray of complex128, shape of `beams`
+        """
         if fit is None:
             return self.beams
         atom_map, n = self.atom_map, len(fit)
@@ -159,11 +151,10 @@ class BeamSpace:
         rest = (along_doppler[:, :, None] * directions).reshape(n, -1)
         # All factors but the amplitudes are real.
         echoes = (along_range * fit.amplitude.real) @ rest + 1j * ((along_range * fit.amplitude.imag) @ rest)
-        residual: Complex = self.beams - echoes.reshape(self.beams.shape)
-        return residual
+        return self.beams - echoes.reshape(self.beams.shape)
 
-    def peaks(self, residual: Complex, least_energy: float) -> Peaks4d:
-        """Local maxima of a residual, sampled twice a Rayleigh cell along all coordinates.
+    def peaks(self, residual: Complex, least_energy: float) -> tuple[Floats, Floats]:
+        """Find the local maxima of a residual, sampled twice a Rayleigh cell along all coordinates.
 
         Parameters
         ----------
@@ -173,7 +164,9 @@ class BeamSpace:
 
         Returns
         -------
-        Peaks4d
+        places : ndarray of float64, shape (n, 4)
+            In Rayleigh cells.
+        energy : ndarray of float64, shape (n,)
         """
         index, energy = _local_maxima(_halved(_halved(residual, 0), 1), least_energy)
         along_range, along_doppler, along_u, along_w = self.axes
@@ -186,20 +179,30 @@ class BeamSpace:
             ],
             axis=1,
         )
-        return Peaks4d(places, energy)
+        return places, energy
 
     def mean_around(self, residual: Complex, places: Floats) -> Floats:
-        """Mean energy (n,) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
+        """Average the energy of a residual's beams within about 1.5 Rayleigh cells of places.
+
+        Parameters
+        ----------
+        residual : ndarray of complex128
+            From `residual`.
+        places : ndarray of float64, shape (n, 4)
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+        """
         energy = residual.real**2 + residual.imag**2
         n_beams = 2 * BEAMS_A_CELL - 1
         mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
-        index = []
-        for axis, coordinate in zip(self.axes, places.T, strict=True):
-            steps = (
-                (coordinate - axis[0]) / (axis[1] - axis[0]) if axis.size > 1 else np.zeros_like(coordinate)
-            )
-            index.append(np.clip(np.rint(steps).astype(np.int64), 0, axis.size - 1))
-        around: Floats = mean[tuple(index)]
+        samples_per_cell = (1, 1, BEAMS_A_CELL, BEAMS_A_CELL)
+        nearest = (
+            np.clip(np.rint((along - axis[0]) * n_samples).astype(np.int64), 0, axis.size - 1)
+            for axis, along, n_samples in zip(self.axes, places.T, samples_per_cell, strict=True)
+        )
+        around: Floats = mean[tuple(nearest)]
         return around
 
 
@@ -217,7 +220,7 @@ def _halved(beams: Complex, axis: int) -> Complex:
     return np.moveaxis(dense, 0, axis)
 
 
-def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np.int64], ...], Floats]:
+def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, ...], Floats]:
     """Indices and energies of the samples above a level that none of their 80 neighbours exceeds.
 
     By more than rounding: of an echo halfway between two samples both are maxima.
@@ -235,10 +238,19 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[NDArray[np
     return tuple(along - 1 for along in np.unravel_index(index, framed.shape)), flat[index]
 
 
-def descending(energy: Floats) -> NDArray[np.int64]:
-    """Indices (n,) that sort energies, the largest first; of those equal but for rounding, the first."""
-    order: NDArray[np.int64] = np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
-    return order
+def descending(energy: Floats) -> Integers:
+    """Sort energies, the largest first, and those equal but for rounding in their order.
+
+    Parameters
+    ----------
+    energy : ndarray of float64, shape (n,)
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Indices.
+    """
+    return np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
 
 
 def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
@@ -264,8 +276,7 @@ def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
     >>> unwrapped(np.array([3.0, 1.0, 3.5, 0.0]), np.array([3.0, 0.0, -4.0, 0.0]), periods)
     array([ 3. ,  1. , -4.5,  0. ])
     """
-    nearest: Floats = places - periods * np.rint((places - reference) / periods)
-    return nearest
+    return places - periods * np.rint((places - reference) / periods)
 
 
 def noise_maximum(n_independent: float, chance: float) -> float:
@@ -299,14 +310,26 @@ def noise_maximum(n_independent: float, chance: float) -> float:
     """
     samples = np.log(n_independent / chance)
     level = samples
-    # A contraction where the level is above 4; below that, noise is what it is.
+    # A contraction where the level is above 4; lower levels do not occur.
     for _ in range(FIXED_POINT_STEPS):
         level = samples + N_COORDINATES / 2 * np.log(np.pi / 3 * max(level, N_COORDINATES))
     return float(level)
 
 
 def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floats:
-    """Bound of an atom's amplitude response at distances (..., 4) in Rayleigh cells, shape (...)."""
+    """Bound the amplitude response of an atom.
+
+    Parameters
+    ----------
+    distance : ndarray of float64, shape (..., 4)
+        From the atom, in Rayleigh cells.
+    bursts : SymbolBursts
+        Symbols that are sensed with.
+
+    Returns
+    -------
+    ndarray of float64, shape (...)
+    """
     envelope = np.ones(distance.shape[:-1])
     for axis in range(N_COORDINATES):
         along = distance[..., axis]
@@ -337,11 +360,24 @@ def sidelobe_energy(
 
 
 def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPPED) -> Floats:
-    """Energy (n,) that the strongest atom can show at places (n, 4).
+    """Bound the energy that the strongest atom shows at places.
 
     The larger of two: sidelobes of an atom anywhere, and all of the energy of
     one within two bins in range and Doppler, whose misfit has every direction.
     Atoms do not count at their own place.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        In Rayleigh cells.
+    fit : AtomFit
+        Of the atoms.
+    bursts : SymbolBursts
+        Symbols that are sensed with.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
     """
     if len(places) > (most := MOST_PAIRS // len(fit)):
         parts = np.split(places, range(most, len(places), most))
@@ -357,8 +393,10 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
     return strongest
 
 
-def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_energy: float) -> Splits:
-    """Energy that two atoms for one would explain, from what the residual holds of its derivatives.
+def split_gains(
+    atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_energy: float
+) -> tuple[Floats, Floats]:
+    """Energy that two atoms for one would explain, from the products of the residual with its derivatives.
 
     Two echoes less than a Rayleigh cell apart differ from one by its first
     derivative in quadrature, and by its second: the one leads where their
@@ -375,29 +413,25 @@ def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_
 
     Returns
     -------
-    Splits
-        Along the coordinate that gains most.
+    offsets : ndarray of float64, shape (n, 4)
+        Distances of the two atoms from the one, along the coordinate that
+        gains most.
+    gain : ndarray of float64, shape (n,)
+        Energies gained; 0 of atoms that are not to be split.
     """
     n = len(fit)
-    lines = atom_map.lines(fit.places)
+    lines, axes = atom_map.lines(fit.places), range(N_COORDINATES)
     curvature_outputs = atom_map.correlate_curvatures(lines)
     products = atom_map.products(lines)
-    curvatures = atom_map.curvature_products(lines)
-    others = np.stack(
-        [
-            np.prod([products[k].value for k in range(N_COORDINATES) if k != axis], axis=0)
-            for axis in range(N_COORDINATES)
-        ]
-    )
     gain, separation = np.zeros((2, n, N_COORDINATES))
-    for axis, (curved, energy) in enumerate(curvatures):
+    for axis, (curved, energy) in enumerate(atom_map.curvature_products(lines)):
+        others = np.prod([products[k].value for k in axes if k != axis], axis=0)
         slope = fit.correlations.slope[:, axis] - product_matrix(products, axis, None) @ fit.amplitude
-        curvature = curvature_outputs[:, axis] - (others[axis] * curved) @ fit.amplitude
+        curvature = curvature_outputs[:, axis] - (others * curved) @ fit.amplitude
         # An atom's second derivative without the part that is the atom itself.
         free = energy - curved.diagonal() ** 2
         if np.any(free <= LEAST_FREE * energy):
-            # Two elements: whatever they see is one wave.
-            continue
+            continue  # two elements always see one wave
         gain[:, axis] = np.abs(slope) ** 2 / products[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
         separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
     axis, atom = gain.argmax(axis=1), np.arange(n)
@@ -405,10 +439,10 @@ def split_gains(atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_
     stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_CALM * fit.power)
     offsets = np.zeros((n, N_COORDINATES))
     offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
-    return Splits(offsets, np.where(stands_out & (best > least_energy), best, 0))
+    return offsets, np.where(stands_out & (best > least_energy), best, 0)
 
 
-def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
+def redundant(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     """Atoms that noise or rounding leaves without a place of their own, by the joint Cramér-Rao bound.
 
     Parameters
@@ -420,9 +454,9 @@ def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
     Returns
     -------
     drop : ndarray of bool, shape (n,)
-        The weaker half of the atoms without a place; where there are none, the
-        weaker one of each pair that is not told apart, be it by noise or by
-        rounding: without noise two atoms are one from 0.01 Rayleigh cells in
+        The weaker half of the atoms without a place; if all have one, the
+        weaker one of each pair that noise or rounding does not tell apart:
+        without noise two atoms are one from 0.01 Rayleigh cells in
         phase, from 0.001 in quadrature (`AtomFit.blurred`).
     places : ndarray of float64, shape (n, 4)
         Those of the atoms that stay, each moved to the mean of its pair.
@@ -435,8 +469,9 @@ def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
     if lost.size:
         drop[lost[descending(power[lost])[::-1]][: max(1, lost.size // 2)]] = True
         return drop, places
-    first, second = np.nonzero(np.triu(_close(places, fit.periods), 1))
-    apart = unwrapped(places[first], places[second], fit.periods) - places[second]
+    apart = unwrapped(places[:, None], places, fit.periods) - places
+    first, second = np.nonzero(np.triu(np.all(np.abs(apart) < 1, axis=2), 1))
+    apart = apart[first, second]
     joint = (
         covariance[:, first, :, first]
         + covariance[:, second, :, second]
@@ -458,10 +493,3 @@ def redundant(fit: AtomFit, noise: float) -> tuple[NDArray[np.bool_], Floats]:
         near = unwrapped(places[pair], places[stronger], fit.periods)
         places[stronger] = np.average(near, axis=0, weights=power[pair])
     return drop, places
-
-
-def _close(places: Floats, periods: Floats) -> NDArray[np.bool_]:
-    """Pairs (n, n) within a Rayleigh cell along every coordinate."""
-    apart = unwrapped(places[:, None], places, periods) - places
-    close: NDArray[np.bool_] = np.all(np.abs(apart) < 1, axis=2)
-    return close

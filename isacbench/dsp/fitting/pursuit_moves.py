@@ -1,20 +1,18 @@
-"""Moves of one round of a matching pursuit: which of the possible ones are made together.
+"""Choice of the moves of one round of a matching pursuit.
 
-Places are in Rayleigh cells, shape (n, 4): range, Doppler, u and w. A move
-gains what it takes from the energy of the residual.
+Places are in Rayleigh cells, shape (n, 4): range, Doppler, u and w. The gain
+of a move is the energy that it takes from the residual.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.dsp.array_types import Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.pursuit import descending, sidelobe_energy, sidelobe_envelope, unwrapped
 from isacbench.model.gate import Gate
-
-Floats = NDArray[np.float64]
 
 ROUND_RANGE_DB = 6.0
 """Range below the best move of the others that are made in the same round."""
@@ -23,19 +21,16 @@ APART_CELLS = 1.0
 """Distance of moves of one round."""
 
 SPLIT_PREFERENCE = 2.0
-"""A split gains from what is left near the atom; a new atom there would only be the first of two."""
+"""Preference of a split to a new atom near the same atom, which would only be the first of two."""
 
 PAIR_CELLS = 0.8
-"""Distance from the atom that was split, within which the two are looked for."""
+"""Distance from the atom that was split, within which its two parts must lie."""
 
 MOST_LEFT = 64
-"""Peaks of the residual that no move explains, the strongest, whose sidelobes are looked for."""
-
-LOOKED_AT = 1024
-"""Peaks that are held against those at a time, the strongest first."""
+"""Strongest peaks of the residual that no move explains: their sidelobes are no moves."""
 
 
-def reachable_places(places: Floats, gate: Gate) -> NDArray[np.bool_]:
+def reachable_places(places: Floats, gate: Gate) -> Mask:
     """Tell the places within a bin of the ranges and speeds of the region.
 
     Parameters
@@ -57,16 +52,9 @@ def reachable_places(places: Floats, gate: Gate) -> NDArray[np.bool_]:
 
 
 def clear_of_sidelobes(
-    places: Floats,
-    gain: Floats,
-    candidates: NDArray[np.int64],
-    left: NDArray[np.int64],
-    bursts: SymbolBursts,
-) -> NDArray[np.int64]:
+    places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
+) -> Integers:
     """Keep the candidates that are no sidelobes of peaks which no move explains.
-
-    Only candidates within the range of a round count: weaker ones would have
-    to wait in any case.
 
     Parameters
     ----------
@@ -84,25 +72,14 @@ def clear_of_sidelobes(
     ndarray of int64
         Some of the candidates, in their order.
     """
-    clear: list[NDArray[np.int64]] = []
-    best = 0.0
-    for part in np.split(candidates, range(LOOKED_AT, len(candidates), LOOKED_AT)):
-        if part.size and gain[part[0]] < best * 10 ** (-ROUND_RANGE_DB / 10):
-            break
-        part = part[gain[part] >= sidelobe_energy(places[part], places[left], gain[left], bursts)]
-        best = max(best, float(gain[part].max(initial=0)))
-        clear.append(part)
-    return np.concatenate(clear)
+    shown = sidelobe_energy(places[candidates], places[left], gain[left], bursts)
+    return candidates[gain[candidates] >= shown]
 
 
 def without_images(
-    places: Floats,
-    gain: Floats,
-    candidates: NDArray[np.int64],
-    left: NDArray[np.int64],
-    bursts: SymbolBursts,
-) -> NDArray[np.int64]:
-    """Drop the peaks that are grating lobes of the best candidates, of those that stay.
+    places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
+) -> Integers:
+    """Drop the peaks that are grating lobes of the best candidates.
 
     Parameters
     ----------
@@ -116,7 +93,7 @@ def without_images(
     Returns
     -------
     ndarray of int64
-        Some of `left`; all where the whole frame is sensed with, which has no
+        Some of `left`; all of it if the whole frame is sensed with, which has no
         grating lobes.
     """
     if bursts.is_whole_frame:
@@ -124,11 +101,11 @@ def without_images(
     left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
     distance = places[left][:, None] - places[best]
     lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
-    kept: NDArray[np.int64] = left[gain[left] > lobes]
+    kept: Integers = left[gain[left] > lobes]
     return kept
 
 
-def are_near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
+def are_near(places: Floats, others: Floats, distance: float) -> Mask:
     """Tell the places that have one of the others nearer along every coordinate.
 
     Parameters
@@ -146,11 +123,11 @@ def are_near(places: Floats, others: Floats, distance: float) -> NDArray[np.bool
     >>> are_near(np.zeros((2, 4)) + [[0.0], [1.0]], np.full((1, 4), 0.1), 0.2).tolist()
     [True, False]
     """
-    near: NDArray[np.bool_] = np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
+    near: Mask = np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
     return near
 
 
-def became_pairs(centres: Floats, places: Floats) -> NDArray[np.bool_]:
+def became_pairs(centres: Floats, places: Floats) -> Mask:
     """Tell the places that were split and have two atoms around them.
 
     Parameters
@@ -164,13 +141,11 @@ def became_pairs(centres: Floats, places: Floats) -> NDArray[np.bool_]:
     -------
     ndarray of bool, shape (n,)
     """
-    around: NDArray[np.int64] = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
+    around: Integers = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
     return around >= 2
 
 
-def choose_moves(
-    places: Floats, gain: Floats, is_new: NDArray[np.bool_], atom_map: AtomMap, room: int
-) -> NDArray[np.int64]:
+def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, room: int) -> Integers:
     """Choose the moves of a round: the best, apart, and no sidelobe of a better one.
 
     Parameters
@@ -194,7 +169,7 @@ def choose_moves(
     eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
     candidates = eligible[descending(worth[eligible])]
     amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
-    # Read between bins, a grating lobe may be the higher one: none joins beside its peak.
+    # Between bins a grating lobe may exceed its peak: none joins with its peak.
     bursts = atom_map.bursts.with_equal_lobes
     # Coordinate by coordinate in memory: a map without echoes has ten thousands of candidates.
     along = places[candidates].T.copy()

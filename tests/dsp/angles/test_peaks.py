@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.peaks import line_peaks, plane_peaks, vertex
+from isacbench.dsp.angles.peaks import line_peaks, plane_maxima, plane_peaks, vertex
 
 
 def plain_vertex(left, middle, right):
@@ -111,7 +111,7 @@ def test_no_spectra_and_no_peaks_asked_for_give_none(shape, n_peaks):
 def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_most, seed):
     power = distinct(seed, n, g, h)
     allowed = np.random.default_rng(seed).random(power.shape) < 0.8
-    row, column, found = plane_peaks(power, allowed, n_most)
+    row, column, found = plane_peaks(power, allowed & plane_maxima(power), n_most)
     for k in range(n):
         maxima = []
         for i in range(g):
@@ -137,7 +137,7 @@ def test_a_peak_on_a_plane_is_placed_between_the_samples_and_across_the_seam(shi
     i, j = np.meshgrid(np.arange(g) - 4, np.arange(h) - 3, indexing="ij")
     paraboloid = 10 - (i - offset[0]) ** 2 - (j - offset[1]) ** 2
     power = np.exp(np.roll(paraboloid, (shift[0] - 4, shift[1] - 3), axis=(0, 1)))[None]
-    row, column, found = plane_peaks(power, np.ones(power.shape, dtype=bool), 1)
+    row, column, found = plane_peaks(power, plane_maxima(power), 1)
     assert found.tolist() == [[True]]
     assert row[0, 0] == pytest.approx(shift[0] + offset[0], abs=1e-9)
     assert column[0, 0] == pytest.approx(shift[1] + offset[1], abs=1e-9)
@@ -156,9 +156,8 @@ def test_a_plane_where_nothing_is_allowed_has_no_peaks():
 @given(seed=st.integers(0, 9999), exponent=st.integers(-900, 900))
 def test_places_on_planes_do_not_depend_on_the_unit_of_power(seed, exponent):
     power = distinct(seed, 3, 9, 7)
-    everywhere = np.ones(power.shape, dtype=bool)
-    row, column, found = plane_peaks(power, everywhere, 4)
-    scaled = plane_peaks(power * 2.0**exponent, everywhere, 4)
+    row, column, found = plane_peaks(power, plane_maxima(power), 4)
+    scaled = plane_peaks(power * 2.0**exponent, plane_maxima(power), 4)
     for one, other in zip((row, column, found), scaled, strict=True):
         np.testing.assert_array_equal(one[found], other[found])
 
@@ -166,7 +165,7 @@ def test_places_on_planes_do_not_depend_on_the_unit_of_power(seed, exponent):
 def test_zeros_beside_a_peak_and_spectra_of_zeros_have_places_without_a_warning():
     power = np.zeros((2, 5, 6))
     power[0, 2, 3] = 1.0
-    row, column, found = plane_peaks(power, power > 0, 2)
+    row, column, found = plane_peaks(power, (power > 0) & plane_maxima(power), 2)
     assert (row[0, 0], column[0, 0]) == (2.0, 3.0)
     assert found.tolist() == [[True, False], [False, False]]
     assert np.isfinite(row).all()

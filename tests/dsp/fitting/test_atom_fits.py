@@ -208,7 +208,6 @@ def test_settled_close_atoms_lose_digits_by_their_condition_and_not_by_its_squar
     places, amplitude = close_pair(apart, turn)
     atom_map = noisy(WHOLE, places, amplitude, 0.0)
     start = refine_atoms(atom_map, places + 1e-3 * apart * np.array([[1.0], [-1.0]]), 30)
-    assert start.delicate
     fit = settle_atoms(atom_map, start, 3)
     # Root of the variance in noise as small as the last digit of the strongest cell.
     error = np.sqrt(bound_by_qr(atom_map, places, amplitude).reshape(8, 8).diagonal().max())
@@ -237,9 +236,3 @@ def test_settling_never_leaves_more(seed, n_steps):
 
     fit = fit_atoms(atom_map, starts)
     assert left(settle_atoms(atom_map, fit, n_steps)) <= left(fit) * (1 + 1e-10)
-
-
-def test_separate_atoms_are_not_delicate():
-    places = PLACES + np.array([[0.0], [0.0], [2.0]])
-    places[1] += 1
-    assert not fit_atoms(noisy(WHOLE, places, AMPLITUDE, 0.1), places).delicate
