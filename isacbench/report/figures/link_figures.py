@@ -170,6 +170,7 @@ def _write_snrs(axes: Axes, points: Sequence[tuple[float, float, float, str]]) -
     if not points:
         return
     texts = [f"{snr_db:g}" for _, _, snr_db, _ in points]
+    axes.figure.draw_without_rendering()
     place_pt = axes.transData.transform([point[:2] for point in points]) * 72 / axes.figure.dpi
     sizes_pt = [(0.65 * SNR_SIZE_PT * len(text), 1.2 * SNR_SIZE_PT) for text in texts]
     offsets = place_labels(place_pt, sizes_pt, [SNR_OFFSETS_PT] * len(points))

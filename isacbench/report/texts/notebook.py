@@ -14,7 +14,7 @@ from isacbench.files.escaping import visible
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Detection
-from isacbench.report.drawing.style import THRESHOLD, edges, new_figure, speed_colours, styled, velocity_bar
+from isacbench.report.drawing.style import THRESHOLD, new_figure, styled, velocity_bar, velocity_colours
 from isacbench.report.figures.map_figures import outer
 
 if TYPE_CHECKING:
@@ -83,26 +83,18 @@ def _(cloud: PointCloud) -> Figure | None:
         return None
     stride = -(-len(cloud) // MOST_POINTS)
     points = cloud.select(np.arange(0, len(cloud), stride))
-    colours = speed_colours(float(np.abs(cloud.velocity).max()))
+    colours = velocity_colours(float(np.abs(cloud.velocity).max()))
     figure = new_figure(7.0, 3.0)
-    margins = edges(figure, left=0.6, right=0.9, bottom=0.5, top=0.35)
-    grid = figure.add_gridspec(1, 2, wspace=0.28, **margins)
-    for column, (up, name) in enumerate(((1, "from above"), (2, "from the side"))):
-        axes = figure.add_subplot(grid[0, column])
-        axes.scatter(
-            points.xyz[:, 0], points.xyz[:, up], c=colours.to_rgba(points.velocity), s=8, linewidths=0
-        )
-        axes.update_datalim(
-            [points.xyz[:, [0, up]].min(axis=0) - MARGIN_M, points.xyz[:, [0, up]].max(axis=0) + MARGIN_M]
-        )
+    panels = figure.subplots(1, 2)
+    for axes, up, name in zip(panels, (1, 2), ("from above", "from the side"), strict=True):
+        shown = points.xyz[:, [0, up]]
+        axes.scatter(*shown.T, c=colours.to_rgba(points.velocity), s=8, linewidths=0)
+        axes.update_datalim([shown.min(axis=0) - MARGIN_M, shown.max(axis=0) + MARGIN_M])
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_title(name if stride == 1 else f"{name}, one point in {stride}")
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel(f"{'xyz'[up]} [m]")
+        axes.set(xlabel="x [m]", ylabel=f"{'xyz'[up]} [m]")
         axes.grid(True)
-    top = margins["top"] - margins["bottom"]
-    bar = figure.add_axes((margins["right"] + 0.02, margins["bottom"], 0.015, top))
-    velocity_bar(figure, colours, bar, "radial velocity [m/s]")
+    velocity_bar(figure, colours, panels, "radial velocity [m/s]")
     return figure
 
 
@@ -144,7 +136,7 @@ def _draw_map(
         return None
     decibels = 10 * np.log10(np.where(is_power, power, np.nan))
     figure = new_figure(5.0, 3.2)
-    axes = figure.subplots(gridspec_kw=edges(figure, left=0.6, right=0.1, bottom=0.5, top=0.15))
+    axes = figure.subplots()
     image = axes.imshow(
         np.maximum(decibels, np.nanmax(decibels) - LOWEST_DB),
         origin="lower",
