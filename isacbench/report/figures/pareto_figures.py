@@ -261,6 +261,8 @@ def _draw_points(axes: Axes, part: pd.DataFrame, looks: Mapping[str, LineLook]) 
 def _draw_point(axes: Axes, row: Mapping[Hashable, Any], look: LineLook) -> None:
     """Draw a point and its intervals; the NaN interval of too few trials is not drawn."""
     time_s, deviation, wins = row["time_s"], row["deviation_mean"], row["is_on_frontier"]
+    # A point alone, of equal times, has a scale, too.
+    axes.update_datalim([(0.8e3 * time_s, deviation), (1.25e3 * time_s, deviation)])
     axes.errorbar(
         1e3 * time_s,
         deviation,

@@ -6,6 +6,7 @@ from isacbench.report.drawing.style import (
     drawable,
     file_stems,
     new_figure,
+    styled,
     velocity_colours,
 )
 
@@ -48,11 +49,12 @@ def test_a_static_region_has_colours():
 def test_a_legend_takes_as_few_columns_as_its_rows_allow_and_the_figure_grows_by_it(n_labels):
     entries = [Line2D([], [], label="a label of some length") for _ in range(n_labels)]
     for width_in in (4.0, 11.0):
-        figure = new_figure(width_in, 3.0, legend=entries)
+        with styled():
+            figure = new_figure(width_in, 3.0, legend=entries)
+            figure.draw_without_rendering()
         n_columns = figure.legends[0]._ncols
         n_rows = -(-n_labels // n_columns)
         assert n_columns == 1 or -(-n_labels // (n_columns - 1)) > n_rows
-        figure.draw_without_rendering()
         box = figure.legends[0].get_window_extent()
         assert 0 <= box.x0 < box.x1 <= figure.bbox.width
         assert box.height / figure.dpi < figure.get_figheight() - 3.0 + 0.1
