@@ -10,13 +10,11 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+SPEC = "NAME[param=value,...]"
 EstimatorSpecs = Annotated[
     list[str] | None,
     typer.Option(
-        "-e",
-        "--estimator",
-        metavar="NAME[param=value,...]",
-        help="Estimator, instead of the suite's; repeats. A value [a,b] stands for each.",
+        "-e", "--estimator", metavar=SPEC, help="Estimator; repeats. A value [a,b] means each of both."
     ),
 ]
 PluginFiles = Annotated[
@@ -24,16 +22,27 @@ PluginFiles = Annotated[
     typer.Option("--plugin", metavar="FILE.py", help="Local file with estimators or detectors; repeats."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-OUT_HELP = "Folder, new or of the same run, which then goes on; default results/<suite>-<time>."
-SEED_HELP = "Seed that all noise follows from."
+MixVersions = Annotated[
+    bool, typer.Option("--mix-versions", help="Keep rows of an estimator that several code versions made.")
+]
+OUT_HELP = "Folder, new or of the same run to go on with; default results/<suite>-<time>."
+SEED_HELP = "Seed of all noise."
+Seed = Annotated[int, typer.Option(min=0, help=SEED_HELP)]
+SCENARIO = typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
+ScenarioName = Annotated[str, SCENARIO]
 ScenarioNames = Annotated[
     list[str] | None,
-    typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path, likewise."),
+    typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path; repeats."),
 ]
 
 
 def register(plugin_files: list[Path] | None) -> None:
-    """Register local plugin files."""
+    """Register local plugin files.
+
+    Parameters
+    ----------
+    plugin_files : list of Path or None
+    """
     from isacbench.plugins.discovery import load_plugin_file
 
     for path in plugin_files or ():
@@ -43,7 +52,18 @@ def register(plugin_files: list[Path] | None) -> None:
 def require_names(
     scenarios: Iterable[str] = (), estimators: Iterable[str] = (), detectors: Iterable[str] = ()
 ) -> None:
-    """Refuse names that do not exist, before anything is started or anything slow is imported."""
+    """Refuse names that do not exist, before anything is started or anything slow is imported.
+
+    Parameters
+    ----------
+    scenarios, estimators, detectors : iterable of str
+        Names or specifications.
+
+    Raises
+    ------
+    InputError
+        If one does not exist.
+    """
     from isacbench.files.toml_files import find_toml
     from isacbench.plugins.registry import require_plugins
 

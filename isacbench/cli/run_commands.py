@@ -14,6 +14,7 @@ from isacbench.cli.options import (
     OUT_HELP,
     SEED_HELP,
     EstimatorSpecs,
+    MixVersions,
     PluginFiles,
     ScenarioNames,
     register,
@@ -35,63 +36,46 @@ def run_command(
     estimator: EstimatorSpecs = None,
     scenario: ScenarioNames = None,
     snr: Annotated[
-        str | None, typer.Option("--snr", metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")
+        str | None, typer.Option(metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")
     ] = None,
     trials: Annotated[
-        int | None, typer.Option("-n", "--trials", metavar="TRIALS", min=1, help="Noise draws.")
+        int | None, typer.Option("-n", "--trials", min=1, help="Number of noise draws.")
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help=OUT_HELP),
-    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help=SEED_HELP)] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help=OUT_HELP)] = None,
     plugin: PluginFiles = None,
     jobs: Annotated[
-        int | None,
-        typer.Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes; default 1."),
+        int | None, typer.Option("-j", "--jobs", min=1, help="Number of worker processes; default 1.")
     ] = None,
     timeout: Annotated[
-        float | None,
-        typer.Option(
-            "--timeout", metavar="SECONDS", help="Longest time of a cell; default 600, inf for none."
-        ),
-    ] = None,
+        float, typer.Option(metavar="SECONDS", help="Longest time of a cell; inf for no limit.")
+    ] = 600.0,
     memory: Annotated[
-        float | None,
-        typer.Option("--memory", metavar="MIB", help="Most memory that a cell may add to its process."),
+        float | None, typer.Option(metavar="MIB", help="Most memory that a cell may add to its process.")
     ] = None,
     dask: Annotated[
-        str | None,
-        typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, instead of workers of this machine."),
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler that replaces local workers.")
     ] = None,
     shard: Annotated[
-        str | None,
-        typer.Option("--shard", metavar="k/n", help="Only part k of n; isacbench merge joins parts."),
+        str | None, typer.Option(metavar="k/n", help="Run part k of n; isacbench merge joins the parts.")
     ] = None,
     rerun: Annotated[
         list[str] | None,
-        typer.Option(
-            "--rerun", metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."
-        ),
+        typer.Option(metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."),
     ] = None,
-    mix_versions: Annotated[
-        bool, typer.Option("--mix-versions", help="Keep rows that other versions made beside new ones.")
-    ] = False,
+    mix_versions: MixVersions = False,
     timing: Annotated[
-        bool, typer.Option("--timing", help="Measure run times that count, one cell after the other.")
+        bool, typer.Option("--timing", help="Measure run times; cells run alone, one after the other.")
     ] = False,
     repeats: Annotated[
-        int | None,
-        typer.Option("--repeats", metavar="REPEATS", min=1, help="Estimates timed a cell; default 5."),
+        int | None, typer.Option(min=1, help="Number of timed estimates a cell; default 5.")
     ] = None,
 ) -> None:
-    """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
+    """Run a suite: estimate, score, tabulate and draw. An existing folder of the same run is completed."""
     from isacbench.bench.suites.suite import load_suite, parse_snr
 
     if out is None and (rerun or mix_versions):
-        raise InputError(
-            "--rerun and --mix-versions: allowed with -o DIR, the folder of the run to go on with"
-        )
+        raise InputError("--rerun and --mix-versions: allowed with -o DIR, the folder of an existing run")
     register(plugin)
     wanted = load_suite(suite).replace(
         estimators=estimator,
@@ -111,12 +95,12 @@ def run_command(
     from isacbench.bench.run.runner import Execution
     from isacbench.bench.store.resume import parse_reruns
     from isacbench.bench.store.run_folder import default_folder
-    from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
+    from isacbench.bench.workers.guarded_cells import Guard
 
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
         guard=Guard(
-            timeout_s=DEFAULT_TIMEOUT_S if timeout is None else None if timeout == math.inf else timeout,
+            timeout_s=None if timeout == math.inf else timeout,
             memory_mib=None if memory == math.inf else memory,
         ),
         dask=dask,
@@ -147,19 +131,11 @@ def run_command(
 def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results:
     """Run a suite and make tables and figures of its rows, also of those that an interrupt left."""
     from isacbench.bench.run.runner import run_suite
-    from isacbench.report.figures.background_drawing import BackgroundDrawing
 
-    with BackgroundDrawing() as drawing:
-        with progress_shown(suite.name, is_idle=execution.is_timing) as show:
-
-            def progress(n_done: int, n_cells: int) -> None:
-                if not execution.is_timing:
-                    drawing.get_ready()  # as soon as workers are busy, and this process is not
-                show(n_done, n_cells)
-
-            results = run_suite(suite, folder, progress, execution)
-        if not results.records.empty:
-            report_run(folder, results.records, results.suite.kind, drawing)
+    with progress_shown(suite.name, is_idle=execution.is_timing) as show:
+        results = run_suite(suite, folder, show, execution)
+    if not results.records.empty:
+        report_run(folder, results.records, results.suite.kind)
     return results
 
 

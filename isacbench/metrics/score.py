@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from isacbench.errors import InputError, unknown_name
-from isacbench.metrics.cloud_scores import RADIUS_M, pair_scores
-from isacbench.metrics.deviation import pair_deviation
-from isacbench.metrics.geometry import CloudPair
+from isacbench.metrics.cloud_scores import RADIUS_M, cloud_scores
+from isacbench.metrics.deviation import paper_deviation
 from isacbench.metrics.repository import repository_deviation
 from isacbench.model.cloud import PointCloud
 
@@ -25,7 +24,7 @@ METRIC_VERSION = 1
 
 @dataclass(frozen=True)
 class ScoreColumn:
-    """What one score means, enough to label an axis and to rank by it.
+    """Meaning of a score: enough to label an axis and to rank by it.
 
     Attributes
     ----------
@@ -34,7 +33,7 @@ class ScoreColumn:
     description : str
         One line with the unit, if any, in brackets.
     better : {"lower", "higher", "neither"}
-        Which direction is better.
+        Direction that is better.
     worst : float or None
         Worst value that the score can take, None where it has no bound.
     """
@@ -130,22 +129,19 @@ def score(
     """
     if metric not in METRICS:
         raise unknown_name("metric", str(metric), METRICS)
-    pair = CloudPair(_as_cloud(truth, "truth"), _as_cloud(estimate, "estimate"))
-    counts = {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
+    true, found = _as_cloud(truth, "truth"), _as_cloud(estimate, "estimate")
     parts: tuple[object, ...]
     if metric == "repository":
-        parts = (repository_deviation(pair.truth, pair.estimate, region),)
+        parts = (repository_deviation(true, found, region),)
     else:
-        parts = pair_deviation(pair, region, velocity_bin_mps), pair_scores(pair, region, radius_m)
-    names = [name for name in METRICS[metric] if name not in counts]
-    return {**counts, **{name: _attribute(parts, name) for name in names}}
-
-
-def _attribute(parts: tuple[object, ...], name: str) -> float:
-    """Score of that name, of the one part that has it."""
-    (owner,) = (part for part in parts if hasattr(part, name))
-    value: float = getattr(owner, name)
-    return value
+        parts = (
+            paper_deviation(true, found, region, velocity_bin_mps),
+            cloud_scores(true, found, region, radius_m),
+        )
+    scores: dict[str, float] = {"n_true": len(true), "n_estimated": len(found)}
+    for name in list(METRICS[metric])[len(scores) :]:
+        scores[name] = next(getattr(part, name) for part in parts if hasattr(part, name))
+    return scores
 
 
 def _as_cloud(values: PointCloud | ArrayLike, name: str) -> PointCloud:

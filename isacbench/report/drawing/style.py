@@ -153,7 +153,7 @@ def new_figure(
     *,
     legend: Sequence[Artist] = (),
     title: str = "",
-    layout: Literal["constrained", "none"] = "constrained",
+    layout: Literal["constrained"] | None = "constrained",
 ) -> Figure:
     """Make a figure on a canvas that needs no display.
 
@@ -165,8 +165,8 @@ def new_figure(
         Entries of a legend below the panels, with their labels.
     title : str
         Title above the panels.
-    layout : {"constrained", "none"}
-        Layout engine of matplotlib.
+    layout : {"constrained"} or None
+        Layout engine of matplotlib; None leaves the margins to the caller.
 
     Returns
     -------

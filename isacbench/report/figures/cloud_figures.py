@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d import Axes3D
     from numpy.typing import NDArray
 
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
     Floats = NDArray[np.float64]
+    Axes3D = Any  # mpl_toolkits has no types
 
 PANEL_IN = 3.2, 2.7
 LONE_PANEL_IN = 5.6, 4.6
@@ -150,13 +150,11 @@ def draw_comparison(
     """
     scene = _scene(truth, [_image_of_truth(truth), image], region, radius_m)
     figure = new_figure(11.0, 7.9, legend=_legend(scene), title=title)
-    panels = figure.subplot_mosaic(
-        [["truth"] * 3 + ["estimate"] * 3, ["xy"] * 2 + ["xz"] * 2 + ["yz"] * 2],
-        per_subplot_kw={("truth", "estimate"): {"projection": "3d"}},
-        height_ratios=[1.6, 1],
-    )
-    _draw_perspective(cast("Axes3D", panels["truth"]), scene, "truth", _image_of_truth(truth))
-    _draw_perspective(cast("Axes3D", panels["estimate"]), scene, drawable(heading), image)
+    places: list[Any] = [["truth"] * 3 + ["estimate"] * 3, ["xy"] * 2 + ["xz"] * 2 + ["yz"] * 2]
+    in_perspective: Any = {("truth", "estimate"): {"projection": "3d"}}
+    panels = figure.subplot_mosaic(places, per_subplot_kw=in_perspective, height_ratios=[1.6, 1])
+    _draw_perspective(panels["truth"], scene, "truth", _image_of_truth(truth))
+    _draw_perspective(panels["estimate"], scene, drawable(heading), image)
     for plane in ("xy", "xz", "yz"):
         _draw_projection(panels[plane], scene, image.cloud, plane)
     velocity_bar(figure, scene.colours, [panels["estimate"]], BAR_LABEL)
@@ -192,7 +190,7 @@ def _perspectives(
     legend = _legend(scene) if len(scene.truth) else ()
     size_in = n_columns * panel_in[0] + 1.0, n_rows * panel_in[1] + 0.5
     # Panels in perspective have their own margins; to measure their labels takes longer than to draw them.
-    figure = new_figure(*size_in, legend=legend, title=title, layout="none")
+    figure = new_figure(*size_in, legend=legend, title=title, layout=None)
     height_in = figure.get_figheight()
     bottom_in = height_in - size_in[1]
     figure.subplots_adjust(0.01, bottom_in / height_in, 1.0, 1 - 0.4 / height_in, wspace=0, hspace=0)
@@ -253,13 +251,17 @@ def _marked(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str
 
 def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -> None:
     """Draw truth and estimate over each other, projected on a plane."""
-    shown = [AXES.index(name) for name in plane]
-    axes.scatter(*scene.truth.xyz[:, shown].T, s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8)
+    across, up = AXES.index(plane[0]), AXES.index(plane[1])
+    true_m = scene.truth.xyz
+    axes.scatter(
+        true_m[:, across], true_m[:, up], s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8
+    )
     for points, marks in _marked(scene, cloud):
-        axes.scatter(*points.xyz[:, shown].T, c=scene.colours.to_rgba(points.velocity), **marks)
+        colours = scene.colours.to_rgba(points.velocity)
+        axes.scatter(points.xyz[:, across], points.xyz[:, up], c=colours, **marks)
     margin_m = 0.02 * float((scene.upper_m - scene.lower_m).max())
-    lower_m, upper_m = scene.lower_m[shown] - margin_m, scene.upper_m[shown] + margin_m
-    axes.set(xlim=(lower_m[0], upper_m[0]), ylim=(lower_m[1], upper_m[1]))
+    lower_m, upper_m = scene.lower_m - margin_m, scene.upper_m + margin_m
+    axes.set(xlim=(lower_m[across], upper_m[across]), ylim=(lower_m[up], upper_m[up]))
     axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]")
     axes.set_aspect("equal", anchor="S")
     for axis in (axes.xaxis, axes.yaxis):
