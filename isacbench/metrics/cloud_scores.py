@@ -94,10 +94,27 @@ def cloud_scores(
     .. [1] L. Mescheder et al., "Occupancy Networks: Learning 3D
        Reconstruction in Function Space", CVPR 2019.
     """
+    return pair_scores(CloudPair(truth, estimate), region, radius_m)
+
+
+def pair_scores(pair: CloudPair, region: Region | None = None, radius_m: float = RADIUS_M) -> CloudScores:
+    """Score a pair as `cloud_scores` does, with searches that other metrics share.
+
+    Parameters
+    ----------
+    pair : CloudPair
+    region : Region or None
+    radius_m : float
+        Distance in m within which a point counts as one of a scatterer.
+
+    Returns
+    -------
+    CloudScores
+    """
     require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive number of m")
-    pair, gospa = CloudPair(truth, estimate), gospa_m(truth, estimate, radius_m)
-    if not len(estimate):
-        diagonal_m = box_diagonal_m(truth.xyz, region)
+    gospa = _tree_gospa_m(pair.truth_tree, pair.estimate_tree, radius_m)
+    if not len(pair.estimate):
+        diagonal_m = box_diagonal_m(pair.truth.xyz, region)
         return CloudScores(diagonal_m, diagonal_m, gospa, precision=0.0, recall=0.0)
     forward_m, backward_m = pair.truth_to_estimate_m, pair.estimate_to_truth_m
     return CloudScores(
@@ -141,11 +158,15 @@ def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M)
     >>> gospa_m(truth, truth), gospa_m(truth, PointCloud.empty())
     (0.0, 1.0)
     """
-    trees = cKDTree(truth.xyz), cKDTree(estimate.xyz)
-    near = trees[0].sparse_distance_matrix(trees[1], radius_m, output_type="ndarray")
+    return _tree_gospa_m(cKDTree(truth.xyz), cKDTree(estimate.xyz), radius_m)
+
+
+def _tree_gospa_m(truth: cKDTree, estimate: cKDTree, radius_m: float) -> float:
+    """Compute the GOSPA distance of the points of two trees."""
+    near = truth.sparse_distance_matrix(estimate, radius_m, output_type="ndarray")
     i, j = _best_matching(near["i"], near["j"], np.square(near["v"]), radius_m)
-    matched_m2 = float(np.square(truth.xyz[i] - estimate.xyz[j]).sum())
-    n_alone = len(truth) + len(estimate) - 2 * i.size
+    matched_m2 = float(np.square(truth.data[i] - estimate.data[j]).sum())
+    n_alone = truth.n + estimate.n - 2 * i.size
     return math.sqrt(matched_m2 + radius_m**2 / 2 * n_alone)
 
 

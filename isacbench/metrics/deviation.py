@@ -111,15 +111,33 @@ def paper_deviation(
     >>> paper_deviation(truth, estimate)
     Deviation(hausdorff_xy_m=5.0, hausdorff_xz_m=3.0, hausdorff_yz_m=4.0, density=0.0, velocity_nmse=0.25)
     """
-    pair = CloudPair(truth, estimate)
+    return pair_deviation(CloudPair(truth, estimate), region, velocity_bin_mps)
+
+
+def pair_deviation(
+    pair: CloudPair, region: Region | None = None, velocity_bin_mps: float | None = None
+) -> Deviation:
+    """Score a pair as `paper_deviation` does, with searches that other metrics share.
+
+    Parameters
+    ----------
+    pair : CloudPair
+    region : Region or None
+    velocity_bin_mps : float or None
+        Velocity bin in m/s.
+
+    Returns
+    -------
+    Deviation
+    """
     bin_mps = System().velocity_bin_mps if velocity_bin_mps is None else velocity_bin_mps
     require(1 / LARGEST <= bin_mps <= LARGEST, "velocity_bin_mps", bin_mps, "a positive number of m/s")
-    n_true = len(truth)
+    n_true = len(pair.truth)
     return Deviation(
         hausdorff_xy_m=projected_hausdorff_m(pair, (0, 1), region),
         hausdorff_xz_m=projected_hausdorff_m(pair, (0, 2), region),
         hausdorff_yz_m=projected_hausdorff_m(pair, (1, 2), region),
-        density=abs(len(estimate) - n_true) / n_true,
+        density=abs(len(pair.estimate) - n_true) / n_true,
         velocity_nmse=_velocity_nmse(pair, bin_mps),
     )
 

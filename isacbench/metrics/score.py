@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from isacbench.errors import InputError, unknown_name
-from isacbench.metrics.cloud_scores import RADIUS_M, cloud_scores
-from isacbench.metrics.deviation import paper_deviation
+from isacbench.metrics.cloud_scores import RADIUS_M, pair_scores
+from isacbench.metrics.deviation import pair_deviation
+from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.repository import repository_deviation
 from isacbench.model.cloud import PointCloud
 
@@ -129,16 +130,13 @@ def score(
     """
     if metric not in METRICS:
         raise unknown_name("metric", str(metric), METRICS)
-    true, found = _as_cloud(truth, "truth"), _as_cloud(estimate, "estimate")
+    pair = CloudPair(_as_cloud(truth, "truth"), _as_cloud(estimate, "estimate"))
     parts: tuple[object, ...]
     if metric == "repository":
-        parts = (repository_deviation(true, found, region),)
+        parts = (repository_deviation(pair.truth, pair.estimate, region),)
     else:
-        parts = (
-            paper_deviation(true, found, region, velocity_bin_mps),
-            cloud_scores(true, found, region, radius_m),
-        )
-    scores: dict[str, float] = {"n_true": len(true), "n_estimated": len(found)}
+        parts = pair_deviation(pair, region, velocity_bin_mps), pair_scores(pair, region, radius_m)
+    scores: dict[str, float] = {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
     for name in list(METRICS[metric])[len(scores) :]:
         scores[name] = next(getattr(part, name) for part in parts if hasattr(part, name))
     return scores
