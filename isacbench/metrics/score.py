@@ -1,4 +1,4 @@
-"""One call from two clouds to a row of scores, and the table of what the scores mean."""
+"""Scores of an estimated cloud, and the table that describes them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from isacbench.model.region import Region
 
 METRIC_VERSION = 1
-"""Raised with every change after which the same clouds score differently: such scores are not compared."""
+"""Version of the scores: scores of different versions are not compared."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,11 @@ class ScoreColumn:
         One line with the unit, if any, in brackets.
     better : {"lower", "higher", "neither"}
         Direction that is better.
-    worst : float or None
-        Worst value that the score can take, None where it has no bound.
     """
 
     name: str
     description: str
     better: Literal["lower", "higher", "neither"] = "lower"
-    worst: float | None = None
 
 
 def _table(*columns: ScoreColumn) -> dict[str, ScoreColumn]:
@@ -66,8 +63,8 @@ METRICS: dict[str, dict[str, ScoreColumn]] = {
         ScoreColumn("deviation", "imaging deviation: sum of the three Hausdorff distances, density and NMSE"),
         ScoreColumn("chamfer_m", "chamfer distance, mean of both directions [m]"),
         ScoreColumn("gospa_m", "GOSPA distance with c = the radius, p = 2, α = 2 [m]"),
-        ScoreColumn("precision", "share of estimated points within the radius of a scatterer", "higher", 0.0),
-        ScoreColumn("recall", "share of true scatterers within the radius of a point", "higher", 0.0),
+        ScoreColumn("precision", "share of estimated points within the radius of a scatterer", "higher"),
+        ScoreColumn("recall", "share of true scatterers within the radius of a point", "higher"),
     ),
     "repository": _table(
         *_COUNTS,
@@ -98,10 +95,10 @@ def score(
     estimate : PointCloud or array_like, shape (m, 4) or (m, 5)
         Estimated points, possibly none.
     metric : {"paper", "repository"}
-        The paper's imaging deviation with the scores beside it, or the
-        deviation that the published code computes.
+        The paper's imaging deviation with further scores, or the deviation
+        that the published code computes.
     region : Region or None
-        Where scatterers can be, which decides what an empty estimate scores;
+        Region of the scenario, which decides the scores of an empty estimate;
         None takes the truth's bounding box.
     velocity_bin_mps : float or None
         Velocity bin in m/s, the velocity unit of a static scene in the metric

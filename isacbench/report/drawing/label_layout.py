@@ -1,4 +1,4 @@
-"""Places for small labels beside their points, so that none covers another."""
+"""Places of small labels near their points, none over another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def place_labels(
     anchors: ArrayLike, sizes: ArrayLike, offsets: Sequence[ArrayLike], taken: ArrayLike = ()
 ) -> list[Floats | None]:
-    """Give labels, one after the other, the first offset at which they cover no label placed before.
+    """Place labels one after the other, each at the first offset where it covers no label placed before.
 
     Parameters
     ----------
@@ -26,9 +26,9 @@ def place_labels(
     sizes : array_like, shape (n, 2)
         Widths and heights of the labels, in the same unit.
     offsets : sequence of array_like, each of shape (m, 2) with m of its own
-        For each label where its centre may lie relative to its point, the best place first.
+        Places for the centre of each label relative to its point, the best one first.
     taken : array_like, shape (k, 4)
-        Left, lower, right and upper ends of what must not be covered either.
+        Left, lower, right and upper ends of further boxes that must not be covered.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def place_labels(
 
 
 def _covers(box: Floats, others: Sequence[Floats]) -> bool:
-    """Whether a box has an area in common with any of the others."""
+    """Tell whether a box has an area in common with any of the others."""
     if not others:
         return False
     left, lower, right, upper = np.transpose(others)

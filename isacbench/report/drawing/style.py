@@ -43,15 +43,15 @@ LINES: tuple[LineStyle, ...] = ("-", "-.", ":")
 BOUND_COLOUR = "0.15"
 
 CONTEXT = "0.72"
-"""Grey of what is shown for comparison: the truth behind an estimate."""
+"""Grey of the truth behind an estimate."""
 
 TRUE = "#009E73"
-"""Colour of what is true where it lies over data."""
+"""Colour of the truth over data."""
 
 THRESHOLD = "#D55E00"
 """Colour of thresholds."""
 
-# Dark in the middle, so that what stands still is seen on white.
+# Dark in the middle, so that static points are seen on white.
 VELOCITY_COLOURS = ("#3FA7E6", "#0072B2", "#333333", "#D55E00", "#F2A900")
 SLOW_MPS = 2.0
 TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
@@ -133,12 +133,12 @@ def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return a context with this module's fonts and sizes; the user's own settings come back after it."""
+    """Return a context with the fonts and sizes of this module; it restores the user's own settings."""
     return matplotlib.style.context(["default", RC])
 
 
 class NotebookFigure(Figure):
-    """Figure that a notebook shows where it is the value of a cell, without pyplot."""
+    """Figure that a notebook shows as the value of a cell, without pyplot."""
 
     def _repr_png_(self) -> bytes:
         content = BytesIO()
@@ -216,7 +216,15 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def drawable(text: str) -> str:
-    r"""Spell a name as matplotlib draws it: dollars mean no mathematics, what the font lacks is replaced.
+    r"""Escape a name for matplotlib: dollar signs as text, a replacement for characters that the font lacks.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -229,7 +237,15 @@ def drawable(text: str) -> str:
 
 
 def file_stems(names: Iterable[str]) -> dict[str, str]:
-    """Give every name a part of a file name that is safe and its own on every system.
+    """Give every name a part of a file name that is safe and unique on every system.
+
+    Parameters
+    ----------
+    names : iterable of str
+
+    Returns
+    -------
+    dict of str to str
 
     Examples
     --------

@@ -95,9 +95,7 @@ def shown_snrs(snr_db: Sequence[float]) -> list[float]:
     [-30, -10, 0, 20]
     """
     ordered = sorted(set(snr_db))
-    if len(ordered) <= MAX_PANELS:
-        return ordered
-    places = np.linspace(0, len(ordered) - 1, MAX_PANELS).round().astype(int)
+    places = np.linspace(0, len(ordered) - 1, min(MAX_PANELS, len(ordered))).round().astype(int)
     return [ordered[place] for place in places]
 
 
