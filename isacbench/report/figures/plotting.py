@@ -47,9 +47,9 @@ def plot_clouds(
     estimate : PointCloud or mapping of str to PointCloud
         One cloud, or several by the titles of their panels.
     region : Region or None
-        Where scatterers can be, such as ``scenario.region``: its speeds span the
-        colours, and its box is drawn where no cloud has a point. None takes
-        what the clouds span.
+        Region of the scatterers, such as ``scenario.region``: its speeds span
+        the colours, and its box is drawn if no cloud has a point. None takes
+        the span of the clouds.
     radius_m : float
         Points farther than this from every true scatterer, in m, are drawn as
         crosses; a scenario has its own, ``scenario.radius_m``.
@@ -79,8 +79,8 @@ def plot_clouds(
     >>> truth = PointCloud(xyz=[[0, 0, 0], [9, 5, 2]], velocity=[0, 8], power=[1, 1])
     >>> estimate = PointCloud(xyz=[[0, 0.2, 0], [6, 5, 2]], velocity=[0, 8], power=[1, 1])
     >>> figure = plot_clouds(truth, estimate, title="one point right, one false")
-    >>> [text.get_text() for text in figure.texts[:3]]
-    ['truth', 'estimate', 'one point right, one false']
+    >>> figure.get_suptitle()
+    'one point right, one false'
     >>> both = plot_clouds(truth, {"first": estimate, "second": truth})
     >>> alone = plot_clouds(None, estimate)
     """
