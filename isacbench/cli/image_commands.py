@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 
     from isacbench.model.cloud import PointCloud
 
-EstimatorName = Annotated[str, typer.Option("-e", "--estimator", metavar=SPEC, help="Estimator.")]
-Precision = Annotated[str, typer.Option(metavar="single|double", help="Precision of the recorded frame.")]
+EstimatorName = Annotated[str, Option("-e", "--estimator", metavar=SPEC, help="Estimator.")]
+Precision = Annotated[str, Option(metavar="single|double", help="Precision of the recorded frame.")]
 DEFAULT_SNR = "10"
 
 REPEATED_S = 1.0
@@ -46,35 +47,17 @@ REPEATED_S = 1.0
 def image_command(
     scenario: ScenarioName = "street",
     estimator: EstimatorName = "music2d",
-    cube: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr.")
-    ] = None,
-    transmitted: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Transmitted grid, which divides the recorded frame.")
-    ] = None,
-    snr: Annotated[
-        str | None, typer.Option(metavar="DB|inf", help="SNR in dB; default 10, none with a recorded frame.")
-    ] = None,
-    trial: Annotated[int | None, typer.Option(min=0, help="Number of the noise draw.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help=SEED_HELP)] = None,
-    sensing: Annotated[str | None, typer.Option(metavar="all|prs", help="Sensed resource elements.")] = None,
-    modulation: Annotated[
-        str | None, typer.Option(metavar="qpsk|16qam|64qam|256qam", help="Modulation of the data.")
-    ] = None,
-    division: Annotated[
-        str | None,
-        typer.Option(metavar="reciprocal|matched|wiener", help="Division of the echo by the symbols."),
-    ] = None,
-    waveform: Annotated[
-        bool, typer.Option("--waveform", help="Simulate the echo in the time domain, not in closed form.")
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="cloud.csv|.ply|.mat|.npy", help="Write the cloud.")
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(metavar="picture.png", help="Draw the cloud and the truth, if there is any."),
-    ] = None,
+    cube: Annotated[Path | None, Option(help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr.")] = None,
+    transmitted: Annotated[Path | None, Option(help="Transmitted grid, which divides the cube.")] = None,
+    snr: Annotated[str | None, Option(help="SNR in dB, or inf; default 10, none with a cube.")] = None,
+    trial: Annotated[int | None, Option(min=0, help="Number of the noise draw.")] = None,
+    seed: Annotated[int | None, Option(min=0, help=SEED_HELP)] = None,
+    sensing: Annotated[str | None, Option(metavar="all|prs", help="Sensed resource elements.")] = None,
+    modulation: Annotated[str | None, Option(help="qpsk, 16qam, 64qam or 256qam.")] = None,
+    division: Annotated[str | None, Option(help="reciprocal, matched or wiener.")] = None,
+    waveform: Annotated[bool, Option("--waveform", help="Simulate the echo in the time domain.")] = False,
+    out: Annotated[Path | None, Option("-o", "--out", help="Cloud: .csv, .ply, .mat or .npy.")] = None,
+    plot: Annotated[Path | None, Option(help="Picture of the cloud: .png, .pdf or .svg.")] = None,
     plugin: PluginFiles = None,
 ) -> None:
     """Take one image of a simulated or a recorded frame, and score, write or draw its cloud."""
@@ -105,13 +88,7 @@ def image_command(
     scene, imager = load_scenario(scenario), build_estimator(estimator)
     if cube is None:
         snr_db = _one_snr(snr or DEFAULT_SNR)
-        told = [
-            scene.name,
-            estimator,
-            f"{snr_db:g} dB",
-            *signal.values(),
-            *(["waveform"] if waveform else []),
-        ]
+        told = [scene.name, estimator, f"{snr_db:g} dB", *signal.values(), *["waveform"] * waveform]
         observe = observe_waveform if waveform else observe_closed_form
         observation = observe(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
@@ -147,12 +124,10 @@ def image_command(
 
 @app.command("simulate")
 def simulate_command(
-    out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="FILE", help="New file: .npy, .h5, .hdf5 or .zarr.")
-    ],
+    out: Annotated[Path, Option("-o", "--out", help="New file: .npy, .h5, .hdf5 or .zarr.")],
     scenario: ScenarioName = "street",
-    snr: Annotated[str, typer.Option(metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
-    trial: Annotated[int, typer.Option(min=0, help="Number of the noise draw.")] = 0,
+    snr: Annotated[str, Option(metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
+    trial: Annotated[int, Option(min=0, help="Number of the noise draw.")] = 0,
     seed: Seed = 0,
     precision: Precision = "single",
 ) -> None:
@@ -202,13 +177,9 @@ def plan_command(
 
 @app.command("score")
 def score_command(
-    truth: Annotated[
-        str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
-    ],
-    cloud: Annotated[
-        Path, typer.Argument(metavar="CLOUD", help="Cloud file: .csv, .npy, .npz, .mat or .ply.")
-    ],
-    metric: Annotated[str, typer.Option(metavar="paper|repository", help="Metric.")] = "paper",
+    truth: Annotated[str, Argument(help="Cloud file, or a scenario by name or .toml path.")],
+    cloud: Annotated[Path, Argument(help="Cloud file: .csv, .npy, .npz, .mat or .ply.")],
+    metric: Annotated[str, Option(metavar="paper|repository", help="Metric.")] = "paper",
     as_json: AsJson = False,
 ) -> None:
     """Score a cloud against the truth."""

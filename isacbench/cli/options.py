@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -13,26 +13,23 @@ if TYPE_CHECKING:
 SPEC = "NAME[param=value,...]"
 EstimatorSpecs = Annotated[
     list[str] | None,
-    typer.Option(
-        "-e", "--estimator", metavar=SPEC, help="Estimator; repeats. A value [a,b] means each of both."
-    ),
+    Option("-e", "--estimator", metavar=SPEC, help="Estimator; repeats. A value [a,b] means each of both."),
 ]
 PluginFiles = Annotated[
     list[Path] | None,
-    typer.Option("--plugin", metavar="FILE.py", help="Local file with estimators or detectors; repeats."),
+    Option("--plugin", metavar="FILE.py", help="Local file with estimators or detectors; repeats."),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+AsJson = Annotated[bool, Option("--json", help="Print JSON and nothing else.")]
 MixVersions = Annotated[
-    bool, typer.Option("--mix-versions", help="Keep rows of an estimator that several code versions made.")
+    bool, Option("--mix-versions", help="Keep rows of an estimator that several code versions made.")
 ]
 OUT_HELP = "Folder, new or of the same run to go on with; default results/<suite>-<time>."
 SEED_HELP = "Seed of all noise."
-Seed = Annotated[int, typer.Option(min=0, help=SEED_HELP)]
-SCENARIO = typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
-ScenarioName = Annotated[str, SCENARIO]
+Seed = Annotated[int, Option(min=0, help=SEED_HELP)]
+ScenarioName = Annotated[str, Option("-s", "--scenario", metavar="SCENARIO", help="Name or .toml path.")]
 ScenarioNames = Annotated[
     list[str] | None,
-    typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path; repeats."),
+    Option("-s", "--scenario", metavar="SCENARIO", help="Name or .toml path; repeats."),
 ]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
 from isacbench.cli.options import AsJson, MixVersions, PluginFiles, register
@@ -24,7 +25,7 @@ GAPS_SHOWN = 10
 
 @app.command("report")
 def report_command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder of a run.")],
     plugin: PluginFiles = None,
 ) -> None:
     """Redraw tables and figures of a run, without running again."""
@@ -37,10 +38,8 @@ def report_command(
 
 @app.command("merge")
 def merge_command(
-    folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders of runs of one suite, such as its shards.")
-    ],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="New folder for all of them.")],
+    folders: Annotated[list[Path], Argument(help="Folders of runs of one suite, such as its shards.")],
+    out: Annotated[Path, Option("-o", "--out", help="New folder for all of them.")],
     mix_versions: MixVersions = False,
     plugin: PluginFiles = None,
 ) -> None:
@@ -64,7 +63,7 @@ def merge_command(
 
 
 @app.command("rescore")
-def rescore_command(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+def rescore_command(folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run.")]) -> None:
     """Score the stored clouds of a run again, for example after a change of the metric."""
     from isacbench.bench.run.rescoring import rescore as rescore_run
 
@@ -79,45 +78,30 @@ def rescore_command(folder: Annotated[Path, typer.Argument(metavar="RUN", help="
 @app.command("compare")
 def compare_command(
     base: Annotated[
-        Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with, or of the only run.")
+        Path, Argument(metavar="BASE", help="Folder of the run to compare with, or of the only run.")
     ],
-    new: Annotated[
-        Path | None, typer.Argument(metavar="NEW", help="Folder of the run to judge.", show_default=False)
-    ] = None,
+    new: Annotated[Path | None, Argument(metavar="NEW", help="Folder of the run to judge.")] = None,
     mapped: Annotated[
         list[str] | None,
-        typer.Option(
-            "--map", metavar="OLD[...]=NEW[...]", help="Pair two estimators of BASE and NEW; repeats."
-        ),
+        Option("--map", metavar="OLD[...]=NEW[...]", help="Pair two estimators of BASE and NEW; repeats."),
     ] = None,
     match: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Pair the one NAME of each run, of any parameters; repeats."),
+        list[str] | None, Option(metavar="NAME", help="Pair the one NAME of each run; repeats.")
     ] = None,
     between: Annotated[
-        str | None, typer.Option(metavar="A[...]", help="With --and: compare two estimators of the run BASE.")
+        str | None, Option(metavar="A[...]", help="With --and: compare two estimators of the run BASE.")
     ] = None,
     other: Annotated[
-        str | None, typer.Option("--and", metavar="B[...]", help="Estimator to judge by that of --between.")
+        str | None, Option("--and", metavar="B[...]", help="Estimator to judge by that of --between.")
     ] = None,
     tolerance: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=5%",
-            help="Tolerated change of a score, in % of BASE or in its unit; repeats. Always: deviation=5%.",
-        ),
+        Option(metavar="NAME=5%", help="Tolerated change of a score, in % or its unit; repeats."),
     ] = None,
-    alpha: Annotated[float, typer.Option(help="Largest probability of any false regression.")] = 0.01,
-    plot: Annotated[
-        Path | None,
-        typer.Option(metavar="picture.png", help="Picture; default NEW/figures/compare-<score>.png."),
-    ] = None,
-    markdown: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a summary in Markdown.")
-    ] = None,
-    junit: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write JUnit XML for continuous integration.")
-    ] = None,
+    alpha: Annotated[float, Option(help="Largest probability of any false regression.")] = 0.01,
+    plot: Annotated[Path | None, Option(help="Picture; default NEW/figures/compare-<score>.png.")] = None,
+    markdown: Annotated[Path | None, Option(help="Write a summary in Markdown.")] = None,
+    junit: Annotated[Path | None, Option(help="Write JUnit XML for continuous integration.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare two runs, or two estimators of one.

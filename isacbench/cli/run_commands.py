@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
@@ -32,44 +32,28 @@ if TYPE_CHECKING:
 
 @app.command("run")
 def run_command(
-    suite: Annotated[str, typer.Argument(metavar="[SUITE]", help="Suite by name or .toml path.")] = "paper",
+    suite: Annotated[str, Argument(metavar="[SUITE]", help="Suite by name or .toml path.")] = "paper",
     estimator: EstimatorSpecs = None,
     scenario: ScenarioNames = None,
-    snr: Annotated[
-        str | None, typer.Option(metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")
-    ] = None,
-    trials: Annotated[
-        int | None, typer.Option("-n", "--trials", min=1, help="Number of noise draws.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help=SEED_HELP)] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help=OUT_HELP)] = None,
+    snr: Annotated[str | None, Option(metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")] = None,
+    trials: Annotated[int | None, Option("-n", "--trials", min=1, help="Number of noise draws.")] = None,
+    seed: Annotated[int | None, Option(min=0, help=SEED_HELP)] = None,
+    out: Annotated[Path | None, Option("-o", "--out", metavar="DIR", help=OUT_HELP)] = None,
     plugin: PluginFiles = None,
-    jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", min=1, help="Number of worker processes; default 1.")
-    ] = None,
-    timeout: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Longest time of a cell; inf for no limit.")
-    ] = 600.0,
-    memory: Annotated[
-        float | None, typer.Option(metavar="MIB", help="Most memory that a cell may add to its process.")
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler that replaces local workers.")
-    ] = None,
+    jobs: Annotated[int | None, Option("-j", "--jobs", min=1, help="Worker processes; default 1.")] = None,
+    timeout: Annotated[float, Option(help="Longest time of a cell in seconds, or inf.")] = 600.0,
+    memory: Annotated[float | None, Option(help="Most memory in MiB that a cell may add.")] = None,
+    dask: Annotated[str | None, Option(help="Address of a Dask scheduler, instead of local workers.")] = None,
     shard: Annotated[
-        str | None, typer.Option(metavar="k/n", help="Run part k of n; isacbench merge joins the parts.")
+        str | None, Option(metavar="k/n", help="Part k of n; isacbench merge joins them.")
     ] = None,
     rerun: Annotated[
         list[str] | None,
-        typer.Option(metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."),
+        Option(metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."),
     ] = None,
     mix_versions: MixVersions = False,
-    timing: Annotated[
-        bool, typer.Option("--timing", help="Measure run times; cells run alone, one after the other.")
-    ] = False,
-    repeats: Annotated[
-        int | None, typer.Option(min=1, help="Number of timed estimates a cell; default 5.")
-    ] = None,
+    timing: Annotated[bool, Option("--timing", help="Measure run times, one cell after the other.")] = False,
+    repeats: Annotated[int | None, Option(min=1, help="Timed estimates a cell; default 5.")] = None,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw. An existing folder of the same run is completed."""
     from isacbench.bench.suites.suite import load_suite, parse_snr

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, cast
 
-import typer
+from typer import Option
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import app, say
@@ -17,14 +17,11 @@ from isacbench.cli.printing import print_grid, print_json
 def waveform_command(
     scenario: ScenarioName = "street",
     modulation: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="qpsk, 16qam, 64qam or 256qam; repeats; default all."),
+        list[str] | None, Option(metavar="NAME", help="qpsk, 16qam, 64qam or 256qam; repeats.")
     ] = None,
-    frames: Annotated[int, typer.Option(min=1, help="Frames whose peaks are measured.")] = 45,
+    frames: Annotated[int, Option(min=1, help="Frames whose peaks are measured.")] = 45,
     seed: Seed = 0,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for figures.")
-    ] = None,
+    out: Annotated[Path | None, Option("-o", "--out", help="Folder for figures.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the waveform of a scenario: times, bandwidth, peaks, bit rates."""

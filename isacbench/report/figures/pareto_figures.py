@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from isacbench.bench.plan.labels import Variant
     from isacbench.report.drawing.style import LineLook
 
 MAX_PANELS = 4
@@ -102,10 +103,9 @@ def shown_snrs(snr_db: Sequence[float]) -> list[float]:
 def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
     """Draw mean deviation over median time of one scenario, a panel an SNR.
 
-    Every point has both its 95 % intervals. Those on the frontier are
-    joined by it, in full colour, others are pale; crosses are what failed or
-    was not run in some trials, hollow marks what detected nothing in
-    some. Limits are horizontal lines.
+    Every point has both its 95 % intervals. Points on the frontier have full
+    colour, others are pale. Crosses failed or were not run in some trials;
+    hollow marks detected nothing in some. Limits are horizontal lines.
 
     Parameters
     ----------
@@ -124,10 +124,9 @@ def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
         {(name, ""): name for name in part["estimator"].unique()},
         set(part.loc[part["is_limit"], "estimator"]),
     )
-    by_name = {name: look for (name, _), look in looks.items()}
     is_numbered = bool(part.groupby("estimator")["number"].nunique().max() > 1)
     snrs_db = shown_snrs(part["snr_db"].tolist())
-    legend, title = _legend(part, by_name, is_numbered), f"{drawable(scenario)}: {_average(part)}"
+    legend, title = _legend(part, looks, is_numbered), f"{drawable(scenario)}: {_average(part)}"
     figure, panels = panel_grid(len(snrs_db), legend, title, MAX_COLUMNS, PANEL_IN)
     for axes in panels[1:]:
         axes.sharex(panels[0])
@@ -138,7 +137,7 @@ def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
         axes.set_title(f"{snr_db:g} dB")
         axes.set(xlabel="median run time of an image [ms]", ylabel="imaging deviation")
         axes.grid(True)
-        _draw_points(axes, rows, by_name)
+        _draw_points(axes, rows, looks)
     # Numbers and the end of the frontier take their places from the layout, which stays as it is.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -198,10 +197,10 @@ def _average(part: pd.DataFrame) -> str:
     return f"mean deviation over median run time of {trials_and_band(n_trials, 'interval')}"
 
 
-def _legend(part: pd.DataFrame, looks: Mapping[str, LineLook], is_numbered: bool) -> list[Line2D]:
+def _legend(part: pd.DataFrame, looks: Mapping[Variant, LineLook], is_numbered: bool) -> list[Line2D]:
     """Make entries of all estimators, by number if they have one, of the frontier, and of the marks."""
     entries = [
-        _entry(rows, looks[str(name)], is_numbered)
+        _entry(rows, looks[str(name), ""], is_numbered)
         for (_, name), rows in part.groupby(["number", "estimator"])
     ]
     entries.append(Line2D([], [], color=FRONTIER_COLOUR, label="Pareto frontier"))
@@ -244,16 +243,16 @@ def _competitors(part: pd.DataFrame) -> pd.DataFrame:
     return part[~part["is_limit"] & part["deviation_mean"].notna() & part["time_s"].notna()]
 
 
-def _draw_points(axes: Axes, part: pd.DataFrame, looks: Mapping[str, LineLook]) -> None:
+def _draw_points(axes: Axes, part: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> None:
     """Draw the limits and the points of one SNR."""
     for row in part[part["is_limit"] & part["deviation_mean"].notna()].to_dict("records"):
-        look = looks[row["estimator"]]
+        look = looks[row["estimator"], ""]
         axes.axhline(row["deviation_mean"], color=look.colour, linestyle=look.line, linewidth=1.0)
         if math.isfinite(row["deviation_low"]):
             band = row["deviation_low"], row["deviation_high"]
             axes.axhspan(*band, color=look.colour, alpha=0.1, linewidth=0)
     for row in _competitors(part).to_dict("records"):
-        _draw_point(axes, row, looks[row["estimator"]])
+        _draw_point(axes, row, looks[row["estimator"], ""])
 
 
 def _draw_point(axes: Axes, row: Mapping[Hashable, Any], look: LineLook) -> None:
