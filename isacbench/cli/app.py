@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
@@ -12,9 +11,6 @@ from typer.core import TyperGroup
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import visible, visible_lines
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 EXIT_USAGE = 2
 EXIT_FAILED_CELLS = 3
@@ -24,10 +20,11 @@ EXIT_INTERRUPTED = 130  # 128 + SIGINT, as in shells
 EXIT_TERMINATED = 143  # 128 + SIGTERM
 
 
-@contextmanager
-def _plain_input_warnings() -> Iterator[None]:
-    """Print warnings about the user's input as one line on stderr, without a line of source code."""
-    with warnings.catch_warnings():
+class _Group(TyperGroup):
+    """Group of commands in which bad input ends with one line on stderr and exit code 2."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that the arguments name, with warnings about input as one line on stderr."""
         show_with_source = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
@@ -36,17 +33,9 @@ def _plain_input_warnings() -> Iterator[None]:
             else:
                 show_with_source(message, category, *where, **more)
 
-        warnings.showwarning = show
-        yield
-
-
-class _Group(TyperGroup):
-    """Group of commands in which bad input ends with one line on stderr and exit code 2."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command that the arguments name."""
         try:
-            with _plain_input_warnings():
+            with warnings.catch_warnings():
+                warnings.showwarning = show
                 return super().invoke(ctx)
         except InputError as error:
             fail(str(error), EXIT_USAGE)

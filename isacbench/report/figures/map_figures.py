@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 POWER = "power over noise [dB]"
 
 LOWEST_RATIO = 0.01
-"""Power over noise below which nothing is told apart: one look at noise can be arbitrarily weak."""
+"""Lowest drawn ratio of power to noise: one look at noise can be arbitrarily weak."""
 
 
 def draw_map(title: str, diagnosis: Diagnosis, system: System, noise_power: float) -> Figure:
@@ -58,8 +58,7 @@ def draw_map(title: str, diagnosis: Diagnosis, system: System, noise_power: floa
             values, origin="lower", aspect="auto", interpolation="nearest", extent=extent, clim=limits
         )
         axes.set_facecolor("0.93")
-        axes.set_title(name)
-        axes.set_xlabel("radial velocity [m/s]")
+        axes.set(title=name, xlabel="radial velocity [m/s]")
         axes.label_outer()
     panels[0].set_ylabel("range [m]")
     figure.colorbar(image, ax=panels, label=POWER, aspect=30)
@@ -104,7 +103,6 @@ def _draw_cut(
     axes.plot(velocity_mps, power_db, color="0.35", marker="o", markersize=3, label="power")
     axes.plot(velocity_mps[mask], power_db[mask], "o", color="#0072B2", markersize=5.5, label="detected")
     axes.plot(velocity_mps, threshold_db, color=THRESHOLD, linestyle="--", label="threshold")
-    axes.set_xlabel("radial velocity [m/s]")
-    axes.set_ylabel(POWER)
+    axes.set(xlabel="radial velocity [m/s]", ylabel=POWER)
     axes.grid(True)
     axes.legend(loc="upper right")

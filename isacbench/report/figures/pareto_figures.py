@@ -1,4 +1,4 @@
-"""Figures of a timed run: deviation over run time with the Pareto frontier, and what the time goes into."""
+"""Figures of a timed run: deviation over run time with the Pareto frontier, and shares of the stages."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ NUMBER_GAP = 4.0
 MOST_ROWS, MOST_COLUMNS = 3, 12
 """Rows and columns of places for a number of the frontier."""
 
-STAGE_COLOURS: dict[str, str] = dict(zip(STAGES, COLOURS, strict=True))
 REST = "none of these"
+STAGE_COLOURS: dict[str, str] = {**dict(zip(STAGES, COLOURS, strict=True)), REST: CONTEXT}
 BAR_IN, BARS_IN, NOTE_IN, LETTER_IN = 0.24, 4.5, 1.8, 0.068
 """Height of a bar, width of the bars, and widths of the note and of a letter of a label, in inches."""
 
@@ -150,7 +150,7 @@ def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
 
 
 def draw_stages(rows: pd.DataFrame, points: pd.DataFrame, scenario: str) -> Figure | None:
-    """Draw which stages take the time of the estimators on the frontier, as shares, a panel an SNR.
+    """Draw the shares of the stages in the run time of the estimators on the frontier, a panel an SNR.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def draw_stages(rows: pd.DataFrame, points: pd.DataFrame, scenario: str) -> Figu
     shares = _stage_shares(rows, part)
     if shares is None:
         return None
-    legend = [Patch(color=_stage_colour(stage), label=stage) for stage in map(str, shares)]
+    legend = [Patch(color=STAGE_COLOURS[stage], label=stage) for stage in map(str, shares)]
     title = f"{drawable(scenario)}: share of the stages in the run time"
     n_bars = part.groupby("snr_db").size().to_numpy()
     size_in = (
@@ -190,7 +190,7 @@ def draw_stages(rows: pd.DataFrame, points: pd.DataFrame, scenario: str) -> Figu
 
 
 def _average(part: pd.DataFrame) -> str:
-    """Say what a point and its bars are."""
+    """Describe a point and its bars."""
     n_trials = int(part["n_trials"].max())
     if n_trials == 1:
         return "one trial"
@@ -322,9 +322,7 @@ def _draw_frontier(axes: Axes, frontier: pd.DataFrame) -> None:
 
 def _stage_shares(rows: pd.DataFrame, frontier: pd.DataFrame) -> pd.DataFrame | None:
     """Compute mean shares in % of the stages and of the rest in the run time, indexed as the points are."""
-    columns = [
-        name for name in map("time_{}_s".format, STAGE_COLOURS) if name in rows and rows[name].notna().any()
-    ]
+    columns = [name for name in map("time_{}_s".format, STAGES) if name in rows and rows[name].notna().any()]
     if not columns or frontier.empty:
         return None
     scored = rows[~failed(rows)]
@@ -342,7 +340,7 @@ def _draw_bars(axes: Axes, group: pd.DataFrame, shares: pd.DataFrame) -> None:
     left = np.zeros(len(group))
     for stage in map(str, shares):
         width = shares[stage].loc[group.index].to_numpy()
-        axes.barh(places, width, left=left, height=0.7, color=_stage_colour(stage))
+        axes.barh(places, width, left=left, height=0.7, color=STAGE_COLOURS[stage])
         left += width
     for place, row in zip(places, group.to_dict("records"), strict=True):
         axes.text(102, float(place), _cost(row), va="center", fontsize=8.0)
@@ -356,7 +354,3 @@ def _cost(row: Mapping[Hashable, Any]) -> str:
     """Write the median time, and the peak memory where it was measured."""
     memory_mib = row.get(MEMORY, math.nan)
     return f"{1e3 * row['time_s']:.3g} ms" + (f", {memory_mib:.3g} MiB" if math.isfinite(memory_mib) else "")
-
-
-def _stage_colour(stage: str) -> str:
-    return STAGE_COLOURS.get(stage, CONTEXT)

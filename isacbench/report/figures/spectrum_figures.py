@@ -83,6 +83,5 @@ def _draw_spectrum(axes: Axes, spectrum: Spectrum, true: NDArray[np.float64]) ->
         true, np.full(true.size, 0.03), "|", color=TRUE, markersize=12, transform=axes.get_xaxis_transform()
     )
     axes.margins(x=0, y=0.12)
-    axes.set_xlabel(f"direction cosine {spectrum.label}")
-    axes.set_ylabel("spectrum level [dB]")
+    axes.set(xlabel=f"direction cosine {spectrum.label}", ylabel="spectrum level [dB]")
     axes.grid(True)

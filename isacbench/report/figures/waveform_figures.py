@@ -65,10 +65,10 @@ def draw_waveform(
     folder : Path
         Figures of the same names in it are replaced.
     name : str
-        Of the scenario.
+        Name of the scenario.
     system : System
     grid : ResourceGrid
-        What the waveform carries.
+        Content of the waveform.
     papr_db : mapping of str to ndarray
         Peak-to-average power ratios of drawn symbols, by modulation.
 
@@ -106,8 +106,8 @@ def draw_spectrum(name: str, system: System, grid: ResourceGrid) -> Figure:
     -------
     Figure
         The whole spectrum, averaged over a subcarrier spacing, and its upper
-        edge. Four times the critical rate folds what lies beyond it: far from
-        the band more is measured of what has no suffix than the closed form has.
+        edge. Sampling at four times the critical rate folds power from beyond:
+        without suffix, the measured curve exceeds the closed form far from the band.
     """
     shapes = {"without suffix": (without_suffix(system), COLOURS[1])}
     if system.cyclic_suffix_ratio:
@@ -123,21 +123,18 @@ def draw_spectrum(name: str, system: System, grid: ResourceGrid) -> Figure:
         waveform = modulate(grid.symbols, shaped, OVERSAMPLING)
         lowest_db.append(_draw_whole(whole, shaped, colour, waveform))
         _draw_edge(edge, shaped, colour, waveform)
-    whole.set_title("averaged over a subcarrier spacing")
-    whole.set_xlabel("frequency from subcarrier 0 [MHz]")
-    edge.set_title("upper edge of the band")
-    edge.set_xlabel("subcarrier spacings beyond the edge")
     for axes in (whole, edge):
         axes.set_ylabel("power density [dB]")
         axes.grid(True)
         axes.margins(x=0)
+    whole.set(title="averaged over a subcarrier spacing", xlabel="frequency from subcarrier 0 [MHz]")
     whole.set_ylim(min(lowest_db) - 5, 8)
-    edge.set_ylim(-35, 5)
+    edge.set(title="upper edge of the band", xlabel="subcarrier spacings beyond the edge", ylim=(-35, 5))
     return figure
 
 
 def draw_papr(name: str, system: System, papr_db: Mapping[Modulation, Floats]) -> Figure:
-    """Draw which share of the symbols has higher peaks, of every modulation and in theory.
+    """Draw the share of the symbols with higher peaks, of every modulation and in theory.
 
     Parameters
     ----------
@@ -169,17 +166,14 @@ def draw_papr(name: str, system: System, papr_db: Mapping[Modulation, Floats]) -
     for oversampled, linestyle in ((True, "--"), (False, ":")):
         ccdf = papr_ccdf(level_db, system.n_subcarriers, oversampled=oversampled)
         axes.plot(level_db, ccdf, color=BOUND_COLOUR, linestyle=linestyle)
-    axes.set_yscale("log")
-    axes.set_ylim(0.5 / n_symbols, 1.3)
-    axes.set_xlim(lowest, highest)
-    axes.set_xlabel("peak-to-average power ratio [dB]")
-    axes.set_ylabel("share of symbols with higher peaks")
+    axes.set(yscale="log", xlim=(lowest, highest), ylim=(0.5 / n_symbols, 1.3))
+    axes.set(xlabel="peak-to-average power ratio [dB]", ylabel="share of symbols with higher peaks")
     axes.grid(True)
     return figure
 
 
 def draw_resource_grid(name: str, grid: ResourceGrid) -> Figure:
-    """Draw where the PRS lies: on which symbols of the frame, and on which elements of its first slot.
+    """Draw the places of the PRS: symbols of the frame, and elements of its first slot.
 
     Parameters
     ----------
@@ -265,5 +259,4 @@ def _draw_elements(axes: Axes, is_prs: NDArray[np.bool_], shape: tuple[int, ...]
         interpolation="nearest",
         extent=(-0.5, n_symbols - 0.5, -0.5, n_subcarriers - 0.5),
     )
-    axes.set_xlabel("symbol")
-    axes.set_ylabel("subcarrier")
+    axes.set(xlabel="symbol", ylabel="subcarrier")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from isacbench.display import Description
 
 PICTURE_DPI = 100
-"""So that a picture takes some ten kilobytes of the notebook's file."""
+"""A picture then takes some ten kilobytes of the notebook's file."""
 
 MOST_POINTS = 3000
 """Points of a cloud that are drawn: more take seconds, and cover each other."""
@@ -107,10 +107,8 @@ def _(observation: Observation) -> Figure | None:
     power = np.mean(cells.real**2 + cells.imag**2, axis=(2, 3))
     velocity_mps = outer(gate.doppler_bins * system.velocity_bin_mps)
     range_m = outer(gate.range_bins * system.range_bin_m)
-    figure = _draw_map(power, "mean power of an element [dB]", (*velocity_mps, *range_m))
-    if figure is not None:
-        figure.axes[0].set(xlabel="radial velocity [m/s]", ylabel="range [m]")
-    return figure
+    names = {"label": "mean power of an element [dB]", "x": "radial velocity [m/s]", "y": "range [m]"}
+    return _draw_map(power, names, (*velocity_mps, *range_m))
 
 
 @draw.register(Detection)
@@ -119,16 +117,18 @@ def _(detection: Detection) -> Figure | None:
     mask, threshold = np.asarray(detection.mask), np.asarray(detection.threshold)
     if mask.ndim != 2 or mask.shape != threshold.shape or threshold.dtype.kind not in "iuf":
         return None
-    figure = _draw_map(threshold, "threshold [dB], detected cells dotted")
+    names = {"label": "threshold [dB], detected cells dotted", "x": "Doppler cell", "y": "range cell"}
+    figure = _draw_map(threshold, names)
     if figure is not None:
         rows, columns = np.nonzero(mask)
         figure.axes[0].scatter(columns, rows, s=9, color=THRESHOLD, linewidths=0)
-        figure.axes[0].set(xlabel="Doppler cell", ylabel="range cell")
     return figure
 
 
 def _draw_map(
-    power: NDArray[np.number], label: str, extent: tuple[float, float, float, float] | None = None
+    power: NDArray[np.number],
+    names: dict[str, str],
+    extent: tuple[float, float, float, float] | None = None,
 ) -> Figure | None:
     """Draw powers (n_range, n_doppler) in dB, borders at an extent if there is one; None of no power."""
     is_power = np.isfinite(power) & (power > 0)
@@ -144,7 +144,8 @@ def _draw_map(
         interpolation="nearest",
         extent=extent,
     )
-    figure.colorbar(image, ax=axes, label=label)
+    figure.colorbar(image, ax=axes, label=names["label"])
+    axes.set(xlabel=names["x"], ylabel=names["y"])
     return figure
 
 
