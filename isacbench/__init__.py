@@ -1,4 +1,4 @@
-"""How accurate and how fast: a benchmark of radar imaging with 5G downlink signals.
+"""Benchmark of the accuracy and the speed of radar imaging with 5G downlink signals.
 
 Examples
 --------
@@ -57,7 +57,7 @@ __all__ = [
     "score",
 ]
 
-# Where each public name lives: loaded on first use, so that the command line starts without NumPy.
+# Modules of the public names: loaded on first use, so that the command line starts without NumPy.
 _HOMES = {
     "Comparison": "isacbench.bench.compare.comparison",
     "InputError": "isacbench.errors",
@@ -78,7 +78,7 @@ _HOMES = {
     "score": "isacbench.metrics.score",
 }
 
-# First: the other finders would take a module of a former package for one of its present namesake.
+# First in the list: other finders would confuse former packages with present ones of the same name.
 if not any(isinstance(finder, FormerPaths) for finder in sys.meta_path):
     sys.meta_path.insert(0, FormerPaths())
 

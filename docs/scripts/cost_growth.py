@@ -225,7 +225,6 @@ def draw(measured: list[tuple[Series, list[Cost]]]) -> None:
             panel.legend(handles=handles, fontsize="x-small")
         for panel in axes.flat[len(measured) :]:
             panel.remove()
-        figure.subplots_adjust(left=0.05, right=0.95, bottom=0.07, top=0.95, wspace=0.5, hspace=0.35)
         save(figure, FIGURE)
 
 

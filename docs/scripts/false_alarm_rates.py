@@ -23,7 +23,7 @@ from scipy.stats import binomtest
 from threadpoolctl import threadpool_limits
 
 from isacbench import get_detector
-from isacbench.report.drawing.style import legend_below, new_figure, save, styled
+from isacbench.report.drawing.style import new_figure, save, styled
 
 DOCS = Path(__file__).resolve().parents[1]
 PAGE, FIGURE = DOCS / "detectors.md", DOCS / "images" / "false-alarm-rates.png"
@@ -134,8 +134,8 @@ def draw(alarms: dict[int, np.ndarray], n_windows: int) -> None:
             axis.set_title(f"{looks} look{'s' if looks > 1 else ''}")
         axes[0].set_ylabel("measured / nominal")
         axes[0].set_ylim(0, 2.2)
-        figure.subplots_adjust(left=0.07, right=0.99, bottom=0.3, top=0.91, wspace=0.06)
-        legend_below(figure, axes[0].get_legend_handles_labels()[0])
+        handles = axes[0].get_legend_handles_labels()[0]
+        figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
         save(figure, FIGURE)
 
 

@@ -1,4 +1,4 @@
-"""The command line: parses, calls, prints. Everything heavy is imported inside the commands.
+"""Command line: parses, calls, prints. Commands import heavy packages themselves.
 
 Importing the package registers the commands, in the order of ``isacbench --help``.
 """
@@ -6,19 +6,10 @@ Importing the package registers the commands, in the order of ``isacbench --help
 from __future__ import annotations
 
 # isort: off
-from isacbench.cli import run_commands, result_commands, plugin_commands
-from isacbench.cli import image_commands, waveform_commands, stress_commands
+from isacbench.cli import run_commands, result_commands, plugin_commands  # noqa: F401
+from isacbench.cli import image_commands, waveform_commands, stress_commands  # noqa: F401
 
 # isort: on
 from isacbench.cli.app import app, main
 
-__all__ = [
-    "app",
-    "image_commands",
-    "main",
-    "plugin_commands",
-    "result_commands",
-    "run_commands",
-    "stress_commands",
-    "waveform_commands",
-]
+__all__ = ["app", "main"]

@@ -1,10 +1,9 @@
-"""The application: its group of commands, its exit codes, and how it tells a mistake."""
+"""The application: group of commands, exit codes, messages."""
 
 from __future__ import annotations
 
 import warnings
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
@@ -13,47 +12,30 @@ from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import visible, visible_lines
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 EXIT_USAGE = 2
 EXIT_FAILED_CELLS = 3
 EXIT_REGRESSION = 4
 EXIT_NOT_COMPARABLE = 5
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as in shells
 EXIT_TERMINATED = 143  # 128 + SIGTERM
 
 
-@contextmanager
-def _plain_input_warnings() -> Iterator[None]:
-    """Print warnings about the user's input as one line on stderr, without a line of source code."""
-    with warnings.catch_warnings():
+class _Group(TyperGroup):
+    """Group of commands in which bad input ends with one line on stderr and exit code 2."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that the arguments name, with warnings about input as one line on stderr."""
         show_with_source = warnings.showwarning
 
-        def show(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
                 say(f"isacbench: warning: {message}", err=True)
             else:
-                show_with_source(message, category, filename, lineno, file, line)
+                show_with_source(message, category, *where, **more)
 
-        warnings.showwarning = show
-        yield
-
-
-class _Group(TyperGroup):
-    """Commands whose user's mistakes end in one line on stderr and exit code 2."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command that the arguments name."""
         try:
-            with _plain_input_warnings():
+            with warnings.catch_warnings():
+                warnings.showwarning = show
                 return super().invoke(ctx)
         except InputError as error:
             fail(str(error), EXIT_USAGE)
@@ -65,7 +47,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    help="How accurate and how fast: a benchmark of radar imaging with 5G downlink signals.",
+    help="Benchmark the accuracy and the speed of radar imaging with 5G downlink signals.",
 )
 
 
@@ -90,16 +72,40 @@ def _options(
 
 
 def say(message: str, err: bool = False) -> None:
-    """Print one line; what has come from files and names has no power over the terminal."""
+    """Print one line, with control characters escaped.
+
+    Parameters
+    ----------
+    message : str
+    err : bool
+        Whether to print on stderr instead of stdout.
+    """
     typer.echo(visible(message), err=err)
 
 
 def say_lines(message: str) -> None:
-    """Print several lines likewise."""
+    """Print several lines, with control characters escaped.
+
+    Parameters
+    ----------
+    message : str
+    """
     typer.echo(visible_lines(message))
 
 
 def fail(message: str, code: int) -> NoReturn:
-    """End with one line on stderr and an exit code."""
+    """End the command with one line on stderr.
+
+    Parameters
+    ----------
+    message : str
+    code : int
+        Exit code.
+
+    Raises
+    ------
+    typer.Exit
+        Always.
+    """
     say(f"isacbench: {message}", err=True)
     raise typer.Exit(code)

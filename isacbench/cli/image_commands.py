@@ -1,4 +1,4 @@
-"""Commands on one image: take it, score it, write its frame, plan it."""
+"""Commands on one image: take, score, simulate, plan."""
 
 from __future__ import annotations
 
@@ -10,10 +10,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
-from isacbench.cli.options import SEED_HELP, AsJson, PluginFiles, register, require_names
+from isacbench.cli.options import (
+    SEED_HELP,
+    SPEC,
+    AsJson,
+    PluginFiles,
+    ScenarioName,
+    Seed,
+    register,
+    require_names,
+)
 from isacbench.cli.printing import print_grid, print_json, print_scores
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
@@ -24,76 +34,45 @@ if TYPE_CHECKING:
     import numpy as np
 
     from isacbench.model.cloud import PointCloud
-    from isacbench.model.observation import Observation
 
-SCENARIO = typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
-ESTIMATOR = typer.Option("-e", "--estimator", metavar="NAME[param=value,...]", help="Estimator.")
-TRIAL = typer.Option("--trial", metavar="TRIAL", min=0, help="Which noise draw.")
-SEED = typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)
+EstimatorName = Annotated[str, Option("-e", "--estimator", metavar=SPEC, help="Estimator.")]
+Precision = Annotated[str, Option(metavar="single|double", help="Precision of the recorded frame.")]
 DEFAULT_SNR = "10"
 
 REPEATED_S = 1.0
-"""Longest first call that is repeated: of longer ones imports are a small part, and a second costs much."""
+"""Longest first call that is repeated: of longer ones imports are a small part."""
 
 
 @app.command("image")
 def image_command(
-    scenario: Annotated[str, SCENARIO] = "street",
-    estimator: Annotated[str, ESTIMATOR] = "music2d",
-    cube: Annotated[
-        Path | None,
-        typer.Option("--cube", metavar="FILE", help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr."),
-    ] = None,
-    transmitted: Annotated[
-        Path | None,
-        typer.Option("--transmitted", metavar="FILE", help="Grid that the cube is to be divided by."),
-    ] = None,
-    snr: Annotated[
-        str | None, typer.Option("--snr", metavar="DB|inf", help="SNR in dB; default 10, none with a cube.")
-    ] = None,
-    trial: Annotated[int | None, TRIAL] = None,
-    seed: Annotated[int | None, SEED] = None,
-    sensing: Annotated[
-        str | None, typer.Option("--sensing", metavar="all|prs", help="Resource elements sensed with.")
-    ] = None,
-    modulation: Annotated[
-        str | None,
-        typer.Option("--modulation", metavar="qpsk|16qam|64qam|256qam", help="Of the data that are sent."),
-    ] = None,
-    division: Annotated[
-        str | None,
-        typer.Option(
-            "--division", metavar="reciprocal|matched|wiener", help="How the echo is divided by the symbols."
-        ),
-    ] = None,
-    waveform: Annotated[
-        bool, typer.Option("--waveform", help="Simulate the echo in the time domain, not in closed form.")
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="cloud.csv|.ply|.mat|.npy", help="Write the cloud.")
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            "--plot", metavar="picture.png", help="Draw the cloud, beside the truth if there is any."
-        ),
-    ] = None,
+    scenario: ScenarioName = "street",
+    estimator: EstimatorName = "music2d",
+    cube: Annotated[Path | None, Option(help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr.")] = None,
+    transmitted: Annotated[Path | None, Option(help="Transmitted grid, which divides the cube.")] = None,
+    snr: Annotated[str | None, Option(help="SNR in dB, or inf; default 10, none with a cube.")] = None,
+    trial: Annotated[int | None, Option(min=0, help="Number of the noise draw.")] = None,
+    seed: Annotated[int | None, Option(min=0, help=SEED_HELP)] = None,
+    sensing: Annotated[str | None, Option(metavar="all|prs", help="Sensed resource elements.")] = None,
+    modulation: Annotated[str | None, Option(help="qpsk, 16qam, 64qam or 256qam.")] = None,
+    division: Annotated[str | None, Option(help="reciprocal, matched or wiener.")] = None,
+    waveform: Annotated[bool, Option("--waveform", help="Simulate the echo in the time domain.")] = False,
+    out: Annotated[Path | None, Option("-o", "--out", help="Cloud: .csv, .ply, .mat or .npy.")] = None,
+    plot: Annotated[Path | None, Option(help="Picture of the cloud: .png, .pdf or .svg.")] = None,
     plugin: PluginFiles = None,
 ) -> None:
-    """Take one image, of a simulated or of a recorded frame; score, write or draw its cloud."""
+    """Take one image of a simulated or a recorded frame, and score, write or draw its cloud."""
     from isacbench.files.checked_files import require_picture
 
     if plot is not None:
         require_picture(plot)
     if cube is None and transmitted is not None:
-        raise InputError("--transmitted: allowed with --cube FILE, which it belongs to")
+        raise InputError("--transmitted: allowed with --cube FILE")
     if cube is not None and (trial, seed, modulation, waveform) != (None, None, None, False):
-        raise InputError(
-            "--trial, --seed, --modulation and --waveform: allowed without --cube, which is recorded"
-        )
+        raise InputError("--trial, --seed, --modulation and --waveform: allowed without --cube")
     if cube is not None and snr is not None and division != "wiener":
-        raise InputError("--snr: allowed with --cube where --division wiener takes it; the noise is recorded")
-    signal = _given(sensing=sensing, modulation=modulation, division=division)
+        raise InputError("--snr: allowed with --cube where --division wiener takes it")
+    choices = {"sensing": sensing, "modulation": modulation, "division": division}
+    signal: dict[str, Any] = {name: choice for name, choice in choices.items() if choice is not None}
     register(plugin)
     require_names([scenario], [estimator])
     from threadpoolctl import threadpool_limits
@@ -101,19 +80,22 @@ def image_command(
     from isacbench.bench.cells.cell import estimate_cloud, score_image
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.instrument.remarks import Remarks
+    from isacbench.link.sensing.echo_waveform import observe_waveform
+    from isacbench.link.sensing.observing import observe as observe_closed_form
     from isacbench.model.scenes.scenario import load_scenario
     from isacbench.plugins.registry import build_estimator
 
     scene, imager = load_scenario(scenario), build_estimator(estimator)
     if cube is None:
         snr_db = _one_snr(snr or DEFAULT_SNR)
-        told = [*signal.values(), *(["waveform"] if waveform else [])]
-        title = ", ".join([scene.name, estimator, f"{snr_db:g} dB", *told])
-        observation = _simulated(waveform)(scene, snr_db, trial or 0, seed or 0, **signal)
+        told = [scene.name, estimator, f"{snr_db:g} dB", *signal.values(), *["waveform"] * waveform]
+        observe = observe_waveform if waveform else observe_closed_form
+        observation = observe(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
-        title = ", ".join([cube.name, scene.name, estimator, *signal.values()])
+        told = [cube.name, scene.name, estimator, *signal.values()]
         known_snr_db = None if snr is None else _one_snr(snr)
         observation = observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
+    title = ", ".join(told)
     take = partial(estimate_cloud, imager, observation, scene.truth)
     try:
         # Small batched algebra is slower on several threads, and much so where others use the cores.
@@ -142,18 +124,14 @@ def image_command(
 
 @app.command("simulate")
 def simulate_command(
-    out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="FILE", help="New file: .npy, .h5, .hdf5 or .zarr.")
-    ],
-    scenario: Annotated[str, SCENARIO] = "street",
-    snr: Annotated[str, typer.Option("--snr", metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
-    trial: Annotated[int, TRIAL] = 0,
-    seed: Annotated[int, SEED] = 0,
-    precision: Annotated[
-        str, typer.Option("--precision", metavar="single|double", help="complex64 or complex128.")
-    ] = "single",
+    out: Annotated[Path, Option("-o", "--out", help="New file: .npy, .h5, .hdf5 or .zarr.")],
+    scenario: ScenarioName = "street",
+    snr: Annotated[str, Option(metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
+    trial: Annotated[int, Option(min=0, help="Number of the noise draw.")] = 0,
+    seed: Seed = 0,
+    precision: Precision = "single",
 ) -> None:
-    """Write the full frame of a scenario, whose image is that of the same SNR, trial and seed."""
+    """Write the full frame of a scenario; its image is that of the same SNR, trial and seed."""
     require_names([scenario])
     from isacbench.cubes.simulating import FrameSimulator, write_frame
     from isacbench.model.scenes.scenario import load_scenario
@@ -170,15 +148,13 @@ def simulate_command(
 
 @app.command("plan")
 def plan_command(
-    scenario: Annotated[str, SCENARIO] = "street",
-    estimator: Annotated[str, ESTIMATOR] = "music2d",
-    precision: Annotated[
-        str, typer.Option("--precision", metavar="single|double", help="Of the cube.")
-    ] = "single",
+    scenario: ScenarioName = "street",
+    estimator: EstimatorName = "music2d",
+    precision: Precision = "single",
     as_json: AsJson = False,
     plugin: PluginFiles = None,
 ) -> None:
-    """Say what an image of a recorded frame takes, and what it skips of the full 4-D chain."""
+    """Compare the cost of an image of a recorded frame with that of the full 4-D chain."""
     register(plugin)
     require_names([scenario], [estimator])
     from isacbench.cubes.image_cost import plan_image
@@ -201,13 +177,9 @@ def plan_command(
 
 @app.command("score")
 def score_command(
-    truth: Annotated[
-        str, typer.Argument(metavar="TRUTH", help="Cloud file, or a scenario by name or .toml path.")
-    ],
-    cloud: Annotated[
-        Path, typer.Argument(metavar="CLOUD", help="Cloud file: .csv, .npy, .npz, .mat or .ply.")
-    ],
-    metric: Annotated[str, typer.Option("--metric", metavar="METRIC", help="paper or repository.")] = "paper",
+    truth: Annotated[str, Argument(help="Cloud file, or a scenario by name or .toml path.")],
+    cloud: Annotated[Path, Argument(help="Cloud file: .csv, .npy, .npz, .mat or .ply.")],
+    metric: Annotated[str, Option(metavar="paper|repository", help="Metric.")] = "paper",
     as_json: AsJson = False,
 ) -> None:
     """Score a cloud against the truth."""
@@ -235,49 +207,29 @@ def _told_time(first_s: float, again_s: float | None, is_read: bool) -> str:
     return f"{1e3 * again_s:.1f} ms (the first call, with imports and tables: {first})"
 
 
-def _simulated(waveform: bool) -> Callable[..., Observation]:
-    """What observes a simulated frame: the closed form, or the waveform in the time domain."""
-    if waveform:
-        from isacbench.link.sensing.echo_waveform import observe_waveform
-
-        return observe_waveform
-    from isacbench.link.sensing.observing import observe
-
-    return observe
-
-
-def _given(**options: str | None) -> dict[str, Any]:
-    """Options that were given."""
-    return {name: value for name, value in options.items() if value is not None}
-
-
 def _dtype(precision: str) -> np.dtype[Any]:
-    """Precision of a cube."""
+    """Translate the precision of a frame."""
     import numpy as np
 
-    dtypes: dict[str, np.dtype[Any]] = {
-        "single": np.dtype(np.complex64),
-        "double": np.dtype(np.complex128),
-    }
-    if precision not in dtypes:
-        raise InputError(f"--precision {precision!r}: allowed are {' and '.join(dtypes)}")
-    return dtypes[precision]
+    if precision not in ("single", "double"):
+        raise InputError(f"--precision {precision!r}: allowed are single and double")
+    return np.dtype(np.complex64 if precision == "single" else np.complex128)
 
 
 def _one_snr(text: str) -> float:
-    """Parse a single SNR; without noise it is infinite."""
+    """Parse a single SNR in dB; `inf` means no noise."""
     from isacbench.bench.suites.suite import parse_snr
 
     if text.strip() == "inf":
         return math.inf
     values = parse_snr(text)
     if len(values) != 1:
-        raise InputError(f"SNR {text!r}: allowed is one number, an image has one SNR")
+        raise InputError(f"--snr {text!r}: allowed is one number")
     return values[0]
 
 
 def _scorer(name_or_path: str) -> Callable[..., dict[str, Any]]:
-    """Return what scores clouds against the truth of a file, or of a scenario in its region."""
+    """Choose the function that scores against a cloud file, or against a scenario in its region."""
     from isacbench.bench.cells.cell import score_image
     from isacbench.metrics.score import score
     from isacbench.model.scenes.scenario import load_scenario

@@ -5,35 +5,41 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+SPEC = "NAME[param=value,...]"
 EstimatorSpecs = Annotated[
     list[str] | None,
-    typer.Option(
-        "-e",
-        "--estimator",
-        metavar="NAME[param=value,...]",
-        help="Estimator, instead of the suite's; repeats. A value [a,b] stands for each.",
-    ),
+    Option("-e", "--estimator", metavar=SPEC, help="Estimator; repeats. A value [a,b] means each of both."),
 ]
 PluginFiles = Annotated[
     list[Path] | None,
-    typer.Option("--plugin", metavar="FILE.py", help="Local file with estimators or detectors; repeats."),
+    Option("--plugin", metavar="FILE.py", help="Local file with estimators or detectors; repeats."),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-OUT_HELP = "Folder, new or of the same run, which then goes on; default results/<suite>-<time>."
-SEED_HELP = "Seed that all noise follows from."
+AsJson = Annotated[bool, Option("--json", help="Print JSON and nothing else.")]
+MixVersions = Annotated[
+    bool, Option("--mix-versions", help="Keep rows of an estimator that several code versions made.")
+]
+OUT_HELP = "Folder, new or of the same run to go on with; default results/<suite>-<time>."
+SEED_HELP = "Seed of all noise."
+Seed = Annotated[int, Option(min=0, help=SEED_HELP)]
+ScenarioName = Annotated[str, Option("-s", "--scenario", metavar="SCENARIO", help="Name or .toml path.")]
 ScenarioNames = Annotated[
     list[str] | None,
-    typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path, likewise."),
+    Option("-s", "--scenario", metavar="SCENARIO", help="Name or .toml path; repeats."),
 ]
 
 
 def register(plugin_files: list[Path] | None) -> None:
-    """Register local plugin files."""
+    """Register local plugin files.
+
+    Parameters
+    ----------
+    plugin_files : list of Path or None
+    """
     from isacbench.plugins.discovery import load_plugin_file
 
     for path in plugin_files or ():
@@ -43,7 +49,18 @@ def register(plugin_files: list[Path] | None) -> None:
 def require_names(
     scenarios: Iterable[str] = (), estimators: Iterable[str] = (), detectors: Iterable[str] = ()
 ) -> None:
-    """Refuse names that do not exist, before anything is started or anything slow is imported."""
+    """Refuse names that do not exist, before anything is started or anything slow is imported.
+
+    Parameters
+    ----------
+    scenarios, estimators, detectors : iterable of str
+        Names or specifications.
+
+    Raises
+    ------
+    InputError
+        If one does not exist.
+    """
     from isacbench.files.toml_files import find_toml
     from isacbench.plugins.registry import require_plugins
 

@@ -1,4 +1,4 @@
-"""Commands on estimators and detectors: list them, check them."""
+"""Commands on plugins: list, check."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def check_command(
     as_json: AsJson = False,
     plugin: PluginFiles = None,
 ) -> None:
-    """Put estimators and detectors through the contract, and say what to mend."""
+    """Check estimators and detectors against the contract, and say what to correct."""
     from isacbench.checking.contract.targets import find_plugins
 
     register(plugin)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import typer
@@ -18,29 +17,39 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from isacbench.bench.suites.suite import StudyKind
-    from isacbench.report.figures.background_drawing import BackgroundDrawing
     from isacbench.report.tables.run_tables import Grid
 
 MAX_TABLE_WIDTH = 1000
 
 
-def report_run(
-    folder: Path, records: pd.DataFrame, kind: StudyKind, drawing: BackgroundDrawing | None = None
-) -> None:
-    """Write and print the tables of a run, and draw its figures."""
-    from isacbench.report.figures.background_drawing import BackgroundDrawing
+def report_run(folder: Path, records: pd.DataFrame, kind: StudyKind) -> None:
+    """Write and print the tables of a run, and draw its figures.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    records : DataFrame
+        Rows of the run.
+    kind : str
+        Kind of its suite.
+    """
+    from isacbench.report.figures.background_drawing import draw_run_guarded
     from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
     for grid in grids_of(records, kind):
         print_grid(grid)
-    tables = write_run_tables(folder, records, kind)
-    with BackgroundDrawing() if drawing is None else nullcontext(drawing) as hand:
-        figures = hand.draw_run(folder)
-    say(f"{folder}: {', '.join(path.name for path in [*tables, *figures])}")
+    written = [*write_run_tables(folder, records, kind), *draw_run_guarded(folder)]
+    say(f"{folder}: {', '.join(path.name for path in written)}")
 
 
 def print_grid(grid: Grid) -> None:
-    """Print a table, in lines longer than the terminal rather than with cropped numbers."""
+    """Print a table, in lines longer than the terminal rather than with cropped numbers.
+
+    Parameters
+    ----------
+    grid : Grid
+    """
     from rich.console import Console
 
     from isacbench.report.tables.run_tables import rich_table
@@ -51,11 +60,22 @@ def print_grid(grid: Grid) -> None:
 
 
 def print_scores(scores: Mapping[str, float]) -> None:
-    """Print scores, a line each."""
+    """Print scores, a line each.
+
+    Parameters
+    ----------
+    scores : mapping of str to float
+    """
     for name, value in scores.items():
         say(f"  {name:<16} {value:.6g}")
 
 
 def print_json(content: object) -> None:
-    """Print JSON, NaN refused."""
+    """Print JSON; NaN is an error.
+
+    Parameters
+    ----------
+    content : object
+        Content that JSON can hold.
+    """
     typer.echo(visible_json(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)))

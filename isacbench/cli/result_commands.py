@@ -1,4 +1,4 @@
-"""Commands on the results of runs: draw again, join, score again, compare."""
+"""Commands on the results of runs: report, merge, rescore, compare."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
-from isacbench.cli.options import AsJson, PluginFiles, register
+from isacbench.cli.options import AsJson, MixVersions, PluginFiles, register
 from isacbench.cli.printing import print_grid, print_json, report_run
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
@@ -19,12 +20,12 @@ if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison
 
 GAPS_SHOWN = 10
-"""Lines about missing cells; whoever misses more has not merged all parts yet."""
+"""Largest number of lines about missing cells."""
 
 
 @app.command("report")
 def report_command(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder of a run.")],
     plugin: PluginFiles = None,
 ) -> None:
     """Redraw tables and figures of a run, without running again."""
@@ -37,16 +38,12 @@ def report_command(
 
 @app.command("merge")
 def merge_command(
-    folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders of runs of one suite, such as its shards.")
-    ],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="New folder for all of them.")],
-    mix_versions: Annotated[
-        bool, typer.Option("--mix-versions", help="Join rows of an estimator that several versions made.")
-    ] = False,
+    folders: Annotated[list[Path], Argument(help="Folders of runs of one suite, such as its shards.")],
+    out: Annotated[Path, Option("-o", "--out", help="New folder for all of them.")],
+    mix_versions: MixVersions = False,
     plugin: PluginFiles = None,
 ) -> None:
-    """Join parts of a run: its shards, or runs of one suite with other estimators, SNRs or trials."""
+    """Join shards of a run, or runs of one suite with other estimators, SNRs or trials."""
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.run.merging import merge as merge_runs
 
@@ -66,8 +63,8 @@ def merge_command(
 
 
 @app.command("rescore")
-def rescore_command(folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
-    """Score the clouds of a run again, without estimating: after a change of the metric, say."""
+def rescore_command(folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+    """Score the stored clouds of a run again, for example after a change of the metric."""
     from isacbench.bench.run.rescoring import rescore as rescore_run
 
     rescored = rescore_run(folder)
@@ -81,60 +78,30 @@ def rescore_command(folder: Annotated[Path, typer.Argument(metavar="RUN", help="
 @app.command("compare")
 def compare_command(
     base: Annotated[
-        Path, typer.Argument(metavar="BASE", help="Folder of the run to compare with, or of the only run.")
+        Path, Argument(metavar="BASE", help="Folder of the run to compare with, or of the only run.")
     ],
-    new: Annotated[
-        Path | None, typer.Argument(metavar="NEW", help="Folder of the run to judge.", show_default=False)
-    ] = None,
+    new: Annotated[Path | None, Argument(metavar="NEW", help="Folder of the run to judge.")] = None,
     mapped: Annotated[
         list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="OLD[...]=NEW[...]",
-            help="Pair an estimator of BASE with another one, or other parameters, of NEW; repeats.",
-        ),
+        Option("--map", metavar="OLD[...]=NEW[...]", help="Pair two estimators of BASE and NEW; repeats."),
     ] = None,
     match: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--match", metavar="NAME", help="Pair the one NAME of each run, whatever its parameters; repeats."
-        ),
+        list[str] | None, Option(metavar="NAME", help="Pair the one NAME of each run; repeats.")
     ] = None,
     between: Annotated[
-        str | None,
-        typer.Option(
-            "--between", metavar="A[...]", help="With --and: compare two estimators of the one run BASE."
-        ),
+        str | None, Option(metavar="A[...]", help="With --and: compare two estimators of the run BASE.")
     ] = None,
     other: Annotated[
-        str | None, typer.Option("--and", metavar="B[...]", help="Estimator to judge by that of --between.")
+        str | None, Option("--and", metavar="B[...]", help="Estimator to judge by that of --between.")
     ] = None,
     tolerance: Annotated[
         list[str] | None,
-        typer.Option(
-            "--tolerance",
-            metavar="NAME=5%",
-            help="Tolerated change of a score, in % of BASE or in its unit; repeats. Always: deviation=5%.",
-        ),
+        Option(metavar="NAME=5%", help="Tolerated change of a score, in % or its unit; repeats."),
     ] = None,
-    alpha: Annotated[
-        float, typer.Option("--alpha", metavar="0.01", help="Probability of any false regression, at most.")
-    ] = 0.01,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            "--plot",
-            metavar="picture.png",
-            help="Default NEW/figures/compare-<score>.png, where NEW can be written.",
-        ),
-    ] = None,
-    markdown: Annotated[
-        Path | None, typer.Option("--markdown", metavar="FILE", help="Write a summary for people.")
-    ] = None,
-    junit: Annotated[
-        Path | None,
-        typer.Option("--junit", metavar="FILE", help="Write JUnit XML for continuous integration."),
-    ] = None,
+    alpha: Annotated[float, Option(help="Largest probability of any false regression.")] = 0.01,
+    plot: Annotated[Path | None, Option(help="Picture; default NEW/figures/compare-<score>.png.")] = None,
+    markdown: Annotated[Path | None, Option(help="Write a summary in Markdown.")] = None,
+    junit: Annotated[Path | None, Option(help="Write JUnit XML for continuous integration.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare two runs, or two estimators of one.
@@ -174,7 +141,7 @@ def compare_command(
             raise typer.Exit(EXIT_NOT_COMPARABLE) from error
         fail("not comparable: " + "; ".join(error.reasons), EXIT_NOT_COMPARABLE)
     folder = base if new is None else new
-    comparison_paths(found, folder, plot)  # a wrong name is told before anything else
+    comparison_paths(found, folder, plot)  # refuses a wrong name before anything is written
     _write(markdown, lambda: comparison_markdown(found))
     _write(junit, lambda: comparison_junit(found))
     if not as_json:
@@ -188,19 +155,19 @@ def compare_command(
 
 
 def _require_own_places(paths: list[Path]) -> None:
-    """Refuse files that could not be written, that are one, or that are what a run consists of."""
+    """Refuse files that cannot be written, are the same, or are tables of a run."""
     from isacbench.bench.store.run_store import RUN_TABLES
 
     for index, path in enumerate(paths):
         require_replaceable(path)
         if path.name in RUN_TABLES and is_there(path):
-            raise InputError(f"{path}: what a run consists of is not overwritten; allowed is another name")
+            raise InputError(f"{path}: is a table of a run, and is not overwritten; allowed is another name")
         if path.resolve() in [other.resolve() for other in paths[:index]]:
-            raise InputError(f"{path}: is asked for twice; allowed is a file for each")
+            raise InputError(f"{path}: is named by two options; allowed is a file for each")
 
 
 def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -> None:
-    """Print a comparison and draw it; by default into the folder of the new run, where that is allowed."""
+    """Print a comparison and draw it, by default into the folder of the new run."""
     from isacbench.bench.store.run_folder import require_unlocked
     from isacbench.report.comparisons.comparison_figure import draw_comparison_files
     from isacbench.report.comparisons.comparison_tables import (
@@ -231,7 +198,7 @@ def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -
 
 
 def _write(path: Path | None, content: Callable[[], str]) -> None:
-    """Write a file that was asked for, in place of an older one."""
+    """Write a file, if one is asked for, in place of an older one."""
     from isacbench.bench.store.run_folder import replacing
 
     if path is not None:

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
@@ -14,6 +14,7 @@ from isacbench.cli.options import (
     OUT_HELP,
     SEED_HELP,
     EstimatorSpecs,
+    MixVersions,
     PluginFiles,
     ScenarioNames,
     register,
@@ -31,67 +32,34 @@ if TYPE_CHECKING:
 
 @app.command("run")
 def run_command(
-    suite: Annotated[str, typer.Argument(metavar="[SUITE]", help="Suite by name or .toml path.")] = "paper",
+    suite: Annotated[str, Argument(metavar="[SUITE]", help="Suite by name or .toml path.")] = "paper",
     estimator: EstimatorSpecs = None,
     scenario: ScenarioNames = None,
-    snr: Annotated[
-        str | None, typer.Option("--snr", metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")
-    ] = None,
-    trials: Annotated[
-        int | None, typer.Option("-n", "--trials", metavar="TRIALS", min=1, help="Noise draws.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help=OUT_HELP),
-    ] = None,
+    snr: Annotated[str | None, Option(metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")] = None,
+    trials: Annotated[int | None, Option("-n", "--trials", min=1, help="Number of noise draws.")] = None,
+    seed: Annotated[int | None, Option(min=0, help=SEED_HELP)] = None,
+    out: Annotated[Path | None, Option("-o", "--out", metavar="DIR", help=OUT_HELP)] = None,
     plugin: PluginFiles = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes; default 1."),
-    ] = None,
-    timeout: Annotated[
-        float | None,
-        typer.Option(
-            "--timeout", metavar="SECONDS", help="Longest time of a cell; default 600, inf for none."
-        ),
-    ] = None,
-    memory: Annotated[
-        float | None,
-        typer.Option("--memory", metavar="MIB", help="Most memory that a cell may add to its process."),
-    ] = None,
-    dask: Annotated[
-        str | None,
-        typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, instead of workers of this machine."),
-    ] = None,
+    jobs: Annotated[int | None, Option("-j", "--jobs", min=1, help="Worker processes; default 1.")] = None,
+    timeout: Annotated[float, Option(help="Longest time of a cell in seconds, or inf.")] = 600.0,
+    memory: Annotated[float | None, Option(help="Most memory in MiB that a cell may add.")] = None,
+    dask: Annotated[str | None, Option(help="Address of a Dask scheduler, instead of local workers.")] = None,
     shard: Annotated[
-        str | None,
-        typer.Option("--shard", metavar="k/n", help="Only part k of n; isacbench merge joins parts."),
+        str | None, Option(metavar="k/n", help="Part k of n; isacbench merge joins them.")
     ] = None,
     rerun: Annotated[
         list[str] | None,
-        typer.Option(
-            "--rerun", metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."
-        ),
+        Option(metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."),
     ] = None,
-    mix_versions: Annotated[
-        bool, typer.Option("--mix-versions", help="Keep rows that other versions made beside new ones.")
-    ] = False,
-    timing: Annotated[
-        bool, typer.Option("--timing", help="Measure run times that count, one cell after the other.")
-    ] = False,
-    repeats: Annotated[
-        int | None,
-        typer.Option("--repeats", metavar="REPEATS", min=1, help="Estimates timed a cell; default 5."),
-    ] = None,
+    mix_versions: MixVersions = False,
+    timing: Annotated[bool, Option("--timing", help="Measure run times, one cell after the other.")] = False,
+    repeats: Annotated[int | None, Option(min=1, help="Timed estimates a cell; default 5.")] = None,
 ) -> None:
-    """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
+    """Run a suite: estimate, score, tabulate and draw. An existing folder of the same run is completed."""
     from isacbench.bench.suites.suite import load_suite, parse_snr
 
     if out is None and (rerun or mix_versions):
-        raise InputError(
-            "--rerun and --mix-versions: allowed with -o DIR, the folder of the run to go on with"
-        )
+        raise InputError("--rerun and --mix-versions: allowed with -o DIR, the folder of an existing run")
     register(plugin)
     wanted = load_suite(suite).replace(
         estimators=estimator,
@@ -111,12 +79,12 @@ def run_command(
     from isacbench.bench.run.runner import Execution
     from isacbench.bench.store.resume import parse_reruns
     from isacbench.bench.store.run_folder import default_folder
-    from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
+    from isacbench.bench.workers.guarded_cells import Guard
 
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
         guard=Guard(
-            timeout_s=DEFAULT_TIMEOUT_S if timeout is None else None if timeout == math.inf else timeout,
+            timeout_s=None if timeout == math.inf else timeout,
             memory_mib=None if memory == math.inf else memory,
         ),
         dask=dask,
@@ -147,19 +115,11 @@ def run_command(
 def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results:
     """Run a suite and make tables and figures of its rows, also of those that an interrupt left."""
     from isacbench.bench.run.runner import run_suite
-    from isacbench.report.figures.background_drawing import BackgroundDrawing
 
-    with BackgroundDrawing() as drawing:
-        with progress_shown(suite.name, is_idle=execution.is_timing) as show:
-
-            def progress(n_done: int, n_cells: int) -> None:
-                if not execution.is_timing:
-                    drawing.get_ready()  # as soon as workers are busy, and this process is not
-                show(n_done, n_cells)
-
-            results = run_suite(suite, folder, progress, execution)
-        if not results.records.empty:
-            report_run(folder, results.records, results.suite.kind, drawing)
+    with progress_shown(suite.name, is_idle=execution.is_timing) as show:
+        results = run_suite(suite, folder, show, execution)
+    if not results.records.empty:
+        report_run(folder, results.records, results.suite.kind)
     return results
 
 

@@ -1,4 +1,4 @@
-"""SIGTERM, as job schedulers, containers and CI send it, ends a command as Ctrl-C does."""
+"""SIGTERM of job schedulers, containers and CI: it ends a command as Ctrl-C does."""
 
 from __future__ import annotations
 
@@ -41,7 +41,12 @@ class Termination:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
     def fail(self, message: str) -> NoReturn:
-        """End the command, saying what interrupted it: SIGTERM where one has come, Ctrl-C otherwise."""
+        """End the command with a message that names the interrupt: SIGTERM if received, otherwise Ctrl-C.
+
+        Parameters
+        ----------
+        message : str
+        """
         if self._first_s is None:
             fail(f"interrupted: {message}", EXIT_INTERRUPTED)
         fail(f"terminated: {message}", EXIT_TERMINATED)

@@ -1,39 +1,30 @@
-"""The command on the transmitted waveform."""
+"""Command on the transmitted waveform."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, cast
 
-import typer
+from typer import Option
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import app, say
-from isacbench.cli.options import SEED_HELP, AsJson, require_names
+from isacbench.cli.options import AsJson, ScenarioName, Seed, require_names
 from isacbench.cli.printing import print_grid, print_json
 
 
 @app.command("waveform")
 def waveform_command(
-    scenario: Annotated[
-        str, typer.Option("-s", "--scenario", metavar="SCENARIO", help="Scenario, name or .toml path.")
-    ] = "street",
+    scenario: ScenarioName = "street",
     modulation: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--modulation", metavar="NAME", help="qpsk, 16qam, 64qam or 256qam; repeats. All unless given."
-        ),
+        list[str] | None, Option(metavar="NAME", help="qpsk, 16qam, 64qam or 256qam; repeats.")
     ] = None,
-    frames: Annotated[
-        int, typer.Option("--frames", metavar="FRAMES", min=1, help="Frames whose peaks are measured.")
-    ] = 45,
-    seed: Annotated[int, typer.Option("--seed", metavar="SEED", min=0, help=SEED_HELP)] = 0,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder to draw figures into.")
-    ] = None,
+    frames: Annotated[int, Option(min=1, help="Frames whose peaks are measured.")] = 45,
+    seed: Seed = 0,
+    out: Annotated[Path | None, Option("-o", "--out", help="Folder for figures.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Tell what the waveform of a scenario takes and carries: times, band, peaks, bits."""
+    """Measure the waveform of a scenario: times, bandwidth, peaks, bit rates."""
     require_names([scenario])
     from isacbench.choices import Modulation
     from isacbench.link.waveform.figures_of_merit import draw_papr_db, waveform_merits
@@ -48,15 +39,11 @@ def waveform_command(
     scene = load_scenario(scenario)
     system = scene.system
     merits = waveform_merits(system)
-    with progress_shown("peaks", "frames") as show:
-        n_drawn, n_frames = 0, frames * len(modulations)
-
-        def drawn() -> None:
-            nonlocal n_drawn
-            n_drawn += 1
-            show(n_drawn, n_frames)
-
-        papr_db = {name: draw_papr_db(system, name, frames, seed=seed, drawn=drawn) for name in modulations}
+    papr_db = {}
+    with progress_shown("peaks", "modulations") as show:
+        for n_done, name in enumerate(modulations, start=1):
+            papr_db[name] = draw_papr_db(system, name, frames, seed=seed)
+            show(n_done, len(modulations))
     if as_json:
         print_json({"scenario": scene.name, **describe_waveform(system, merits, papr_db)})
     else:

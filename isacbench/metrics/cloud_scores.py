@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from isacbench.errors import require
 from isacbench.metrics.geometry import CloudPair, box_diagonal_m
@@ -27,16 +25,10 @@ RADIUS_M = 1.0
 """Distance, where no scenario says another: up to it a point counts as right for precision and recall; from
 it a true scatterer counts as missed and an estimated point as false in GOSPA, whose cut-off c it is."""
 
-MANY_PAIRS = 2**18
-"""Pairs of points from which it is asked whether most of them are near: 500 points each."""
-
-CROWDED_SHARE = 1 / 8
-"""Share of near pairs from which a matching over all pairs takes less time and memory."""
-
 
 @dataclass(frozen=True)
 class CloudScores:
-    """How well two clouds cover each other in x, y and z.
+    """Scores of how two clouds cover each other in x, y and z.
 
     Attributes
     ----------
@@ -106,23 +98,29 @@ def cloud_scores(
 
 
 def pair_scores(pair: CloudPair, region: Region | None = None, radius_m: float = RADIUS_M) -> CloudScores:
-    """Score a pair as `cloud_scores` does, sharing its searches with other metrics."""
+    """Score a pair as `cloud_scores` does, with searches that other metrics share.
+
+    Parameters
+    ----------
+    pair : CloudPair
+    region : Region or None
+    radius_m : float
+        Distance in m within which a point counts as one of a scatterer.
+
+    Returns
+    -------
+    CloudScores
+    """
     require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive number of m")
+    gospa = _tree_gospa_m(pair.truth_tree, pair.estimate_tree, radius_m)
     if not len(pair.estimate):
         diagonal_m = box_diagonal_m(pair.truth.xyz, region)
-        empty_gospa_m = radius_m * math.sqrt(len(pair.truth) / 2)
-        return CloudScores(
-            accuracy_m=diagonal_m,
-            completeness_m=diagonal_m,
-            gospa_m=empty_gospa_m,
-            precision=0.0,
-            recall=0.0,
-        )
+        return CloudScores(diagonal_m, diagonal_m, gospa, precision=0.0, recall=0.0)
     forward_m, backward_m = pair.truth_to_estimate_m, pair.estimate_to_truth_m
     return CloudScores(
         accuracy_m=float(backward_m.mean()),
         completeness_m=float(forward_m.mean()),
-        gospa_m=_tree_gospa_m(pair.truth_tree, pair.estimate_tree, radius_m),
+        gospa_m=gospa,
         precision=float((backward_m <= radius_m).mean()),
         recall=float((forward_m <= radius_m).mean()),
     )
@@ -164,33 +162,12 @@ def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M)
 
 
 def _tree_gospa_m(truth: cKDTree, estimate: cKDTree, radius_m: float) -> float:
-    """GOSPA of the points of two trees."""
-    if _is_crowd(truth, estimate, radius_m):
-        i, j = _best_crowd_matching(truth.data, estimate.data, radius_m)
-    else:
-        near = truth.sparse_distance_matrix(estimate, radius_m, output_type="ndarray")
-        i, j = _best_matching(near["i"], near["j"], np.square(near["v"]), radius_m)
+    """Compute the GOSPA distance of the points of two trees."""
+    near = truth.sparse_distance_matrix(estimate, radius_m, output_type="ndarray")
+    i, j = _best_matching(near["i"], near["j"], np.square(near["v"]), radius_m)
     matched_m2 = float(np.square(truth.data[i] - estimate.data[j]).sum())
-    alone = truth.n + estimate.n - 2 * i.size
-    return math.sqrt(matched_m2 + radius_m**2 / 2 * alone)
-
-
-def _is_crowd(truth: cKDTree, estimate: cKDTree, radius_m: float) -> bool:
-    """Whether so many pairs are near that a list of them is longer than a table of all."""
-    n_pairs = truth.n * estimate.n
-    if n_pairs < MANY_PAIRS:
-        return False
-    return bool(truth.count_neighbors(estimate, radius_m) > CROWDED_SHARE * n_pairs)
-
-
-def _best_crowd_matching(
-    truth: NDArray[np.float64], estimate: NDArray[np.float64], radius_m: float
-) -> tuple[Indices, Indices]:
-    """Pick the pairs of the cheapest matching, by the table of all costs."""
-    cost_m2 = np.minimum(cdist(truth, estimate, "sqeuclidean"), radius_m**2)
-    i, j = linear_sum_assignment(cost_m2)
-    near = cost_m2[i, j] < radius_m**2
-    return i[near], j[near]
+    n_alone = truth.n + estimate.n - 2 * i.size
+    return math.sqrt(matched_m2 + radius_m**2 / 2 * n_alone)
 
 
 def _best_matching(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.errors import InputError
+from isacbench.errors import require
 from isacbench.metrics.geometry import LARGEST, CloudPair, projected_hausdorff_m
 from isacbench.model.numerology import System
 
@@ -117,10 +117,21 @@ def paper_deviation(
 def pair_deviation(
     pair: CloudPair, region: Region | None = None, velocity_bin_mps: float | None = None
 ) -> Deviation:
-    """Score a pair as `paper_deviation` does, sharing its searches with other metrics."""
+    """Score a pair as `paper_deviation` does, with searches that other metrics share.
+
+    Parameters
+    ----------
+    pair : CloudPair
+    region : Region or None
+    velocity_bin_mps : float or None
+        Velocity bin in m/s.
+
+    Returns
+    -------
+    Deviation
+    """
     bin_mps = System().velocity_bin_mps if velocity_bin_mps is None else velocity_bin_mps
-    if not 1 / LARGEST <= bin_mps <= LARGEST:
-        raise InputError(f"velocity_bin_mps: takes a positive number of m/s, not {bin_mps!r}")
+    require(1 / LARGEST <= bin_mps <= LARGEST, "velocity_bin_mps", bin_mps, "a positive number of m/s")
     n_true = len(pair.truth)
     return Deviation(
         hausdorff_xy_m=projected_hausdorff_m(pair, (0, 1), region),

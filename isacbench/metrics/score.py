@@ -1,4 +1,4 @@
-"""One call from two clouds to a row of scores, and the table of what the scores mean."""
+"""Scores of an estimated cloud, and the table that describes them."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from isacbench.model.region import Region
 
 METRIC_VERSION = 1
-"""Raised with every change after which the same clouds score differently: such scores are not compared."""
+"""Version of the scores: scores of different versions are not compared."""
 
 
 @dataclass(frozen=True)
 class ScoreColumn:
-    """What one score means, enough to label an axis and to rank by it.
+    """Meaning of a score: enough to label an axis and to rank by it.
 
     Attributes
     ----------
@@ -34,15 +34,12 @@ class ScoreColumn:
     description : str
         One line with the unit, if any, in brackets.
     better : {"lower", "higher", "neither"}
-        Which direction is better.
-    worst : float or None
-        Worst value that the score can take, None where it has no bound.
+        Direction that is better.
     """
 
     name: str
     description: str
     better: Literal["lower", "higher", "neither"] = "lower"
-    worst: float | None = None
 
 
 def _table(*columns: ScoreColumn) -> dict[str, ScoreColumn]:
@@ -66,8 +63,8 @@ METRICS: dict[str, dict[str, ScoreColumn]] = {
         ScoreColumn("deviation", "imaging deviation: sum of the three Hausdorff distances, density and NMSE"),
         ScoreColumn("chamfer_m", "chamfer distance, mean of both directions [m]"),
         ScoreColumn("gospa_m", "GOSPA distance with c = the radius, p = 2, α = 2 [m]"),
-        ScoreColumn("precision", "share of estimated points within the radius of a scatterer", "higher", 0.0),
-        ScoreColumn("recall", "share of true scatterers within the radius of a point", "higher", 0.0),
+        ScoreColumn("precision", "share of estimated points within the radius of a scatterer", "higher"),
+        ScoreColumn("recall", "share of true scatterers within the radius of a point", "higher"),
     ),
     "repository": _table(
         *_COUNTS,
@@ -98,10 +95,10 @@ def score(
     estimate : PointCloud or array_like, shape (m, 4) or (m, 5)
         Estimated points, possibly none.
     metric : {"paper", "repository"}
-        The paper's imaging deviation with the scores beside it, or the
-        deviation that the published code computes.
+        The paper's imaging deviation with further scores, or the deviation
+        that the published code computes.
     region : Region or None
-        Where scatterers can be, which decides what an empty estimate scores;
+        Region of the scenario, which decides the scores of an empty estimate;
         None takes the truth's bounding box.
     velocity_bin_mps : float or None
         Velocity bin in m/s, the velocity unit of a static scene in the metric
@@ -131,21 +128,15 @@ def score(
     if metric not in METRICS:
         raise unknown_name("metric", str(metric), METRICS)
     pair = CloudPair(_as_cloud(truth, "truth"), _as_cloud(estimate, "estimate"))
-    counts = {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
     parts: tuple[object, ...]
     if metric == "repository":
         parts = (repository_deviation(pair.truth, pair.estimate, region),)
     else:
         parts = pair_deviation(pair, region, velocity_bin_mps), pair_scores(pair, region, radius_m)
-    names = [name for name in METRICS[metric] if name not in counts]
-    return {**counts, **{name: _attribute(parts, name) for name in names}}
-
-
-def _attribute(parts: tuple[object, ...], name: str) -> float:
-    """Score of that name, of the one part that has it."""
-    (owner,) = (part for part in parts if hasattr(part, name))
-    value: float = getattr(owner, name)
-    return value
+    scores: dict[str, float] = {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
+    for name in list(METRICS[metric])[len(scores) :]:
+        scores[name] = next(getattr(part, name) for part in parts if hasattr(part, name))
+    return scores
 
 
 def _as_cloud(values: PointCloud | ArrayLike, name: str) -> PointCloud:

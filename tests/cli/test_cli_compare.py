@@ -214,8 +214,8 @@ def test_nothing_but_figures_is_made_in_either_folder(cli, folders, tmp_path):
 @pytest.mark.parametrize(
     ("args", "told"),
     [
-        (("--junit", "same/results.parquet"), "what a run consists of is not overwritten"),
-        (("--markdown", "one.md", "--junit", "./one.md"), "asked for twice"),
+        (("--junit", "same/results.parquet"), "is a table of a run, and is not overwritten"),
+        (("--markdown", "one.md", "--junit", "./one.md"), "is named by two options"),
     ],
 )
 def test_files_do_not_take_the_place_of_a_run_or_of_each_other(cli, folders, tmp_path, args, told):

@@ -3,7 +3,6 @@ import pytest
 from typer.testing import CliRunner
 
 from isacbench.cli import app
-from isacbench.report.figures.background_drawing import BackgroundDrawing
 
 RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "0,5", "-n", "4")
 
@@ -11,8 +10,8 @@ RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "
 @pytest.fixture
 def cli(plugins, tiny, tmp_path, monkeypatch):
     """Run the command line in a folder that holds a small scenario, without drawing figures."""
-    monkeypatch.setattr(BackgroundDrawing, "get_ready", lambda self: None)
-    monkeypatch.setattr(BackgroundDrawing, "draw_run", lambda self, folder: [folder / "deviation.png"])
+    drawing = "isacbench.report.figures.background_drawing.draw_run_guarded"
+    monkeypatch.setattr(drawing, lambda folder: [folder / "deviation.png"])
     monkeypatch.chdir(tmp_path)
 
     def call(*args):

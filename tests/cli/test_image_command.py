@@ -43,7 +43,6 @@ def test_a_signal_that_does_not_exist_is_refused_in_one_sentence(image):
     ("options", "message"),
     [
         (["--modulation", "16qam"], "--trial, --seed, --modulation and --waveform: allowed without --cube"),
-        (["--waveform"], "--trial, --seed, --modulation and --waveform: allowed without --cube"),
         (["--snr", "10"], "--snr: allowed with --cube where --division wiener takes it"),
     ],
 )

@@ -65,7 +65,7 @@ def test_a_radius_that_is_none_is_refused(radius_m: float) -> None:
         cloud_scores(cloud_at([[0, 0, 0]]), PointCloud.empty(), radius_m=radius_m)
 
 
-@pytest.mark.parametrize("width_m", [2, 5, 20])
+@pytest.mark.parametrize("width_m", [0, 0.4, 2, 20])
 def test_gospa_equals_a_dense_assignment_in_crowds(width_m: float) -> None:
     rng = np.random.default_rng(7)
     truth, estimate = (cloud_at(rng.uniform(0, width_m, (n, 3))) for n in (120, 90))
@@ -177,15 +177,3 @@ def test_an_empty_cloud_is_never_better_in_chamfer_precision_and_recall(
 def test_an_empty_truth_is_refused() -> None:
     with pytest.raises(InputError, match="truth: the cloud is empty"):
         cloud_scores(PointCloud.empty(), cloud_at([[0, 0, 0]]))
-
-
-@pytest.mark.parametrize(("n_true", "n_estimated"), [(520, 530), (800, 400)])
-@pytest.mark.parametrize("size_m", [0.0, 0.4, 3.0])
-def test_crowds_of_points_have_the_gospa_of_the_list_of_near_pairs(monkeypatch, n_true, n_estimated, size_m):
-    rng = np.random.default_rng(5)
-    truth, estimate = (
-        PointCloud(rng.uniform(0, size_m, (n, 3)), np.zeros(n), np.ones(n)) for n in (n_true, n_estimated)
-    )
-    crowded = gospa_m(truth, estimate)
-    monkeypatch.setattr("isacbench.metrics.cloud_scores.MANY_PAIRS", np.inf)
-    assert crowded == pytest.approx(gospa_m(truth, estimate), rel=1e-12)

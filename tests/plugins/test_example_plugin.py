@@ -37,10 +37,9 @@ import sys
 from typer.testing import CliRunner
 
 from isacbench.cli import app
-from isacbench.report.figures.background_drawing import BackgroundDrawing
+from isacbench.report.figures import background_drawing
 
-BackgroundDrawing.get_ready = lambda self: None
-BackgroundDrawing.draw_run = lambda self, folder: []
+background_drawing.draw_run_guarded = lambda folder: []
 done = {name: CliRunner().invoke(app, words) for name, words in json.loads(sys.argv[1]).items()}
 print(json.dumps({name: (one.exit_code, one.stdout, one.output) for name, one in done.items()}))
 """

@@ -1,3 +1,3 @@
-"""Drawing: style, panels, labels and perspective that figures share."""
+"""Drawing: style, panels and places of labels that figures share."""
 
-__all__ = ["label_layout", "panels", "perspective", "style"]
+__all__ = ["label_layout", "panels", "style"]

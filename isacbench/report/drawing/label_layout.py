@@ -1,4 +1,4 @@
-"""Places for small labels beside their points, so that none covers another."""
+"""Places of small labels near their points, none over another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def place_labels(
     anchors: ArrayLike, sizes: ArrayLike, offsets: Sequence[ArrayLike], taken: ArrayLike = ()
 ) -> list[Floats | None]:
-    """Give labels, one after the other, the first offset at which they cover no label placed before.
+    """Place labels one after the other, each at the first offset where it covers no label placed before.
 
     Parameters
     ----------
@@ -26,9 +26,9 @@ def place_labels(
     sizes : array_like, shape (n, 2)
         Widths and heights of the labels, in the same unit.
     offsets : sequence of array_like, each of shape (m, 2) with m of its own
-        For each label where its centre may lie relative to its point, the best place first.
+        Places for the centre of each label relative to its point, the best one first.
     taken : array_like, shape (k, 4)
-        Left, lower, right and upper ends of what must not be covered either.
+        Left, lower, right and upper ends of further boxes that must not be covered.
 
     Returns
     -------
@@ -41,21 +41,14 @@ def place_labels(
     >>> place_labels([(0.0, 0.0)] * 3, [(3.0, 1.0)] * 3, offsets)
     [array([2., 0.]), array([-2.,  0.]), None]
     """
-    boxes = [np.asarray(box, dtype=np.float64) for box in np.asarray(taken, dtype=np.float64).reshape(-1, 4)]
+    boxes = list(np.asarray(taken, dtype=np.float64).reshape(-1, 4))
     found: list[Floats | None] = []
     for anchor, size, places in zip(np.asarray(anchors), np.asarray(sizes), offsets, strict=True):
         candidates = np.asarray(places, dtype=np.float64)
-        corners = np.concatenate([anchor + candidates - size / 2, anchor + candidates + size / 2], axis=1)
-        free = [place for place in range(len(candidates)) if not _covers(corners[place], boxes)]
-        found.append(candidates[free[0]] if free else None)
-        boxes += [corners[place] for place in free[:1]]
+        lower, upper = anchor + candidates - size / 2, anchor + candidates + size / 2
+        others = np.array(boxes).reshape(-1, 4)
+        overlaps = (lower[:, None] < others[:, 2:]) & (others[:, :2] < upper[:, None])
+        free = np.flatnonzero(~overlaps.all(axis=2).any(axis=1))
+        found.append(candidates[free[0]] if free.size else None)
+        boxes += [np.concatenate([lower[place], upper[place]]) for place in free[:1]]
     return found
-
-
-def _covers(box: Floats, others: Sequence[Floats]) -> bool:
-    """Whether a box has an area in common with any of the others."""
-    if not others:
-        return False
-    left, lower, right, upper = np.transpose(others)
-    overlaps = (box[0] < right) & (left < box[2]) & (box[1] < upper) & (lower < box[3])
-    return bool(overlaps.any())

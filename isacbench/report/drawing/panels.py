@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from matplotlib.lines import Line2D
 
-from isacbench.report.drawing.style import edges, entitle, legend_below, legend_height_in, new_figure
+from isacbench.report.drawing.style import new_figure
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
 PANEL_IN = 2.75, 2.3
 MAX_COLUMNS = 4
-NAME_BELOW_IN = 0.27
-"""From the lower edge of a panel down to the name of its axis."""
-
 MAX_SNR_TICKS = 5
 
 
@@ -41,7 +38,7 @@ def panel_grid(
         With their labels.
     title : str
     max_columns : int
-        After which panels go on in the next row.
+        Number of panels in a full row.
     panel_in : (float, float)
         Width and height of a panel in inches.
 
@@ -54,26 +51,25 @@ def panel_grid(
     n_columns = min(n_panels, max_columns)
     n_rows = -(-n_panels // n_columns)
     # One panel alone is wide enough for title and legend.
-    width_in = max(n_columns * (panel_in[0] + 0.55) + 0.2, 6.0)
-    legend_in = legend_height_in(width_in, [str(line.get_label()) for line in legend])
-    figure = new_figure(width_in, n_rows * (panel_in[1] + 0.75) + legend_in + 0.35)
-    grid = edges(figure, left=0.6, right=0.15, bottom=legend_in + 0.45, top=0.85)
-    axes = figure.subplots(
-        n_rows, n_columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.25, "hspace": 0.42}
-    )
-    panels = list(axes.flat)
-    for panel in panels:
-        # Numbers are of one height; to measure them takes the layout of every tick once more.
-        panel.xaxis.set_label_coords(0.5, -NAME_BELOW_IN / panel_in[1])
+    width_in = max(n_columns * (panel_in[0] + 0.55), 6.0)
+    figure = new_figure(width_in, n_rows * (panel_in[1] + 0.65) + 0.3, legend=legend, title=title)
+    panels = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)
     for unused in panels[n_panels:]:
         unused.remove()
-    entitle(figure, title)
-    legend_below(figure, legend)
     return figure, panels[:n_panels]
 
 
 def legend_lines(looks: Iterable[LineLook]) -> list[Line2D]:
-    """Legend entries of some looks."""
+    """Make legend entries of some looks.
+
+    Parameters
+    ----------
+    looks : iterable of LineLook
+
+    Returns
+    -------
+    list of Line2D
+    """
     return [
         Line2D([], [], color=look.colour, linestyle=look.line, marker=look.marker, label=look.label)
         for look in looks
@@ -89,6 +85,17 @@ def draw_line(
     high: ArrayLike,
     alpha: float = 0.15,
 ) -> None:
-    """Draw a curve inside its confidence band."""
+    """Draw a curve inside its confidence band.
+
+    Parameters
+    ----------
+    axes : Axes
+    look : LineLook
+    x, y : array_like, shape (n,)
+    low, high : array_like, shape (n,)
+        Ends of the band.
+    alpha : float
+        Opacity of the band.
+    """
     axes.plot(x, y, color=look.colour, linestyle=look.line, marker=look.marker)
     axes.fill_between(x, low, high, color=look.colour, alpha=alpha, linewidth=0.0)

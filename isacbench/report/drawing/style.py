@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import re
-from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,7 +19,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from isacbench.bench.store.run_folder import replacing
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -29,15 +27,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from isacbench.bench.plan.labels import Variant
-    from isacbench.model.region import Region
 
 LineStyle = Literal["-", "-.", ":", "--"]
 
 DPI = 150
 FONT = "DejaVu Sans"
 MAX_STEM = 60
-PNG_OPTIONS = {"compress_level": 2}
-"""A third less time than the usual level takes, for files a tenth larger."""
+ROW_IN = 0.175
+"""Height of a row of a legend."""
 
 # Okabe and Ito's palette, told apart with any colour vision; without its yellow, too pale for a line.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -46,15 +43,15 @@ LINES: tuple[LineStyle, ...] = ("-", "-.", ":")
 BOUND_COLOUR = "0.15"
 
 CONTEXT = "0.72"
-"""Grey of what is shown for comparison: the truth behind an estimate."""
+"""Grey of the truth behind an estimate."""
 
 TRUE = "#009E73"
-"""Colour of what is true where it lies over data."""
+"""Colour of the truth over data."""
 
 THRESHOLD = "#D55E00"
 """Colour of thresholds."""
 
-# Dark in the middle, so that what stands still is seen on white.
+# Dark in the middle, so that static points are seen on white.
 VELOCITY_COLOURS = ("#3FA7E6", "#0072B2", "#333333", "#D55E00", "#F2A900")
 SLOW_MPS = 2.0
 TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
@@ -63,13 +60,13 @@ RC = {
     "font.family": FONT,
     "font.size": 9.0,
     "axes.titlesize": 9.0,
-    # Where it would be placed anyway: finding that out takes the layout of every tick once more.
-    "axes.titley": 1.0,
     "axes.labelsize": 9.0,
     "xtick.labelsize": 8.0,
     "ytick.labelsize": 8.0,
     "legend.fontsize": 8.0,
     "figure.titlesize": 11.0,
+    "figure.constrained_layout.w_pad": 0.1,
+    "figure.constrained_layout.h_pad": 0.08,
     "grid.color": "0.88",
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
@@ -80,18 +77,18 @@ RC = {
 
 @dataclass(frozen=True)
 class LineLook:
-    """How an estimator is drawn, the same in every figure of a run.
+    """Look of an estimator, the same in every figure of a run.
 
     Attributes
     ----------
     label : str
-        Its name for people.
+        Name in legends.
     colour, marker : str
-        As matplotlib spells them.
+        In matplotlib's spelling.
     line : {"-", "-.", ":", "--"}
-        Likewise.
+        Line style.
     is_bound : bool
-        Whether it sees the truth, and does not compete.
+        True for an estimator that sees the truth.
     """
 
     label: str
@@ -136,29 +133,12 @@ def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return a context with this module's fonts and sizes; the user's own settings come back after it."""
+    """Return a context with the fonts and sizes of this module; it restores the user's own settings."""
     return matplotlib.style.context(["default", RC])
 
 
-@contextmanager
-def older_objects_uncollected() -> Iterator[None]:
-    """Spare what is already there the search for garbage, while many objects come and go.
-
-    Figures are made of so many small objects in cycles that Python looks for
-    garbage again and again, each time among everything that was ever imported.
-    """
-    if gc.get_freeze_count():  # somebody else's decision
-        yield
-        return
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-
-
 class NotebookFigure(Figure):
-    """Figure that a notebook shows where it is the value of a cell, without pyplot."""
+    """Figure that a notebook shows as the value of a cell, without pyplot."""
 
     def _repr_png_(self) -> bytes:
         content = BytesIO()
@@ -167,34 +147,63 @@ class NotebookFigure(Figure):
         return content.getvalue()
 
 
-def new_figure(width_in: float, height_in: float) -> Figure:
-    """Make a figure with a canvas that needs no display."""
-    figure = NotebookFigure(figsize=(width_in, height_in), dpi=DPI)
+def new_figure(
+    width_in: float,
+    height_in: float,
+    *,
+    legend: Sequence[Artist] = (),
+    title: str = "",
+    layout: Literal["constrained"] | None = "constrained",
+) -> Figure:
+    """Make a figure on a canvas that needs no display.
+
+    Parameters
+    ----------
+    width_in, height_in : float
+        Size in inches, without the legend.
+    legend : sequence of Artist
+        Entries of a legend below the panels, with their labels.
+    title : str
+        Title above the panels.
+    layout : {"constrained"} or None
+        Layout engine of matplotlib; None leaves the margins to the caller.
+
+    Returns
+    -------
+    Figure
+    """
+    figure = NotebookFigure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
     FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(title, wrap=True)
+    if legend:
+        _add_legend(figure, legend)
     return figure
 
 
-def edges(figure: Figure, left: float, right: float, bottom: float, top: float) -> dict[str, float]:
-    """Turn margins in inches into the edges that ``gridspec_kw`` takes.
-
-    A layout engine would find them itself, in more time than the drawing takes.
-    """
-    width, height = figure.get_size_inches()
-    return {
-        "left": left / width,
-        "right": 1 - right / width,
-        "bottom": bottom / height,
-        "top": 1 - top / height,
-    }
-
-
-def entitle(figure: Figure, title: str) -> None:
-    """Write the title at the top edge of a figure."""
-    figure.suptitle(title, y=1 - 0.1 / figure.get_figheight(), va="top")
+def _add_legend(figure: Figure, entries: Sequence[Artist]) -> None:
+    """Add a legend at the bottom of a figure, which grows by its height."""
+    width_in, height_in = figure.get_size_inches()
+    column_in = 0.55 + 0.06 * max(len(str(entry.get_label())) for entry in entries)
+    n_rows = math.ceil(len(entries) / max(1, int(width_in / column_in)))
+    figure.set_size_inches(width_in, height_in + ROW_IN * (n_rows + 1))
+    n_columns = math.ceil(len(entries) / n_rows)
+    figure.legend(handles=list(entries), loc="outside lower center", ncols=n_columns, frameon=False)
 
 
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure in the format that the suffix of its path names.
+
+    Parameters
+    ----------
+    figure : Figure
+    path : Path
+        An older file of that name is replaced.
+
+    Returns
+    -------
+    Path
+        The same path.
 
     Raises
     ------
@@ -202,14 +211,20 @@ def save(figure: Figure, path: Path) -> Path:
         If the file cannot be written.
     """
     with replacing(path, afterwards="") as temporary:
-        kind = path.suffix.removeprefix(".").lower()
-        options: dict[str, Any] = {"pil_kwargs": PNG_OPTIONS} if kind == "png" else {}
-        figure.savefig(temporary, format=kind, **options)
+        figure.savefig(temporary, format=path.suffix.removeprefix(".").lower())
     return path
 
 
 def drawable(text: str) -> str:
-    r"""Spell a name as matplotlib draws it: dollars mean no mathematics, what the font lacks is replaced.
+    r"""Escape a name for matplotlib: dollar signs as text, a replacement for characters that the font lacks.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -222,7 +237,15 @@ def drawable(text: str) -> str:
 
 
 def file_stems(names: Iterable[str]) -> dict[str, str]:
-    """Give every name a part of a file name that is safe and its own on every system.
+    """Give every name a part of a file name that is safe and unique on every system.
+
+    Parameters
+    ----------
+    names : iterable of str
+
+    Returns
+    -------
+    dict of str to str
 
     Examples
     --------
@@ -242,42 +265,36 @@ def file_stems(names: Iterable[str]) -> dict[str, str]:
     return stems
 
 
-def velocity_colours(region: Region) -> ScalarMappable:
-    """Map radial velocities to colours: 0 in the middle, slow ones spread to be told from it."""
-    return speed_colours(max(map(abs, region.speed_mps)))
+def velocity_colours(fastest_mps: float) -> ScalarMappable:
+    """Map radial velocities to colours: 0 in the middle, slow ones spread to be told from it.
 
+    Parameters
+    ----------
+    fastest_mps : float
+        Speed in m/s at both ends of the colours.
 
-def speed_colours(fastest_mps: float) -> ScalarMappable:
-    """Map radial velocities up to some speed to colours, as `velocity_colours` does."""
+    Returns
+    -------
+    ScalarMappable
+    """
     fastest_mps = max(SLOW_MPS, fastest_mps)
     colours = LinearSegmentedColormap.from_list("velocity", VELOCITY_COLOURS)
     return ScalarMappable(AsinhNorm(SLOW_MPS, -fastest_mps, fastest_mps), colours)
 
 
-def velocity_bar(figure: Figure, colours: ScalarMappable, axes: Axes, label: str) -> None:
-    """Draw the colour bar of `velocity_colours` into axes of its own."""
-    bar = figure.colorbar(colours, cax=axes)
+def velocity_bar(figure: Figure, colours: ScalarMappable, panels: Iterable[Axes], label: str) -> None:
+    """Draw the colour bar of `velocity_colours` to the right of some panels.
+
+    Parameters
+    ----------
+    figure : Figure
+    colours : ScalarMappable
+    panels : iterable of Axes
+    label : str
+    """
     fastest_mps = colours.norm.vmax or 0.0
     ticks = [tick for tick in TICKS_MPS if abs(tick) <= fastest_mps]
-    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    width_in = figure.get_figwidth()
+    place: dict[str, Any] = {"fraction": 0.8 / width_in, "pad": 0.5 / width_in, "shrink": 0.7, "aspect": 25}
+    bar = figure.colorbar(colours, ax=list(panels), label=label, ticks=ticks, format="%g", **place)
     bar.minorticks_off()
-    bar.set_label(label)
-
-
-def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
-    """Put a legend at the bottom of a figure; it is `legend_height_in` high."""
-    columns = _legend_columns(figure.get_figwidth(), [str(handle.get_label()) for handle in handles])
-    figure.legend(handles=handles, loc="lower center", ncols=columns, frameon=False, borderaxespad=0.2)
-
-
-def legend_height_in(width_in: float, labels: Sequence[str]) -> float:
-    """Height in inches of a legend with these labels below a figure of a width."""
-    return 0.15 + 0.175 * math.ceil(len(labels) / _legend_columns(width_in, labels))
-
-
-def _legend_columns(width_in: float, labels: Sequence[str]) -> int:
-    """Columns of a legend that a width has room for; no more than its rows need, so that all are filled."""
-    widest_in = 0.55 + 0.06 * max(map(len, labels))
-    n_most = max(1, min(len(labels), int(width_in / widest_in)))
-    n_rows = math.ceil(len(labels) / n_most)
-    return math.ceil(len(labels) / n_rows)

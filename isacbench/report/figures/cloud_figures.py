@@ -6,44 +6,37 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from isacbench.files.escaping import counted
 from isacbench.metrics.geometry import CloudPair
-from isacbench.report.drawing.perspective import Box, perspective_axes, scatter, tick_step
-from isacbench.report.drawing.style import (
-    CONTEXT,
-    drawable,
-    edges,
-    entitle,
-    new_figure,
-    velocity_bar,
-    velocity_colours,
-)
+from isacbench.report.drawing.style import CONTEXT, drawable, new_figure, velocity_bar, velocity_colours
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
-    from matplotlib.gridspec import SubplotSpec
     from numpy.typing import NDArray
 
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
-    from isacbench.report.drawing.perspective import View
 
-PANEL_IN = 3.5, 2.6
-LONE_PANEL_IN = 6.0, 4.6
+    Floats = NDArray[np.float64]
+    Axes3D = Any  # mpl_toolkits has no types
+
+PANEL_IN = 3.2, 2.7
+LONE_PANEL_IN = 5.6, 4.6
 MAX_COLUMNS = 4
-NOTE_IN = 0.08
-"""From the upper edge of a panel to its note."""
-
-TICKS_IN_PROJECTION = 6
+ELEVATION_DEG, AZIMUTH_DEG, ZOOM = 27.0, -50.0, 0.95
+TICKS, TICKS_IN_PROJECTION = 4, 6
 SMALLEST_BOX_M = 2.0
+FLATTEST = 0.1
+"""Shortest edge of a box over its longest one: the scales of a flatter box would overlap."""
+
 AXES = "xyz"
-PLANES = ((0, 1), (0, 2), (1, 2))
+BAR_LABEL = "radial velocity [m/s], approaching > 0"
 
 
 class Image(NamedTuple):
@@ -51,6 +44,16 @@ class Image(NamedTuple):
 
     cloud: PointCloud
     note: str
+
+
+class _Scene(NamedTuple):
+    """Truth, drawn box and colours that all panels of a figure share."""
+
+    truth: PointCloud
+    lower_m: Floats
+    upper_m: Floats
+    colours: ScalarMappable
+    radius_m: float
 
 
 def draw_clouds(
@@ -69,7 +72,7 @@ def draw_clouds(
     truth : PointCloud
         At least one scatterer; it stands faintly behind every estimate.
     region : Region
-        Whose speeds span the colours.
+        Its speeds span the colours.
     columns : sequence of str
         Labels of the estimators.
     rows : mapping of float to sequence of Image
@@ -81,25 +84,13 @@ def draw_clouds(
     -------
     Figure
     """
-    box = _box([truth, *(image.cloud for images in rows.values() for image in images)], region)
-    colours = velocity_colours(region)
-    figure = new_figure((1 + len(columns)) * PANEL_IN[0] + 1.4, len(rows) * PANEL_IN[1] + 1.1)
-    margins = edges(figure, left=0.35, right=1.05, bottom=0.45, top=0.6)
-    grid = figure.add_gridspec(len(rows), 1 + len(columns), wspace=0, hspace=0.03, **margins)
-    for row, (snr_db, images) in enumerate(rows.items()):
-        axes, view = perspective_axes(figure, grid[row, 0], box)
-        place = grid[row, 0].get_position(figure)
-        left, middle = 0.12 / figure.get_figwidth(), (place.y0 + place.y1) / 2
-        figure.text(left, middle, f"SNR {snr_db:g} dB", rotation=90, va="center", weight="bold")
-        _scatter_truth(axes, view, truth, colours)
-        for column, image in enumerate(images, start=1):
-            axes, view = perspective_axes(figure, grid[row, column], box)
-            _scatter_estimate(axes, view, truth, image, colours, radius_m)
-    for column, label in enumerate(["truth", *columns]):
-        _heading(figure, grid[0, column], label)
-    entitle(figure, title)
-    _velocity_bar(figure, colours)
-    _legend(figure, radius_m)
+    images = [image for row in rows.values() for image in (_image_of_truth(truth), *row)]
+    headings = ["truth", *columns, *[""] * (len(images) - len(columns) - 1)]
+    scene = _scene(truth, images, region, radius_m)
+    figure, panels = _perspectives(title, scene, headings, images, 1 + len(columns), PANEL_IN)
+    for snr_db, axes in zip(rows, panels[:: 1 + len(columns)], strict=True):
+        style: dict[str, Any] = {"rotation": 90, "va": "center", "weight": "bold"}
+        axes.text2D(0.0, 0.5, f"SNR {snr_db:g} dB", transform=axes.transAxes, **style)
     return figure
 
 
@@ -118,7 +109,7 @@ def draw_images(
     images : mapping of str to Image
         At least one, by its heading.
     region : Region
-        Whose speeds span the colours.
+        Its speeds span the colours.
     radius_m : float
         Distance from the truth in m beyond which a point is marked as false.
 
@@ -126,30 +117,12 @@ def draw_images(
     -------
     Figure
     """
-    box = _box([truth, *(image.cloud for image in images.values())], region)
-    colours = velocity_colours(region)
-    has_truth = len(truth) > 0
-    panels: list[tuple[str, Image | None]] = [("truth", None)] if has_truth else []
-    panels += images.items()
-    n_columns = min(len(panels), MAX_COLUMNS)
-    n_rows = -(-len(panels) // n_columns)
-    width_in, height_in = PANEL_IN if len(panels) > 1 else LONE_PANEL_IN
-    below_in = 0.45 if has_truth else 0.1
-    figure = new_figure(n_columns * width_in + 1.2, n_rows * (height_in + 0.3) + below_in + 0.4)
-    margins = edges(figure, left=0.15, right=1.05, bottom=below_in, top=0.6)
-    grid = figure.add_gridspec(n_rows, n_columns, wspace=0, hspace=0.3 / height_in, **margins)
-    for number, (heading, image) in enumerate(panels):
-        place = grid[divmod(number, n_columns)]
-        axes, view = perspective_axes(figure, place, box)
-        if image is None:
-            _scatter_truth(axes, view, truth, colours)
-        else:
-            _scatter_estimate(axes, view, truth, image, colours, radius_m)
-        _heading(figure, place, drawable(heading))
-    entitle(figure, title)
-    _velocity_bar(figure, colours)
-    if has_truth:
-        _legend(figure, radius_m)
+    headings, shown = [drawable(heading) for heading in images], list(images.values())
+    if len(truth):
+        headings, shown = ["truth", *headings], [_image_of_truth(truth), *shown]
+    scene = _scene(truth, shown, region, radius_m)
+    panel_in = PANEL_IN if len(shown) > 1 else LONE_PANEL_IN
+    figure, _ = _perspectives(title, scene, headings, shown, min(len(shown), MAX_COLUMNS), panel_in)
     return figure
 
 
@@ -164,10 +137,10 @@ def draw_comparison(
     truth : PointCloud
         True scatterers, at least one.
     heading : str
-        Of the image.
+        Name of the image.
     image : Image
     region : Region
-        Whose speeds span the colours.
+        Its speeds span the colours.
     radius_m : float
         Distance from the truth in m beyond which a point is marked as false.
 
@@ -175,143 +148,135 @@ def draw_comparison(
     -------
     Figure
     """
-    box, colours = _box([truth, image.cloud], region), velocity_colours(region)
-    figure = new_figure(11.0, 7.9)
-    upper = figure.add_gridspec(1, 2, wspace=0, **edges(figure, left=0.2, right=1.0, bottom=3.45, top=0.6))
-    axes, view = perspective_axes(figure, upper[0, 0], box)
-    _scatter_truth(axes, view, truth, colours)
-    _heading(figure, upper[0, 0], "truth")
-    axes, view = perspective_axes(figure, upper[0, 1], box)
-    _scatter_estimate(axes, view, truth, image, colours, radius_m)
-    _heading(figure, upper[0, 1], drawable(heading))
-    margins = edges(figure, left=0.7, right=0.85, bottom=0.85, top=4.65)
-    lower = figure.add_gridspec(
-        1, 3, wspace=0.2, width_ratios=[box.size_m[across] for across, _ in PLANES], **margins
-    )
-    for column, plane in enumerate(PLANES):
-        axes = figure.add_subplot(lower[0, column])
-        _draw_projection(axes, truth, image.cloud, box, plane, colours, radius_m)
-    entitle(figure, title)
-    _velocity_bar(figure, colours)
-    _legend(figure, radius_m)
+    scene = _scene(truth, [_image_of_truth(truth), image], region, radius_m)
+    figure = new_figure(11.0, 7.9, legend=_legend(scene), title=title)
+    places: list[Any] = [["truth"] * 3 + ["estimate"] * 3, ["xy"] * 2 + ["xz"] * 2 + ["yz"] * 2]
+    in_perspective: Any = {("truth", "estimate"): {"projection": "3d"}}
+    panels = figure.subplot_mosaic(places, per_subplot_kw=in_perspective, height_ratios=[1.6, 1])
+    _draw_perspective(panels["truth"], scene, "truth", _image_of_truth(truth))
+    _draw_perspective(panels["estimate"], scene, drawable(heading), image)
+    for plane in ("xy", "xz", "yz"):
+        _draw_projection(panels[plane], scene, image.cloud, plane)
+    velocity_bar(figure, scene.colours, [panels["estimate"]], BAR_LABEL)
     return figure
 
 
-def _box(clouds: Iterable[PointCloud], region: Region) -> Box:
-    """Smallest box of whole metres that holds all points, or the region where there are none."""
-    points = np.concatenate([cloud.xyz for cloud in clouds])
+def _image_of_truth(truth: PointCloud) -> Image:
+    return Image(truth, counted(len(truth), "scatterer"))
+
+
+def _scene(truth: PointCloud, images: Sequence[Image], region: Region, radius_m: float) -> _Scene:
+    """Choose a box of whole metres around all points, or around the region where there are none."""
+    points = np.concatenate([truth.xyz, *(image.cloud.xyz for image in images)])
     if not len(points):
         points = np.array([region.lower_m, region.upper_m])
     lower_m = np.floor(points.min(axis=0))
-    return Box(lower_m, np.maximum(np.ceil(points.max(axis=0)), lower_m + SMALLEST_BOX_M))
+    upper_m = np.ceil(points.max(axis=0))
+    shortest_m = max(SMALLEST_BOX_M, FLATTEST * float((upper_m - lower_m).max()))
+    upper_m = np.maximum(upper_m, np.ceil(lower_m + shortest_m))
+    return _Scene(truth, lower_m, upper_m, velocity_colours(max(map(abs, region.speed_mps))), radius_m)
 
 
-def _heading(figure: Figure, place: SubplotSpec, text: str) -> None:
-    """Write over a place for axes."""
-    box = place.get_position(figure)
-    figure.text((box.x0 + box.x1) / 2, box.y1, text, ha="center", va="bottom", weight="bold")
+def _perspectives(
+    title: str,
+    scene: _Scene,
+    headings: Sequence[str],
+    images: Sequence[Image],
+    n_columns: int,
+    panel_in: tuple[float, float],
+) -> tuple[Figure, list[Axes3D]]:
+    """Draw images in perspective, row by row, with one colour bar and, where there is truth, a legend."""
+    n_rows = -(-len(images) // n_columns)
+    legend = _legend(scene) if len(scene.truth) else ()
+    size_in = n_columns * panel_in[0] + 1.0, n_rows * panel_in[1] + 0.5
+    # Panels in perspective have their own margins; to measure their labels takes longer than to draw them.
+    figure = new_figure(*size_in, legend=legend, title=title, layout=None)
+    height_in = figure.get_figheight()
+    bottom_in = height_in - size_in[1]
+    figure.subplots_adjust(0.01, bottom_in / height_in, 1.0, 1 - 0.4 / height_in, wspace=0, hspace=0)
+    panels: list[Axes3D] = []
+    for number, (heading, image) in enumerate(zip(headings, images, strict=True), start=1):
+        axes = figure.add_subplot(n_rows, n_columns, number, projection="3d")
+        _draw_perspective(axes, scene, heading, image)
+        panels.append(axes)
+    velocity_bar(figure, scene.colours, panels, BAR_LABEL)
+    return figure, panels
 
 
-def _scatter_truth(axes: Axes, view: View, truth: PointCloud, colours: ScalarMappable) -> None:
-    """Draw the true scatterers in perspective."""
-    _scatter(axes, view, truth, colours, marker="o", size=6)
-    _note(axes, counted(len(truth), "scatterer"))
+def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image) -> None:
+    """Draw an image in perspective, the truth faintly behind it, false points marked."""
+    _draw_box(axes, scene)
+    centred: dict[str, Any] = {"transform": axes.transAxes, "ha": "center", "va": "top"}
+    axes.text2D(0.5, 1.0, heading, weight="bold", **centred)
+    axes.text2D(0.5, 0.94, image.note, size=8, color="0.25", **centred)
+    style: dict[str, Any] = {"depthshade": False, "clip_on": False}
+    axes.scatter(*scene.truth.xyz.T, color=CONTEXT, s=2, linewidths=0, **style)
+    for points, marks in _marked(scene, image.cloud):
+        axes.scatter(*points.xyz.T, c=scene.colours.to_rgba(points.velocity), **marks, **style)
 
 
-def _scatter_estimate(
-    axes: Axes, view: View, truth: PointCloud, image: Image, colours: ScalarMappable, radius_m: float
-) -> None:
-    """Draw an estimate in perspective, the truth faintly behind it, false points marked."""
-    scatter(axes, view, truth.xyz, CONTEXT, s=2, linewidths=0)
-    false = _is_false(truth, image.cloud, radius_m)
-    _scatter(axes, view, image.cloud.select(~false), colours, marker="o", size=10)
-    _scatter(axes, view, image.cloud.select(false), colours, marker="x", size=20)
-    _note(axes, image.note)
+def _draw_box(axes: Axes3D, scene: _Scene) -> None:
+    """Set up axes with one scale in all directions, a grid and a grey floor."""
+    axes.computed_zorder = False
+    axes.set_facecolor("none")
+    axes.view_init(ELEVATION_DEG, AZIMUTH_DEG)
+    axes.set_box_aspect(scene.upper_m - scene.lower_m, zoom=ZOOM)
+    x_m, y_m, z_m = zip(scene.lower_m, scene.upper_m, strict=True)
+    axes.set(xlim=x_m, ylim=y_m, zlim=z_m)
+    for name, axis in zip(AXES, (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
+        axis.set_major_locator(MultipleLocator(_tick_step_m(scene, TICKS)))
+        axis.set_pane_color("0.95", alpha=1.0 if name == "z" else 0.0)
+        axis.set_label_text(f"{name} [m]")
+        axis.set_tick_params(pad=1 if name == "z" else -2, labelsize=7)
+        axis.labelpad = -7 if name == "z" else -4
 
 
-def _scatter(
-    axes: Axes, view: View, cloud: PointCloud, colours: ScalarMappable, marker: str, size: float
-) -> None:
-    """Draw points in perspective, coloured by velocity."""
-    width = 1.2 if marker == "x" else 0
-    colour = colours.to_rgba(cloud.velocity)
-    scatter(axes, view, cloud.xyz, colour, marker=marker, s=size, linewidths=width)
+def _tick_step_m(scene: _Scene, n_ticks: int) -> float:
+    """Distance of about so many ticks along the longest edge: 1, 2 or 5 times a power of ten."""
+    longest_m = float((scene.upper_m - scene.lower_m).max())
+    ticks_m = MaxNLocator(n_ticks, steps=[1, 2, 5, 10]).tick_values(0.0, longest_m)
+    return float(ticks_m[1] - ticks_m[0])
 
 
-def _is_false(truth: PointCloud, cloud: PointCloud, radius_m: float) -> NDArray[np.bool_]:
-    """Mask of the points that no true scatterer is near; without truth no point is false."""
-    if not len(truth):
-        return np.zeros(len(cloud), dtype=np.bool_)
-    false: NDArray[np.bool_] = CloudPair(truth, cloud).estimate_to_truth_m > radius_m
-    return false
+def _marked(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str, Any]]]:
+    """Split a cloud into right and false points, each with its mark; without truth no point is false."""
+    is_false = np.zeros(len(cloud), dtype=np.bool_)
+    if len(scene.truth):
+        is_false = CloudPair(scene.truth, cloud).estimate_to_truth_m > scene.radius_m
+    return [
+        (cloud.select(~is_false), {"marker": "o", "s": 10, "linewidths": 0}),
+        (cloud.select(is_false), {"marker": "x", "s": 20, "linewidths": 1.2}),
+    ]
 
 
-def _note(axes: Axes, note: str) -> None:
-    """Write at the upper edge of a panel, whose units are inches."""
-    x, y = np.mean(axes.get_xlim()), axes.get_ylim()[1] - NOTE_IN
-    axes.text(float(x), y, note, ha="center", va="top", size=8, color="0.25")
-
-
-def _draw_projection(
-    axes: Axes,
-    truth: PointCloud,
-    cloud: PointCloud,
-    box: Box,
-    plane: tuple[int, int],
-    colours: ScalarMappable,
-    radius_m: float,
-) -> None:
+def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -> None:
     """Draw truth and estimate over each other, projected on a plane."""
-    across, up = plane
+    across, up = AXES.index(plane[0]), AXES.index(plane[1])
+    true_m = scene.truth.xyz
     axes.scatter(
-        truth.xyz[:, across], truth.xyz[:, up], s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8
+        true_m[:, across], true_m[:, up], s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8
     )
-    false = _is_false(truth, cloud, radius_m)
-    for keep, marker, width in ((~false, "o", 0.0), (false, "x", 1.2)):
-        points = cloud.select(keep)
-        axes.scatter(
-            points.xyz[:, across],
-            points.xyz[:, up],
-            c=colours.to_rgba(points.velocity),
-            s=12 if marker == "o" else 24,
-            marker=marker,
-            linewidths=width,
-        )
-    margin_m = 0.02 * float(box.size_m.max())
-    axes.set_xlim(box.lower_m[across] - margin_m, box.upper_m[across] + margin_m)
-    axes.set_ylim(box.lower_m[up] - margin_m, box.upper_m[up] + margin_m)
+    for points, marks in _marked(scene, cloud):
+        colours = scene.colours.to_rgba(points.velocity)
+        axes.scatter(points.xyz[:, across], points.xyz[:, up], c=colours, **marks)
+    margin_m = 0.02 * float((scene.upper_m - scene.lower_m).max())
+    lower_m, upper_m = scene.lower_m - margin_m, scene.upper_m + margin_m
+    axes.set(xlim=(lower_m[across], upper_m[across]), ylim=(lower_m[up], upper_m[up]))
+    axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]")
     axes.set_aspect("equal", anchor="S")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MultipleLocator(tick_step(box, TICKS_IN_PROJECTION)))
-    axes.set_xlabel(f"{AXES[across]} [m]")
-    axes.set_ylabel(f"{AXES[up]} [m]", labelpad=1)
+        axis.set_major_locator(MultipleLocator(_tick_step_m(scene, TICKS_IN_PROJECTION)))
     axes.grid(True)
 
 
-def _velocity_bar(figure: Figure, colours: ScalarMappable) -> None:
-    """Put the one colour bar of all panels at the right edge of a figure."""
-    width, height = figure.get_size_inches()
-    axes = figure.add_axes((1 - 0.72 / width, 0.5 - 1.2 / height, 0.13 / width, 2.4 / height))
-    velocity_bar(figure, colours, axes, "radial velocity [m/s], approaching > 0")
-
-
-def _legend(figure: Figure, radius_m: float) -> None:
-    """Explain the marks at the bottom of a figure."""
-    style: dict[str, Any] = {"linestyle": "", "color": "0.2"}
-    figure.legend(
-        handles=[
-            Line2D([], [], marker="o", linestyle="", color=CONTEXT, markersize=3, label="truth"),
-            Line2D([], [], marker="o", markersize=4, label="estimate", **style),
-            Line2D(
-                [],
-                [],
-                marker="x",
-                markersize=5,
-                label=f"false point: farther than {radius_m:g} m from the truth",
-                **style,
-            ),
-        ],
-        loc="lower center",
-        ncols=3,
-        frameon=False,
-    )
+def _legend(scene: _Scene) -> list[Line2D]:
+    """Make the entries that explain the marks."""
+    false = f"false point: farther than {scene.radius_m:g} m from the truth"
+    return [
+        Line2D([], [], marker=marker, linestyle="", color=colour, markersize=size, label=label)
+        for marker, colour, size, label in (
+            ("o", CONTEXT, 3, "truth"),
+            ("o", "0.2", 4, "estimate"),
+            ("x", "0.2", 5, false),
+        )
+    ]

@@ -130,6 +130,7 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
     legend = [*_modulation_lines(modulations), *_sensing_lines(sensed, prs_look), SNR_ENTRY]
     figure, panels = panel_grid(len(estimators), legend, title, panel_in=PANEL_IN)
     snrs_db = [snr for snr in TRADE_SNRS_DB if snr in set(sensed["snr_db"]) & set(received["snr_db"])]
+    labels_of_panels = []
     for axes, variant in zip(panels, estimators, strict=True):
         part, labelled = _of(sensed, variant), []
         for signal in signals_of_part(part):
@@ -149,6 +150,9 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
         # Deviations far above 0 leave the automatic margin too narrow for a marker.
         axes.set_ylim(0, 1.06 * axes.get_ylim()[1])
         axes.grid(True)
+        labels_of_panels.append((axes, labelled))
+    figure.draw_without_rendering()  # labels take their places from the layout
+    for axes, labelled in labels_of_panels:
         _write_snrs(axes, labelled)
     return figure
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.report.drawing.style import THRESHOLD, edges, entitle, new_figure
+from isacbench.report.drawing.style import THRESHOLD, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 POWER = "power over noise [dB]"
 
 LOWEST_RATIO = 0.01
-"""Power over noise below which nothing is told apart: one look at noise can be arbitrarily weak."""
+"""Lowest drawn ratio of power to noise: one look at noise can be arbitrarily weak."""
 
 
 def draw_map(title: str, diagnosis: Diagnosis, system: System, noise_power: float) -> Figure:
@@ -44,9 +44,8 @@ def draw_map(title: str, diagnosis: Diagnosis, system: System, noise_power: floa
     threshold_db = _decibels(diagnosis.detection.threshold / noise_power)
     range_m = diagnosis.range_bins * system.range_bin_m
     velocity_mps = diagnosis.doppler_bins * system.velocity_bin_mps
-    figure = new_figure(12.0, 4.3)
-    margins = edges(figure, left=0.6, right=0.15, bottom=0.5, top=0.75)
-    grid = figure.add_gridspec(1, 5, width_ratios=(1, 1, 1, 0.5, 1.9), wspace=0.12, **margins)
+    figure = new_figure(12.0, 4.3, title=title)
+    *panels, cut = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.9))
     limits = float(min(power_db.min(), threshold_db.min())), float(power_db.max())
     extent = (*outer(velocity_mps), *outer(range_m))
     maps = {
@@ -54,38 +53,41 @@ def draw_map(title: str, diagnosis: Diagnosis, system: System, noise_power: floa
         "threshold": threshold_db,
         "power where detected": np.where(diagnosis.detection.mask, power_db, np.nan),
     }
-    panels = [figure.add_subplot(grid[0, index]) for index in range(len(maps))]
     for axes, (name, values) in zip(panels, maps.items(), strict=True):
         image = axes.imshow(
             values, origin="lower", aspect="auto", interpolation="nearest", extent=extent, clim=limits
         )
         axes.set_facecolor("0.93")
-        axes.set_title(name)
-        axes.set_xlabel("radial velocity [m/s]")
+        axes.set(title=name, xlabel="radial velocity [m/s]")
         axes.label_outer()
     panels[0].set_ylabel("range [m]")
-    left, _, width, height = panels[-1].get_position().bounds
-    bar = figure.add_axes((left + width + 0.008, panels[-1].get_position().y0, 0.01, height))
-    figure.colorbar(image, cax=bar, label=POWER)
-    strongest = int(np.unravel_index(np.argmax(power_db), power_db.shape)[0])
-    cut = figure.add_subplot(grid[0, 4])
-    _draw_cut(
-        cut, velocity_mps, power_db[strongest], threshold_db[strongest], diagnosis.detection.mask[strongest]
-    )
-    cut.set_title(f"cut at the strongest range, {range_m[strongest]:.1f} m")
-    panels[0].axhline(range_m[strongest], color="w", linewidth=0.8, linestyle=":")
-    entitle(figure, title)
+    figure.colorbar(image, ax=panels, label=POWER, aspect=30)
+    row = int(np.unravel_index(np.argmax(power_db), power_db.shape)[0])
+    _draw_cut(cut, velocity_mps, power_db[row], threshold_db[row], diagnosis.detection.mask[row])
+    cut.set_title(f"cut at the strongest range, {range_m[row]:.1f} m")
+    panels[0].axhline(range_m[row], color="w", linewidth=0.8, linestyle=":")
     return figure
 
 
 def _decibels(ratio: Floats) -> Floats:
-    """Power ratios in dB."""
+    """Convert power ratios to dB."""
     decibels: Floats = 10 * np.log10(np.maximum(ratio, LOWEST_RATIO))
     return decibels
 
 
 def outer(centres: Floats) -> tuple[float, float]:
-    """Outer borders of evenly spaced cells."""
+    """Compute the outer borders of evenly spaced cells.
+
+    Parameters
+    ----------
+    centres : ndarray of float, shape (n,)
+        In ascending order.
+
+    Returns
+    -------
+    first, last : float
+        In the unit of the centres.
+    """
     half = (centres[-1] - centres[0]) / max(2 * (centres.size - 1), 1) or 0.5
     return float(centres[0] - half), float(centres[-1] + half)
 
@@ -101,7 +103,6 @@ def _draw_cut(
     axes.plot(velocity_mps, power_db, color="0.35", marker="o", markersize=3, label="power")
     axes.plot(velocity_mps[mask], power_db[mask], "o", color="#0072B2", markersize=5.5, label="detected")
     axes.plot(velocity_mps, threshold_db, color=THRESHOLD, linestyle="--", label="threshold")
-    axes.set_xlabel("radial velocity [m/s]")
-    axes.set_ylabel(POWER)
+    axes.set(xlabel="radial velocity [m/s]", ylabel=POWER)
     axes.grid(True)
     axes.legend(loc="upper right")

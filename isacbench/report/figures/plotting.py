@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.errors import InputError
+from isacbench.errors import InputError, require
 from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted
 from isacbench.metrics.cloud_scores import RADIUS_M
@@ -47,9 +47,9 @@ def plot_clouds(
     estimate : PointCloud or mapping of str to PointCloud
         One cloud, or several by the titles of their panels.
     region : Region or None
-        Where scatterers can be, such as ``scenario.region``: its speeds span the
-        colours, and its box is drawn where no cloud has a point. None takes
-        what the clouds span.
+        Region of the scatterers, such as ``scenario.region``: its speeds span
+        the colours, and its box is drawn if no cloud has a point. None takes
+        the span of the clouds.
     radius_m : float
         Points farther than this from every true scatterer, in m, are drawn as
         crosses; a scenario has its own, ``scenario.radius_m``.
@@ -79,15 +79,14 @@ def plot_clouds(
     >>> truth = PointCloud(xyz=[[0, 0, 0], [9, 5, 2]], velocity=[0, 8], power=[1, 1])
     >>> estimate = PointCloud(xyz=[[0, 0.2, 0], [6, 5, 2]], velocity=[0, 8], power=[1, 1])
     >>> figure = plot_clouds(truth, estimate, title="one point right, one false")
-    >>> [text.get_text() for text in figure.texts[:3]]
-    ['truth', 'estimate', 'one point right, one false']
+    >>> figure.get_suptitle()
+    'one point right, one false'
     >>> both = plot_clouds(truth, {"first": estimate, "second": truth})
     >>> alone = plot_clouds(None, estimate)
     """
     truth = PointCloud.empty() if truth is None else _cloud("truth", truth)
     clouds = _named(estimate)
-    if not (math.isfinite(radius_m) and radius_m > 0):
-        raise InputError(f"radius_m = {radius_m!r}: allowed is a positive, finite number of m")
+    require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive, finite number of m")
     path = None if out is None else Path(out)
     if path is not None:
         require_picture(path)
@@ -99,7 +98,7 @@ def plot_clouds(
             figure = draw_comparison(drawable(title), truth, heading, image, region, radius_m)
         else:
             figure = draw_images(drawable(title), truth, images, region, radius_m)
-        # Ticks are made when they are first laid out, in the style of that moment.
+        # Matplotlib makes ticks at their first layout, in the style of that moment.
         figure.draw_without_rendering()
         if path is not None:
             save(figure, path)
@@ -107,7 +106,7 @@ def plot_clouds(
 
 
 def _named(estimate: PointCloud | Mapping[str, PointCloud]) -> dict[str, PointCloud]:
-    """Clouds by the titles of their panels."""
+    """Key clouds by the titles of their panels."""
     if not isinstance(estimate, Mapping):
         return {"estimate": _cloud("estimate", estimate)}
     if not estimate:
@@ -116,7 +115,7 @@ def _named(estimate: PointCloud | Mapping[str, PointCloud]) -> dict[str, PointCl
 
 
 def _cloud(name: str, value: object) -> PointCloud:
-    """Refuse what is no cloud."""
+    """Refuse values that are no cloud."""
     if not isinstance(value, PointCloud):
         raise InputError(
             f"{name}: allowed is a PointCloud, not {type(value).__name__}; "
@@ -126,7 +125,7 @@ def _cloud(name: str, value: object) -> PointCloud:
 
 
 def _span(clouds: Sequence[PointCloud]) -> Region:
-    """Smallest region of all points and speeds; of no points an empty one."""
+    """Compute the smallest region of all points and speeds; an empty one of no points."""
     points = np.concatenate([cloud.to_array()[:, :4] for cloud in clouds])
     lower, upper = (points.min(axis=0), points.max(axis=0)) if len(points) else np.zeros((2, 4))
     return Region(*zip(lower.tolist(), upper.tolist(), strict=True))

@@ -29,7 +29,6 @@ from isacbench.report.drawing.style import (
     assign_looks,
     drawable,
     file_stems,
-    older_objects_uncollected,
     save,
     styled,
 )
@@ -145,7 +144,7 @@ def _drawn(folder: Path, results: Results, figures: Iterator[Named]) -> list[Pat
         return []
     target = folder / FOLDER
     make_own_folder(target)
-    with styled(), older_objects_uncollected():
+    with styled():
         return [save(figure, target / f"{stem}.png") for stem, figure in figures]
 
 

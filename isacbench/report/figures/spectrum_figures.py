@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from isacbench.files.escaping import counted
-from isacbench.report.drawing.style import THRESHOLD, TRUE, edges, entitle, legend_below, new_figure
+from isacbench.report.drawing.style import THRESHOLD, TRUE, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from isacbench.plugins.contracts import Diagnosis, Spectrum
 
 LEVEL, PEAK = "0.25", "#0072B2"
+LEGEND = (
+    Line2D([], [], color=LEVEL, label="spectrum"),
+    Line2D([], [], color=THRESHOLD, linestyle="--", label="threshold"),
+    Line2D([], [], color=PEAK, marker="v", linestyle="", markersize=6, label="peak taken for an echo"),
+    Line2D([], [], color=TRUE, marker="|", linestyle="", markersize=10, label="true scatterer of the cell"),
+)
 HALF_BIN = 0.5
 
 
@@ -28,11 +34,11 @@ def draw_spectra(title: str, diagnosis: Diagnosis, scenario: Scenario) -> Figure
     Parameters
     ----------
     title : str
-        The cell is added to it.
+        Title, which the cell is added to.
     diagnosis : Diagnosis
         With a cell and at least one spectrum.
     scenario : Scenario
-        Whose scatterers are marked.
+        Its scatterers are marked.
 
     Returns
     -------
@@ -44,41 +50,19 @@ def draw_spectra(title: str, diagnosis: Diagnosis, scenario: Scenario) -> Figure
     true = _true_cosines(scenario, range_bin, doppler_bin)
     range_m = range_bin * scenario.system.range_bin_m
     velocity_mps = doppler_bin * scenario.system.velocity_bin_mps
-    figure = new_figure(5.2 * len(diagnosis.spectra), 3.9)
-    margins = edges(figure, left=0.6, right=0.15, bottom=0.8, top=0.65)
-    panels = figure.subplots(
-        1, len(diagnosis.spectra), squeeze=False, gridspec_kw={**margins, "wspace": 0.18}
-    )
-    for axes, spectrum in zip(panels.flat, diagnosis.spectra, strict=True):
-        _draw_spectrum(axes, spectrum, true[spectrum.label])
-    legend_below(
-        figure,
-        [
-            Line2D([], [], color=LEVEL, label="spectrum"),
-            Line2D([], [], color=THRESHOLD, linestyle="--", label="threshold"),
-            Line2D(
-                [], [], color=PEAK, marker="v", linestyle="", markersize=6, label="peak taken for an echo"
-            ),
-            Line2D(
-                [],
-                [],
-                color=TRUE,
-                marker="|",
-                linestyle="",
-                markersize=10,
-                label="true scatterer of the cell",
-            ),
-        ],
-    )
     cell = f"strongest cell: {range_m:.1f} m, {velocity_mps:.1f} m/s, {counted(true['u'].size, 'scatterer')}"
     if diagnosis.separated is False:
         cell += ", signal and noise subspaces not separated"
-    entitle(figure, f"{title}; {cell}")
+    n_spectra = len(diagnosis.spectra)
+    figure = new_figure(5.2 * n_spectra, 3.4, legend=LEGEND, title=f"{title}; {cell}")
+    panels = figure.subplots(1, n_spectra, squeeze=False).flat
+    for axes, spectrum in zip(panels, diagnosis.spectra, strict=True):
+        _draw_spectrum(axes, spectrum, true[spectrum.label])
     return figure
 
 
 def _true_cosines(scenario: Scenario, range_bin: int, doppler_bin: int) -> dict[str, NDArray[np.float64]]:
-    """Direction cosines of the scatterers within half a bin of a cell, by their name."""
+    """Compute the direction cosines of the scatterers within half a bin of a cell, by name."""
     offset_m = scenario.scatterers.xyz - scenario.base_station_m
     range_bins = np.linalg.norm(offset_m, axis=1) / scenario.system.range_bin_m
     doppler_bins = scenario.scatterers.velocity / scenario.system.velocity_bin_mps
@@ -99,6 +83,5 @@ def _draw_spectrum(axes: Axes, spectrum: Spectrum, true: NDArray[np.float64]) ->
         true, np.full(true.size, 0.03), "|", color=TRUE, markersize=12, transform=axes.get_xaxis_transform()
     )
     axes.margins(x=0, y=0.12)
-    axes.set_xlabel(f"direction cosine {spectrum.label}")
-    axes.set_ylabel("spectrum level [dB]")
+    axes.set(xlabel=f"direction cosine {spectrum.label}", ylabel="spectrum level [dB]")
     axes.grid(True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import ListedColormap
@@ -20,10 +20,6 @@ from isacbench.report.drawing.style import (
     COLOURS,
     LINES,
     drawable,
-    edges,
-    entitle,
-    legend_below,
-    legend_height_in,
     new_figure,
     save,
     styled,
@@ -42,6 +38,7 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
 
     Floats = NDArray[np.float64]
+    Waveform = NDArray[np.complex128]
 
 OVERSAMPLING = 4
 WIDE_POINTS, NARROW_POINTS = 401, 641
@@ -51,14 +48,6 @@ EDGE_SPACINGS = 10
 WIDE_PANEL_IN = 4.6, 3.0
 SHOWN_SUBCARRIERS = 16
 PRS_COLOUR, DATA_COLOUR = COLOURS[1], "0.9"
-
-
-class _Suffix(NamedTuple):
-    """A system with or without its suffix, and how it is drawn."""
-
-    label: str
-    system: System
-    colour: str
 
 
 def draw_waveform(
@@ -75,10 +64,10 @@ def draw_waveform(
     folder : Path
         Figures of the same names in it are replaced.
     name : str
-        Of the scenario.
+        Name of the scenario.
     system : System
     grid : ResourceGrid
-        What the waveform carries.
+        Content of the waveform.
     papr_db : mapping of str to ndarray
         Peak-to-average power ratios of drawn symbols, by modulation.
 
@@ -116,38 +105,35 @@ def draw_spectrum(name: str, system: System, grid: ResourceGrid) -> Figure:
     -------
     Figure
         The whole spectrum, averaged over a subcarrier spacing, and its upper
-        edge. Four times the critical rate folds what lies beyond it: far from
-        the band more is measured of what has no suffix than the closed form has.
+        edge. Sampling at four times the critical rate folds power from beyond:
+        without suffix, the measured curve exceeds the closed form far from the band.
     """
-    shapes = [_Suffix("without suffix", without_suffix(system), COLOURS[1])]
+    shapes = {"without suffix": (without_suffix(system), COLOURS[1])}
     if system.cyclic_suffix_ratio:
-        shapes.append(_Suffix("with suffix", system, COLOURS[0]))
+        shapes["with suffix"] = system, COLOURS[0]
     legend = []
-    for label, _, colour in shapes:
+    for label, (_, colour) in shapes.items():
         legend.append(Line2D([], [], color=colour, alpha=0.45, label=f"{label}, measured of one frame"))
         legend.append(Line2D([], [], color=colour, linestyle="--", label=f"{label}, closed form"))
     title = f"{name}: power density over its mean inside the band"
     figure, (whole, edge) = panel_grid(2, legend, title, panel_in=WIDE_PANEL_IN)
     lowest_db = []
-    for shape in shapes:
-        waveform = modulate(grid.symbols, shape.system, OVERSAMPLING)
-        lowest_db.append(_draw_whole(whole, shape, waveform))
-        _draw_edge(edge, shape, waveform)
-    whole.set_title("averaged over a subcarrier spacing")
-    whole.set_xlabel("frequency from subcarrier 0 [MHz]")
-    edge.set_title("upper edge of the band")
-    edge.set_xlabel("subcarrier spacings beyond the edge")
+    for shaped, colour in shapes.values():
+        waveform = modulate(grid.symbols, shaped, OVERSAMPLING)
+        lowest_db.append(_draw_whole(whole, shaped, colour, waveform))
+        _draw_edge(edge, shaped, colour, waveform)
     for axes in (whole, edge):
-        axes.set_ylabel("power density [dB]", labelpad=0)
+        axes.set_ylabel("power density [dB]")
         axes.grid(True)
         axes.margins(x=0)
+    whole.set(title="averaged over a subcarrier spacing", xlabel="frequency from subcarrier 0 [MHz]")
     whole.set_ylim(min(lowest_db) - 5, 8)
-    edge.set_ylim(-35, 5)
+    edge.set(title="upper edge of the band", xlabel="subcarrier spacings beyond the edge", ylim=(-35, 5))
     return figure
 
 
 def draw_papr(name: str, system: System, papr_db: Mapping[Modulation, Floats]) -> Figure:
-    """Draw which share of the symbols has higher peaks, of every modulation and in theory.
+    """Draw the share of the symbols with higher peaks, of every modulation and in theory.
 
     Parameters
     ----------
@@ -179,17 +165,14 @@ def draw_papr(name: str, system: System, papr_db: Mapping[Modulation, Floats]) -
     for oversampled, linestyle in ((True, "--"), (False, ":")):
         ccdf = papr_ccdf(level_db, system.n_subcarriers, oversampled=oversampled)
         axes.plot(level_db, ccdf, color=BOUND_COLOUR, linestyle=linestyle)
-    axes.set_yscale("log")
-    axes.set_ylim(0.5 / n_symbols, 1.3)
-    axes.set_xlim(lowest, highest)
-    axes.set_xlabel("peak-to-average power ratio [dB]")
-    axes.set_ylabel("share of symbols with higher peaks")
+    axes.set(yscale="log", xlim=(lowest, highest), ylim=(0.5 / n_symbols, 1.3))
+    axes.set(xlabel="peak-to-average power ratio [dB]", ylabel="share of symbols with higher peaks")
     axes.grid(True)
     return figure
 
 
 def draw_resource_grid(name: str, grid: ResourceGrid) -> Figure:
-    """Draw where the PRS lies: on which symbols of the frame, and on which elements of its first slot.
+    """Draw the places of the PRS: symbols of the frame, and elements of its first slot.
 
     Parameters
     ----------
@@ -200,71 +183,63 @@ def draw_resource_grid(name: str, grid: ResourceGrid) -> Figure:
     -------
     Figure
     """
-    share = grid.is_prs.mean()
     legend = [
         Patch(color=PRS_COLOUR, label="PRS"),
         Patch(color=DATA_COLOUR, label=f"data, {grid.modulation}"),
     ]
-    width_in, below_in = 10.0, legend_height_in(10.0, ["PRS", "data"])
-    figure = new_figure(width_in, 3.6 + below_in)
-    margins = edges(figure, left=0.65, right=0.15, bottom=below_in + 0.5, top=0.7)
-    frame, slot = figure.subplots(1, 2, gridspec_kw={**margins, "wspace": 0.15, "width_ratios": [1.6, 1]})
+    title = f"{name}: resource grid, {100 * grid.is_prs.mean():.1f} % of its elements carry the PRS"
+    figure = new_figure(10.0, 3.6, legend=legend, title=title)
+    frame, slot = figure.subplots(1, 2, width_ratios=[1.6, 1])
     first = grid.is_prs[:SHOWN_SUBCARRIERS, :SLOT_SYMBOLS]
     _draw_elements(frame, np.any(grid.is_prs, axis=0, keepdims=True), grid.is_prs.shape)
     frame.set_title("frame: symbols with PRS")
     _draw_elements(slot, first, first.shape)
     slot.set_title("lowest subcarriers of the first slot")
-    for edge in np.arange(1, first.shape[1]):
-        slot.axvline(edge - 0.5, color="white", linewidth=0.8)
-    for edge in np.arange(1, first.shape[0]):
-        slot.axhline(edge - 0.5, color="white", linewidth=0.8)
-    entitle(figure, f"{name}: resource grid, {100 * share:.1f} % of its elements carry the PRS")
-    legend_below(figure, legend)
+    slot.set_xticks(np.arange(1, first.shape[1]) - 0.5, minor=True)
+    slot.set_yticks(np.arange(1, first.shape[0]) - 0.5, minor=True)
+    slot.grid(which="minor", color="white", linewidth=0.8)
+    slot.tick_params(which="minor", length=0)
+    slot.set_axisbelow(False)
     return figure
 
 
-def _draw_whole(axes: Axes, shape: _Suffix, waveform: NDArray[np.complex128]) -> float:
+def _draw_whole(axes: Axes, system: System, colour: str, waveform: Waveform) -> float:
     """Draw the spectrum over three times its band; return the lowest level of theory."""
-    system = shape.system
     spacing_hz, bandwidth_hz = system.subcarrier_spacing_hz, system.bandwidth_hz
-    frequency_hz, measured_db = _measured_db(waveform, system, spacing_hz)
+    frequency_hz, density = measured_density(waveform, system, OVERSAMPLING, spacing_hz)
     shown = (frequency_hz > -bandwidth_hz) & (frequency_hz < 2 * bandwidth_hz)
-    axes.plot(frequency_hz[shown] / 1e6, measured_db[shown], color=shape.colour, alpha=0.45, linewidth=0.8)
+    measured_db = _relative_db(density[shown], system)
+    axes.plot(frequency_hz[shown] / 1e6, measured_db, color=colour, alpha=0.45, linewidth=0.8)
     # Denser where the density falls: at both edges of the band.
     distance_hz = bandwidth_hz * np.linspace(-1, 1, WIDE_POINTS) ** 3
-    edges_hz = (system.n_subcarriers - 0.5) * spacing_hz, -0.5 * spacing_hz
     offset_hz = distance_hz[distance_hz > -bandwidth_hz / 2]
     theory_db = out_of_band_db(system, offset_hz)
-    upper_hz, lower_hz = edges_hz[0] + offset_hz, edges_hz[1] - offset_hz
-    frequency_hz = np.concatenate([lower_hz[::-1], upper_hz])
+    upper_hz = _upper_edge_hz(system) + offset_hz
+    lower_hz = -0.5 * spacing_hz - offset_hz
+    both_hz = np.concatenate([lower_hz[::-1], upper_hz])
     both_db = np.concatenate([theory_db[::-1], theory_db])
-    axes.plot(frequency_hz / 1e6, both_db, color=shape.colour, linestyle="--", linewidth=1.0)
+    axes.plot(both_hz / 1e6, both_db, color=colour, linestyle="--", linewidth=1.0)
     return float(theory_db.min())
 
 
-def _draw_edge(axes: Axes, shape: _Suffix, waveform: NDArray[np.complex128]) -> None:
+def _draw_edge(axes: Axes, system: System, colour: str, waveform: Waveform) -> None:
     """Draw the upper edge of the band finely."""
-    system = shape.system
-    spacing_hz = system.subcarrier_spacing_hz
-    edge_hz = (system.n_subcarriers - 0.5) * spacing_hz
-    frequency_hz, measured_db = _measured_db(waveform, system, spacing_hz / 8)
+    spacing_hz, edge_hz = system.subcarrier_spacing_hz, _upper_edge_hz(system)
+    frequency_hz, density = measured_density(waveform, system, OVERSAMPLING, spacing_hz / 8)
     place = (frequency_hz - edge_hz) / spacing_hz
     shown = np.abs(place) <= EDGE_SPACINGS
-    axes.plot(place[shown], measured_db[shown], color=shape.colour, alpha=0.45, linewidth=0.8)
+    axes.plot(place[shown], _relative_db(density[shown], system), color=colour, alpha=0.45, linewidth=0.8)
     place = np.linspace(-EDGE_SPACINGS, EDGE_SPACINGS, NARROW_POINTS)
-    theory = power_density(system, edge_hz + place * spacing_hz)
-    axes.plot(place, _relative_db(theory, system), color=shape.colour, linestyle="--", linewidth=1.0)
+    theory_db = _relative_db(power_density(system, edge_hz + place * spacing_hz), system)
+    axes.plot(place, theory_db, color=colour, linestyle="--", linewidth=1.0)
 
 
-def _measured_db(
-    waveform: NDArray[np.complex128], system: System, resolution_hz: float
-) -> tuple[Floats, Floats]:
-    frequency_hz, density = measured_density(waveform, system, OVERSAMPLING, resolution_hz)
-    return frequency_hz, _relative_db(density, system)
+def _upper_edge_hz(system: System) -> float:
+    return (system.n_subcarriers - 0.5) * system.subcarrier_spacing_hz
 
 
 def _relative_db(density: Floats, system: System) -> Floats:
-    """Density in dB over its mean inside the band."""
+    """Convert a density to dB over its mean inside the band."""
     with np.errstate(divide="ignore"):
         level_db: Floats = 10 * np.log10(density * system.bandwidth_hz / mean_power(system))
     return level_db
@@ -283,5 +258,4 @@ def _draw_elements(axes: Axes, is_prs: NDArray[np.bool_], shape: tuple[int, ...]
         interpolation="nearest",
         extent=(-0.5, n_symbols - 0.5, -0.5, n_subcarriers - 0.5),
     )
-    axes.set_xlabel("symbol")
-    axes.set_ylabel("subcarrier")
+    axes.set(xlabel="symbol", ylabel="subcarrier")

@@ -1,9 +1,11 @@
-"""The plan of an image, for the terminal and as JSON."""
+"""Plan of an image, for the terminal and as JSON."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
+
+from matplotlib.ticker import EngFormatter
 
 from isacbench.report.tables.run_tables import Grid
 
@@ -19,7 +21,18 @@ TRANSFORMS = {"partial": "products with rows of the DFT matrix", "fft": "FFT"}
 
 
 def plan_lines(plan: ImagePlan, system: System) -> list[str]:
-    """Say which part of the frame and of the map an estimator needs, a line each."""
+    """List the parts of the frame and of the map that an estimator needs.
+
+    Parameters
+    ----------
+    plan : ImagePlan
+    system : System
+
+    Returns
+    -------
+    list of str
+        Lines of text.
+    """
     gate, needs = plan.gate, plan.needs
     near, far = (int(bin_) for bin_ in gate.range_bins[[0, -1]])
     slow, fast = (int(bin_) for bin_ in gate.doppler_bins[[0, -1]])
@@ -37,11 +50,20 @@ def plan_lines(plan: ImagePlan, system: System) -> list[str]:
 
 
 def plan_grids(plan: ImagePlan) -> list[Grid]:
-    """Tabulate the steps of a recorded frame and of a simulated one: what is computed, and its share."""
+    """Tabulate the steps for a recorded and a simulated frame: amounts of work, and shares of the full chain.
+
+    Parameters
+    ----------
+    plan : ImagePlan
+
+    Returns
+    -------
+    list of Grid
+    """
     recorded = [*_rows(plan.steps), ["total", "", *_amounts(*plan.total)]]
     return [
-        Grid("of a recorded frame, beside the full 4-D chain", HEADER, recorded),
-        Grid("instead of reading and transforming, where it is simulated", HEADER, _rows(plan.simulation)),
+        Grid("recorded frame, compared with the full 4-D chain", HEADER, recorded),
+        Grid("simulated frame: work instead of reading and transforming", HEADER, _rows(plan.simulation)),
     ]
 
 
@@ -50,7 +72,16 @@ def _rows(steps: Sequence[Step]) -> list[list[str]]:
 
 
 def describe_plan(plan: ImagePlan) -> dict[str, Any]:
-    """Put a plan in terms of JSON."""
+    """Describe a plan for JSON.
+
+    Parameters
+    ----------
+    plan : ImagePlan
+
+    Returns
+    -------
+    dict
+    """
     computed, full = plan.total
     return {
         "elements": {"read": plan.n_elements, "all": plan.n_all_elements},
@@ -66,25 +97,18 @@ def describe_plan(plan: ImagePlan) -> dict[str, Any]:
 
 
 def _amounts(computed: Work, full: Work) -> list[str]:
-    """Cells, bytes and operations, each with its share."""
+    """Write cells, bytes and operations, each with its share."""
     amounts = []
     for name, unit in (("cells", ""), ("bytes", "B"), ("operations", "")):
         part, whole = getattr(computed, name), getattr(full, name)
-        amounts += [_scaled(part, unit), _share(part, whole)]
+        # Three digits and a prefix, such as 1.23 k.
+        amounts += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), _share(part, whole)]
     return amounts
 
 
 def _share(part: int, whole: int) -> str:
-    """Part in percent of the whole, two digits below 10 %."""
+    """Write a part in percent of the whole, with two digits below 10 %."""
     if not whole:
         return ""
     percent = 100 * part / whole
     return f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
-
-
-def _scaled(number: int, unit: str) -> str:
-    """Number with three digits and a prefix."""
-    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if number >= factor:
-            return f"{number / factor:.3g} {prefix}{unit}"
-    return f"{number} {unit}".rstrip()

@@ -14,7 +14,7 @@ from isacbench.files.escaping import visible
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Detection
-from isacbench.report.drawing.style import THRESHOLD, edges, new_figure, speed_colours, styled, velocity_bar
+from isacbench.report.drawing.style import THRESHOLD, new_figure, styled, velocity_bar, velocity_colours
 from isacbench.report.figures.map_figures import outer
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from isacbench.display import Description
 
 PICTURE_DPI = 100
-"""So that a picture takes some ten kilobytes of the notebook's file."""
+"""A picture then takes some ten kilobytes of the notebook's file."""
 
 MOST_POINTS = 3000
 """Points of a cloud that are drawn: more take seconds, and cover each other."""
@@ -83,26 +83,18 @@ def _(cloud: PointCloud) -> Figure | None:
         return None
     stride = -(-len(cloud) // MOST_POINTS)
     points = cloud.select(np.arange(0, len(cloud), stride))
-    colours = speed_colours(float(np.abs(cloud.velocity).max()))
+    colours = velocity_colours(float(np.abs(cloud.velocity).max()))
     figure = new_figure(7.0, 3.0)
-    margins = edges(figure, left=0.6, right=0.9, bottom=0.5, top=0.35)
-    grid = figure.add_gridspec(1, 2, wspace=0.28, **margins)
-    for column, (up, name) in enumerate(((1, "from above"), (2, "from the side"))):
-        axes = figure.add_subplot(grid[0, column])
-        axes.scatter(
-            points.xyz[:, 0], points.xyz[:, up], c=colours.to_rgba(points.velocity), s=8, linewidths=0
-        )
-        axes.update_datalim(
-            [points.xyz[:, [0, up]].min(axis=0) - MARGIN_M, points.xyz[:, [0, up]].max(axis=0) + MARGIN_M]
-        )
+    panels = figure.subplots(1, 2)
+    for axes, up, name in zip(panels, (1, 2), ("from above", "from the side"), strict=True):
+        shown = points.xyz[:, [0, up]]
+        axes.scatter(*shown.T, c=colours.to_rgba(points.velocity), s=8, linewidths=0)
+        axes.update_datalim([shown.min(axis=0) - MARGIN_M, shown.max(axis=0) + MARGIN_M])
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_title(name if stride == 1 else f"{name}, one point in {stride}")
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel(f"{'xyz'[up]} [m]")
+        axes.set(xlabel="x [m]", ylabel=f"{'xyz'[up]} [m]")
         axes.grid(True)
-    top = margins["top"] - margins["bottom"]
-    bar = figure.add_axes((margins["right"] + 0.02, margins["bottom"], 0.015, top))
-    velocity_bar(figure, colours, bar, "radial velocity [m/s]")
+    velocity_bar(figure, colours, panels, "radial velocity [m/s]")
     return figure
 
 
@@ -115,10 +107,8 @@ def _(observation: Observation) -> Figure | None:
     power = np.mean(cells.real**2 + cells.imag**2, axis=(2, 3))
     velocity_mps = outer(gate.doppler_bins * system.velocity_bin_mps)
     range_m = outer(gate.range_bins * system.range_bin_m)
-    figure = _draw_map(power, "mean power of an element [dB]", (*velocity_mps, *range_m))
-    if figure is not None:
-        figure.axes[0].set(xlabel="radial velocity [m/s]", ylabel="range [m]")
-    return figure
+    names = {"label": "mean power of an element [dB]", "x": "radial velocity [m/s]", "y": "range [m]"}
+    return _draw_map(power, names, (*velocity_mps, *range_m))
 
 
 @draw.register(Detection)
@@ -127,16 +117,18 @@ def _(detection: Detection) -> Figure | None:
     mask, threshold = np.asarray(detection.mask), np.asarray(detection.threshold)
     if mask.ndim != 2 or mask.shape != threshold.shape or threshold.dtype.kind not in "iuf":
         return None
-    figure = _draw_map(threshold, "threshold [dB], detected cells dotted")
+    names = {"label": "threshold [dB], detected cells dotted", "x": "Doppler cell", "y": "range cell"}
+    figure = _draw_map(threshold, names)
     if figure is not None:
         rows, columns = np.nonzero(mask)
         figure.axes[0].scatter(columns, rows, s=9, color=THRESHOLD, linewidths=0)
-        figure.axes[0].set(xlabel="Doppler cell", ylabel="range cell")
     return figure
 
 
 def _draw_map(
-    power: NDArray[np.number], label: str, extent: tuple[float, float, float, float] | None = None
+    power: NDArray[np.number],
+    names: dict[str, str],
+    extent: tuple[float, float, float, float] | None = None,
 ) -> Figure | None:
     """Draw powers (n_range, n_doppler) in dB, borders at an extent if there is one; None of no power."""
     is_power = np.isfinite(power) & (power > 0)
@@ -144,7 +136,7 @@ def _draw_map(
         return None
     decibels = 10 * np.log10(np.where(is_power, power, np.nan))
     figure = new_figure(5.0, 3.2)
-    axes = figure.subplots(gridspec_kw=edges(figure, left=0.6, right=0.1, bottom=0.5, top=0.15))
+    axes = figure.subplots()
     image = axes.imshow(
         np.maximum(decibels, np.nanmax(decibels) - LOWEST_DB),
         origin="lower",
@@ -152,7 +144,8 @@ def _draw_map(
         interpolation="nearest",
         extent=extent,
     )
-    figure.colorbar(image, ax=axes, label=label)
+    figure.colorbar(image, ax=axes, label=names["label"])
+    axes.set(xlabel=names["x"], ylabel=names["y"])
     return figure
 
 

@@ -1,4 +1,4 @@
-"""The figures of merit of a waveform, for the terminal and as JSON."""
+"""Figures of merit of a waveform, for the terminal and as JSON."""
 
 from __future__ import annotations
 
@@ -22,52 +22,68 @@ if TYPE_CHECKING:
     Ratios = Mapping[Modulation, NDArray[np.float64]]
 
 RARE = 1000
-"""One in so many symbols is above the peak-to-average power ratio that is told beside the median."""
+"""One in so many symbols exceeds the rare peak-to-average power ratio."""
 
 
 def waveform_grids(system: System, merits: WaveformMerits, papr_db: Ratios) -> list[Grid]:
-    """Tabulate the waveform, what leaves its band, and what it carries in some modulations.
+    """Tabulate the waveform, its out-of-band power, and the data that it carries.
 
     Parameters
     ----------
     system : System
     merits : WaveformMerits
     papr_db : mapping of str to ndarray
-        Ratios of drawn symbols, by modulation.
+        Peak-to-average power ratios of drawn symbols in dB, by modulation.
 
     Returns
     -------
     list of Grid
     """
+    described = describe_waveform(system, merits, papr_db)
+    levels = [
+        [str(level["offset_spacings"]), f"{level['level_db']:.1f}", f"{level['without_suffix_db']:.1f}"]
+        for level in described["out_of_band"]
+    ]
+    data = []
+    for modulation, told in described["modulations"].items():
+        rate, (n_symbols, *peaks) = f"{told['bit_rate_bps'] / 1e6:.1f}", told["papr"].values()
+        written = ["too few symbols" if peak is None else f"{peak:.2f}" for peak in peaks]
+        data.append([modulation, str(told["n_data_bits"]), rate, *written])
+    theory = [f"{value:.2f}" for value in described["papr_theory"].values()]
     return [
-        Grid("waveform", ["what", "value"], _lines(system, merits)),
+        Grid("waveform", ["quantity", "value"], _lines(system, merits)),
         Grid(
-            "power density beside the band over that inside",
+            "power density outside the band over that inside",
             ["subcarrier spacings beyond", "with suffix [dB]", "without [dB]"],
-            [
-                [str(offset), f"{windowed:.1f}", f"{plain:.1f}"]
-                for offset, windowed, plain in zip(
-                    OFFSETS, merits.out_of_band_db, merits.plain_out_of_band_db, strict=True
-                )
-            ],
+            levels,
         ),
         Grid(
-            f"data, and peak-to-average power ratio of {len(next(iter(papr_db.values())))} symbols",
+            f"data, and peak-to-average power ratio of {n_symbols} symbols",
             ["modulation", "bits a frame", "Mbit/s", "median [dB]", f"exceeded by one in {RARE} [dB]"],
-            [
-                *(_data_row(system, modulation, ratios) for modulation, ratios in papr_db.items()),
-                ["theory", "", "", *(f"{value:.2f}" for value in _theory_db(system).values())],
-            ],
+            [*data, ["theory", "", "", *theory]],
         ),
     ]
 
 
 def describe_waveform(system: System, merits: WaveformMerits, papr_db: Ratios) -> dict[str, Any]:
-    """Put the same in terms of JSON; parameters as for `waveform_grids`."""
+    """Describe the same for JSON.
+
+    Parameters
+    ----------
+    system : System
+    merits : WaveformMerits
+    papr_db : mapping of str to ndarray
+        Peak-to-average power ratios of drawn symbols in dB, by modulation.
+
+    Returns
+    -------
+    dict
+    """
     described = asdict(merits)
     levels_db = zip(
         OFFSETS, described.pop("out_of_band_db"), described.pop("plain_out_of_band_db"), strict=True
     )
+    rates = {modulation: frame_rates(system, modulation) for modulation in papr_db}
     return {
         **described,
         "out_of_band": [
@@ -76,17 +92,21 @@ def describe_waveform(system: System, merits: WaveformMerits, papr_db: Ratios) -
         ],
         "modulations": {
             modulation: {
-                **_carried(system, modulation),
+                "n_data_bits": rates[modulation].n_data_bits,
+                "bit_rate_bps": rates[modulation].bit_rate_bps,
                 "papr": {"n_symbols": len(ratios), **_papr_db(ratios)},
             }
             for modulation, ratios in papr_db.items()
         },
-        "papr_theory": _theory_db(system),
+        "papr_theory": {
+            "median_db": exceeded_papr_db(0.5, system.n_subcarriers),
+            "rare_db": exceeded_papr_db(1 / RARE, system.n_subcarriers),
+        },
     }
 
 
 def _lines(system: System, merits: WaveformMerits) -> list[list[str]]:
-    """What a waveform takes, and how much."""
+    """List the quantities of a waveform and their values."""
     parts = merits.layout
     occupied = merits.occupied_bandwidth_hz / system.bandwidth_hz
     return [
@@ -104,28 +124,8 @@ def _lines(system: System, merits: WaveformMerits) -> list[list[str]]:
     ]
 
 
-def _data_row(system: System, modulation: Modulation, ratios: NDArray[np.float64]) -> list[str]:
-    rates = frame_rates(system, modulation)
-    told = _papr_db(ratios)
-    peaks = ["too few symbols" if value is None else f"{value:.2f}" for value in told.values()]
-    return [modulation, str(rates.n_data_bits), f"{rates.bit_rate_bps / 1e6:.1f}", *peaks]
-
-
-def _carried(system: System, modulation: Modulation) -> dict[str, float]:
-    """Data of a frame, for JSON."""
-    rates = frame_rates(system, modulation)
-    return {"n_data_bits": rates.n_data_bits, "bit_rate_bps": rates.bit_rate_bps}
-
-
 def _papr_db(ratios: NDArray[np.float64]) -> dict[str, float | None]:
-    """Median, and what a rare symbol exceeds, None where so few symbols hold no rare one."""
+    """Compute the median and the ratio that a rare symbol exceeds, None of too few symbols."""
     n_above = len(ratios) // RARE
     rare_db = float(np.sort(ratios)[-1 - n_above]) if n_above else None
     return {"median_db": float(np.median(ratios)), "rare_db": rare_db}
-
-
-def _theory_db(system: System) -> dict[str, float]:
-    return {
-        name: exceeded_papr_db(probability, system.n_subcarriers)
-        for name, probability in (("median_db", 0.5), ("rare_db", 1 / RARE))
-    }

@@ -7,7 +7,7 @@ from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures import background_drawing, run_figures
-from isacbench.report.figures.background_drawing import BackgroundDrawing
+from isacbench.report.figures.background_drawing import draw_run_guarded
 from isacbench.report.figures.run_figures import draw_run
 
 SHOWING = """
@@ -67,22 +67,19 @@ def test_two_processes_draw_what_one_does(run_of):
         "rdm-music2d.png",
         *(path.name for path in together if path.name.startswith("spectrum")),
     ]
-    with BackgroundDrawing() as hand:
-        hand.get_ready()
-        assert hand.draw_run(folder) == together
+    assert draw_run_guarded(folder) == together
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in together)
 
 
 def test_a_diagnosis_that_fails_is_told_and_costs_no_other_figure(run_of, monkeypatch):
-    with BackgroundDrawing() as hand:
-        for deed, message in (
-            ("raise", r"no map and no spectra of showing.*: ZeroDivisionError: no luck"),
-            ("hang", r"no maps and no spectra: more than 1 s"),
-            ("exit", r"no maps and no spectra: the process exited with code 3"),
-        ):
-            # On a busy machine a process may take more than a second to raise or to end.
-            monkeypatch.setattr(background_drawing, "TIMEOUT_S", 1.0 if deed == "hang" else 60.0)
-            folder = run_of(f"showing[deed={deed}]")
-            with pytest.warns(InputWarning, match=message):
-                drawn = [path.name for path in hand.draw_run(folder)]
-            assert drawn[:2] == ["deviation.png", "curves-tiny.png"], deed
+    for deed, message in (
+        ("raise", r"no map and no spectra of showing.*: ZeroDivisionError: no luck"),
+        ("hang", r"no maps and no spectra: more than 1 s"),
+        ("exit", r"no maps and no spectra: the process exited with code 3"),
+    ):
+        # On a busy machine a process may take more than a second to raise or to end.
+        monkeypatch.setattr(background_drawing, "TIMEOUT_S", 1.0 if deed == "hang" else 60.0)
+        folder = run_of(f"showing[deed={deed}]")
+        with pytest.warns(InputWarning, match=message):
+            drawn = [path.name for path in draw_run_guarded(folder)]
+        assert drawn[:2] == ["deviation.png", "curves-tiny.png"], deed

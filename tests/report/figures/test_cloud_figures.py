@@ -3,7 +3,6 @@ import pytest
 
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
-from isacbench.report.drawing.perspective import LABEL, Box, View
 from isacbench.report.figures.cloud_figures import Image, draw_clouds, draw_comparison, draw_images
 
 REGION = Region((0.0, 30.0), (0.0, 20.0), (0.0, 20.0), (-15.0, 15.0))
@@ -12,11 +11,11 @@ NEAR_AND_FALSE = PointCloud([[0.5, 0, 0], [20, 18, 9.9], [25, 3, 4]], [0, -2, 7]
 
 
 def perspectives_of(figure):
-    return [axes for axes in figure.axes if axes.get_label() == LABEL]
+    return [axes for axes in figure.axes if axes.name == "3d"]
 
 
 def projections_of(figure):
-    return [axes for axes in figure.axes if axes.get_ylabel() in ("y [m]", "z [m]")]
+    return [axes for axes in figure.axes if axes.name != "3d" and axes.get_ylabel() in ("y [m]", "z [m]")]
 
 
 def texts_of(figure):
@@ -35,14 +34,20 @@ def test_clouds_stand_in_a_grid_of_estimators_and_snrs_beside_the_truth():
 
 def test_all_perspectives_show_one_box_of_whole_metres_around_all_points():
     figure = draw_clouds("", TRUTH, REGION, ["a"], {0.0: [Image(NEAR_AND_FALSE, "")]}, 1.0)
-    box = Box(np.zeros(3), np.array([25.0, 18.0, 10.0]))
     for axes in perspectives_of(figure):
-        expected = View(box, axes.get_xlim()[1], axes.get_ylim()[1]).project(TRUTH.xyz)
-        drawn = [np.sort(part.get_offsets(), axis=0) for part in axes.collections]
-        assert any(
-            points.shape == expected.shape and np.allclose(points, np.sort(expected, axis=0))
-            for points in drawn
-        )
+        limits = np.transpose([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+        np.testing.assert_array_equal(limits, [[0, 0, 0], [25, 18, 10]])
+        drawn = np.concatenate([np.transpose(points._offsets3d) for points in axes.collections])
+        assert set(map(tuple, TRUTH.xyz)) <= set(map(tuple, drawn))
+
+
+def test_all_directions_of_a_perspective_have_one_scale_even_in_a_flat_box():
+    line = PointCloud([[0, 0, 0], [900, 0, 1]], [0, 0], [1, 1])
+    figure = draw_images("", PointCloud.empty(), {"a": Image(line, "")}, REGION, 1.0)
+    (axes,) = perspectives_of(figure)
+    size_m = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
+    np.testing.assert_array_equal(size_m, [900, 90, 90])
+    np.testing.assert_allclose(axes._box_aspect / axes._box_aspect[0], size_m / size_m[0])
 
 
 def test_projections_show_misses_as_open_circles_and_false_points_as_crosses():
@@ -73,18 +78,19 @@ def test_without_truth_one_panel_shows_the_estimate_and_nothing_is_marked_or_exp
     (panel,) = perspectives_of(figure)
     assert not projections_of(figure)
     assert not figure.legends
-    assert {"title", "a", "3 points"} <= texts_of(figure)
+    assert {"a", "3 points"} <= texts_of(figure)
     assert not any("truth" in text or "scatterer" in text for text in texts_of(figure))
-    _, right, false = panel.collections[-3:]
-    assert len(right.get_offsets()) == 3
-    assert not len(false.get_offsets())
+    _, right, false = panel.collections
+    assert len(right._offsets3d[0]) == 3
+    assert not len(false._offsets3d[0])
 
 
 def test_several_images_stand_after_the_truth_and_an_image_may_be_called_truth_too():
     images = {name: Image(NEAR_AND_FALSE, name) for name in ("truth", "b", "c", "d")}
     figure = draw_images("", TRUTH, images, REGION, 1.0)
     assert len(perspectives_of(figure)) == 5
-    assert [text.get_text() for text in figure.texts].count("truth") == 2
+    headings = [axes.texts[0].get_text() for axes in perspectives_of(figure)]
+    assert headings == ["truth", "truth", "b", "c", "d"]
     assert "false point: farther than 1 m from the truth" in [
         text.get_text() for text in figure.legends[0].get_texts()
     ]
@@ -105,6 +111,4 @@ def test_a_point_and_a_line_of_points_have_axes_with_few_ticks(xyz):
     figure = draw_comparison("", cloud, "estimate", Image(cloud, ""), REGION, 1.0)
     figure.canvas.draw()
     assert all(len(axes.get_xticks()) <= 12 for axes in figure.axes)
-    for axes in perspectives_of(figure):
-        numbers = [text for text in axes.texts if text.get_text().lstrip("-").isdecimal()]
-        assert 0 < len(numbers) <= 15
+    assert all(len(axes.get_zticks()) <= 8 for axes in perspectives_of(figure))
