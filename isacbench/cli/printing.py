@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from isacbench.bench.suites.suite import StudyKind
     from isacbench.report.figures.background_drawing import BackgroundDrawing
     from isacbench.report.tables.run_tables import Grid
 
@@ -25,7 +24,7 @@ MAX_TABLE_WIDTH = 1000
 
 
 def report_run(
-    folder: Path, records: pd.DataFrame, kind: StudyKind, drawing: BackgroundDrawing | None = None
+    folder: Path, records: pd.DataFrame, kind: str, drawing: BackgroundDrawing | None = None
 ) -> None:
     """Write and print the tables of a run, and draw its figures."""
     from isacbench.report.figures.background_drawing import BackgroundDrawing

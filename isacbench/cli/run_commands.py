@@ -86,7 +86,8 @@ def run_command(
     ] = None,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw; go on with a run where its folder exists."""
-    from isacbench.bench.suites.suite import load_suite, parse_snr
+    from isacbench.bench.suites.suite import parse_snr
+    from isacbench.bench.suites.suite_kinds import load_suite
 
     if out is None and (rerun or mix_versions):
         raise InputError(

@@ -11,7 +11,7 @@ import pytest
 
 from isacbench.bench.store import journal, validation
 from isacbench.bench.suites import suite
-from isacbench.bench.suites.suite import load_suite
+from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes import open_cube, read_grid
 from isacbench.cubes.formats import chunked, zarr_cubes
 from isacbench.files import checked_files, toml_files

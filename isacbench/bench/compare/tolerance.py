@@ -7,42 +7,19 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError, unknown_name
 from isacbench.metrics.score import METRICS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
-Direction = Literal["lower", "higher", "neither"]
+    from isacbench.bench.suites.kind import Direction
 
 FORM = re.compile(r"(?P<metric>\w+)\s*=\s*(?P<number>[^%\s]+)\s*(?P<percent>%?)")
 
-STUDY_DIRECTIONS: dict[str, Direction] = {
-    "hit": "higher",
-    "resolved": "higher",
-    "n_hits": "higher",
-    "rate_bps": "higher",
-    "n_bits": "neither",
-    "ber_expected": "neither",
-    "n_targets": "neither",
-    "n_clear": "neither",
-    "pfa": "neither",
-    "snr_gain_db": "neither",
-    "separation_cells": "neither",
-    "phase_deg": "neither",
-    "error_range_m": "neither",
-    "error_velocity_mps": "neither",
-    "error_u": "neither",
-    "error_w": "neither",
-    "bound_range_m": "neither",
-    "bound_velocity_mps": "neither",
-    "bound_u": "neither",
-    "bound_w": "neither",
-    "seed": "neither",
-    "timing": "neither",
-    "time_spread_s": "neither",
-}
-"""Columns beside the scores for which lower is not better; errors have a sign."""
+NEITHER = "seed", "timing", "time_spread_s"
+"""Columns of every run of which neither more nor less is better."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +118,10 @@ def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lo
     >>> direction("recall", "paper", ["deviation", "recall"])
     'higher'
     """
-    known = {name: score.better for name, score in METRICS.get(metric, {}).items()} | STUDY_DIRECTIONS
+    known: dict[str, Direction] = dict.fromkeys(NEITHER, "neither")
+    known |= {name: score.better for name, score in METRICS.get(metric, {}).items()}
+    for kind in KINDS.values():
+        known |= kind.better
     scores = [name for name in columns if known.get(name, "lower") != "neither"]
     if column not in columns:
         raise unknown_name("score", column, scores)

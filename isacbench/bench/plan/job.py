@@ -10,7 +10,7 @@ import pandas as pd
 
 from isacbench.bench.cells.record import DRAW_COLUMNS
 from isacbench.bench.plan.run_plan import Plan
-from isacbench.bench.studies.study_kinds import STUDIES
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.discovery import local_plugins, register_plugin
@@ -51,8 +51,7 @@ class Job:
         """
         for plugin in self.plugins:
             register_plugin(plugin)
-        study = STUDIES[self.suite.kind]
-        scenes = study.scenes(self.suite, self.scenarios)
+        scenes = kind_of(self.suite).scenes(self.suite, self.scenarios)
         _refuse_repeats(scenes)
         return Plan(scenes, self.suite.trials)
 

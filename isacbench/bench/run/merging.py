@@ -30,8 +30,8 @@ from isacbench.bench.store.run_store import (
     write_manifest,
     write_results,
 )
-from isacbench.bench.studies.study_kinds import STUDIES
-from isacbench.bench.suites.suite import Suite, restore_suite
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.errors import InputError
 from isacbench.files.escaping import quoted
 from isacbench.plugins.discovery import local_plugins
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.plan.run_plan import Plan
-    from isacbench.bench.suites.suite import StudyKind
     from isacbench.model.scene import Scenario
 
 SPECIFICATIONS = ("estimators", "detectors")
@@ -85,7 +84,7 @@ class Merged:
         What is missing.
     """
 
-    kind: StudyKind
+    kind: str
     records: pd.DataFrame
     n_cells: int
     gaps: list[Gap]
@@ -338,7 +337,7 @@ def _results(
         scenarios |= {name: found for name, found in part.results.scenarios.items() if name not in scenarios}
     return Results(
         suite=suite,
-        records=typed(rows.records, STUDIES[suite.kind].columns),
+        records=typed(rows.records, kind_of(suite).columns),
         clouds=rows.clouds(),
         scenarios={name: scenarios[name] for name in described["scenarios"]},
         draws=_draws(parts, [scene["name"] for scene in described["scenes"]]),

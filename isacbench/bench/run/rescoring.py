@@ -27,7 +27,7 @@ from isacbench.bench.store.run_store import (
     write_results,
 )
 from isacbench.bench.studies.study import ImagedScene
-from isacbench.bench.studies.study_kinds import STUDIES
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.cells.record import Results
-    from isacbench.bench.suites.suite import StudyKind
 
 
 class Change(NamedTuple):
@@ -82,7 +81,7 @@ class Rescored:
         Columns that differ.
     """
 
-    kind: StudyKind
+    kind: str
     records: pd.DataFrame
     n_scored: int
     n_changed: int
@@ -131,7 +130,7 @@ def rescore(folder: Path) -> Rescored:
 def _scored_again(folder: Path, results: Results) -> tuple[pd.DataFrame, list[int]]:
     """New scores, and the rows that they belong to."""
     observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
-    columns = STUDIES[results.suite.kind].columns
+    columns = kind_of(results.suite).columns
     records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
     candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(observed.scenes)))
     _require_clouds(folder, rows, candidates)
@@ -169,7 +168,7 @@ def _clouds(rows: Rows) -> Iterator[PointCloud]:
         yield PointCloud.from_array(points)
 
 
-def _compared(kind: StudyKind, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
+def _compared(kind: str, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
     differs = (old != new) & ~(old.isna() & new.isna())
     changes = []
     for name in new.columns[differs.any().to_numpy()]:

@@ -34,8 +34,8 @@ from isacbench.bench.store.run_store import (
     write_rows,
     write_truth,
 )
-from isacbench.bench.studies.study_kinds import STUDIES
-from isacbench.bench.suites.suite import Suite, load_suite
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.suites.suite_kinds import kind_of, load_suite
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
 from isacbench.bench.workers.local_workers import work_alone, work_guarded, work_here
 from isacbench.errors import InputError
@@ -300,7 +300,7 @@ def run_suite(
         wall_time_s = time.perf_counter() - tick
         results = Results(
             suite=suite,
-            records=typed(rows.records, STUDIES[suite.kind].columns),
+            records=typed(rows.records, kind_of(suite).columns),
             clouds=rows.clouds(),
             scenarios=dict(job.scenarios),
             draws=job.draws(),
@@ -338,7 +338,7 @@ def _kept(folder: Path, job: Job, execution: Execution) -> tuple[Rows, Rows]:
 
 def _columns(suite: Suite, execution: Execution) -> Mapping[str, Any]:
     """Columns that rows have beside those of every table, each with the value of a failure."""
-    return {**STUDIES[suite.kind].columns, **(TIMING_COLUMNS if execution.is_timing else {})}
+    return {**kind_of(suite).columns, **(TIMING_COLUMNS if execution.is_timing else {})}
 
 
 def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Block], int]:
@@ -357,7 +357,7 @@ def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]], i
     """
     journal = folder / JOURNAL
     if is_less or (journal.exists() and len(kept)):
-        write_rows(folder, typed(kept.records, STUDIES[job.suite.kind].columns), kept.clouds())
+        write_rows(folder, typed(kept.records, kind_of(job.suite).columns), kept.clouds())
     write_truth(folder, job.scenarios)
     write_manifest(folder, describe_run(job), kept.environments, sessions)
     journal.unlink(missing_ok=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from isacbench.bench.studies.study import ImagedScene
-from isacbench.bench.studies.study_kinds import STUDIES
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.scene import Scatterers, warned_before
@@ -59,7 +59,7 @@ class ObservedScenes:
     ) -> None:
         self._folder, self._draws, self._records = folder, draws, records
         bare = {key: () for key in PLUGIN_KEYS if key in type(suite).model_fields}
-        scenes = STUDIES[suite.kind].scenes(suite.model_copy(update=bare), scenarios)
+        scenes = kind_of(suite).scenes(suite.model_copy(update=bare), scenarios)
         self.scenes = {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
 
     @cached_property

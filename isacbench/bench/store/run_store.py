@@ -36,7 +36,6 @@ from isacbench.bench.store.validation import (
     require_rows_that_fit,
     require_sound_records,
 )
-from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.bench.suites.scenario_digest import (
     describe_scenario,
     digest,
@@ -44,7 +43,7 @@ from isacbench.bench.suites.scenario_digest import (
     scenario_digest,
     truth_table,
 )
-from isacbench.bench.suites.suite import restore_suite
+from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
 from isacbench.files.toml_files import describe_mistake
@@ -353,7 +352,7 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
         rows = Rows.joined(parts)
         require_sound_records(rows.records)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
-        columns = STUDIES[restore_suite(manifest["suite"]).kind].columns
+        columns = kind_of(restore_suite(manifest["suite"])).columns
         records = typed(rows.records, columns)
         require_described_scenarios(records, manifest)
         return dataclasses.replace(rows, records=records)

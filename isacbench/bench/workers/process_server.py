@@ -11,12 +11,14 @@ from multiprocessing.process import BaseProcess
 from threading import Lock
 from typing import TYPE_CHECKING
 
+from isacbench.bench.suites.suite_kinds import PLANNERS
+
 if TYPE_CHECKING:
     from multiprocessing.popen_forkserver import Popen
 
 PRELOADED = [
     "isacbench.bench.workers.guarded_cells",
-    "isacbench.bench.studies.study_kinds",
+    *PLANNERS,
     "isacbench.bench.workers.preload",
 ]
 """What the server imports once, so that a fresh worker is there at once."""

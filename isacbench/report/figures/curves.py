@@ -9,9 +9,11 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from isacbench.bench.plan.labels import estimator_labels, variants_in
 from isacbench.metrics.score import METRICS
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, panel_grid
-from isacbench.report.drawing.style import drawable
+from isacbench.report.drawing.style import assign_looks, drawable
+from isacbench.report.tables.pareto import find_limits
 from isacbench.report.tables.run_tables import mean_of_trials
 
 if TYPE_CHECKING:
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from isacbench.report.drawing.style import LineLook
 
     Floats = NDArray[np.float64]
+    NamedFigure = tuple[str, Figure]
 
 TITLE_WIDTH = 40
 PRACTICALLY_ZERO = 1e-6
@@ -77,6 +80,50 @@ PANELS = (
 SHARES = "precision", "recall"
 
 
+def variant_looks(records: pd.DataFrame) -> dict[Variant, LineLook]:
+    """Give every estimator of a run a look of its own, the same in all figures.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    dict of (str, str) to LineLook
+        By name and parameters.
+    """
+    return assign_looks(estimator_labels(variants_in(records)), find_limits(records))
+
+
+def nearest_values(available: Sequence[float], wanted: Sequence[float]) -> list[float]:
+    """Select the values nearest to wanted ones.
+
+    Parameters
+    ----------
+    available, wanted : sequence of float
+
+    Returns
+    -------
+    list of float
+        In the order of the wanted ones, each once.
+    """
+    return list(dict.fromkeys(min(available, key=lambda value: abs(value - target)) for target in wanted))
+
+
+def share_scale(panels: Sequence[Axes], axis: str) -> None:
+    """Put panels on one scale.
+
+    Parameters
+    ----------
+    panels : sequence of Axes
+    axis : {"x", "y"}
+    """
+    lower, upper = np.transpose([axes.get_xlim() if axis == "x" else axes.get_ylim() for axes in panels])
+    for axes in panels:
+        axes.set(**{f"{axis}lim": (lower.min(), upper.max())})
+
+
 def axis_name(column: str) -> str:
     """Name of the axis of a score with its unit, of any other column that of the column.
 
@@ -99,7 +146,7 @@ def draw_scores(
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.report.tables.run_tables.summarise_scores` returns it.
+        As `isacbench.bench.studies.imaging_study.summarise_scores` returns it.
     scenario : str
         Its name.
     looks : mapping of (str, str) to LineLook
@@ -126,7 +173,7 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.report.tables.run_tables.summarise_scores` returns it.
+        As `isacbench.bench.studies.imaging_study.summarise_scores` returns it.
     looks : mapping of (str, str) to LineLook
 
     Returns
@@ -139,9 +186,7 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
     for axes, scenario in zip(panels, scenarios, strict=True):
         _draw_panel(axes, DEVIATION, looks, _by_variant(summary[summary["scenario"] == scenario]))
         axes.set_title(drawable(scenario))
-    lower, upper = np.transpose([axes.get_ylim() for axes in panels])
-    for axes in panels:
-        axes.set_ylim(lower.min(), upper.max())
+    share_scale(panels, "y")
     return figure
 
 

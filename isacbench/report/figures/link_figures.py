@@ -10,22 +10,25 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.plan.labels import estimator_labels, rows_of, variants_in
+from isacbench.bench.studies.link_study import summarise_link
 from isacbench.link.waveform.qam import awgn_ber
 from isacbench.report.drawing.label_layout import place_labels
 from isacbench.report.drawing.panels import draw_line, legend_lines, panel_grid
-from isacbench.report.drawing.style import BOUND_COLOUR, COLOURS, LineLook, drawable
+from isacbench.report.drawing.style import BOUND_COLOUR, COLOURS, LineLook, drawable, file_stems
 from isacbench.report.tables.link_tables import DIVISIONS, receiver_labels, signal_label, signals_of_part
 from isacbench.report.tables.run_tables import trials_and_band
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from isacbench.bench.cells.record import Results
     from isacbench.report.drawing.style import LineStyle
+    from isacbench.report.figures.curves import NamedFigure
     from isacbench.report.tables.link_tables import Signal
 
 MODULATION_COLOURS: dict[str, str] = dict(zip(("qpsk", "16qam", "64qam", "256qam"), COLOURS, strict=False))
@@ -53,6 +56,28 @@ PANEL_IN = 3.1, 2.5
 TITLE_WIDTH = 42
 
 
+def link_figures(results: Results) -> Iterator[NamedFigure]:
+    """Draw bit errors beside deviations of every scenario, and the trade between the two.
+
+    Parameters
+    ----------
+    results : Results
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
+    summary = summarise_link(results.records)
+    templates = [name for name in summary["template"].unique() if name]
+    for template, stem in file_stems(templates).items():
+        yield f"link-{stem}", draw_link(summary, template)
+        trade = draw_trade(summary, template)
+        if trade is not None:
+            yield f"trade-{stem}", trade
+
+
 def draw_link(summary: pd.DataFrame, template: str) -> Figure:
     """Draw bit error rates over SNR, a panel a channel, above imaging deviations, a panel an estimator.
 
@@ -69,7 +94,7 @@ def draw_link(summary: pd.DataFrame, template: str) -> Figure:
     """
     received = summary[summary["channel"] != ""]
     sensed = summary[summary["template"] == template]
-    channels, estimators = list(received["channel"].unique()), _variants(sensed)
+    channels, estimators = list(received["channel"].unique()), variants_in(sensed)
     n_columns = max(len(channels), len(estimators), 1)
     title = (
         f"{drawable(template)}: bit errors of the user above deviations of the image; "
@@ -90,7 +115,7 @@ def draw_link(summary: pd.DataFrame, template: str) -> Figure:
     for axes, variant in zip(below, estimators, strict=True):
         axes.set_title(f"Image by {drawable(labels[variant])}")
         axes.set_ylabel("imaging deviation")
-        _draw_deviations(axes, _of(sensed, variant))
+        _draw_deviations(axes, rows_of(sensed, variant))
     lowest, highest = summary["snr_db"].min(), summary["snr_db"].max()
     for axes in panels:
         axes.grid(True)
@@ -120,9 +145,9 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
         return None
     channel = received["channel"].iloc[0]
     of_channel = received[received["channel"] == channel]
-    receiver = _variants(of_channel)[-1]
-    rates = _of(of_channel, receiver).set_index(["modulation", "snr_db"])["rate_bps"]
-    estimators = _variants(sensed)
+    receiver = variants_in(of_channel)[-1]
+    rates = rows_of(of_channel, receiver).set_index(["modulation", "snr_db"])["rate_bps"]
+    estimators = variants_in(sensed)
     labels, known = estimator_labels(estimators), receiver_labels(received)[receiver]
     title = f"{drawable(template)}: image against bit rate behind {drawable(channel)}, {known}"
     modulations = list(of_channel["modulation"].unique())
@@ -131,7 +156,7 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
     figure, panels = panel_grid(len(estimators), legend, title, panel_in=PANEL_IN)
     snrs_db = [snr for snr in TRADE_SNRS_DB if snr in set(sensed["snr_db"]) & set(received["snr_db"])]
     for axes, variant in zip(panels, estimators, strict=True):
-        part, labelled = _of(sensed, variant), []
+        part, labelled = rows_of(sensed, variant), []
         for signal in signals_of_part(part):
             rows = _of_signal(part, signal).set_index("snr_db")["deviation_mean"]
             for modulation in modulations if signal[0] == "prs" else [signal[1]]:
@@ -199,8 +224,8 @@ def _draw_errors(axes: Axes, part: pd.DataFrame) -> None:
     for modulation in part["modulation"].unique():
         colour = MODULATION_COLOURS[modulation]
         axes.plot(snrs_db, awgn_ber(modulation, snrs_db), color=colour, linestyle=CLOSED_FORM.line)
-        for look, variant in zip(_receiver_looks(part, colour), _variants(part), strict=True):
-            rows = _of(part[part["modulation"] == modulation], variant).sort_values("snr_db")
+        for look, variant in zip(_receiver_looks(part, colour), variants_in(part), strict=True):
+            rows = rows_of(part[part["modulation"] == modulation], variant).sort_values("snr_db")
             seen = rows[rows["n_bit_errors"] > 0]
             draw_line(axes, look, seen["snr_db"], seen["ber"], seen["ber_low"], seen["ber_high"])
     axes.set_yscale("log")
@@ -272,15 +297,6 @@ def _sensing_lines(sensed: pd.DataFrame, prs_look: LineLook = PRS_LOOK) -> list[
     divisions = [one for one in dict.fromkeys(sensed["division"]) if one]
     looks = [LineLook(_division_label(one), "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
     return legend_lines([*looks, *([prs_look] if (sensed["sensing"] == "prs").any() else [])])
-
-
-def _variants(part: pd.DataFrame) -> list[tuple[str, str]]:
-    return list(dict.fromkeys(zip(part["estimator"], part["params"], strict=True)))
-
-
-def _of(part: pd.DataFrame, variant: tuple[str, str]) -> pd.DataFrame:
-    """Rows of one estimator or receiver."""
-    return part[(part["estimator"] == variant[0]) & (part["params"] == variant[1])]
 
 
 def _of_signal(part: pd.DataFrame, signal: Signal) -> pd.DataFrame:

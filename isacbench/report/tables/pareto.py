@@ -12,10 +12,10 @@ import pandas as pd
 
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.studies.intervals import median_interval
 from isacbench.errors import InputError
 from isacbench.plugins.registry import sees_truth
-from isacbench.report.tables import run_tables
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -159,7 +159,7 @@ def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataF
     rows = timed_rows(records)
     columns = ["estimator", "params"]
     labels = estimator_labels(zip(*(records[name] for name in columns), strict=True))
-    points = run_tables.summarise_scores(rows)
+    points = summarise_scores(rows)
     variants = list(zip(*(points[name] for name in columns), strict=True))
     points["number"] = [1 + list(labels).index(variant) for variant in variants]
     points["label"] = [labels[variant] for variant in variants]
