@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -124,8 +125,27 @@ def share_scale(panels: Sequence[Axes], axis: str) -> None:
         axes.set(**{f"{axis}lim": (lower.min(), upper.max())})
 
 
+def write_plain_numbers(axis: Axis) -> None:
+    """Write the ticks of a logarithmic axis as plain numbers.
+
+    Parameters
+    ----------
+    axis : Axis
+    """
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def axis_name(column: str) -> str:
-    """Name of the axis of a score with its unit, of any other column that of the column.
+    """Name of the axis of a column: of a score its name with its unit, otherwise the column.
+
+    Parameters
+    ----------
+    column : str
+
+    Returns
+    -------
+    str
 
     Examples
     --------

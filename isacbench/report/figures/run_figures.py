@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import HAUSDORFF_COLUMNS, summarise_scores
@@ -27,15 +27,13 @@ from isacbench.report.tables.pareto import summarise_points, timed_rows
 from isacbench.report.tables.run_tables import batched
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Mapping, Sequence
+    from collections.abc import Hashable, Iterator, Sequence
     from pathlib import Path
 
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from isacbench.bench.cells.record import Results
     from isacbench.bench.plan.labels import Variant
-    from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Estimator
     from isacbench.report.drawing.style import LineLook
     from isacbench.report.figures.curves import NamedFigure
@@ -44,9 +42,12 @@ FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
 DIAGNOSIS_SNR_DB = 10.0
 CLOUDS_A_FIGURE = 4
+CELL = ["estimator", "params", "snr_db"]
 MOST_CLOUDS = 16
-"""Estimators of which clouds, maps and spectra are drawn: of more, those of least mean deviation, for nobody
-looks at all."""
+"""Most estimators of which clouds, maps and spectra are drawn; of more, those of least mean deviation."""
+
+NOT_RUN = Image(PointCloud.empty(), "not run")
+"""Cell of which an interrupted run has no record."""
 
 
 def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
@@ -187,18 +188,19 @@ def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedF
         title = drawable(scenario)
         if len(shown) < len(candidates):
             title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
-        trial = int(records["trial"].min())
-        clouds, records = _clouds_of(results, scenario, trial), records[records["trial"] == trial]
+        trial, scene = int(records["trial"].min()), results.scenarios[scenario]
+        images, snrs_db = _images(results, scenario, trial), sorted(records["snr_db"].unique())
         pages = batched(shown, CLOUDS_A_FIGURE)
         for number, page in enumerate(pages, start=1):
+            rows = {
+                snr_db: [images.get((*variant, snr_db), NOT_RUN) for variant in page]
+                for snr_db in nearest_values(snrs_db, CLOUD_SNRS_DB)
+            }
+            columns = [looks[variant].label for variant in page]
             suffix = f"-{number}" if len(pages) > 1 else ""
-            page_looks = {variant: looks[variant] for variant in page}
-            yield (
-                f"clouds-{stem}{suffix}",
-                _cloud_figure(
-                    f"{title}, trial {trial}", results.scenarios[scenario], records, clouds, page_looks
-                ),
-            )
+            heading = f"{title}, trial {trial}"
+            figure = draw_clouds(heading, scene.truth, scene.region, columns, rows, scene.radius_m)
+            yield f"clouds-{stem}{suffix}", figure
 
 
 def _best(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
@@ -211,47 +213,24 @@ def _best(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]
     return [variant for variant in candidates if variant in best]
 
 
-def _cloud_figure(
-    title: str,
-    scene: Scenario,
-    records: pd.DataFrame,
-    clouds: Mapping[Hashable, PointCloud],
-    looks: Mapping[Variant, LineLook],
-) -> Figure:
-    """Clouds of one trial of a scenario at a few SNRs."""
-    rows = {
-        snr_db: [_image(clouds, records, variant, snr_db) for variant in looks]
-        for snr_db in nearest_values(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
-    }
-    labels = [look.label for look in looks.values()]
-    return draw_clouds(title, scene.truth, scene.region, labels, rows, scene.radius_m)
-
-
-def _clouds_of(results: Results, scenario: str, trial: int) -> dict[Hashable, PointCloud]:
-    """Clouds of a trial that have points, by name, parameters and SNR."""
-    points = results.clouds
+def _images(results: Results, scenario: str, trial: int) -> dict[Hashable, Image]:
+    """Images of one trial of a scenario, by name, parameters and SNR."""
     # Numbers first: they are compared much faster than text, and leave little of it.
-    points = points[points["trial"] == trial]
+    points = results.clouds[results.clouds["trial"] == trial]
     points = points[points["scenario"] == scenario]
-    return {
+    clouds = {
         key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
-        for key, part in points.groupby(["estimator", "params", "snr_db"], sort=False, observed=True)
+        for key, part in points.groupby(CELL, sort=False, observed=True)
+    }
+    records = results.records[(results.records["trial"] == trial) & (results.records["scenario"] == scenario)]
+    return {
+        key: _image(clouds.get(key, PointCloud.empty()), record)
+        for key, record in records.set_index(CELL).iterrows()
     }
 
 
-def _image(
-    clouds: Mapping[Hashable, PointCloud],
-    records: pd.DataFrame,
-    variant: Variant,
-    snr_db: float,
-) -> Image:
-    """Cloud of one cell, and what came of it; an interrupted run has no record of some."""
-    name, params = variant
-    chosen = (records["estimator"] == name) & (records["params"] == params) & (records["snr_db"] == snr_db)
-    if not chosen.any():
-        return Image(PointCloud.empty(), "not run")
-    record = records[chosen].iloc[0]
-    cloud = clouds.get((name, params, snr_db), PointCloud.empty())
+def _image(cloud: PointCloud, record: pd.Series[Any]) -> Image:
+    """Cloud of one cell, and what came of it."""
     if record["status"] == "ok":
         hausdorff_m = record[HAUSDORFF_COLUMNS].sum()
         return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from isacbench.bench.cells.radio_coordinates import DIMENSIONS
 from isacbench.bench.plan.labels import rows_of
@@ -17,7 +17,7 @@ from isacbench.bench.studies.power_maps import MAPS
 from isacbench.bench.studies.resolution_study import summarise_resolution
 from isacbench.report.drawing.panels import draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import BOUND_COLOUR, assign_looks, drawable, file_stems
-from isacbench.report.figures.curves import nearest_values, share_scale, variant_looks
+from isacbench.report.figures.curves import nearest_values, share_scale, variant_looks, write_plain_numbers
 from isacbench.report.tables.run_tables import trials_and_band
 from isacbench.report.tables.study_tables import entry_labels, reference_rate
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from isacbench.bench.cells.record import Results
@@ -39,10 +38,10 @@ DIMENSION_TITLES = {
     "u": "Direction cosine u",
     "w": "Direction cosine w",
 }
-UNITS = {"range": " [m]", "velocity": " [m/s]", "u": "", "w": ""}
-COLUMNS = {"range": "range_m", "velocity": "velocity_mps", "u": "u", "w": "w"}
+UNITS = {"range": ("range_m", " [m]"), "velocity": ("velocity_mps", " [m/s]"), "u": ("u", ""), "w": ("w", "")}
+"""Ends of the names of columns, and units of axes."""
 
-GAINED_SNR = "SNR after gain [dB]"
+BAND = ["value", "low", "high"]
 MAX_TICKS = 5
 ROC_SNRS_DB = 10.0, 15.0, 20.0
 
@@ -143,22 +142,22 @@ def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant
         f"{trials_and_band(int(part['n_trials'].max()))}"
     )
     figure, panels = panel_grid(10, [*legend_lines(looks.values()), bound], title, max_columns=5)
-    for index, dimension in enumerate(DIMENSIONS):
-        _draw_errors(panels[index], panels[5 + index], part, dimension, looks)
+    for dimension, errors, ratios in zip(DIMENSIONS, panels, panels[5:], strict=False):
+        _draw_errors(errors, ratios, part, dimension, looks)
     missed, false = panels[4], panels[9]
+    for axes, column in ((missed, "n_misses"), (false, "n_false")):
+        for variant, look in looks.items():
+            rows = rows_of(part, variant)
+            share = rows[column] / rows["n_trials"]
+            axes.plot(rows["snr_gain_db"], share, color=look.colour, linestyle=look.line, marker=look.marker)
     top = max(1.06 * float((part["n_false"] / part["n_trials"]).max()), MIN_FALSE_POINTS)
     missed.set(title="Missed", ylabel="share of trials", ylim=SHARE_LIMITS)
     false.set(title="False points", ylabel="number a trial", ylim=(-0.03 * top, top))
-    for variant, look in looks.items():
-        rows = rows_of(part, variant)
-        for axes, column in ((missed, "n_misses"), (false, "n_false")):
-            share = rows[column] / rows["n_trials"]
-            axes.plot(rows["snr_gain_db"], share, color=look.colour, linestyle=look.line, marker=look.marker)
     for axes in panels:
         axes.grid(True)
         axes.set_xlim(part["snr_gain_db"].min() - 1, part["snr_gain_db"].max() + 1)
     for axes in panels[5:]:
-        axes.set_xlabel(GAINED_SNR)
+        axes.set_xlabel("SNR after gain [dB]")
     return figure
 
 
@@ -166,25 +165,25 @@ def _draw_errors(
     errors: Axes, ratios: Axes, part: pd.DataFrame, dimension: str, looks: Mapping[Variant, LineLook]
 ) -> None:
     """Draw the errors of one dimension, and below them their ratio to the bound."""
-    column, bounds = COLUMNS[dimension], part.drop_duplicates("snr_gain_db")
-    ylabel = f"root mean square error{UNITS[dimension]}"
-    errors.set(title=DIMENSION_TITLES[dimension], ylabel=ylabel, yscale="log")
-    errors.plot(bounds["snr_gain_db"], bounds[f"bound_{column}"], color=BOUND_COLOUR, linestyle="--")
+    unit, axis_unit = UNITS[dimension]
+    bounds = part.drop_duplicates("snr_gain_db")
+    # One hit among many trials is no measurement.
+    n_hits = part["n_trials"] - part["n_failed"] - part["n_misses"]
+    is_measured = (n_hits > 1) | (part["n_trials"] == 1)
+    ratio = part[[f"ratio_{dimension}{end}" for end in ("", "_low", "_high")]]
+    ratio = ratio.set_axis(BAND, axis=1).where(is_measured)
+    # Errors have the relative band of their ratio.
+    error = ratio.div(ratio["value"], axis=0).mul(part[f"rmse_{unit}"], axis=0)
+    errors.set(title=DIMENSION_TITLES[dimension], ylabel=f"root mean square error{axis_unit}", yscale="log")
+    errors.plot(bounds["snr_gain_db"], bounds[f"bound_{unit}"], color=BOUND_COLOUR, linestyle="--")
     ratios.set(ylabel="error over bound", yscale="log")
     ratios.axhline(1.0, color=BOUND_COLOUR, linestyle="--")
-    for variant, look in looks.items():
-        rows = rows_of(part, variant)
-        snr_db, ratio = rows["snr_gain_db"], rows[f"ratio_{dimension}"]
-        low, high = rows[f"ratio_{dimension}_low"], rows[f"ratio_{dimension}_high"]
-        # One hit among many trials is no measurement.
-        n_hits = rows["n_trials"] - rows["n_failed"] - rows["n_misses"]
-        ratio = ratio.where((n_hits > 1) | (rows["n_trials"] == 1))
-        draw_line(ratios, look, snr_db, ratio, low, high)
-        # Errors have the relative band of their ratio.
-        rmse = rows[f"rmse_{column}"].where(ratio.notna())
-        draw_line(errors, look, snr_db, rmse, rmse * low / ratio, rmse * high / ratio)
+    for axes, numbers in ((errors, error), (ratios, ratio)):
+        for variant, look in looks.items():
+            rows = rows_of(part, variant)
+            draw_line(axes, look, rows["snr_gain_db"], *(numbers.loc[rows.index, name] for name in BAND))
     ratios.set(ylim=(0.7, LARGEST_RATIO), yticks=[1, 2, 5, 10])
-    _plain_numbers(ratios.yaxis)
+    write_plain_numbers(ratios.yaxis)
 
 
 def draw_resolution(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figure:
@@ -228,7 +227,7 @@ def draw_resolution(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
             xlabel="distance [Rayleigh cells]",
             ylabel="share of pairs found",
         )
-        _plain_numbers(axes.xaxis)
+        write_plain_numbers(axes.xaxis)
         axes.grid(True)
     return figure
 
@@ -247,19 +246,19 @@ def draw_maps(summary: pd.DataFrame) -> Figure:
     """
     rate = reference_rate(summary["pfa"])
     part = summary[summary["pfa"] == rate].sort_values("snr_gain_db")
-    looks, names = _detector_looks(summary[summary["pfa"] == rate]), list(summary["scenario"].unique())
-    n_trials = int(part["n_cells"].max())
-    title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials_and_band(n_trials)}"
+    looks, names = _detector_looks(summary), list(summary["scenario"].unique())
+    title = (
+        f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials_and_band(int(part['n_cells'].max()))}"
+    )
     legend = [*legend_lines(looks.values()), _nominal()]
     figure, panels = panel_grid(2 * len(names), legend, title, max_columns=len(names))
     for detected, false, name in zip(panels, panels[len(names) :], names, strict=False):
         for text, look in looks.items():
             rows = part[(part["scenario"] == name) & (part["detector"] == text)]
-            _draw_rate(detected, look, rows["snr_gain_db"], rows, "pd")
-            _draw_rate(false, look, rows["snr_gain_db"], rows, "pfa_measured")
+            _draw_rates(detected, false, look, rows["snr_gain_db"], rows)
         detected.set(title=drawable(name), ylabel="probability of detection", ylim=SHARE_LIMITS)
         false.set(
-            yscale="log", xlabel="SNR of a target in its cell [dB]", ylabel="probability of false alarm"
+            xlabel="SNR of a target in its cell [dB]", ylabel="probability of false alarm", yscale="log"
         )
         false.axhline(rate, color=BOUND_COLOUR, linestyle="--")
     for axes in panels:
@@ -283,24 +282,19 @@ def draw_roc(summary: pd.DataFrame) -> Figure:
     looks, names = _detector_looks(summary), list(summary["scenario"].unique())
     snrs = nearest_values(sorted(summary["snr_gain_db"].unique()), ROC_SNRS_DB)
     title = "Detection over measured false alarms, a point a nominal P_fa"
-    n_panels = len(snrs) * len(names)
-    figure, panels = panel_grid(n_panels, legend_lines(looks.values()), title, max_columns=len(names))
-    for place, axes in enumerate(panels):
-        row, column = divmod(place, len(names))
-        chosen = (summary["snr_gain_db"] == snrs[row]) & (summary["scenario"] == names[column])
-        part = summary[chosen].sort_values("pfa")
+    legend, places = legend_lines(looks.values()), list(product(snrs, names))
+    figure, panels = panel_grid(len(places), legend, title, max_columns=len(names))
+    for axes, (snr_db, name) in zip(panels, places, strict=True):
+        part = summary[(summary["snr_gain_db"] == snr_db) & (summary["scenario"] == name)].sort_values("pfa")
         for text, look in looks.items():
             rows = part[part["detector"] == text]
             rate = _shown_rate(rows)
             axes.plot(rate, rows["pd"], color=look.colour, linestyle=look.line, marker=look.marker)
-        axes.set(
-            xscale="log",
-            ylim=SHARE_LIMITS,
-            title=f"{drawable(names[column])}, {snrs[row]:.4g} dB",
-            xlabel="probability of false alarm" if row == len(snrs) - 1 else "",
-            ylabel="probability of detection",
-        )
+        axes.set(title=f"{drawable(name)}, {snr_db:.4g} dB", ylabel="probability of detection")
+        axes.set(xscale="log", ylim=SHARE_LIMITS)
         axes.grid(True)
+    for axes in panels[-len(names) :]:
+        axes.set_xlabel("probability of false alarm")
     share_scale(panels, "x")
     return figure
 
@@ -329,8 +323,7 @@ def draw_detection(summary: pd.DataFrame) -> Figure:
         rows = rows_of(part, variant)
         snr_db, mean, half = rows["snr_db"], rows["deviation_mean"], rows["deviation_band"]
         draw_line(images, look, snr_db, mean, (mean - half).clip(lower=mean / 10), mean + half)
-        _draw_rate(detected, look, snr_db, rows, "pd")
-        _draw_rate(false, look, snr_db, rows, "pfa_measured")
+        _draw_rates(detected, false, look, snr_db, rows)
     for rate in part["pfa"].unique():
         false.axhline(rate, color=BOUND_COLOUR, linestyle="--")
     images.set(title="Images", ylabel="imaging deviation", yscale="log")
@@ -361,18 +354,14 @@ def _detector_looks(summary: pd.DataFrame) -> dict[str, LineLook]:
     return dict(zip(texts, assign_looks({(text, ""): text for text in texts}, ()).values(), strict=True))
 
 
-def _draw_rate(axes: Axes, look: LineLook, snr_db: pd.Series[Any], rows: pd.DataFrame, name: str) -> None:
-    """Draw a probability over SNR, inside its band."""
-    values = rows[name] if name == "pd" else _shown_rate(rows)
-    draw_line(axes, look, snr_db, values, rows[f"{name}_low"], rows[f"{name}_high"])
+def _draw_rates(
+    detected: Axes, false: Axes, look: LineLook, snr_db: pd.Series[Any], rows: pd.DataFrame
+) -> None:
+    """Draw probabilities of detection and of false alarm over SNR, inside their bands."""
+    draw_line(detected, look, snr_db, rows["pd"], rows["pd_low"], rows["pd_high"])
+    draw_line(false, look, snr_db, _shown_rate(rows), rows["pfa_measured_low"], rows["pfa_measured_high"])
 
 
 def _shown_rate(rows: pd.DataFrame) -> pd.Series[Any]:
     """Measured false-alarm rates for a logarithmic axis: none at all is a tenth of one."""
     return rows["pfa_measured"].clip(lower=LOWEST_RATE_SHARE / rows["n_clear"].clip(lower=1))
-
-
-def _plain_numbers(axis: Axis) -> None:
-    """Write the ticks of a logarithmic axis as plain numbers."""
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
