@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -68,6 +69,14 @@ class Job:
 def load_job(suite: Suite) -> Job:
     """Load the scenarios of a suite, and take the plugins from files that are registered.
 
+    Parameters
+    ----------
+    suite : Suite
+
+    Returns
+    -------
+    Job
+
     Raises
     ------
     InputError
@@ -83,7 +92,6 @@ def load_job(suite: Suite) -> Job:
 
 
 def _refuse_repeats(scenes: Sequence[Scene]) -> None:
-    names = [scene.name for scene in scenes]
-    for index, name in enumerate(names):
-        if name in names[:index]:
+    for name, n in Counter(scene.name for scene in scenes).items():
+        if n > 1:
             raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from isacbench.bench.cells.record import Results
     from isacbench.report.drawing.style import LineStyle
     from isacbench.report.figures.curves import NamedFigure
-    from isacbench.report.tables.link_tables import Signal
 
 MODULATION_COLOURS: dict[str, str] = dict(zip(("qpsk", "16qam", "64qam", "256qam"), COLOURS, strict=False))
 DIVISION_LINES: dict[str, LineStyle] = {"": "-", "reciprocal": "-", "matched": "--", "wiener": ":"}
@@ -143,16 +142,14 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
     labels, known = estimator_labels(estimators), receiver_labels(received)[receiver]
     title = f"{drawable(template)}: image against bit rate behind {drawable(channel)}, {known}"
     prs_look = dataclasses.replace(PRS_LOOK, colour="0.4")
-    legend = [
-        *_modulation_lines(rates["modulation"].unique()),
-        *_sensing_lines(sensed, prs_look),
-        _snr_entry(),
-    ]
-    figure, panels = panel_grid(len(estimators), [*legend, _snr_entry()], title, panel_in=PANEL_IN)
+    legend = [*_modulation_lines(rates["modulation"].unique()), *_sensing_lines(sensed, prs_look)]
+    legend.append(_snr_entry())
+    figure, panels = panel_grid(len(estimators), legend, title, panel_in=PANEL_IN)
     for axes, variant in zip(panels, estimators, strict=True):
         points = _trade_points(rows_of(sensed, variant), rates)
-        for signal, path in points.groupby(SIGNAL, sort=False):
-            look, colour = _signal_look(signal), MODULATION_COLOURS[signal[1]]
+        for key, path in points.groupby(SIGNAL, sort=False):
+            sensing, modulation, division = map(str, key)
+            look, colour = _signal_look(sensing, modulation, division), MODULATION_COLOURS[modulation]
             rate, deviation = path["rate_gbps"], path["deviation_mean"]
             axes.plot(rate, deviation, color=colour, linestyle=look.line, marker=look.marker)
         axes.set(title=f"Image by {drawable(labels[variant])}", xlabel="achievable bit rate [Gbit/s]")
@@ -189,7 +186,7 @@ def _write_snrs(axes: Axes, points: pd.DataFrame) -> None:
         if offset is not None:
             axes.annotate(
                 text,
-                place,
+                tuple(place),
                 textcoords="offset points",
                 xytext=tuple(offset),
                 fontsize=SNR_SIZE_PT,
@@ -220,10 +217,11 @@ def _draw_errors(axes: Axes, part: pd.DataFrame) -> None:
 
 def _draw_deviations(axes: Axes, part: pd.DataFrame) -> None:
     """Draw deviations of one estimator, every signal."""
-    for signal, rows in part.sort_values("snr_db", kind="stable").groupby(SIGNAL, sort=False):
+    for key, rows in part.sort_values("snr_db", kind="stable").groupby(SIGNAL, sort=False):
+        look = _signal_look(*map(str, key))
         mean, half = rows["deviation_mean"], rows["deviation_band"]
         low = (mean - half).clip(lower=mean / 10)
-        draw_line(axes, _signal_look(signal), rows["snr_db"], mean, low, mean + half, alpha=0.12)
+        draw_line(axes, look, rows["snr_db"], mean, low, mean + half, alpha=0.12)
     if (part["deviation_mean"] > 0).any():
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
@@ -234,8 +232,7 @@ def _look(label: str, colour: str = "0.4", line: LineStyle = "-") -> LineLook:
     return LineLook(label, colour, "o", line, is_bound=False)
 
 
-def _signal_look(signal: Signal) -> LineLook:
-    sensing, modulation, division = signal
+def _signal_look(sensing: str, modulation: str, division: str) -> LineLook:
     if sensing == "prs":
         return PRS_LOOK
     return _look(_division_label(division), MODULATION_COLOURS[modulation], DIVISION_LINES[division])

@@ -218,7 +218,7 @@ def _images(results: Results, scenario: str, trial: int) -> dict[Hashable, Image
     # Numbers first: they are compared much faster than text, and leave little of it.
     points = results.clouds[results.clouds["trial"] == trial]
     points = points[points["scenario"] == scenario]
-    clouds = {
+    clouds: dict[Hashable, PointCloud] = {
         key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
         for key, part in points.groupby(CELL, sort=False, observed=True)
     }

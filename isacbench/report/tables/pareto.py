@@ -54,8 +54,8 @@ def pareto_frontier(time_s: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
     times, errors = np.asarray(time_s), np.asarray(error)
     is_worse_in_neither = (times[:, None] <= times) & (errors[:, None] <= errors)
     is_better_in_one = (times[:, None] < times) | (errors[:, None] < errors)
-    found: NDArray[np.bool_] = ~(is_worse_in_neither & is_better_in_one).any(axis=0)
-    return found
+    is_beaten: NDArray[np.bool_] = np.asarray(np.any(is_worse_in_neither & is_better_in_one, axis=0))
+    return ~is_beaten
 
 
 def find_limits(records: pd.DataFrame) -> set[str]:
