@@ -273,6 +273,7 @@ def _snr_entry() -> Line2D:
         [],
         linestyle="",
         marker="$20$",
+        markersize=6.0,
         markeredgewidth=0,
         color=SNR_COLOUR,
         label="SNR along solid lines [dB]",
