@@ -16,13 +16,12 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from isacbench.bench.suites.suite import StudyKind
     from isacbench.report.tables.run_tables import Grid
 
 MAX_TABLE_WIDTH = 1000
 
 
-def report_run(folder: Path, records: pd.DataFrame, kind: StudyKind) -> None:
+def report_run(folder: Path, records: pd.DataFrame, kind: str) -> None:
     """Write and print the tables of a run, and draw its figures.
 
     Parameters

@@ -56,7 +56,8 @@ def run_command(
     repeats: Annotated[int | None, Option(min=1, help="Timed estimates a cell; default 5.")] = None,
 ) -> None:
     """Run a suite: estimate, score, tabulate and draw. An existing folder of the same run is completed."""
-    from isacbench.bench.suites.suite import load_suite, parse_snr
+    from isacbench.bench.suites.suite import parse_snr
+    from isacbench.bench.suites.suite_kinds import load_suite
 
     if out is None and (rerun or mix_versions):
         raise InputError("--rerun and --mix-versions: allowed with -o DIR, the folder of an existing run")

@@ -8,7 +8,8 @@ from typer.testing import CliRunner
 
 from isacbench.bench.run.runner import run
 from isacbench.bench.studies.study import build_estimators
-from isacbench.bench.suites.suite import DetectionSuite, Suite
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.suite import Suite
 from isacbench.cli import app
 from isacbench.errors import InputError
 

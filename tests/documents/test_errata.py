@@ -9,7 +9,7 @@ from isacbench_algorithms.detectors import CaCfar, OscaCfar
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 
-from isacbench.bench.suites.suite import load_suite
+from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steering, smoothed_covariance
 from isacbench.dsp.angles.model_order import eigenvalue_cfar_order, noise_order
 from isacbench.dsp.cfar.factors import ca_factor, ca_rate, osca_factor, osca_rate, paper_factor

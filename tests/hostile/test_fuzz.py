@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from isacbench.bench.suites.suite import load_suite
+from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes import open_cube, read_grid
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from isacbench.bench.suites import suite
-from isacbench.bench.suites.suite import load_suite
+from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes import open_cube, read_grid
 from isacbench.files import checked_files
 from isacbench.files.arrays import zarr_stores

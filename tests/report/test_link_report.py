@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.run.runner import run_suite
-from isacbench.bench.suites.suite import LinkSuite
+from isacbench.bench.suites.link_kind import LinkSuite
 from isacbench.report.figures.link_figures import draw_link, draw_trade
 from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.tables.link_tables import receiver_labels, signal_label

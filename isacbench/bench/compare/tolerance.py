@@ -6,39 +6,21 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError, unknown_name
 from isacbench.metrics.score import METRICS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
-Direction = Literal["lower", "higher", "neither"]
+    from isacbench.bench.suites.kind import Direction
 
 FORM = re.compile(
     r"\s*(?P<metric>\w+)\s*=\s*(?P<number>(\d+\.?\d*|\.\d+)(e[+-]?\d+)?)\s*(?P<percent>%?)\s*", re.IGNORECASE
 )
 
-HIGHER_IS_BETTER = ("hit", "resolved", "n_hits", "rate_bps")
-NO_BETTER_SIDE = (
-    *(
-        "n_bits",
-        "ber_expected",
-        "n_targets",
-        "n_clear",
-        "pfa",
-        "snr_gain_db",
-        "separation_cells",
-        "phase_deg",
-    ),
-    *("error_range_m", "error_velocity_mps", "error_u", "error_w"),  # errors with a sign
-    *("bound_range_m", "bound_velocity_mps", "bound_u", "bound_w"),
-    *("seed", "timing", "time_spread_s"),
-)
-STUDY_DIRECTIONS: dict[str, Direction] = {
-    **dict.fromkeys(HIGHER_IS_BETTER, "higher"),
-    **dict.fromkeys(NO_BETTER_SIDE, "neither"),
-}
-"""Columns that are no scores of images, and for which lower is not better."""
+NEITHER = "seed", "timing", "time_spread_s"
+"""Columns of every run of which neither more nor less is better."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +124,10 @@ def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lo
     >>> direction("recall", "paper", ["deviation", "recall"])
     'higher'
     """
-    known = {name: score.better for name, score in METRICS.get(metric, {}).items()} | STUDY_DIRECTIONS
+    known: dict[str, Direction] = dict.fromkeys(NEITHER, "neither")
+    known |= {name: score.better for name, score in METRICS.get(metric, {}).items()}
+    for kind in KINDS.values():
+        known |= kind.better
     scores = [name for name in columns if known.get(name, "lower") != "neither"]
     if column not in columns:
         raise unknown_name("score", column, scores)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ import pandas as pd
 
 from isacbench.bench.cells.record import DRAW_COLUMNS
 from isacbench.bench.plan.run_plan import Plan
-from isacbench.bench.studies.study_kinds import STUDIES
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.discovery import local_plugins, register_plugin
@@ -51,8 +52,7 @@ class Job:
         """
         for plugin in self.plugins:
             register_plugin(plugin)
-        study = STUDIES[self.suite.kind]
-        scenes = study.scenes(self.suite, self.scenarios)
+        scenes = kind_of(self.suite).scenes(self.suite, self.scenarios)
         _refuse_repeats(scenes)
         return Plan(scenes, self.suite.trials)
 
@@ -69,6 +69,14 @@ class Job:
 def load_job(suite: Suite) -> Job:
     """Load the scenarios of a suite, and take the plugins from files that are registered.
 
+    Parameters
+    ----------
+    suite : Suite
+
+    Returns
+    -------
+    Job
+
     Raises
     ------
     InputError
@@ -84,7 +92,6 @@ def load_job(suite: Suite) -> Job:
 
 
 def _refuse_repeats(scenes: Sequence[Scene]) -> None:
-    names = [scene.name for scene in scenes]
-    for index, name in enumerate(names):
-        if name in names[:index]:
+    for name, n in Counter(scene.name for scene in scenes).items():
+        if n > 1:
             raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")

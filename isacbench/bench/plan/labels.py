@@ -5,29 +5,64 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import parameter_defaults
-from isacbench.plugins.specifications import spell_spec, spell_value
+from isacbench.plugins.specifications import spell_spec
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Variant = tuple[str, str]
 """Name and canonical parameters of an estimator."""
 
 Params = Mapping[str, Any]
+Known = Callable[[PluginKind, str], tuple[Params, Params] | None]
 
-Defaults = tuple[dict[str, Any], dict[str, Any]]
-Known = Callable[[PluginKind, str], Defaults | None]
+_NONE = object()
+
+
+def variants_in(table: pd.DataFrame) -> list[Variant]:
+    """List the estimators of a table.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the columns estimator and params.
+
+    Returns
+    -------
+    list of (str, str)
+        Names and canonical parameters, each pair once, in order.
+    """
+    return list(dict.fromkeys(zip(table["estimator"], table["params"], strict=True)))
+
+
+def rows_of(table: pd.DataFrame, variant: Variant) -> pd.DataFrame:
+    """Select the rows of one estimator.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the columns estimator and params.
+    variant : (str, str)
+
+    Returns
+    -------
+    DataFrame
+    """
+    return table[(table["estimator"] == variant[0]) & (table["params"] == variant[1])]
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     """Name estimators for people: the bare name, or with the parameters that have to be told.
 
-    These are the parameters that set variants of one name apart, but for
-    values that more than half of them share; those that are not as by default;
-    and a detector that can be mistaken for another one of the same name. What
-    is by default is known of estimators that are registered.
+    These are the parameters that tell variants of one name apart, except
+    values that more than half of them share; those that differ from their defaults;
+    and a detector that can be mistaken for another one of the same name. The defaults
+    of a plugin that is not installed are unknown, and count as equal.
 
     Parameters
     ----------
@@ -50,15 +85,14 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     namesakes: dict[str, list[Params]] = {}
     for (name, _), own in parsed.items():
         namesakes.setdefault(name, []).append(own)
-    # What is installed is listed anew whenever it is asked for, which takes milliseconds.
-    known = cache(_defaults)
+    known = cache(_defaults)  # of a few plugins that many variants share
     return {
         (name, params): _label(name, own, namesakes[name], known) for (name, params), own in parsed.items()
     }
 
 
-def _defaults(kind: PluginKind, name: str) -> Defaults | None:
-    """Defaults of a plugin, and what parameters meant that are missing; None where nobody knows them."""
+def _defaults(kind: PluginKind, name: str) -> tuple[Params, Params] | None:
+    """Defaults of a plugin, and the meaning of parameters that are missing; None where they are unknown."""
     try:
         return parameter_defaults(kind, name)
     except InputError:  # not registered, or broken: its rows can be shown all the same
@@ -66,9 +100,7 @@ def _defaults(kind: PluginKind, name: str) -> Defaults | None:
 
 
 def _label(name: str, own: Params, namesakes: Sequence[Params], known: Known) -> str:
-    unlike = _unlike_defaults(known("estimator", name), own)
-    if unlike is None:
-        return name + _differing(own, namesakes)
+    unlike = _unlike_defaults(known("estimator", name), own) or {}
     told = {
         key: value
         for key, value in own.items()
@@ -81,11 +113,14 @@ def _sets_apart(value: Any, values: Sequence[Any]) -> bool:
     """Tell whether at most half share a value, or a detector among them could be mistaken for it."""
     if 2 * values.count(value) <= len(values):
         return True
-    return _is_plugin(value) and any(other != value for other in values if _name(other) == _name(value))
+    names = [other.get("name") if isinstance(other, dict) else None for other in values]
+    return isinstance(value, dict) and any(
+        name == value["name"] and other != value for name, other in zip(names, values, strict=True)
+    )
 
 
-def _unlike_defaults(known: Defaults | None, own: Params) -> dict[str, Any] | None:
-    """Parameters that are not as by default, None where nobody knows the defaults."""
+def _unlike_defaults(known: tuple[Params, Params] | None, own: Params) -> dict[str, Any] | None:
+    """Parameters that differ from their defaults, None where the defaults are unknown."""
     if known is None:
         return None
     defaults, before = known
@@ -93,36 +128,10 @@ def _unlike_defaults(known: Defaults | None, own: Params) -> dict[str, Any] | No
     return {key: value for key, value in {**before, **own}.items() if value != defaults.get(key, _NONE)}
 
 
-_NONE = object()
-
-
-def _is_plugin(value: Any) -> bool:
-    return isinstance(value, dict) and "name" in value
-
-
-def _name(value: Any) -> Any:
-    return value["name"] if _is_plugin(value) else None
-
-
 def _told(value: Any, known: Known) -> Any:
-    """Value with what has to be told of a detector: what is not as by default, all where it is not known."""
-    if not _is_plugin(value):
+    """Value; of a detector its name, and the parameters that are known to differ from their defaults."""
+    if not isinstance(value, dict):
         return value
     own = {key: inner for key, inner in value.items() if key != "name"}
     unlike = _unlike_defaults(known("detector", value["name"]), own)
     return {"name": value["name"], **(own if unlike is None else unlike)}
-
-
-def _differing(own: Params, others: Sequence[Any]) -> str:
-    """Parameters that set these apart from most others, as a specification writes them."""
-    texts = []
-    for key, value in own.items():
-        values = [other.get(key) for other in others]
-        if key == "name" or 2 * values.count(value) > len(values):
-            continue
-        if _is_plugin(value):
-            namesakes = [other for other in values if _is_plugin(other) and other["name"] == value["name"]]
-            texts.append(f"{key}={value['name']}{_differing(value, namesakes)}")
-        else:
-            texts.append(f"{key}={spell_value(value)}")
-    return f"[{','.join(texts)}]" if texts else ""

@@ -2,41 +2,26 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.plan.run_plan import Plan
 from isacbench.bench.studies.study import Entry
+from isacbench.bench.suites.scenario_digest import canonical_json
 
 if TYPE_CHECKING:
-    from isacbench.bench.studies.study import Scene
+    from collections.abc import Mapping
 
 ENTRIES = "contestants"
 """Key of a scene's entries in a manifest, as version 0.1 wrote it."""
 
 
-@dataclass(frozen=True)
-class OutlinedScene:
-    """A scene that rows can be placed in, but nothing observed of.
-
-    Attributes
-    ----------
-    name, content : str
-    snr_db : sequence of float
-    entries : sequence of Entry
-        Without plugins.
-    """
-
-    name: str
-    content: str
-    snr_db: Sequence[float]
-    entries: Sequence[Entry[None]]
-
-
 def outline(plan: Plan) -> list[dict[str, Any]]:
     """Describe the scenes of a plan in terms of JSON.
+
+    Parameters
+    ----------
+    plan : Plan
 
     Returns
     -------
@@ -59,10 +44,15 @@ def outline(plan: Plan) -> list[dict[str, Any]]:
 def restore_plan(manifest: Mapping[str, Any]) -> Plan:
     """Build the plan of a run from its manifest.
 
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+
     Returns
     -------
     Plan
-        Of scenes that are good for finding places and naming cells alone.
+        Its scenes have name, content, SNRs and entries without plugins: enough to find the places
+        of rows, and not to observe.
 
     Raises
     ------
@@ -70,16 +60,10 @@ def restore_plan(manifest: Mapping[str, Any]) -> Plan:
         If the manifest is older than outlines.
     """
     entries = [
-        Entry(entry["name"], json.dumps(entry["params"], sort_keys=True, separators=(",", ":")), None)
-        for entry in manifest["estimators"]
+        Entry(entry["name"], canonical_json(entry["params"]), None) for entry in manifest["estimators"]
     ]
-    scenes = [
-        OutlinedScene(
-            scene["name"],
-            scene["content"],
-            tuple(scene["snr_db"]),
-            tuple(entries[index] for index in scene[ENTRIES]),
-        )
+    scenes: list[Any] = [
+        SimpleNamespace(**{**scene, "entries": [entries[index] for index in scene[ENTRIES]]})
         for scene in manifest["scenes"]
     ]
-    return Plan(cast("Sequence[Scene]", scenes), manifest["suite"]["trials"])
+    return Plan(scenes, manifest["suite"]["trials"])

@@ -54,6 +54,14 @@ class Shard(NamedTuple):
     def parse(cls, text: str) -> Shard:
         """Parse ``k/n``.
 
+        Parameters
+        ----------
+        text : str
+
+        Returns
+        -------
+        Shard
+
         Raises
         ------
         InputError
@@ -90,7 +98,7 @@ class Plan:
 
     @property
     def entries(self) -> list[Entry[Any]]:
-        """Everybody who takes part, once each."""
+        """Entries of all scenes, once each."""
         every = {(one.name, one.params): one for scene in self.scenes for one in scene.entries}
         return list(every.values())
 
@@ -116,7 +124,17 @@ class Plan:
         return found
 
     def blocks(self, todo: NDArray[np.bool_]) -> list[Block]:
-        """Blocks of the cells that are marked, in the order of the table."""
+        """List the blocks of the cells that are marked.
+
+        Parameters
+        ----------
+        todo : ndarray of bool, shape (n_cells,)
+
+        Returns
+        -------
+        list of Block
+            In the order of the table.
+        """
         blocks = []
         for index, scene in enumerate(self.scenes):
             shape = self.n_trials, len(scene.snr_db), len(scene.entries)
@@ -127,7 +145,16 @@ class Plan:
         return blocks
 
     def shard(self, shard: Shard) -> NDArray[np.bool_]:
-        """Mark the cells of a part of the run: whole trials of a scene, if there are enough."""
+        """Mark the cells of a part of the run: whole trials of a scene, if there are enough.
+
+        Parameters
+        ----------
+        shard : Shard
+
+        Returns
+        -------
+        ndarray of bool, shape (n_cells,)
+        """
         blocks = self.blocks(np.ones(self.n_cells, dtype=np.bool_))
         trials = [block[:2] for block in blocks]
         part = np.cumsum([before != after for before, after in pairwise([trials[0], *trials])])
@@ -143,9 +170,7 @@ class Plan:
 
     def _positions_in(self, index: int, keys: pd.DataFrame) -> NDArray[np.int64]:
         scene = self.scenes[index]
-        at_snr = pd.Index(scene.snr_db, dtype=np.float64).get_indexer(
-            pd.Index(keys["snr_db"], dtype=np.float64)
-        )
+        at_snr = pd.Index(scene.snr_db, dtype=np.float64).get_indexer(pd.Index(keys["snr_db"]))
         variants = pd.MultiIndex.from_tuples([(one.name, one.params) for one in scene.entries])
         entry = variants.get_indexer(pd.MultiIndex.from_frame(keys[["estimator", "params"]]))
         trial = keys["trial"].to_numpy()
@@ -155,7 +180,7 @@ class Plan:
 
 
 class BlockQueue:
-    """Blocks for several workers: each goes on with its own trial of a scene, whose echo and noise it has.
+    """Blocks for several workers: each continues its own trial of a scene, whose echo and noise it has kept.
 
     Parameters
     ----------
@@ -168,7 +193,7 @@ class BlockQueue:
         self._taken: list[deque[Block]] = []
 
     def blocks(self) -> Iterator[Block]:
-        """Blocks for one worker, until none is left for anybody."""
+        """Blocks for one worker, until no block is left."""
         mine: deque[Block] = deque()
         while (block := self._next(mine)) is not None:
             yield block
@@ -181,6 +206,6 @@ class BlockQueue:
                     self._taken.append(mine)
             if mine:
                 return mine.popleft()
-            # Nothing untouched is left: take from the end of whoever has most.
+            # No trial is untouched: take the last block of the longest queue.
             fullest = max(self._taken, key=len, default=mine)
             return fullest.pop() if fullest else None

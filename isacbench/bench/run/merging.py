@@ -22,8 +22,8 @@ from isacbench.bench.store import run_store
 from isacbench.bench.store.resume import differing_versions, has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
-from isacbench.bench.studies.study_kinds import STUDIES
-from isacbench.bench.suites.suite import Suite, restore_suite
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import local_plugins
 from isacbench.plugins.specifications import spec_variants
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.plan.run_plan import Plan
-    from isacbench.bench.suites.suite import StudyKind
     from isacbench.model.scene import Scenario
 
 SPECIFICATIONS = ("estimators", "detectors")
@@ -76,7 +75,7 @@ class Merged:
         Cells that no part has.
     """
 
-    kind: StudyKind
+    kind: str
     records: pd.DataFrame
     n_cells: int
     gaps: list[Gap]
@@ -147,7 +146,7 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     suite, scenarios = restore_suite(described["suite"]), _scenarios(parts)
     results = Results(
         suite=suite,
-        records=typed(rows.records, STUDIES[suite.kind].columns),
+        records=typed(rows.records, kind_of(suite).columns),
         clouds=rows.clouds(),
         scenarios={name: scenarios[name] for name in described["scenarios"]},
         draws=_draws(parts, [scene["name"] for scene in described["scenes"]]),

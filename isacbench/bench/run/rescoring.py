@@ -19,7 +19,7 @@ from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
 from isacbench.bench.studies.study import ImagedScene
-from isacbench.bench.studies.study_kinds import STUDIES
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from isacbench.bench.cells.record import Results
-    from isacbench.bench.suites.suite import StudyKind
 
 
 class Change(NamedTuple):
@@ -72,7 +71,7 @@ class Rescored:
         Columns that have changed.
     """
 
-    kind: StudyKind
+    kind: str
     records: pd.DataFrame
     n_scored: int
     n_changed: int
@@ -141,7 +140,7 @@ def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
         for row in candidates[inside].tolist():
             cloud = PointCloud.from_array(rows.points[ends[row] - rows.n_points[row] : ends[row]])
             shot = MeasuredImage(scenario, None, None, records["snr_db"].iloc[row], cloud)
-            measured = _measured(observed.scenes[name], shot, STUDIES[results.suite.kind].columns)
+            measured = _measured(observed.scenes[name], shot, kind_of(results.suite).columns)
             scored[row] = {**score_image(scenario, cloud), **measured}
     return pd.DataFrame(list(scored.values()), index=list(scored))
 
@@ -155,7 +154,7 @@ def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any
     return {name: found.get(name, default) for name, default in columns.items() if name not in known}
 
 
-def _compared(kind: StudyKind, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
+def _compared(kind: str, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
     """Columns that have changed."""
     differs = (old != new) & ~(old.isna() & new.isna())
     changes = []

@@ -23,8 +23,8 @@ from isacbench.bench.store.journal import Journal, read_journal
 from isacbench.bench.store.resume import Rerun, keep, parse_reruns
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.studies.study_kinds import STUDIES
-from isacbench.bench.suites.suite import Suite, load_suite
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.suites.suite_kinds import kind_of, load_suite
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
 from isacbench.bench.workers.local_workers import work_alone, work_guarded, work_here
 from isacbench.errors import InputError
@@ -264,7 +264,7 @@ def run_suite(
     """
     job = load_job(suite)
     started, tick, options = datetime.now().astimezone(), time.perf_counter(), execution.describe()
-    columns = STUDIES[suite.kind].columns
+    columns = kind_of(suite).columns
     with open_folder(out) as folder:
         manifest = run_store.recover_manifest(folder)
         stored, sessions = run_store.read_rows(folder, manifest), manifest.get("sessions", [])
@@ -325,7 +325,7 @@ def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]], i
     """
     journal = folder / run_store.JOURNAL
     if is_less or (journal.exists() and len(kept)):
-        run_store.write_rows(folder, typed(kept.records, STUDIES[job.suite.kind].columns), kept.clouds())
+        run_store.write_rows(folder, typed(kept.records, kind_of(job.suite).columns), kept.clouds())
     run_store.write_truth(folder, job.scenarios)
     run_store.write_manifest(folder, run_store.describe_run(job), kept.environments, sessions)
     journal.unlink(missing_ok=True)

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_info
 
 import isacbench
 from isacbench.bench.suites.scenario_digest import digest
+from isacbench.bench.suites.suite_kinds import PLANNERS
 from isacbench.plugins.plugin_versions import library_code, plugin_version
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ GIT_TIMEOUT_S = 30.0
 
 SOURCE = Path(isacbench.__file__).parent
 
-ROW_MAKERS = "isacbench.bench.plan.job", "isacbench.bench.workers.workbench"
+ROW_MAKERS = "isacbench.bench.plan.job", "isacbench.bench.workers.workbench", *PLANNERS
 """Modules that plan cells and make rows. Rows depend on them and on all modules that they import."""
 
 

@@ -31,7 +31,6 @@ from isacbench.bench.store.journal import read_journal
 from isacbench.bench.store.provenance import blas_libraries, git_state, machine, package_versions
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import replacing
-from isacbench.bench.studies.study_kinds import STUDIES
 from isacbench.bench.suites.scenario_digest import (
     describe_scenario,
     digest,
@@ -39,7 +38,7 @@ from isacbench.bench.suites.scenario_digest import (
     scenario_digest,
     truth_table,
 )
-from isacbench.bench.suites.suite import restore_suite
+from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
 from isacbench.files.escaping import quoted
@@ -412,7 +411,7 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
     with _damage_told(folder):
         rows = read_rows(folder, manifest, True, with_clouds)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
-        records = typed(rows.records, STUDIES[restore_suite(manifest["suite"]).kind].columns)
+        records = typed(rows.records, kind_of(restore_suite(manifest["suite"])).columns)
         require_sound_records(records)
         require_described_scenarios(records, manifest)
         return dataclasses.replace(rows, records=records)

@@ -16,7 +16,7 @@ from isacbench.bench.cells.record import CLOUD_KEYS
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store.run_store import read_manifest, read_scenes, read_sound_rows
 from isacbench.bench.studies.study import ImagedScene
-from isacbench.bench.studies.study_kinds import STUDIES
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError, unknown_name
 from isacbench.files.escaping import counted, quoted, shortened
@@ -289,7 +289,7 @@ class ObservedScenes:
     def scenes(self) -> dict[str, ImagedScene]:
         """Scenes by their value in the column ``scenario``; no synthetic maps and no users of a link."""
         bare = {key: () for key in PLUGIN_KEYS if key in type(self.suite).model_fields}
-        scenes = STUDIES[self.suite.kind].scenes(self.suite.model_copy(update=bare), self.scenarios)
+        scenes = kind_of(self.suite).scenes(self.suite.model_copy(update=bare), self.scenarios)
         return {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
 
     @cached_property

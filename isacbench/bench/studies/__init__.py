@@ -1,13 +1,13 @@
-"""Studies: what each kind of suite runs and measures."""
+"""Studies: the scenes of each kind of suite, what is measured in them, and its summary."""
 
 __all__ = [
     "detection_study",
     "efficiency_study",
+    "imaging_study",
     "intervals",
     "link_study",
     "medians",
     "power_maps",
     "resolution_study",
     "study",
-    "study_kinds",
 ]

@@ -12,10 +12,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from isacbench.bench.cells.radio_coordinates import (
     DIMENSIONS,
@@ -27,51 +26,52 @@ from isacbench.bench.cells.radio_coordinates import (
 )
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.studies.intervals import rms_interval
-from isacbench.bench.studies.medians import median_times
+from isacbench.bench.studies.medians import summarise
 from isacbench.bench.studies.study import ImagedScene, build_estimators, element_snrs_db
+from isacbench.bench.suites.efficiency_kind import BOUNDS, ERRORS
 from isacbench.dsp.bounds import single_bound
 from isacbench.model.scene import Scatterers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
+    import pandas as pd
 
     from isacbench.bench.cells.cell import MeasuredImage
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
 
-    Floats = NDArray[np.float64]
-
 MARGIN_CELLS = 0.5
 """Rayleigh cells between a scatterer and the region's border: beyond it errors would be cut off."""
 
 GROUP = ["scenario", "estimator", "params", "snr_db"]
-ERRORS = [f"error_{dimension}" for dimension in ("range_m", "velocity_mps", "u", "w")]
-BOUNDS = [f"bound_{dimension}" for dimension in ("range_m", "velocity_mps", "u", "w")]
 
 
-class Efficiency:
-    """Errors over the Cramér-Rao bound, and misses, through the threshold region."""
+def efficiency_scenes(suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+    """Plan one scene a scenario: one scatterer in its region.
 
-    columns: ClassVar[Mapping[str, Any]] = {
-        "snr_gain_db": math.nan,
-        "hit": False,
-        "n_false": 0,
-        **dict.fromkeys([*ERRORS, *BOUNDS], math.nan),
-    }
+    Parameters
+    ----------
+    suite : Suite
+    scenarios : mapping of str to Scenario
+        By name.
 
-    def scenes(self, suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
-        """One scatterer in the region of each scenario."""
-        entries = build_estimators(suite)
-        scenes = []
-        for scenario in scenarios.values():
-            draw = partial(_draw, scenario, suite.seed)
-            snr_db = element_snrs_db(suite, gain_db(draw(0)))
-            scenes.append(
-                ImagedScene(suite, scenario, entries, snr_db, draw=draw, measure=measure_efficiency)
-            )
-        return scenes
+    Returns
+    -------
+    list of ImagedScene
+
+    Raises
+    ------
+    InputError
+        If a region has no room for the scatterer.
+    """
+    entries = build_estimators(suite)
+    scenes = []
+    for scenario in scenarios.values():
+        draw = partial(_draw, scenario, suite.seed)
+        snr_db = element_snrs_db(suite, gain_db(draw(0)))
+        scenes.append(ImagedScene(suite, scenario, entries, snr_db, draw=draw, measure=measure_efficiency))
+    return scenes
 
 
 def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
@@ -122,29 +122,30 @@ def summarise_efficiency(records: pd.DataFrame) -> pd.DataFrame:
         or more; ``time_estimate_s_median`` as
         `isacbench.bench.studies.medians.median_times` has it.
     """
-    rows = []
-    for key, part in records.groupby(GROUP, sort=False):
-        broken, hits = failed(part), part[part["hit"]]
-        row: dict[str, Any] = {
-            **dict(zip(GROUP, key, strict=True)),
-            "snr_gain_db": part["snr_gain_db"].iloc[0],
-            "n_trials": len(part),
-            "n_failed": int(broken.sum()),
-            "n_misses": int((~broken & ~part["hit"]).sum()),
-            "n_false": int(part["n_false"].sum()),
+    return summarise(records, GROUP, _numbers)
+
+
+def _numbers(part: pd.DataFrame) -> dict[str, Any]:
+    """Counts of one group, and errors and bounds of its trials with a hit."""
+    broken, hits = failed(part), part[part["hit"]]
+    found: dict[str, Any] = {
+        "snr_gain_db": part["snr_gain_db"].iloc[0],
+        "n_trials": len(part),
+        "n_failed": int(broken.sum()),
+        "n_misses": int((~broken & ~part["hit"]).sum()),
+        "n_false": int(part["n_false"].sum()),
+    }
+    for dimension, error, bound in zip(DIMENSIONS, ERRORS, BOUNDS, strict=True):
+        ratio, low, high = rms_interval((hits[error] / hits[bound]).to_numpy())
+        unit = error.removeprefix("error_")
+        found |= {
+            f"rmse_{unit}": math.sqrt((hits[error] ** 2).mean()),
+            f"bound_{unit}": part[bound].mean(),
+            f"ratio_{dimension}": ratio,
+            f"ratio_{dimension}_low": low,
+            f"ratio_{dimension}_high": high,
         }
-        for dimension, error, bound in zip(DIMENSIONS, ERRORS, BOUNDS, strict=True):
-            ratio, low, high = rms_interval((hits[error] / hits[bound]).to_numpy())
-            unit = error.removeprefix("error_")
-            row |= {
-                f"rmse_{unit}": math.sqrt((hits[error] ** 2).mean()),
-                f"bound_{unit}": part[bound].mean(),
-                f"ratio_{dimension}": ratio,
-                f"ratio_{dimension}_low": low,
-                f"ratio_{dimension}_high": high,
-            }
-        rows.append(row)
-    return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
+    return found
 
 
 def _draw(scenario: Scenario, seed: int, trial: int) -> Scenario:

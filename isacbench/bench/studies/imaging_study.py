@@ -1,12 +1,21 @@
-"""The study ``imaging``: every scenario as it is, scored as a cloud. The simplest of all."""
+"""The study ``imaging``: every scenario as it is, scored as a cloud."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
 
 from isacbench.bench.cells.radio_coordinates import gain_db
-from isacbench.bench.studies.study import ImagedScene, build_estimators, element_snrs_db
-from isacbench.errors import InputError
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.studies.intervals import student_band
+from isacbench.bench.studies.medians import median_times
+from isacbench.bench.studies.study import (
+    ImagedScene,
+    build_estimators,
+    element_snrs_db,
+    require_scatterers,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -14,30 +23,82 @@ if TYPE_CHECKING:
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
 
+GROUP = ["scenario", "estimator", "params", "snr_db"]
+HAUSDORFF_COLUMNS = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"]
+AVERAGED = [
+    "n_estimated",
+    *HAUSDORFF_COLUMNS,
+    "hausdorff_sum_m",
+    "density",
+    "velocity_nmse",
+    "deviation",
+    "chamfer_m",
+    "gospa_m",
+    "precision",
+    "recall",
+]
 
-class ImagingStudy:
-    """Deviation of the image of every scenario, over SNR."""
 
-    columns: ClassVar[Mapping[str, Any]] = {}
+def imaging_scenes(suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+    """Plan one scene a scenario: the scenario as it is.
 
-    def scenes(self, suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
-        """Return the scenarios themselves."""
-        entries = build_estimators(suite)
-        require_scatterers(scenarios)
-        return [
-            ImagedScene(suite, scenario, entries, element_snrs_db(suite, gain_db(scenario)))
-            for scenario in scenarios.values()
-        ]
+    Parameters
+    ----------
+    suite : Suite
+    scenarios : mapping of str to Scenario
+        By name.
 
-
-def require_scatterers(scenarios: Mapping[str, Scenario]) -> None:
-    """Refuse scenarios in which nothing can be scored.
+    Returns
+    -------
+    list of ImagedScene
 
     Raises
     ------
     InputError
-        Naming the first.
+        If a scenario has no scatterers.
     """
-    for name, scenario in scenarios.items():
-        if not len(scenario.scatterers):
-            raise InputError(f"scenarios: {name!r} has no scatterers, so that nothing can be scored")
+    entries = build_estimators(suite)
+    require_scatterers(scenarios)
+    return [
+        ImagedScene(suite, scenario, entries, element_snrs_db(suite, gain_db(scenario)))
+        for scenario in scenarios.values()
+    ]
+
+
+def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
+    """Average the trials of every scenario, estimator and SNR.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    DataFrame
+        One row for each scenario, estimator (with its parameters) and SNR:
+        the counts ``n_cells``, ``n_no_detection`` and ``n_failed``; for every
+        score ``<score>_mean`` and ``<score>_band``, the half width of the
+        95 % confidence interval of the mean (Student's t), over the cells
+        that did not fail, the band over five or more of them; and
+        ``time_estimate_s_median`` as `isacbench.bench.studies.medians.median_times`
+        has it.
+    """
+    broken = failed(records)
+    table = records.assign(
+        hausdorff_sum_m=records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False),
+        n_estimated=records["n_estimated"].where(~broken),
+        no_detection=records["status"] == "no_detection",
+        failed=broken,
+    )
+    groups = table.groupby(GROUP, sort=False)
+    mean, deviation, count = (getattr(groups[AVERAGED], name)() for name in ("mean", "std", "count"))
+    band = pd.DataFrame(student_band(deviation, count), index=mean.index, columns=AVERAGED)
+    columns: dict[str, pd.Series[Any]] = {
+        "n_cells": groups.size(),
+        "n_no_detection": groups["no_detection"].sum(),
+        "n_failed": groups["failed"].sum(),
+    }
+    for name in AVERAGED:
+        columns |= {f"{name}_mean": mean[name], f"{name}_band": band[name]}
+    return pd.DataFrame(columns).join(median_times(records, GROUP)).reset_index()

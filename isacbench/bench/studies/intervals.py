@@ -141,7 +141,16 @@ def rms_interval(values: Floats) -> tuple[float, float, float]:
 
 
 def wilson_interval(n_successes: int, n: int) -> tuple[float, float]:
-    """Wilson's 95 % confidence interval of a probability; NaN without trials.
+    """Wilson's 95 % confidence interval of a probability.
+
+    Parameters
+    ----------
+    n_successes, n : int
+
+    Returns
+    -------
+    low, high : float
+        NaN without trials.
 
     References
     ----------

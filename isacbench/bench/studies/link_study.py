@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,20 +20,75 @@ from scipy.special import bdtr, bdtrc
 
 from isacbench.bench.cells.radio_coordinates import gain_db
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.studies.imaging_study import require_scatterers
 from isacbench.bench.studies.intervals import mean_band, share_band
-from isacbench.bench.studies.link_reception import UserScene, build_channel, build_receiver, require_possible
-from isacbench.bench.studies.medians import median_times
-from isacbench.bench.studies.study import Entry, ImagedScene, build_estimators, element_snrs_db
+from isacbench.bench.studies.link_reception import user_scenes
+from isacbench.bench.studies.medians import summarise
+from isacbench.bench.studies.study import (
+    ImagedScene,
+    Scene,
+    build_estimators,
+    element_snrs_db,
+    require_scatterers,
+)
 from isacbench.errors import InputError
 from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
 
 if TYPE_CHECKING:
-    from isacbench.bench.studies.study import Scene
-    from isacbench.bench.suites.suite import LinkSuite
+    from collections.abc import Mapping, Sequence
+
+    from isacbench.bench.studies.study import Entry
+    from isacbench.bench.suites.link_kind import LinkSuite
     from isacbench.model.numerology import System
     from isacbench.model.scene import Scenario
+
+GROUP = [
+    "scenario",
+    "template",
+    "modulation",
+    "sensing",
+    "division",
+    "channel",
+    "estimator",
+    "params",
+    "snr_db",
+]
+
+FAMILY_CONFIDENCE = 0.99
+"""Confidence of the interval that all counts of bit errors of a run are compared with together."""
+
+
+def link_scenes(suite: LinkSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
+    """Plan every scenario with every signal, and every channel with every modulation.
+
+    Parameters
+    ----------
+    suite : LinkSuite
+    scenarios : mapping of str to Scenario
+        By name.
+
+    Returns
+    -------
+    list of Scene
+
+    Raises
+    ------
+    InputError
+        If the suite gives SNRs after gain, a scenario has no scatterers, the scenarios have
+        different systems, or a channel or a receiver is not possible.
+    """
+    if suite.snr_db is None:
+        raise InputError(
+            "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array to gain by"
+        )
+    entries = build_estimators(suite)
+    require_scatterers(scenarios)
+    sensed: list[Scene] = [
+        _sensed_scene(suite, scenario, name, signal, entries)
+        for scenario in scenarios.values()
+        for name, signal in signals_of(suite).items()
+    ]
+    return sensed + user_scenes(suite, _common_system(scenarios))
 
 
 def signals_of(suite: LinkSuite) -> dict[str, Signal]:
@@ -67,49 +121,6 @@ def signals_of(suite: LinkSuite) -> dict[str, Signal]:
     return signals
 
 
-class Link:
-    """Imaging deviation of what is sensed, and bit error rate of what is received, over SNR."""
-
-    columns: ClassVar[Mapping[str, Any]] = {
-        "snr_gain_db": math.nan,
-        "template": "",
-        "modulation": "",
-        "sensing": "",
-        "division": "",
-        "channel": "",
-        "n_bits": 0,
-        "n_bit_errors": 0,
-        "ber_expected": math.nan,
-        "evm_db": math.nan,
-        "channel_error_db": math.nan,
-        "rate_bps": math.nan,
-    }
-
-    def scenes(self, suite: LinkSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
-        """Every scenario with every signal, and every channel with every modulation."""
-        if suite.snr_db is None:
-            raise InputError(
-                "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array to gain by"
-            )
-        entries = build_estimators(suite)
-        require_scatterers(scenarios)
-        scenes: list[Scene] = [
-            _sensed_scene(suite, scenario, name, signal, entries)
-            for scenario in scenarios.values()
-            for name, signal in signals_of(suite).items()
-        ]
-        system = _common_system(scenarios)
-        receivers = [build_receiver(text) for text in suite.receivers]
-        channels = {text: build_channel(text) for text in suite.channels}
-        if channels:
-            require_possible(suite, system, channels, receivers)
-        return scenes + [
-            UserScene(suite, system, text, channel, modulation, receivers)
-            for text, channel in channels.items()
-            for modulation in suite.modulations
-        ]
-
-
 def _sensed_scene(
     suite: LinkSuite,
     scenario: Scenario,
@@ -117,7 +128,7 @@ def _sensed_scene(
     signal: Signal,
     entries: Sequence[Entry[Any]],
 ) -> ImagedScene:
-    """A scenario that is sensed with a signal; of the PRS alone the data's modulation does not matter."""
+    """Scene of a scenario that is sensed with a signal."""
     labels = {
         "template": scenario.name,
         "modulation": "" if signal.sensing == "prs" else signal.modulation,
@@ -136,13 +147,7 @@ def _sensed_scene(
 
 
 def _common_system(scenarios: Mapping[str, Scenario]) -> System:
-    """Radio of the scenarios, whose frame the user receives.
-
-    Raises
-    ------
-    InputError
-        If they have not all the same.
-    """
+    """Radio of the scenarios, whose frame the user receives; all must have the same."""
     (first, scenario), *others = scenarios.items()
     for name, other in others:
         if other.system != scenario.system:
@@ -151,22 +156,6 @@ def _common_system(scenarios: Mapping[str, Scenario]) -> System:
                 "scenarios of one system, whose frame the user receives"
             )
     return scenario.system
-
-
-FAMILY_CONFIDENCE = 0.99
-"""Of the interval that all counts of bit errors of a run are held against together."""
-
-GROUP = [
-    "scenario",
-    "template",
-    "modulation",
-    "sensing",
-    "division",
-    "channel",
-    "estimator",
-    "params",
-    "snr_db",
-]
 
 
 def summarise_link(records: pd.DataFrame) -> pd.DataFrame:
@@ -192,18 +181,14 @@ def summarise_link(records: pd.DataFrame) -> pd.DataFrame:
         ``time_estimate_s_median``, as `isacbench.bench.studies.medians.median_times`
         has it. Fewer than five trials have no intervals.
     """
-    rows = []
-    for key, part in records.groupby(GROUP, sort=False):
-        broken = failed(part)
-        fine = part[~broken]
-        row: dict[str, Any] = {
-            **dict(zip(GROUP, key, strict=True)),
-            "n_cells": len(part),
-            "n_failed": int(broken.sum()),
-        }
-        row |= _received(fine) if row["channel"] else _imaged(fine)
-        rows.append(row)
-    return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
+    return summarise(records, GROUP, _numbers)
+
+
+def _numbers(part: pd.DataFrame) -> dict[str, Any]:
+    """Numbers of one group: of what was received, or of what was imaged."""
+    broken = failed(part)
+    of_kind = _received if part["channel"].iloc[0] else _imaged
+    return {"n_cells": len(part), "n_failed": int(broken.sum()), **of_kind(part[~broken])}
 
 
 def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:

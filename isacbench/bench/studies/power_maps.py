@@ -68,7 +68,17 @@ class PowerMap:
     clear: Mask
 
     def power(self, snr_db: float) -> NDArray[np.float64]:
-        """Power of every cell, for a mean power of targets over that of noise."""
+        """Power of every cell.
+
+        Parameters
+        ----------
+        snr_db : float
+            Mean power of targets over that of noise, in dB.
+
+        Returns
+        -------
+        ndarray of float64, shape (n_range, n_doppler)
+        """
         cells = self.noise + 10 ** (snr_db / 20) * self.echo
         power: NDArray[np.float64] = cells.real**2 + cells.imag**2
         return power
@@ -76,7 +86,7 @@ class PowerMap:
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Where what is: the mean power of noise and clutter, and three masks, all of the map's shape."""
+    """Mean power of noise and clutter, and three masks, all of the map's shape."""
 
     background: NDArray[np.float64]
     targets: Mask
@@ -111,7 +121,18 @@ def draw_power_map(name: MapName, trial: int, seed: int) -> PowerMap:
 
 
 def near(mask: Mask, distance: int) -> Mask:
-    """Cells at most so many cells away from one in the mask, diagonals counted once."""
+    """Mark the cells near those of a mask.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (n_range, n_doppler)
+    distance : int
+        Farthest distance in cells, diagonals counted once.
+
+    Returns
+    -------
+    ndarray of bool, same shape
+    """
     return np.asarray(ndimage.maximum_filter(mask, size=2 * distance + 1, mode="constant"), dtype=np.bool_)
 
 
@@ -135,9 +156,8 @@ def _clutter_edge(rng: np.random.Generator) -> _Layout:
 def _close_targets(rng: np.random.Generator) -> _Layout:
     first = _marked(_centres())
     targets = first | _around(rng, 1)
-    return _Layout(
-        np.ones(first.shape), targets, np.zeros_like(first), near(targets, NEIGHBOURS[1]) & ~targets
-    )
+    clear = near(targets, NEIGHBOURS[1]) & ~targets
+    return _Layout(np.ones(first.shape), targets, np.zeros_like(first), clear)
 
 
 def _interferers(rng: np.random.Generator) -> _Layout:
@@ -172,7 +192,7 @@ def _marked(cells: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Mask:
 
 
 def _around(rng: np.random.Generator, n: int) -> Mask:
-    """Mask of so many cells around the middle of every site, none twice."""
+    """Mask of `n` different cells around the middle of every site."""
     nearest, farthest = NEIGHBOURS
     offsets = np.indices((2 * farthest + 1,) * 2).reshape(2, -1).T - farthest
     offsets = offsets[np.abs(offsets).max(axis=1) >= nearest]

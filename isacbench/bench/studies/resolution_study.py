@@ -9,12 +9,11 @@ own. The centre of the pair is drawn once a trial, the same for all scenes.
 from __future__ import annotations
 
 import dataclasses
-import math
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from isacbench.bench.cells.radio_coordinates import (
     DIMENSIONS,
@@ -26,7 +25,7 @@ from isacbench.bench.cells.radio_coordinates import (
 )
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.studies.intervals import share_band
-from isacbench.bench.studies.medians import median_times
+from isacbench.bench.studies.medians import summarise
 from isacbench.bench.studies.study import ImagedScene, build_estimators, element_snrs_db
 from isacbench.model.echo import central_phase
 from isacbench.model.scene import Scatterers, warned_before
@@ -34,10 +33,11 @@ from isacbench.model.scene import Scatterers, warned_before
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import pandas as pd
     from numpy.typing import NDArray
 
     from isacbench.bench.cells.cell import MeasuredImage
-    from isacbench.bench.suites.suite import ResolutionSuite
+    from isacbench.bench.suites.resolution_kind import ResolutionSuite
     from isacbench.choices import Dimension
     from isacbench.model.scene import Scenario
 
@@ -47,51 +47,44 @@ MARGIN_CELLS = 0.5
 GROUP = ["template", "estimator", "params", "snr_gain_db", "dimension", "separation_cells"]
 
 
-class Resolution:
-    """Probability that two equal scatterers are both found, over their distance."""
+def resolution_scenes(suite: ResolutionSuite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+    """Plan one scene a scenario, dimension, distance and relative phase.
 
-    columns: ClassVar[Mapping[str, Any]] = {
-        "snr_gain_db": math.nan,
-        "template": "",
-        "dimension": "",
-        "separation_cells": math.nan,
-        "phase_deg": math.nan,
-        "resolved": False,
-        "n_false": 0,
-    }
+    Parameters
+    ----------
+    suite : ResolutionSuite
+    scenarios : mapping of str to Scenario
+        By name.
 
-    def scenes(self, suite: ResolutionSuite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
-        """One scene a scenario, dimension, distance and relative phase."""
-        entries = build_estimators(suite)
-        margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
-        scenes = []
-        for template in scenarios.values():
-            for dimension in suite.dimensions:
-                for cells in suite.separations_cells:
-                    for phase_deg in suite.phases_deg:
-                        name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
-                        draw = partial(
-                            _draw, template, name, dimension, cells, phase_deg, margin_cells, suite.seed
-                        )
-                        with warned_before():
-                            renamed = dataclasses.replace(template, name=name)
-                        scenes.append(
-                            ImagedScene(
-                                suite,
-                                renamed,
-                                entries,
-                                element_snrs_db(suite, gain_db(draw(0))),
-                                draw=draw,
-                                measure=partial(measure_resolution, dimension),
-                                labels={
-                                    "template": template.name,
-                                    "dimension": dimension,
-                                    "separation_cells": cells,
-                                    "phase_deg": phase_deg,
-                                },
-                            )
-                        )
-        return scenes
+    Returns
+    -------
+    list of ImagedScene
+
+    Raises
+    ------
+    InputError
+        If a region has no room for the widest pair.
+    """
+    entries = build_estimators(suite)
+    margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
+    scenes = []
+    for template, dimension, cells, phase_deg in product(
+        scenarios.values(), suite.dimensions, suite.separations_cells, suite.phases_deg
+    ):
+        name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
+        draw = partial(_draw, template, name, dimension, cells, phase_deg, margin_cells, suite.seed)
+        with warned_before():
+            renamed = dataclasses.replace(template, name=name)
+        labels = {
+            "template": template.name,
+            "dimension": dimension,
+            "separation_cells": cells,
+            "phase_deg": phase_deg,
+        }
+        snr_db = element_snrs_db(suite, gain_db(draw(0)))
+        measure = partial(measure_resolution, dimension)
+        scenes.append(ImagedScene(suite, renamed, entries, snr_db, draw=draw, measure=measure, labels=labels))
+    return scenes
 
 
 def pair(
@@ -179,24 +172,27 @@ def summarise_resolution(records: pd.DataFrame) -> pd.DataFrame:
         ``..._high`` (Wilson) from five trials on; ``time_estimate_s_median``
         as `isacbench.bench.studies.medians.median_times` has it.
     """
-    rows = []
-    for key, part in records.groupby(GROUP, sort=False):
-        phases = part.groupby("phase_deg")["resolved"].mean()
-        in_phase = part.loc[part["phase_deg"] == 0, "resolved"]
-        row: dict[str, Any] = {
-            **dict(zip(GROUP, key, strict=True)),
-            "n_cells": len(part),
-            "n_trials": part["trial"].nunique(),
-            "n_failed": int(failed(part).sum()),
-            "n_false": int(part["n_false"].sum()),
-            "resolved_worst": phases.min(),
-            "worst_phase_deg": phases.idxmin(),
-        }
-        for name, resolved in (("resolved", part["resolved"]), ("resolved_in_phase", in_phase)):
-            low, high = share_band(int(resolved.sum()), len(resolved), row["n_trials"])
-            row |= {name: resolved.mean(), f"{name}_low": low, f"{name}_high": high}
-        rows.append(row)
-    return pd.DataFrame(rows).join(median_times(records, GROUP), on=GROUP)
+    return summarise(records, GROUP, _numbers)
+
+
+def _numbers(part: pd.DataFrame) -> dict[str, Any]:
+    """Counts of one group, and the shares of its pairs that were found."""
+    n_trials = part["trial"].nunique()
+    phases = part.groupby("phase_deg")["resolved"].mean()
+    found: dict[str, Any] = {
+        "n_cells": len(part),
+        "n_trials": n_trials,
+        "n_failed": int(failed(part).sum()),
+        "n_false": int(part["n_false"].sum()),
+        "resolved_worst": phases.min(),
+        "worst_phase_deg": phases.idxmin(),
+    }
+    in_phase = part[part["phase_deg"] == 0]
+    for name, chosen in (("resolved", part), ("resolved_in_phase", in_phase)):
+        resolved = chosen["resolved"]
+        low, high = share_band(int(resolved.sum()), len(resolved), n_trials)
+        found |= {name: resolved.mean(), f"{name}_low": low, f"{name}_high": high}
+    return found
 
 
 def _draw(

@@ -1,37 +1,39 @@
-"""Studies: what a kind of suite makes of its scenarios, and what it measures beside the scores.
+"""Scenes of a suite, the entries that meet them, and what entries of a scene share.
 
-A study expands a suite into scenes. A scene is what the column `scenario`
-names: it is drawn once a trial, observed at every SNR, and every entry
-meets the same observation. The harness knows nothing else.
+A scene is what the column ``scenario`` names: it is drawn once a trial,
+observed at every SNR, and every entry meets the same observation. The
+harness knows nothing else of a kind of suite.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import estimate_cloud, failure, run_cell
+from isacbench.bench.cells.cell import estimate_cloud, failed_by, failure, run_cell
 from isacbench.bench.cells.isolation import array_digest
 from isacbench.bench.cells.radio_coordinates import gain_db
-from isacbench.bench.cells.record import DRAW_COLUMNS, Cell
+from isacbench.bench.cells.record import DRAW_COLUMNS, Cell, Outcome, Record
 from isacbench.bench.cells.timing import Trial, timed
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
 from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.registry import build_estimators_of, canonical_params
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.cell import Measure
-    from isacbench.bench.cells.record import CellStatus, Outcome
+    from isacbench.bench.cells.record import CellStatus
     from isacbench.bench.suites.suite import Suite
-    from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
 
@@ -39,7 +41,6 @@ SNR_DECIMALS = 6
 """Digits after which an SNR is rounded, so that a gain added and taken away leaves it as it was."""
 
 Plugin = TypeVar("Plugin")
-SuiteT = TypeVar("SuiteT", bound="Suite", contravariant=True)
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Entry(Generic[Plugin]):
         In the column ``estimator``.
     params : str
         Canonical JSON.
-    plugin : Estimator or Detector
+    plugin : Estimator, Detector or OneTap
     labels : mapping of str to Any
         Further columns that tell it from others.
     """
@@ -63,128 +64,232 @@ class Entry(Generic[Plugin]):
     labels: Mapping[str, Any] = field(default_factory=dict)
 
     def cell(self, of: Cell) -> Cell:
-        """Key of its row, given the key that it shares with the others."""
+        """Key of its row.
+
+        Parameters
+        ----------
+        of : Cell
+            Key that it shares with the other entries.
+
+        Returns
+        -------
+        Cell
+        """
         return dataclasses.replace(of, estimator=self.name, params=self.params)
 
 
-class Scene(Protocol):
-    """What one name in the column ``scenario`` stands for."""
-
-    @property
-    def name(self) -> str:
-        """Unique in a run."""
-
-    @property
-    def content(self) -> str:
-        """Digest of what its rows follow from beside entry, SNR, trial and seed."""
-
-    @property
-    def snr_db(self) -> Sequence[float]:
-        """SNRs, per resource element and virtual element."""
-
-    @property
-    def entries(self) -> Sequence[Entry[Any]]:
-        """Who meets every observation."""
-
-    def observe(self, snr_db: float, trial: int) -> SharedObservation:
-        """Observe once, for all entries."""
-
-    def forget(self) -> None:
-        """Let go of what was kept for further observations."""
-
-    def draws(self, n_trials: int) -> pd.DataFrame:
-        """Scatterers that were drawn, a row each, with the columns of `Results.draws`."""
-
-
-class SharedObservation(Protocol):
-    """One observation, which every entry of a scene meets."""
-
-    def meet(self, entry: Entry[Any]) -> Outcome:
-        """Let an entry have its try; whatever it raises becomes a row."""
-
-    def time_repeats(
-        self, entry: Entry[Any], met: Outcome, n: int, before_each: Callable[[], None]
-    ) -> Outcome:
-        """Outcome of an entry that has met the observation, with the times of `n` repeats.
-
-        `before_each` is called before each of them.
-        """
-
-    def failure_row(self, entry: Entry[Any], status: CellStatus, reason: str, time_s: float) -> Outcome:
-        """Row of an entry that left no other trace."""
-
-    def digest(self) -> str:
-        """Digest of what entries are shown: another one as soon as one of them has changed it."""
-
-
-class Study(Protocol[SuiteT]):
-    """A kind of suite."""
-
-    @property
-    def columns(self) -> Mapping[str, Any]:
-        """Columns that its rows have beside the pinned ones, each with the value of a failure."""
-
-    def scenes(self, suite: SuiteT, scenarios: Mapping[str, Scenario]) -> Sequence[Scene]:
-        """Scenes of a suite, given its scenarios by name.
-
-        Raises
-        ------
-        InputError
-            If the suite cannot be run on them.
-        """
-
-
 @dataclass(frozen=True, eq=False)
-class SharedImage:
-    """An observation that estimators image.
+class SharedObservation(ABC):
+    """Observation that every entry of a scene meets.
 
     Attributes
     ----------
     cell : Cell
-        Key of its rows, without an estimator.
-    scenario : Scenario
-        With the scatterers that were observed.
-    observation : Observation
-    measure : callable or None
-        What to measure beside the scores.
+        Key of its rows, without an entry.
     labels : mapping of str to Any
         Further columns of every row.
     """
 
     cell: Cell
+    labels: Mapping[str, Any]
+
+    @property
+    @abstractmethod
+    def n_true(self) -> int:
+        """Number of things to be found, the column ``n_true`` of a failure."""
+
+    @abstractmethod
+    def digest(self) -> str:
+        """Digest of the observation: another one as soon as an entry has changed it."""
+
+    @abstractmethod
+    def _outcome(self, cell: Cell, plugin: Any) -> Outcome:
+        """Row of a plugin that meets the observation; an exception becomes its reason."""
+
+    @abstractmethod
+    def _trial(
+        self, plugin: Any, met: Outcome, before_each: Callable[[], None]
+    ) -> tuple[Trial, Callable[[Any], bool]]:
+        """Trial to time, and a function that tells whether its result is the one that `met` tells of."""
+
+    def meet(self, entry: Entry[Any]) -> Outcome:
+        """Let an entry work on the observation.
+
+        Parameters
+        ----------
+        entry : Entry
+
+        Returns
+        -------
+        Outcome
+            A failure with its reason where the entry raises.
+        """
+        return self._labelled(entry, self._outcome(entry.cell(self.cell), entry.plugin))
+
+    def time_repeats(
+        self, entry: Entry[Any], met: Outcome, n: int, before_each: Callable[[], None]
+    ) -> Outcome:
+        """Time repeats of what an entry has made of the observation.
+
+        Parameters
+        ----------
+        entry : Entry
+        met : Outcome
+            Of the entry when it met the observation.
+        n : int
+            Repeats.
+        before_each : callable
+            Called before each repeat.
+
+        Returns
+        -------
+        Outcome
+            With the times of the repeats.
+        """
+        trial, is_same = self._trial(entry.plugin, met, before_each)
+        return self._labelled(entry, timed(met, entry.cell(self.cell), trial, n, is_same))
+
+    def failure_row(self, entry: Entry[Any], status: CellStatus, reason: str, time_s: float) -> Outcome:
+        """Row of an entry that left no other trace.
+
+        Parameters
+        ----------
+        entry : Entry
+        status : str
+        reason : str
+        time_s : float
+            Until it failed.
+
+        Returns
+        -------
+        Outcome
+        """
+        return self._labelled(entry, failure(entry.cell(self.cell), status, reason, self.n_true, time_s))
+
+    def _labelled(self, entry: Entry[Any], outcome: Outcome) -> Outcome:
+        return outcome.labelled({**self.labels, **entry.labels})
+
+    def _counted_outcome(
+        self, cell: Cell, work: Callable[[], Any], count: Callable[[Any], tuple[int, Mapping[str, Any]]]
+    ) -> Outcome:
+        """Row of an entry without a cloud: its work timed, the number that it found, and further columns."""
+        start = time.perf_counter()
+        try:
+            result = work()
+            time_s = time.perf_counter() - start
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            return failed_by(error, cell, self.n_true, time.perf_counter() - start)
+        n_found, extras = count(result)
+        record = Record(
+            **vars(cell),
+            status="ok" if n_found else "no_detection",
+            reason="",
+            n_true=self.n_true,
+            n_estimated=n_found,
+            time_estimate_s=time_s,
+        )
+        return Outcome(record, PointCloud.empty(), extras)
+
+
+class Scene(ABC):
+    """Situation that entries meet, once for each SNR and trial.
+
+    Parameters
+    ----------
+    suite : Suite
+    name : str
+        Unique in a run.
+    entries : sequence of Entry
+        All that meet every observation.
+    snr_db : sequence of float
+        Per resource element and virtual element.
+    draw : callable
+        From a trial to what its observations share. The last result is kept.
+
+    Attributes
+    ----------
+    name, entries, snr_db
+        As given.
+    """
+
+    def __init__(
+        self,
+        suite: Suite,
+        name: str,
+        entries: Sequence[Entry[Any]],
+        snr_db: Sequence[float],
+        draw: Callable[[int], Any],
+    ) -> None:
+        self.name, self.entries, self.snr_db = name, entries, snr_db
+        self._suite = suite
+        self._drawn_once = lru_cache(maxsize=1)(draw)
+
+    @property
+    @abstractmethod
+    def content(self) -> str:
+        """Digest of what its rows follow from besides entry, SNR, trial and seed."""
+
+    @abstractmethod
+    def observe(self, snr_db: float, trial: int) -> SharedObservation:
+        """Observe once, for all entries.
+
+        Parameters
+        ----------
+        snr_db : float
+        trial : int
+
+        Returns
+        -------
+        SharedObservation
+        """
+
+    def forget(self) -> None:
+        """Let go of what was kept for further observations."""
+        self._drawn_once.cache_clear()
+
+    def draws(self, n_trials: int) -> pd.DataFrame:
+        """Tabulate the scatterers that were drawn; by default none.
+
+        Parameters
+        ----------
+        n_trials : int
+
+        Returns
+        -------
+        DataFrame
+            One row a scatterer, columns as in `isacbench.bench.cells.record.Results.draws`.
+        """
+        return pd.DataFrame(columns=DRAW_COLUMNS)
+
+    def _cell(self, snr_db: float, trial: int) -> Cell:
+        """Key of the rows of an observation, without an entry."""
+        suite = self._suite
+        return Cell(suite.name, self.name, "", "", snr_db, trial, suite.seed, self.content)
+
+
+@dataclass(frozen=True, eq=False)
+class SharedImage(SharedObservation):
+    """Observation that estimators image.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        With the scatterers that were observed.
+    observation : Observation
+    measure : callable or None
+        Measures further columns of an image.
+    """
+
     scenario: Scenario
     observation: Observation
     measure: Measure | None
-    labels: Mapping[str, Any]
 
-    def meet(self, entry: Entry[Estimator]) -> Outcome:
-        """Let an estimator image the observation."""
-        cell = entry.cell(self.cell)
-        outcome = run_cell(cell, self.scenario, self.observation, entry.plugin, self.measure)
-        return outcome.labelled({**self.labels, **entry.labels})
-
-    def time_repeats(
-        self, entry: Entry[Estimator], met: Outcome, n: int, before_each: Callable[[], None]
-    ) -> Outcome:
-        """Let an estimator image the observation again and again, each time as if it had never been read."""
-
-        def prepare() -> Observation:
-            before_each()
-            return dataclasses.replace(self.observation)  # what an observation remembers is not passed on
-
-        def estimate(observation: Observation) -> PointCloud:
-            return estimate_cloud(entry.plugin, observation, self.scenario.truth)
-
-        def is_same(cloud: PointCloud) -> bool:
-            return np.array_equal(cloud.to_array(), met.cloud.to_array())
-
-        outcome = timed(met, entry.cell(self.cell), Trial(prepare, estimate), n, is_same)
-        return outcome.labelled({**self.labels, **entry.labels})
-
-    def failure_row(self, entry: Entry[Estimator], status: CellStatus, reason: str, time_s: float) -> Outcome:
-        """Row of an estimator that left no other trace."""
-        outcome = failure(entry.cell(self.cell), status, reason, len(self.scenario.truth), time_s)
-        return outcome.labelled({**self.labels, **entry.labels})
+    @property
+    def n_true(self) -> int:
+        """Number of true scatterers."""
+        return len(self.scenario.truth)
 
     def digest(self) -> str:
         """Digest of the observation."""
@@ -194,6 +299,24 @@ class SharedImage:
         known = *map(_values, (shown.system, shown.array, shown.frame, shown.region)), shown.sensing
         return digest([repr((bounds, known)), *map(array_digest, arrays)])
 
+    def _outcome(self, cell: Cell, plugin: Estimator) -> Outcome:
+        return run_cell(cell, self.scenario, self.observation, plugin, self.measure)
+
+    def _trial(
+        self, plugin: Estimator, met: Outcome, before_each: Callable[[], None]
+    ) -> tuple[Trial, Callable[[Any], bool]]:
+        def prepare() -> Observation:
+            before_each()
+            return dataclasses.replace(self.observation)  # what an observation remembers is not passed on
+
+        def estimate(observation: Observation) -> PointCloud:
+            return estimate_cloud(plugin, observation, self.scenario.truth)
+
+        def is_same(cloud: PointCloud) -> bool:
+            return np.array_equal(cloud.to_array(), met.cloud.to_array())
+
+        return Trial(prepare, estimate), is_same
+
 
 def _values(part: object) -> tuple[str, object]:
     """Type and values of a part of an observation, with all digits, whatever its own ``repr`` shows."""
@@ -202,8 +325,8 @@ def _values(part: object) -> tuple[str, object]:
     return type(part).__name__, part
 
 
-class ImagedScene:
-    """A scene that estimators image: the same in every trial, or drawn anew.
+class ImagedScene(Scene):
+    """Scene that estimators image: the same in every trial, or drawn anew.
 
     Parameters
     ----------
@@ -216,11 +339,11 @@ class ImagedScene:
     name : str, optional
         Of the scene, where one scenario makes several.
     draw : callable, optional
-        Scenario of a trial.
+        From a trial to its scenario.
     simulator : callable, optional
-        What observes a scenario; by default with the whole grid.
+        From a scenario to what observes it; by default with the whole grid.
     measure : callable, optional
-        What to measure beside the scores.
+        Measures further columns of an image.
     labels : mapping of str to Any
         Further columns of every row.
 
@@ -230,6 +353,8 @@ class ImagedScene:
         The `scenario`.
     measure, labels
         As given.
+    is_drawn : bool
+        Whether every trial has scatterers of its own.
     """
 
     def __init__(
@@ -245,16 +370,11 @@ class ImagedScene:
         measure: Measure | None = None,
         labels: Mapping[str, Any] | None = None,
     ) -> None:
-        self.name = scenario.name if name is None else name
-        self.snr_db = snr_db
-        self.entries = entries
-        self._suite = suite
-        self.template = scenario
+        self.template, self.measure, self.labels = scenario, measure, labels or {}
+        self.is_drawn = draw is not None
         self._draw = draw
-        self._observing = simulator
-        self.measure = measure
-        self.labels = labels or {}
-        self._observed: tuple[int, Simulator] | None = None
+        name = scenario.name if name is None else name
+        super().__init__(suite, name, entries, snr_db, lambda trial: simulator(self.drawn(trial)))
 
     @cached_property
     def content(self) -> str:
@@ -262,74 +382,178 @@ class ImagedScene:
         return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self.labels)])
 
     def observe(self, snr_db: float, trial: int) -> SharedImage:
-        """Observe once, for all estimators."""
-        simulator, suite = self._simulator(trial), self._suite
-        gained = gained_snr_db(snr_db, gain_db(simulator.scenario))
+        """Observe once, for all estimators.
+
+        Parameters
+        ----------
+        snr_db : float
+        trial : int
+
+        Returns
+        -------
+        SharedImage
+        """
+        simulator = self._drawn_once(trial if self.is_drawn else 0)
         return SharedImage(
-            cell=Cell(suite.name, self.name, "", "", snr_db, trial, suite.seed, self.content),
-            scenario=simulator.scenario,
-            observation=simulator.observe(snr_db, trial, suite.seed),
-            measure=self.measure,
-            labels={**self.labels, "snr_gain_db": gained},
+            self._cell(snr_db, trial),
+            {**self.labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(simulator.scenario))},
+            simulator.scenario,
+            simulator.observe(snr_db, trial, self._suite.seed),
+            self.measure,
         )
 
-    def forget(self) -> None:
-        """Let go of echo and noise."""
-        self._observed = None
-
     def draws(self, n_trials: int) -> pd.DataFrame:
-        """Scatterers of the first trials, none where every trial has the same."""
-        tables = [pd.DataFrame(columns=DRAW_COLUMNS)]
-        for trial in range(n_trials if self._draw is not None else 0):
-            drawn = self.drawn(trial)
-            table = drawn.truth.to_dataframe()
-            table.insert(0, "scenario", self.name)
-            table.insert(1, "trial", trial)
-            tables.append(table.assign(phase_rad=drawn.scatterers.phase_rad))
-        return pd.concat(tables[1:] or tables, ignore_index=True)
+        """Tabulate the scatterers of the first trials, none where every trial has the same.
 
-    @property
-    def is_drawn(self) -> bool:
-        """Whether every trial has scatterers of its own."""
-        return self._draw is not None
+        Parameters
+        ----------
+        n_trials : int
+
+        Returns
+        -------
+        DataFrame
+            One row a scatterer, columns as in `isacbench.bench.cells.record.Results.draws`.
+        """
+        if not self.is_drawn:
+            return super().draws(n_trials)
+        scenarios = [self.drawn(trial) for trial in range(n_trials)]
+        tables = [
+            drawn.truth.to_dataframe().assign(
+                scenario=self.name, trial=trial, phase_rad=drawn.scatterers.phase_rad
+            )
+            for trial, drawn in enumerate(scenarios)
+        ]
+        return pd.concat(tables, ignore_index=True)[DRAW_COLUMNS]
 
     def drawn(self, trial: int) -> Scenario:
-        """Scenario of a trial."""
-        return self.template if self._draw is None else self._draw(trial)
+        """Scenario of a trial.
 
-    def _simulator(self, trial: int) -> Simulator:
-        """Simulator of a trial; the last one is kept, and what does not change with the trial."""
-        if self._observed is None or (self._draw is not None and self._observed[0] != trial):
-            self._observed = trial, self._observing(self.drawn(trial))
-        return self._observed[1]
+        Parameters
+        ----------
+        trial : int
+
+        Returns
+        -------
+        Scenario
+        """
+        return self.template if self._draw is None else self._draw(trial)
 
 
 def build_estimators(suite: Suite) -> list[Entry[Estimator]]:
-    """Estimators of a suite, every variant of its grids.
+    """Build the estimators of a suite, every variant of its grids.
+
+    Parameters
+    ----------
+    suite : Suite
+
+    Returns
+    -------
+    list of Entry
 
     Raises
     ------
     InputError
         If one is unknown, or two have equal parameters.
     """
-    built: dict[tuple[str, str], Entry[Estimator]] = {}
+    variants: list[tuple[str, Estimator]] = []
     for spec in suite.estimators:
-        one = suite.instances.get(spec)
-        for variant, estimator in build_estimators_of(spec) if one is None else [(spec, one)]:
-            key = estimator.name, canonical_params(estimator)
-            if key in built:
-                raise InputError(f"estimators: {variant!r} repeats an estimator with equal parameters")
-            built[key] = Entry(*key, estimator)
-    return list(built.values())
+        own = suite.instances.get(spec)
+        variants += build_estimators_of(spec) if own is None else [(spec, own)]
+    return distinct_entries("estimator", ((text, entry_of(plugin)) for text, plugin in variants))
+
+
+def entry_of(plugin: Any, **labels: Any) -> Entry[Any]:
+    """Entry of a plugin.
+
+    Parameters
+    ----------
+    plugin : Estimator, Detector or OneTap
+    **labels : Any
+        Further columns that tell it from others.
+
+    Returns
+    -------
+    Entry
+    """
+    return Entry(plugin.name, canonical_params(plugin), plugin, labels)
+
+
+def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) -> list[Entry[Plugin]]:
+    """List entries, and refuse two with equal parameters.
+
+    Parameters
+    ----------
+    what : str
+        ``"estimator"``, ``"detector"`` or ``"receiver"``.
+    written : iterable of (str, Entry)
+        Entries with what the suite writes for each.
+
+    Returns
+    -------
+    list of Entry
+
+    Raises
+    ------
+    InputError
+        Quoting the one that repeats another.
+    """
+    found: dict[tuple[str, str], Entry[Plugin]] = {}
+    for text, entry in written:
+        if (entry.name, entry.params) in found:
+            article = "an" if what.startswith("e") else "a"
+            raise InputError(f"{what}s: {text!r} repeats {article} {what} with equal parameters")
+        found[entry.name, entry.params] = entry
+    return list(found.values())
+
+
+def require_scatterers(scenarios: Mapping[str, Scenario]) -> None:
+    """Refuse scenarios in which nothing can be scored.
+
+    Parameters
+    ----------
+    scenarios : mapping of str to Scenario
+        By name.
+
+    Raises
+    ------
+    InputError
+        Naming the first scenario without scatterers.
+    """
+    for name, scenario in scenarios.items():
+        if not len(scenario.scatterers):
+            raise InputError(f"scenarios: {name!r} has no scatterers, so that nothing can be scored")
 
 
 def element_snrs_db(suite: Suite, gain: float) -> list[float]:
-    """SNRs of a suite per resource element and virtual element, for a scene of some gain in dB."""
+    """SNRs of a suite per resource element and virtual element.
+
+    Parameters
+    ----------
+    suite : Suite
+    gain : float
+        Of the scene, in dB.
+
+    Returns
+    -------
+    list of float
+        In dB.
+    """
     if suite.snr_gain_db is None:
         return list(suite.snr_db or ())
     return [round(snr_db - gain, SNR_DECIMALS) for snr_db in suite.snr_gain_db]
 
 
 def gained_snr_db(snr_db: float, gain: float) -> float:
-    """SNR after a gain in dB."""
+    """SNR after a gain.
+
+    Parameters
+    ----------
+    snr_db, gain : float
+        In dB.
+
+    Returns
+    -------
+    float
+        In dB.
+    """
     return round(snr_db + gain, SNR_DECIMALS) + 0.0

@@ -1,3 +1,13 @@
-"""Suites, the catalogue of names, and the digests that scenarios are known by."""
+"""Suites and their kinds, the catalogue of names, and the digests that scenarios are known by."""
 
-__all__ = ["catalogue", "scenario_digest", "suite"]
+__all__ = [
+    "catalogue",
+    "detection_kind",
+    "efficiency_kind",
+    "kind",
+    "link_kind",
+    "resolution_kind",
+    "scenario_digest",
+    "suite",
+    "suite_kinds",
+]

@@ -27,16 +27,36 @@ ADDED = ("radius_m",)
 """Plain numbers of a scenario that older descriptions lack."""
 
 DIGITS = 16
-"""Hexadecimal digits of a digest: 64 bits tell more contents apart than anybody will ever store."""
+"""Hexadecimal digits of a digest: 64 bits tell far more contents apart than are ever stored."""
 
 
 def canonical_json(content: Any) -> str:
-    """JSON with sorted keys and without spaces: equal contents give equal texts."""
+    """Write content as JSON with sorted keys and without spaces: equal contents give equal texts.
+
+    Parameters
+    ----------
+    content : Any
+        In terms of JSON.
+
+    Returns
+    -------
+    str
+    """
     return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def digest(content: Any) -> str:
-    """Short SHA-256 digest of something in terms of JSON.
+    """Short SHA-256 digest of content.
+
+    Parameters
+    ----------
+    content : Any
+        In terms of JSON.
+
+    Returns
+    -------
+    str
+        Hexadecimal.
 
     Examples
     --------
@@ -47,7 +67,7 @@ def digest(content: Any) -> str:
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """Digest of everything that observations of a scenario follow from; noise follows from its name.
+    """Digest of everything that observations of a scenario follow from; its name seeds the noise.
 
     Parameters
     ----------
@@ -56,7 +76,7 @@ def scenario_digest(scenario: Scenario) -> str:
     Returns
     -------
     str
-        Hexadecimal. Whatever way a scenario was written, equal radios,
+        Hexadecimal. However a scenario was written, equal radios,
         regions and scatterers give equal digests.
     """
     scatterers = scenario.scatterers
@@ -70,6 +90,15 @@ def describe_scenario(scenario: Scenario) -> dict[str, Any]:
 
     Fields that were added later are left out at the value that stands for the
     behaviour before (`isacbench.added_fields`), so that digests stay.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    dict
+        In terms of JSON.
     """
     frame = "paper" if isinstance(scenario.frame, PaperFrame) else "panel"
     parts = {name: getattr(scenario, name) for name in ("system", "array", "region")}
@@ -83,7 +112,20 @@ def describe_scenario(scenario: Scenario) -> dict[str, Any]:
 
 
 def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
-    """Build the scenario that `describe_scenario` and its rows of the truth describe, without warnings."""
+    """Build a scenario from its description, without warnings.
+
+    Parameters
+    ----------
+    name : str
+    described : mapping of str to Any
+        As `describe_scenario` returns it.
+    truth : DataFrame
+        Its rows of the truth, as `truth_table` returns them.
+
+    Returns
+    -------
+    Scenario
+    """
     points = truth[POINT_COLUMNS].to_numpy()
     with warned_before():
         return Scenario(
@@ -99,7 +141,17 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
 
 
 def truth_table(scenario: Scenario) -> pd.DataFrame:
-    """One row a scatterer."""
+    """Tabulate the scatterers of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    DataFrame
+        One row a scatterer: scenario, x, y, z in m, v in m/s, power.
+    """
     table = scenario.truth.to_dataframe()
     table.insert(0, "scenario", scenario.name)
     return table

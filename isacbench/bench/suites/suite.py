@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -16,9 +17,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from isacbench.choices import Dimension, Division, MapName, Modulation, Sensing
 from isacbench.errors import InputError
-from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml, read_toml
+from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml
 from isacbench.plugins.instances import Instances, spelled_estimators
 
 if TYPE_CHECKING:
@@ -37,24 +37,46 @@ MAX_NAME = 200
 MAX_SNR_DB = 300.0
 """Beyond it, of either sign, double precision holds the noise alone or the echo alone."""
 
-StudyKind = Literal["imaging", "efficiency", "resolution", "detection", "link"]
+Item = TypeVar("Item")
 
-Names = Annotated[tuple[str, ...], Field(min_length=1)]
-SnrDb = Annotated[float, Field(ge=-MAX_SNR_DB, le=MAX_SNR_DB)]
-Snrs = Annotated[tuple[SnrDb, ...], Field(min_length=1)]
-Separation = Annotated[float, Field(gt=0, le=10)]
-Phase = Annotated[float, Field(gt=-360, lt=360)]
-Pfa = Annotated[float, Field(gt=0, lt=1)]
+
+def refuse_repeats(values: tuple[Item, ...]) -> tuple[Item, ...]:
+    """Refuse a repeated entry, which would yield two rows with the same key.
+
+    Parameters
+    ----------
+    values : tuple
+
+    Returns
+    -------
+    tuple
+        The same.
+
+    Raises
+    ------
+    ValueError
+        Quoting the first entry that is repeated.
+    """
+    for index, value in enumerate(values):
+        if value in values[:index]:
+            raise ValueError(f"{value!r} is listed twice")
+    return values
+
+
+Listed = Annotated[tuple[Item, ...], Field(min_length=1), AfterValidator(refuse_repeats)]
+"""Key that takes a list of one or more different entries."""
+
+Snrs = Listed[Annotated[float, Field(ge=-MAX_SNR_DB, le=MAX_SNR_DB)]]
 
 
 class Suite(BaseModel):
-    """What a run consists of.
+    """Plan of a run: which estimators meet which scenarios at which SNR, and how often.
 
     Attributes
     ----------
-    kind : {"imaging", "efficiency", "resolution", "detection", "link"}
-        What is made of the scenarios and measured; the last three are
-        classes of their own, with keys of their own.
+    kind : str
+        A name in `isacbench.bench.suites.suite_kinds.KINDS`: what is made of the scenarios and
+        measured. Kinds with keys of their own have a class of their own.
     name : str
     scenarios : tuple of str
         Names of built-in scenarios, or paths that end in ``.toml``.
@@ -74,26 +96,16 @@ class Suite(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    KINDS: ClassVar[tuple[StudyKind, ...]] = ("imaging", "efficiency")
-
     _instances: Instances = PrivateAttr(default_factory=Instances)
 
-    kind: StudyKind = "imaging"
+    kind: str = "imaging"
     name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
-    scenarios: Names
-    estimators: Names
+    scenarios: Listed[str]
+    estimators: Listed[str]
     snr_gain_db: Snrs | None = None
     snr_db: Annotated[Snrs | None, Field(validate_default=True)] = None
     trials: Annotated[int, Field(ge=1)]
     seed: Annotated[int, Field(ge=0)] = 0
-
-    @field_validator("kind")
-    @classmethod
-    def _refuse_other_kinds(cls, value: StudyKind) -> StudyKind:
-        """Refuse a kind that has a class of its own."""
-        if value not in cls.KINDS:
-            raise ValueError(f"the class {cls.__name__} takes {' or '.join(map(repr, cls.KINDS))}")
-        return value
 
     @field_validator("snr_db", "snr_gain_db", mode="before")
     @classmethod
@@ -101,17 +113,9 @@ class Suite(BaseModel):
         """Turn a table ``{start, stop, step}`` into the list it stands for."""
         if not isinstance(value, dict):
             return value
-        if set(value) != {"start", "stop", "step"}:
-            raise ValueError(f"a table takes start, stop and step, not {', '.join(value) or 'nothing'}")
-        if not all(type(number) in (int, float) for number in value.values()):
-            raise ValueError("start, stop and step must be numbers")
+        if set(value) != {"start", "stop", "step"} or not {*map(type, value.values())} <= {int, float}:
+            raise ValueError("a table takes three numbers, start, stop and step")
         return _grid(**value)
-
-    @field_validator("scenarios", "estimators", "snr_db", "snr_gain_db")
-    @classmethod
-    def _refuse_repeats(cls, values: tuple[Any, ...] | None) -> tuple[Any, ...] | None:
-        """Refuse a repeated entry, which would yield two rows with the same key."""
-        return None if values is None else _unrepeated(values)
 
     @field_validator("snr_db")
     @classmethod
@@ -130,7 +134,16 @@ class Suite(BaseModel):
         return self._instances
 
     def with_estimators(self, estimators: Iterable[str | Estimator]) -> Self:
-        """Return a suite with other estimators: specifications, or objects.
+        """Return a suite with other estimators.
+
+        Parameters
+        ----------
+        estimators : iterable of str or Estimator
+            Specifications, or objects.
+
+        Returns
+        -------
+        Suite
 
         Raises
         ------
@@ -143,10 +156,19 @@ class Suite(BaseModel):
         return suite
 
     def replace(self, **changes: Any) -> Self:
-        """Return a suite with other values for some keys; a change of None keeps the value.
+        """Return a suite with other values for some keys.
 
         New SNRs of one sort take the place of those of the other. Estimators
         that are objects stay as long as the estimators do.
+
+        Parameters
+        ----------
+        **changes : Any
+            Values by key; None keeps the value.
+
+        Returns
+        -------
+        Suite
 
         Raises
         ------
@@ -155,9 +177,8 @@ class Suite(BaseModel):
         """
         given = {key: value for key, value in changes.items() if value is not None}
         kept = self.model_dump()
-        for key, other in (("snr_db", "snr_gain_db"), ("snr_gain_db", "snr_db")):
-            if key in given:
-                kept[other] = None
+        if {"snr_db", "snr_gain_db"} & given.keys():
+            kept |= {"snr_db": None, "snr_gain_db": None}
         try:
             suite = self.model_validate({**kept, **given})
         except ValidationError as error:
@@ -167,112 +188,22 @@ class Suite(BaseModel):
         return suite
 
 
-class ResolutionSuite(Suite):
-    """Suite of the kind ``resolution``.
-
-    Attributes
-    ----------
-    dimensions : tuple of {"range", "velocity", "u", "w"}
-        In which pairs of scatterers differ, one at a time.
-    separations_cells : tuple of float
-        By how many Rayleigh cells.
-    phases_deg : tuple of float
-        Phases between the two at the centre of resource grid and array.
-    """
-
-    KINDS: ClassVar[tuple[StudyKind, ...]] = ("resolution",)
-
-    kind: StudyKind = "resolution"
-    dimensions: Annotated[tuple[Dimension, ...], Field(min_length=1)] = get_args(Dimension)
-    separations_cells: Annotated[tuple[Separation, ...], Field(min_length=1)]
-    phases_deg: Annotated[tuple[Phase, ...], Field(min_length=1)] = (0.0,)
-
-    @field_validator("dimensions", "separations_cells", "phases_deg")
-    @classmethod
-    def _refuse_repeated_scenes(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Refuse a repeated entry, which would yield two scenes of one name."""
-        return _unrepeated(values)
-
-
-class DetectionSuite(Suite):
-    """Suite of the kind ``detection``.
-
-    Attributes
-    ----------
-    detectors : tuple of str
-        Detectors as ``name[param=value,...]``: alone on the maps, and before
-        every estimator on the scenarios.
-    maps : tuple of str
-        Synthetic maps, see `isacbench.bench.studies.power_maps.draw_power_map`.
-    pfa : tuple of float
-        Nominal probabilities of false alarm on the maps; none takes each
-        detector's own.
-    """
-
-    KINDS: ClassVar[tuple[StudyKind, ...]] = ("detection",)
-
-    kind: StudyKind = "detection"
-    detectors: Names
-    maps: tuple[MapName, ...] = get_args(MapName)
-    pfa: tuple[Pfa, ...] = ()
-
-    @field_validator("detectors", "maps", "pfa")
-    @classmethod
-    def _refuse_repeated_entries(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Refuse a repeated entry, which would yield two rows with the same key."""
-        return _unrepeated(values)
-
-
-class LinkSuite(Suite):
-    """Suite of the kind ``link``.
-
-    Attributes
-    ----------
-    modulations : tuple of {"qpsk", "16qam", "64qam", "256qam"}
-        Of the data that is sent, received, and sensed with.
-    sensing : tuple of {"all", "prs"}
-        Resource elements that are sensed with.
-    divisions : tuple of {"reciprocal", "matched", "wiener"}
-        How the echo is divided by symbols of unequal power.
-    channels : tuple of str
-        Channels to the user as ``name[param=value,...]``: ``awgn``,
-        ``two_ray`` and ``tapped_delay``, see `isacbench.link.reception.channel`.
-    receivers : tuple of str
-        Of the user, likewise: ``one_tap``, see `isacbench.bench.studies.link_reception.OneTap`.
-    """
-
-    KINDS: ClassVar[tuple[StudyKind, ...]] = ("link",)
-
-    kind: StudyKind = "link"
-    modulations: Annotated[tuple[Modulation, ...], Field(min_length=1)] = get_args(Modulation)
-    sensing: Annotated[tuple[Sensing, ...], Field(min_length=1)] = get_args(Sensing)
-    divisions: Annotated[tuple[Division, ...], Field(min_length=1)] = get_args(Division)
-    channels: tuple[str, ...] = ("awgn", "two_ray", "tapped_delay")
-    receivers: Annotated[tuple[str, ...], Field(min_length=1)] = ("one_tap[knowledge=perfect]", "one_tap")
-
-    @field_validator("modulations", "sensing", "divisions", "channels", "receivers")
-    @classmethod
-    def _refuse_repeated_signals(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Refuse a repeated entry, which would yield two scenes of one name."""
-        return _unrepeated(values)
-
-
-class _KindOnly(BaseModel):
-    """The one key by which the others are told."""
-
-    kind: StudyKind = "imaging"
-
-
-SUITES: tuple[type[Suite], ...] = (Suite, ResolutionSuite, DetectionSuite, LinkSuite)
-
-
 def suite_names() -> list[str]:
     """Names of the built-in suites, sorted."""
     return builtin_names(FOLDER)
 
 
 def find_suite(name_or_path: str | Path) -> Path:
-    """Find the file of a suite by its built-in name or by its path.
+    """Find the file of a suite.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Built-in name, or path.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -282,51 +213,16 @@ def find_suite(name_or_path: str | Path) -> Path:
     return find_toml(name_or_path, "suite", FOLDER)
 
 
-def load_suite(name_or_path: str | Path) -> Suite:
-    """Load a built-in suite by name, or any by the path of its TOML file.
+def parse_snr(text: str) -> tuple[float, ...]:
+    """Parse SNRs in dB: ``start:stop:step`` with both ends, a list ``-5,0,10``, or one number.
 
     Parameters
     ----------
-    name_or_path : str or Path
-        A name that `suite_names` lists, or a path that ends in ``.toml``.
+    text : str
 
     Returns
     -------
-    Suite
-        With the paths of scenarios resolved against the suite's own folder.
-
-    Raises
-    ------
-    InputError
-        Naming file, key, value and what is allowed.
-
-    Examples
-    --------
-    >>> load_suite("paper").trials
-    10
-    """
-    path = find_suite(name_or_path)
-    suite = read_toml(path, _suite_class(read_toml(path, _KindOnly).kind))
-    scenarios = tuple(
-        str(path.parent / scenario) if scenario.endswith(".toml") else scenario
-        for scenario in suite.scenarios
-    )
-    return suite.model_copy(update={"scenarios": scenarios})
-
-
-def restore_suite(content: Mapping[str, Any]) -> Suite:
-    """Build a suite from what its ``model_dump`` gave; a kind that is missing is ``imaging``.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
-    return _suite_class(_KindOnly.model_validate(content).kind).model_validate(content)
-
-
-def parse_snr(text: str) -> tuple[float, ...]:
-    """Parse SNRs in dB: ``start:stop:step`` with both ends, a list ``-5,0,10``, or one number.
+    tuple of float
 
     Raises
     ------
@@ -349,33 +245,16 @@ def parse_snr(text: str) -> tuple[float, ...]:
             f"SNR {text!r}: allowed are start:stop:step such as -30:20:5, a list such as -5,0,10, "
             f"or one number, in dB, from {-MAX_SNR_DB:g} to {MAX_SNR_DB:g}"
         )
-    if separator == ",":
-        return tuple(numbers)
     try:
-        return _grid(*numbers)
+        return tuple(numbers) if separator == "," else _grid(*numbers)
     except ValueError as error:
         raise InputError(f"SNR {text!r}: {error}") from error
 
 
-def _suite_class(kind: StudyKind) -> type[Suite]:
-    return next(suite for suite in SUITES if kind in suite.KINDS)
-
-
-def _unrepeated(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    repeated = [value for index, value in enumerate(values) if value in values[:index]]
-    if repeated:
-        raise ValueError(f"{repeated[0]!r} is listed twice")
-    return values
-
-
 def _grid(start: float, stop: float, step: float) -> tuple[float, ...]:
     """Evenly spaced numbers with both ends; an end that is missed by rounding alone is kept."""
-    if not (math.isfinite(start) and math.isfinite(stop) and math.isfinite(step)):
-        raise ValueError("start, stop and step must be finite")
-    if step <= 0:
-        raise ValueError(f"the step must be positive, not {step:g}")
-    if stop < start:
-        raise ValueError(f"the stop {stop:g} must not lie below the start {start:g}")
+    if not (0 < step < math.inf and -math.inf < start <= stop < math.inf):
+        raise ValueError("start, stop and step must be finite, step positive, and stop no less than start")
     n_steps = math.floor((stop - start) / step + 1e-9)
     if n_steps >= MAX_GRID_POINTS:
         raise ValueError(f"{n_steps + 1} values; allowed are at most {MAX_GRID_POINTS}")

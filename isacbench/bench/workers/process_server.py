@@ -14,10 +14,12 @@ from multiprocessing.process import BaseProcess
 from threading import Lock
 from typing import TYPE_CHECKING
 
+from isacbench.bench.suites.suite_kinds import PLANNERS
+
 if TYPE_CHECKING:
     from multiprocessing.popen_forkserver import Popen
 
-PRELOADED = ["isacbench.bench.workers.guarded_cells", "isacbench.bench.studies.study_kinds"]
+PRELOADED = ["isacbench.bench.workers.guarded_cells", *PLANNERS]
 """Modules that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
 
 _hiding = Lock()

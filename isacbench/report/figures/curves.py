@@ -6,26 +6,28 @@ import textwrap
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.lines import Line2D
+import pandas as pd
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from isacbench.bench.plan.labels import estimator_labels, rows_of, variants_in
 from isacbench.metrics.score import METRICS
-from isacbench.report.drawing.panels import MAX_SNR_TICKS, panel_grid
-from isacbench.report.drawing.style import drawable
+from isacbench.report.drawing.panels import MAX_SNR_TICKS, legend_lines, panel_grid
+from isacbench.report.drawing.style import assign_looks, drawable
+from isacbench.report.tables.pareto import find_limits
 from isacbench.report.tables.run_tables import mean_of_trials
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
-    import pandas as pd
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
+    from matplotlib.lines import Line2D
 
     from isacbench.bench.plan.labels import Variant
     from isacbench.report.drawing.style import LineLook
 
-    Floats = NDArray[np.float64]
+    NamedFigure = tuple[str, Figure]
 
 TITLE_WIDTH = 40
 PRACTICALLY_ZERO = 1e-6
@@ -44,14 +46,6 @@ class _Panel(NamedTuple):
     title: str
     axis: str
     logarithmic: bool = False
-
-
-class _Curve(NamedTuple):
-    """Means over SNR (n,) and the half widths of their bands, NaN where there is none."""
-
-    snr_db: Floats
-    mean: Floats
-    half: Floats
 
 
 def _described(column: str, axis: str, logarithmic: bool = False) -> _Panel:
@@ -77,8 +71,71 @@ PANELS = (
 SHARES = "precision", "recall"
 
 
+def variant_looks(records: pd.DataFrame) -> dict[Variant, LineLook]:
+    """Give every estimator of a run a look of its own, the same in all figures.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    dict of (str, str) to LineLook
+        By name and parameters.
+    """
+    return assign_looks(estimator_labels(variants_in(records)), find_limits(records))
+
+
+def nearest_values(available: Sequence[float], wanted: Sequence[float]) -> list[float]:
+    """Select the values nearest to wanted ones.
+
+    Parameters
+    ----------
+    available, wanted : sequence of float
+
+    Returns
+    -------
+    list of float
+        In the order of the wanted ones, each once.
+    """
+    return list(dict.fromkeys(min(available, key=lambda value: abs(value - target)) for target in wanted))
+
+
+def share_scale(panels: Sequence[Axes], axis: str) -> None:
+    """Put panels on one scale.
+
+    Parameters
+    ----------
+    panels : sequence of Axes
+    axis : {"x", "y"}
+    """
+    lower, upper = np.transpose([axes.get_xlim() if axis == "x" else axes.get_ylim() for axes in panels])
+    for axes in panels:
+        axes.set(**{f"{axis}lim": (lower.min(), upper.max())})
+
+
+def write_plain_numbers(axis: Axis) -> None:
+    """Write the ticks of a logarithmic axis as plain numbers.
+
+    Parameters
+    ----------
+    axis : Axis
+    """
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def axis_name(column: str) -> str:
-    """Name of the axis of a score with its unit, of any other column that of the column.
+    """Name of the axis of a column: of a score its name with its unit, otherwise the column.
+
+    Parameters
+    ----------
+    column : str
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -99,7 +156,7 @@ def draw_scores(
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.report.tables.run_tables.summarise_scores` returns it.
+        As `isacbench.bench.studies.imaging_study.summarise_scores` returns it.
     scenario : str
         Its name.
     looks : mapping of (str, str) to LineLook
@@ -111,11 +168,10 @@ def draw_scores(
     Figure
     """
     part = summary[summary["scenario"] == scenario]
-    rows = _by_variant(part)
-    title = f"{drawable(scenario)}: {_average(part)}"
-    figure, panels = panel_grid(len(PANELS), _legend(looks, rows), title)
+    title = f"{drawable(scenario)}: {mean_of_trials(int(part['n_cells'].max()))}"
+    figure, panels = panel_grid(len(PANELS), _legend(looks, part), title)
     for axes, panel in zip(panels, PANELS, strict=True):
-        _draw_panel(axes, panel, looks, rows)
+        _draw_panel(axes, panel, looks, part)
         axes.set_title(textwrap.fill(panel.title.format(radius_m=radius_m), TITLE_WIDTH))
     return figure
 
@@ -126,7 +182,7 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
     Parameters
     ----------
     summary : DataFrame
-        As `isacbench.report.tables.run_tables.summarise_scores` returns it.
+        As `isacbench.bench.studies.imaging_study.summarise_scores` returns it.
     looks : mapping of (str, str) to LineLook
 
     Returns
@@ -134,78 +190,65 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
     Figure
     """
     scenarios = list(summary["scenario"].unique())
-    title = f"{DEVIATION.title}\n{_average(summary)}"
-    figure, panels = panel_grid(len(scenarios), _legend(looks, _by_variant(summary)), title)
+    title = f"{DEVIATION.title}\n{mean_of_trials(int(summary['n_cells'].max()))}"
+    figure, panels = panel_grid(len(scenarios), _legend(looks, summary), title)
     for axes, scenario in zip(panels, scenarios, strict=True):
-        _draw_panel(axes, DEVIATION, looks, _by_variant(summary[summary["scenario"] == scenario]))
+        _draw_panel(axes, DEVIATION, looks, summary[summary["scenario"] == scenario])
         axes.set_title(drawable(scenario))
-    lower, upper = np.transpose([axes.get_ylim() for axes in panels])
-    for axes in panels:
-        axes.set_ylim(lower.min(), upper.max())
+    share_scale(panels, "y")
     return figure
 
 
-def _average(summary: pd.DataFrame) -> str:
-    """Say what a point of a curve and its band are."""
-    return mean_of_trials(int(summary["n_cells"].max()))
-
-
-def _by_variant(summary: pd.DataFrame) -> dict[Variant, pd.DataFrame]:
-    """Rows of every estimator, in the order of their SNRs."""
-    groups = summary.sort_values("snr_db").groupby(["estimator", "params"], sort=False)
-    return {(str(name), str(params)): rows for (name, params), rows in groups}
-
-
-def _legend(looks: Mapping[Variant, LineLook], rows: Mapping[Variant, pd.DataFrame]) -> list[Line2D]:
+def _legend(looks: Mapping[Variant, LineLook], summary: pd.DataFrame) -> list[Line2D]:
     """Legend entries of the estimators, which say what has no curve."""
-    entries = []
-    for variant, look in looks.items():
-        entry = Line2D([], [], color=look.colour, linestyle=look.line, marker=look.marker)
-        scored = np.isfinite(_curve(rows.get(variant), DEVIATION.column).mean).any()
-        entry.set_label(look.label if scored else f"{look.label}: no score")
-        entries.append(entry)
+    entries = legend_lines(looks.values())
+    for entry, (variant, look) in zip(entries, looks.items(), strict=True):
+        if rows_of(summary, variant)["deviation_mean"].isna().all():
+            entry.set_label(f"{look.label}: no score")
     return entries
 
 
-def _draw_panel(
-    axes: Axes, panel: _Panel, looks: Mapping[Variant, LineLook], rows: Mapping[Variant, pd.DataFrame]
-) -> None:
+def _draw_panel(axes: Axes, panel: _Panel, looks: Mapping[Variant, LineLook], part: pd.DataFrame) -> None:
     """Draw one score of one scenario, every estimator that has it."""
-    curves = [(look, _curve(rows.get(variant), panel.column)) for variant, look in looks.items()]
-    axes.set_xlabel("SNR [dB]")
-    snrs_db = np.unique(np.concatenate([curve.snr_db for _, curve in curves]))
+    means, halves = part[f"{panel.column}_mean"], part[f"{panel.column}_band"]
+    snrs_db = np.unique(part["snr_db"])
+    axes.set(xlabel="SNR [dB]", ylabel=panel.axis)
     if snrs_db.size <= MAX_SNR_TICKS:
         axes.set_xticks(snrs_db)
-    axes.set_ylabel(panel.axis)
     axes.grid(True)
-    lowest = _scale(axes, panel, [curve for _, curve in curves])
-    # The bands of many estimators lie over each other.
-    alpha = min(0.22, 0.6 / len(curves))
-    for look, curve in curves:
-        mean, lower, upper = (
-            np.maximum(values, lowest)
-            for values in (curve.mean, curve.mean - curve.half, curve.mean + curve.half)
-        )
-        # A limit with a single SNR has no line to show.
-        marker = "_" if look.is_bound and curve.snr_db.size == 1 else look.marker
-        axes.plot(curve.snr_db, mean, color=look.colour, linestyle=look.line, marker=marker)
-        axes.fill_between(curve.snr_db, lower, upper, color=look.colour, alpha=alpha, linewidth=0.8)
-
-
-def _scale(axes: Axes, panel: _Panel, curves: Sequence[_Curve]) -> float:
-    """Scale the axis of a score; return the value at which smaller ones are drawn."""
-    if not panel.logarithmic:
-        top = 1.03 if panel.column in SHARES else _top(curves)
+    lowest = -np.inf
+    if panel.logarithmic:
+        lowest = _scale_decades(axes, means)
+    else:
+        top = 1.03 if panel.column in SHARES else _top(means, halves)
         axes.set_ylim(-0.03 * top, top)
-        return -np.inf
-    lowest, highest = _decades(curves)
-    axes.set_yscale("log")
+    # The bands of many estimators lie over each other.
+    alpha = min(0.22, 0.6 / len(looks))
+    drawn = pd.DataFrame({"mean": means, "low": means - halves, "high": means + halves}).clip(lower=lowest)
+    drawn = part[["estimator", "params", "snr_db"]].join(drawn).sort_values("snr_db")
+    for variant, look in looks.items():
+        rows = rows_of(drawn, variant)
+        # A limit with a single SNR has no line to show.
+        marker = "_" if look.is_bound and len(rows) == 1 else look.marker
+        axes.plot(rows["snr_db"], rows["mean"], color=look.colour, linestyle=look.line, marker=marker)
+        axes.fill_between(
+            rows["snr_db"], rows["low"], rows["high"], color=look.colour, alpha=alpha, linewidth=0.8
+        )
+
+
+def _scale_decades(axes: Axes, means: pd.Series[float]) -> float:
+    """Scale an axis to whole decades around all means that are not practically zero; return its lower end."""
+    shown = means[means > PRACTICALLY_ZERO]
+    lowest, highest = PRACTICALLY_ZERO, 1.0
+    if len(shown):
+        # Half the smallest mean, so that what is drawn at the lower end lies below it.
+        lowest, highest = 10 ** np.floor(np.log10(shown.min() / 2)), 10 ** np.ceil(np.log10(shown.max()))
+    axes.set(yscale="log", ylim=(0.7 * lowest, 1.5 * highest))
     axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_ylim(0.7 * lowest, 1.5 * highest)
-    if any((curve.mean < lowest).any() for curve in curves):
-        axes.set_ylabel(f"{panel.axis} (less: at the edge)")
-    return lowest
+    if (means < lowest).any():
+        axes.set_ylabel(f"{axes.get_ylabel()} (less: at the edge)")
+    return float(lowest)
 
 
 def _power_of_ten(value: float, _: int | None = None) -> str:
@@ -219,26 +262,8 @@ def _power_of_ten(value: float, _: int | None = None) -> str:
     return "10" + f"{round(np.log10(value))}".translate(SUPERSCRIPTS)
 
 
-def _curve(rows: pd.DataFrame | None, column: str) -> _Curve:
-    """Curve of one estimator on one scenario."""
-    if rows is None:  # an interrupted run has none of some
-        return _Curve(*np.empty((3, 0)))
-    names = "snr_db", f"{column}_mean", f"{column}_band"
-    return _Curve(*(rows[name].to_numpy(dtype=np.float64) for name in names))
-
-
-def _decades(curves: Iterable[_Curve]) -> tuple[float, float]:
-    """Find the ends of a logarithmic axis: whole decades around all means that are not practically zero."""
-    means = np.concatenate([curve.mean for curve in curves])
-    means = means[means > PRACTICALLY_ZERO]
-    if not means.size:
-        return PRACTICALLY_ZERO, 1.0
-    # Half the smallest mean, so that what is drawn at the lower end lies below it.
-    return float(10 ** np.floor(np.log10(means.min() / 2))), float(10 ** np.ceil(np.log10(means.max())))
-
-
-def _top(curves: Iterable[_Curve]) -> float:
+def _top(means: pd.Series[float], halves: pd.Series[float]) -> float:
     """Upper end of a linear axis: all means, and the bands as long as they do not dwarf them."""
-    mean = max(float(np.nanmax(curve.mean, initial=0.0)) for curve in curves)
-    upper = max(float(np.nanmax(curve.mean + curve.half, initial=mean)) for curve in curves)
+    mean = max(0.0, float(means.fillna(0.0).max()))
+    upper = max(mean, float((means + halves).fillna(0.0).max()))
     return 1.06 * min(upper, LARGEST_BAND * mean) or 1.0

@@ -4,29 +4,33 @@ from __future__ import annotations
 
 import dataclasses
 import textwrap
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator
 
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.plan.labels import estimator_labels, rows_of, variants_in
+from isacbench.bench.studies.link_study import summarise_link
 from isacbench.link.waveform.qam import awgn_ber
 from isacbench.report.drawing.label_layout import place_labels
 from isacbench.report.drawing.panels import draw_line, legend_lines, panel_grid
-from isacbench.report.drawing.style import BOUND_COLOUR, COLOURS, LineLook, drawable
-from isacbench.report.tables.link_tables import DIVISIONS, receiver_labels, signal_label, signals_of_part
+from isacbench.report.drawing.style import BOUND_COLOUR, COLOURS, LineLook, drawable, file_stems
+from isacbench.report.figures.curves import write_plain_numbers
+from isacbench.report.tables.link_tables import DIVISIONS, SIGNAL, receiver_labels, signal_label
 from isacbench.report.tables.run_tables import trials_and_band
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator
 
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from isacbench.bench.cells.record import Results
     from isacbench.report.drawing.style import LineStyle
-    from isacbench.report.tables.link_tables import Signal
+    from isacbench.report.figures.curves import NamedFigure
 
 MODULATION_COLOURS: dict[str, str] = dict(zip(("qpsk", "16qam", "64qam", "256qam"), COLOURS, strict=False))
 DIVISION_LINES: dict[str, LineStyle] = {"": "-", "reciprocal": "-", "matched": "--", "wiener": ":"}
@@ -40,17 +44,30 @@ LOWEST_BER = 1e-6
 TRADE_SNRS_DB = 0.0, 10.0, 20.0, 30.0
 SNR_SIZE_PT, SNR_COLOUR = 6.0, "0.35"
 SNR_OFFSETS_PT = [(x, y) for x in (0.0, 10.0, -10.0) for y in (8.0, -8.0, 16.0, -16.0)]
-SNR_ENTRY = Line2D(
-    [],
-    [],
-    linestyle="",
-    marker="$20$",
-    markeredgewidth=0,
-    color=SNR_COLOUR,
-    label="SNR along solid lines [dB]",
-)
 PANEL_IN = 3.1, 2.5
 TITLE_WIDTH = 42
+
+
+def link_figures(results: Results) -> Iterator[NamedFigure]:
+    """Draw bit errors beside deviations of every scenario, and the trade between the two.
+
+    Parameters
+    ----------
+    results : Results
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
+    summary = summarise_link(results.records)
+    templates = [name for name in summary["template"].unique() if name]
+    for template, stem in file_stems(templates).items():
+        yield f"link-{stem}", draw_link(summary, template)
+        trade = draw_trade(summary, template)
+        if trade is not None:
+            yield f"trade-{stem}", trade
 
 
 def draw_link(summary: pd.DataFrame, template: str) -> Figure:
@@ -69,7 +86,7 @@ def draw_link(summary: pd.DataFrame, template: str) -> Figure:
     """
     received = summary[summary["channel"] != ""]
     sensed = summary[summary["template"] == template]
-    channels, estimators = list(received["channel"].unique()), _variants(sensed)
+    channels, estimators = list(received["channel"].unique()), variants_in(sensed)
     n_columns = max(len(channels), len(estimators), 1)
     title = (
         f"{drawable(template)}: bit errors of the user above deviations of the image; "
@@ -90,7 +107,7 @@ def draw_link(summary: pd.DataFrame, template: str) -> Figure:
     for axes, variant in zip(below, estimators, strict=True):
         axes.set_title(f"Image by {drawable(labels[variant])}")
         axes.set_ylabel("imaging deviation")
-        _draw_deviations(axes, _of(sensed, variant))
+        _draw_deviations(axes, rows_of(sensed, variant))
     lowest, highest = summary["snr_db"].min(), summary["snr_db"].max()
     for axes in panels:
         axes.grid(True)
@@ -120,76 +137,67 @@ def draw_trade(summary: pd.DataFrame, template: str) -> Figure | None:
         return None
     channel = received["channel"].iloc[0]
     of_channel = received[received["channel"] == channel]
-    receiver = _variants(of_channel)[-1]
-    rates = _of(of_channel, receiver).set_index(["modulation", "snr_db"])["rate_bps"]
-    estimators = _variants(sensed)
+    receiver, estimators = variants_in(of_channel)[-1], variants_in(sensed)
+    rates = rows_of(of_channel, receiver)[["modulation", "snr_db", "rate_bps"]]
     labels, known = estimator_labels(estimators), receiver_labels(received)[receiver]
     title = f"{drawable(template)}: image against bit rate behind {drawable(channel)}, {known}"
-    modulations = list(of_channel["modulation"].unique())
     prs_look = dataclasses.replace(PRS_LOOK, colour="0.4")
-    legend = [*_modulation_lines(modulations), *_sensing_lines(sensed, prs_look), SNR_ENTRY]
+    legend = [*_modulation_lines(rates["modulation"].unique()), *_sensing_lines(sensed, prs_look)]
+    legend.append(_snr_entry())
     figure, panels = panel_grid(len(estimators), legend, title, panel_in=PANEL_IN)
-    snrs_db = [snr for snr in TRADE_SNRS_DB if snr in set(sensed["snr_db"]) & set(received["snr_db"])]
     labels_of_panels = []
     for axes, variant in zip(panels, estimators, strict=True):
-        part, labelled = _of(sensed, variant), []
-        for signal in signals_of_part(part):
-            rows = _of_signal(part, signal).set_index("snr_db")["deviation_mean"]
-            for modulation in modulations if signal[0] == "prs" else [signal[1]]:
-                points = [
-                    (rates[modulation, snr] / 1e9, rows[snr], snr)
-                    for snr in snrs_db
-                    if (modulation, snr) in rates.index and snr in rows.index
-                ]
-                _draw_trade(axes, points, signal, modulation)
-                if signal[0] == "all" and signal[2] in ("", "reciprocal"):
-                    labelled += [(*point, MODULATION_COLOURS[modulation]) for point in points]
-        axes.set_title(f"Image by {drawable(labels[variant])}")
-        axes.set_xlabel("achievable bit rate [Gbit/s]")
-        axes.set_ylabel("imaging deviation")
+        points = _trade_points(rows_of(sensed, variant), rates)
+        for key, path in points.groupby(SIGNAL, sort=False):
+            sensing, modulation, division = map(str, key)
+            look, colour = _signal_look(sensing, modulation, division), MODULATION_COLOURS[modulation]
+            rate, deviation = path["rate_gbps"], path["deviation_mean"]
+            axes.plot(rate, deviation, color=colour, linestyle=look.line, marker=look.marker)
+        axes.set(title=f"Image by {drawable(labels[variant])}", xlabel="achievable bit rate [Gbit/s]")
         # Deviations far above 0 leave the automatic margin too narrow for a marker.
-        axes.set_ylim(0, 1.06 * axes.get_ylim()[1])
+        axes.set(ylabel="imaging deviation", ylim=(0, 1.06 * axes.get_ylim()[1]))
         axes.grid(True)
-        labels_of_panels.append((axes, labelled))
+        is_labelled = (points["sensing"] == "all") & points["division"].isin(["", "reciprocal"])
+        labels_of_panels.append((axes, points[is_labelled]))
     figure.draw_without_rendering()  # labels take their places from the layout
     for axes, labelled in labels_of_panels:
         _write_snrs(axes, labelled)
     return figure
 
 
-def _draw_trade(
-    axes: Axes, points: Sequence[tuple[float, float, float]], signal: Signal, modulation: str
-) -> None:
-    """Draw one signal's path through the plane."""
-    if not points:
-        return
-    rate, deviation, _ = np.transpose(points)
-    look, colour = _signal_look(signal), MODULATION_COLOURS[modulation]
-    axes.plot(rate, deviation, color=colour, linestyle=look.line, marker=look.marker)
+def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
+    """Deviations of one estimator and bit rates at the same SNR; those of the PRS for every modulation."""
+    of_prs, part = part["sensing"] == "prs", part.drop(columns="rate_bps", errors="ignore")
+    modulations = rates[["modulation"]].drop_duplicates()
+    prs = part[of_prs].drop(columns="modulation").merge(modulations, how="cross")
+    points = pd.concat([part[~of_prs], prs]).merge(rates, on=["modulation", "snr_db"])
+    points = points[points["snr_db"].isin(TRADE_SNRS_DB)]
+    path = points.groupby(SIGNAL, sort=False).ngroup()
+    return points.assign(rate_gbps=points["rate_bps"] / 1e9, path=path).sort_values(["path", "snr_db"])
 
 
-def _write_snrs(axes: Axes, points: Sequence[tuple[float, float, float, str]]) -> None:
+def _write_snrs(axes: Axes, points: pd.DataFrame) -> None:
     """Write SNRs beside points in their colours, none over another; one that has no room is left out."""
-    points = [point for point in points if np.isfinite(point[:2]).all()]
-    if not points:
+    points = points[np.isfinite(points["rate_gbps"] + points["deviation_mean"])]
+    if points.empty:
         return
-    texts = [f"{snr_db:g}" for _, _, snr_db, _ in points]
-    place_pt = axes.transData.transform([point[:2] for point in points]) * 72 / axes.figure.dpi
+    places = points[["rate_gbps", "deviation_mean"]].to_numpy()
+    texts = [f"{snr_db:g}" for snr_db in points["snr_db"]]
     sizes_pt = [(0.65 * SNR_SIZE_PT * len(text), 1.2 * SNR_SIZE_PT) for text in texts]
-    offsets = place_labels(place_pt, sizes_pt, [SNR_OFFSETS_PT] * len(points))
-    for (rate, deviation, _, colour), text, offset in zip(points, texts, offsets, strict=True):
-        if offset is None:
-            continue
-        axes.annotate(
-            text,
-            (rate, deviation),
-            textcoords="offset points",
-            xytext=(offset[0], offset[1]),
-            fontsize=SNR_SIZE_PT,
-            color=colour,
-            ha="center",
-            va="center",
-        )
+    places_pt = axes.transData.transform(places) * 72 / axes.figure.dpi
+    offsets = place_labels(places_pt, sizes_pt, [SNR_OFFSETS_PT] * len(texts))
+    for place, text, modulation, offset in zip(places, texts, points["modulation"], offsets, strict=True):
+        if offset is not None:
+            axes.annotate(
+                text,
+                tuple(place),
+                textcoords="offset points",
+                xytext=tuple(offset),
+                fontsize=SNR_SIZE_PT,
+                color=MODULATION_COLOURS[modulation],
+                ha="center",
+                va="center",
+            )
 
 
 def _wrapped(title: str) -> str:
@@ -203,8 +211,8 @@ def _draw_errors(axes: Axes, part: pd.DataFrame) -> None:
     for modulation in part["modulation"].unique():
         colour = MODULATION_COLOURS[modulation]
         axes.plot(snrs_db, awgn_ber(modulation, snrs_db), color=colour, linestyle=CLOSED_FORM.line)
-        for look, variant in zip(_receiver_looks(part, colour), _variants(part), strict=True):
-            rows = _of(part[part["modulation"] == modulation], variant).sort_values("snr_db")
+        for look, variant in zip(_receiver_looks(part, colour), variants_in(part), strict=True):
+            rows = rows_of(part[part["modulation"] == modulation], variant).sort_values("snr_db")
             seen = rows[rows["n_bit_errors"] > 0]
             draw_line(axes, look, seen["snr_db"], seen["ber"], seen["ber_low"], seen["ber_high"])
     axes.set_yscale("log")
@@ -213,35 +221,25 @@ def _draw_errors(axes: Axes, part: pd.DataFrame) -> None:
 
 def _draw_deviations(axes: Axes, part: pd.DataFrame) -> None:
     """Draw deviations of one estimator, every signal."""
-    for signal in signals_of_part(part):
-        rows = _of_signal(part, signal).sort_values("snr_db")
+    for key, rows in part.sort_values("snr_db", kind="stable").groupby(SIGNAL, sort=False):
+        look = _signal_look(*map(str, key))
         mean, half = rows["deviation_mean"], rows["deviation_band"]
         low = (mean - half).clip(lower=mean / 10)
-        draw_line(axes, _signal_look(signal), rows["snr_db"], mean, low, mean + half, alpha=0.12)
-    _deviation_axis(axes, part)
+        draw_line(axes, look, rows["snr_db"], mean, low, mean + half, alpha=0.12)
+    if (part["deviation_mean"] > 0).any():
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
+        write_plain_numbers(axes.yaxis)
 
 
-def _deviation_axis(axes: Axes, part: pd.DataFrame) -> None:
-    """Scale an axis for deviations, logarithmic with plain numbers, unless nothing was imaged."""
-    if not (part["deviation_mean"] > 0).any():
-        return
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+def _look(label: str, colour: str = "0.4", line: LineStyle = "-") -> LineLook:
+    return LineLook(label, colour, "o", line, is_bound=False)
 
 
-def _signal_look(signal: Signal) -> LineLook:
-    sensing, modulation, division = signal
+def _signal_look(sensing: str, modulation: str, division: str) -> LineLook:
     if sensing == "prs":
         return PRS_LOOK
-    return LineLook(
-        _division_label(division),
-        MODULATION_COLOURS[modulation],
-        "o",
-        DIVISION_LINES[division],
-        is_bound=False,
-    )
+    return _look(_division_label(division), MODULATION_COLOURS[modulation], DIVISION_LINES[division])
 
 
 def _division_label(division: str) -> str:
@@ -250,12 +248,8 @@ def _division_label(division: str) -> str:
 
 def _receiver_looks(received: pd.DataFrame, colour: str = "0.4") -> list[LineLook]:
     """Looks of receivers, a line each."""
-    return [
-        LineLook(
-            f"bit errors, {name}", colour, "o", RECEIVER_LINES[index % len(RECEIVER_LINES)], is_bound=False
-        )
-        for index, name in enumerate(receiver_labels(received).values())
-    ]
+    labels = receiver_labels(received).values()
+    return [_look(f"bit errors, {name}", colour, line) for name, line in zip(labels, cycle(RECEIVER_LINES))]
 
 
 def _legend(received: pd.DataFrame, sensed: pd.DataFrame) -> list[Line2D]:
@@ -265,29 +259,26 @@ def _legend(received: pd.DataFrame, sensed: pd.DataFrame) -> list[Line2D]:
     return [*_modulation_lines([one for one in both if one]), *legend_lines(of_user), *_sensing_lines(sensed)]
 
 
-def _modulation_lines(modulations: Sequence[str]) -> list[Line2D]:
-    return legend_lines(
-        LineLook(one.upper(), MODULATION_COLOURS[one], "o", "-", False) for one in modulations
-    )
+def _modulation_lines(modulations: Iterable[str]) -> list[Line2D]:
+    return legend_lines(_look(one.upper(), MODULATION_COLOURS[one]) for one in modulations)
 
 
 def _sensing_lines(sensed: pd.DataFrame, prs_look: LineLook = PRS_LOOK) -> list[Line2D]:
     """Lines of what is sensed with."""
     divisions = [one for one in dict.fromkeys(sensed["division"]) if one]
-    looks = [LineLook(_division_label(one), "0.4", "o", DIVISION_LINES[one], False) for one in divisions]
+    looks = [_look(_division_label(one), line=DIVISION_LINES[one]) for one in divisions]
     return legend_lines([*looks, *([prs_look] if (sensed["sensing"] == "prs").any() else [])])
 
 
-def _variants(part: pd.DataFrame) -> list[tuple[str, str]]:
-    return list(dict.fromkeys(zip(part["estimator"], part["params"], strict=True)))
-
-
-def _of(part: pd.DataFrame, variant: tuple[str, str]) -> pd.DataFrame:
-    """Rows of one estimator or receiver."""
-    return part[(part["estimator"] == variant[0]) & (part["params"] == variant[1])]
-
-
-def _of_signal(part: pd.DataFrame, signal: Signal) -> pd.DataFrame:
-    """Rows of one signal."""
-    chosen = part["sensing"] == signal[0]
-    return part[chosen & (part["modulation"] == signal[1]) & (part["division"] == signal[2])]
+def _snr_entry() -> Line2D:
+    """Legend entry of SNRs that are written beside points."""
+    return Line2D(
+        [],
+        [],
+        linestyle="",
+        marker="$20$",
+        markersize=6.0,
+        markeredgewidth=0,
+        color=SNR_COLOUR,
+        label="SNR along solid lines [dB]",
+    )

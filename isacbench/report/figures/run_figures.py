@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from itertools import chain
-from typing import TYPE_CHECKING
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.cells.record import Results
-from isacbench.bench.plan.labels import Variant, estimator_labels
 from isacbench.bench.store.run_store import read_results
-from isacbench.bench.studies import (
-    detection_study,
-    efficiency_study,
-    link_study,
-    resolution_study,
-)
-from isacbench.bench.studies.power_maps import MAPS
+from isacbench.bench.studies.imaging_study import HAUSDORFF_COLUMNS, summarise_scores
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import make_own_folder
 from isacbench.files.escaping import counted
@@ -25,50 +17,37 @@ from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Diagnoser
 from isacbench.plugins.registry import build_estimators_of, canonical_params
-from isacbench.report.drawing.style import (
-    assign_looks,
-    drawable,
-    file_stems,
-    save,
-    styled,
-)
+from isacbench.report.drawing.style import drawable, file_stems, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_clouds
-from isacbench.report.figures.curves import draw_deviations, draw_scores
-from isacbench.report.figures.link_figures import draw_link, draw_trade
+from isacbench.report.figures.curves import draw_deviations, draw_scores, nearest_values, variant_looks
 from isacbench.report.figures.map_figures import draw_map
 from isacbench.report.figures.pareto_figures import draw_pareto, draw_stages
 from isacbench.report.figures.spectrum_figures import draw_spectra
-from isacbench.report.figures.study_figures import (
-    draw_detection,
-    draw_efficiency,
-    draw_maps,
-    draw_resolution,
-    draw_roc,
-)
 from isacbench.report.tables.pareto import summarise_points, timed_rows
-from isacbench.report.tables.run_tables import HAUSDORFF_COLUMNS, batched, summarise_scores
+from isacbench.report.tables.run_tables import batched
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping, Sequence
+    from collections.abc import Hashable, Iterator, Sequence
     from pathlib import Path
 
     import pandas as pd
-    from matplotlib.figure import Figure
 
-    from isacbench.bench.suites.suite import StudyKind
-    from isacbench.model.scene import Scenario
+    from isacbench.bench.cells.record import Results
+    from isacbench.bench.plan.labels import Variant
     from isacbench.plugins.contracts import Estimator
     from isacbench.report.drawing.style import LineLook
+    from isacbench.report.figures.curves import NamedFigure
 
 FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
 DIAGNOSIS_SNR_DB = 10.0
 CLOUDS_A_FIGURE = 4
+CELL = ["estimator", "params", "snr_db"]
 MOST_CLOUDS = 16
-"""Estimators of which clouds, maps and spectra are drawn: of more, those of least mean deviation, for nobody
-looks at all."""
+"""Most estimators of which clouds, maps and spectra are drawn; of more, those of least mean deviation."""
 
-Named = tuple[str, "Figure"]
+NOT_RUN = Image(PointCloud.empty(), "not run")
+"""Cell of which an interrupted run has no record."""
 
 
 def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
@@ -104,10 +83,9 @@ def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
         If an estimator of the run is not installed, or its diagnosis fails.
     """
     results = read_results(folder)
-    figures = FIGURES[results.suite.kind](results)
-    if with_diagnoses:
-        figures = chain(figures, _diagnoses(results))
-    return _drawn(folder, results, figures)
+    kind = kind_of(results.suite)
+    names = [kind.figures, *([kind.diagnoses] if with_diagnoses else [])]
+    return _drawn(folder, results, names)
 
 
 def draw_diagnoses(folder: Path) -> list[Path]:
@@ -136,16 +114,18 @@ def draw_diagnoses(folder: Path) -> list[Path]:
         If an estimator of the run is not installed, or its diagnosis fails.
     """
     results = read_results(folder)
-    return _drawn(folder, results, _diagnoses(results))
+    return _drawn(folder, results, [kind_of(results.suite).diagnoses])
 
 
-def _drawn(folder: Path, results: Results, figures: Iterator[Named]) -> list[Path]:
-    if results.records.empty:
+def _drawn(folder: Path, results: Results, names: Sequence[str]) -> list[Path]:
+    """Save the figures that some functions yield, each named as ``module:function``."""
+    functions = [resolve_name(name) for name in names if name]
+    if results.records.empty or not functions:
         return []
     target = folder / FOLDER
     make_own_folder(target)
     with styled():
-        return [save(figure, target / f"{stem}.png") for stem, figure in figures]
+        return [save(figure, target / f"{stem}.png") for draw in functions for stem, figure in draw(results)]
 
 
 def _built(specs: Sequence[str]) -> Iterator[tuple[str, Estimator]]:
@@ -157,23 +137,26 @@ def _built(specs: Sequence[str]) -> Iterator[tuple[str, Estimator]]:
             warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=3)
 
 
-def _looks(results: Results) -> dict[Variant, LineLook]:
-    """Looks of the estimators of a run; one that is not installed is no limit to anybody's knowledge."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", InputWarning)
-        estimators = dict(_built(results.suite.estimators))
-    bounds = {estimator.name for estimator in estimators.values() if getattr(estimator, "needs_truth", False)}
-    labels = estimator_labels(zip(results.records["estimator"], results.records["params"], strict=True))
-    return assign_looks(labels, bounds)
+def imaging_figures(results: Results) -> Iterator[NamedFigure]:
+    """Draw scores over SNR, run time against error where the time counts, and clouds.
+
+    Parameters
+    ----------
+    results : Results
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
+    looks = variant_looks(results.records)
+    yield from _curves(results, looks)
+    yield from _tradeoffs(results, looks)
+    yield from _clouds(results, looks)
 
 
-def _imaging(results: Results) -> Iterator[Named]:
-    """Figures of images."""
-    looks = _looks(results)
-    return chain(_curves(results, looks), _tradeoffs(results, looks), _clouds(results, looks))
-
-
-def _tradeoffs(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Named]:
+def _tradeoffs(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
     """Run time against error of every scenario, where the time counts."""
     rows = timed_rows(results.records)
     if rows.empty:
@@ -186,58 +169,7 @@ def _tradeoffs(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Nam
             yield f"stages-{stem}", stages
 
 
-def _efficiency(results: Results) -> Iterator[Named]:
-    """Errors and bounds of every scenario."""
-    looks = _looks(results)
-    summary = efficiency_study.summarise_efficiency(results.records)
-    for scenario, stem in file_stems(summary["scenario"].unique()).items():
-        yield f"efficiency-{stem}", draw_efficiency(summary, scenario, looks)
-
-
-def _resolution(results: Results) -> Iterator[Named]:
-    """Probabilities of resolution of every template and SNR."""
-    looks = _looks(results)
-    summary = resolution_study.summarise_resolution(results.records)
-    several = summary["snr_gain_db"].nunique() > 1
-    for template, stem in file_stems(summary["template"].unique()).items():
-        part = summary[summary["template"] == template]
-        for snr_gain_db, at_snr in part.groupby("snr_gain_db"):
-            suffix = f"-{snr_gain_db:g}dB" if several else ""
-            yield f"resolution-{stem}{suffix}", draw_resolution(at_snr, looks)
-
-
-def _detection(results: Results) -> Iterator[Named]:
-    """Detectors on the maps, and behind estimators on every scenario."""
-    summary = detection_study.summarise_detection(results.records)
-    on_maps = summary["scenario"].isin(list(MAPS))
-    if on_maps.any():
-        yield "maps", draw_maps(summary[on_maps])
-        yield "roc", draw_roc(summary[on_maps])
-    for scenario, stem in file_stems(summary.loc[~on_maps, "scenario"].unique()).items():
-        yield f"detection-{stem}", draw_detection(summary[summary["scenario"] == scenario])
-
-
-def _link(results: Results) -> Iterator[Named]:
-    """Bit errors beside deviations of every scenario, and the trade between the two."""
-    summary = link_study.summarise_link(results.records)
-    templates = [name for name in summary["template"].unique() if name]
-    for template, stem in file_stems(templates).items():
-        yield f"link-{stem}", draw_link(summary, template)
-        trade = draw_trade(summary, template)
-        if trade is not None:
-            yield f"trade-{stem}", trade
-
-
-FIGURES: dict[StudyKind, Callable[[Results], Iterator[Named]]] = {
-    "imaging": _imaging,
-    "efficiency": _efficiency,
-    "resolution": _resolution,
-    "detection": _detection,
-    "link": _link,
-}
-
-
-def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Named]:
+def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
     """Scores over SNR, all scenarios together and each on its own."""
     summary = summarise_scores(results.records)
     yield "deviation", draw_deviations(summary, looks)
@@ -246,7 +178,7 @@ def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Named]
         yield f"curves-{stem}", draw_scores(summary, scenario, looks, radius_m)
 
 
-def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Named]:
+def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
     """Clouds of every scenario's first trial, a few estimators a figure."""
     # A run of limits alone still has clouds to show.
     candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
@@ -256,18 +188,19 @@ def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[Named]
         title = drawable(scenario)
         if len(shown) < len(candidates):
             title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
-        trial = int(records["trial"].min())
-        clouds, records = _clouds_of(results, scenario, trial), records[records["trial"] == trial]
+        trial, scene = int(records["trial"].min()), results.scenarios[scenario]
+        images, snrs_db = _images(results, scenario, trial), sorted(records["snr_db"].unique())
         pages = batched(shown, CLOUDS_A_FIGURE)
         for number, page in enumerate(pages, start=1):
+            rows = {
+                snr_db: [images.get((*variant, snr_db), NOT_RUN) for variant in page]
+                for snr_db in nearest_values(snrs_db, CLOUD_SNRS_DB)
+            }
+            columns = [looks[variant].label for variant in page]
             suffix = f"-{number}" if len(pages) > 1 else ""
-            page_looks = {variant: looks[variant] for variant in page}
-            yield (
-                f"clouds-{stem}{suffix}",
-                _cloud_figure(
-                    f"{title}, trial {trial}", results.scenarios[scenario], records, clouds, page_looks
-                ),
-            )
+            heading = f"{title}, trial {trial}"
+            figure = draw_clouds(heading, scene.truth, scene.region, columns, rows, scene.radius_m)
+            yield f"clouds-{stem}{suffix}", figure
 
 
 def _best(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
@@ -280,67 +213,48 @@ def _best(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]
     return [variant for variant in candidates if variant in best]
 
 
-def _cloud_figure(
-    title: str,
-    scene: Scenario,
-    records: pd.DataFrame,
-    clouds: Mapping[Hashable, PointCloud],
-    looks: Mapping[Variant, LineLook],
-) -> Figure:
-    """Clouds of one trial of a scenario at a few SNRs."""
-    rows = {
-        snr_db: [_image(clouds, records, variant, snr_db) for variant in looks]
-        for snr_db in _nearest(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
-    }
-    labels = [look.label for look in looks.values()]
-    return draw_clouds(title, scene.truth, scene.region, labels, rows, scene.radius_m)
-
-
-def _clouds_of(results: Results, scenario: str, trial: int) -> dict[Hashable, PointCloud]:
-    """Clouds of a trial that have points, by name, parameters and SNR."""
-    points = results.clouds
+def _images(results: Results, scenario: str, trial: int) -> dict[Hashable, Image]:
+    """Images of one trial of a scenario, by name, parameters and SNR."""
     # Numbers first: they are compared much faster than text, and leave little of it.
-    points = points[points["trial"] == trial]
+    points = results.clouds[results.clouds["trial"] == trial]
     points = points[points["scenario"] == scenario]
-    return {
+    clouds: dict[Hashable, PointCloud] = {
         key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
-        for key, part in points.groupby(["estimator", "params", "snr_db"], sort=False, observed=True)
+        for key, part in points.groupby(CELL, sort=False, observed=True)
+    }
+    records = results.records[(results.records["trial"] == trial) & (results.records["scenario"] == scenario)]
+    return {
+        key: _image(clouds.get(key, PointCloud.empty()), record)
+        for key, record in records.set_index(CELL).iterrows()
     }
 
 
-def _image(
-    clouds: Mapping[Hashable, PointCloud],
-    records: pd.DataFrame,
-    variant: Variant,
-    snr_db: float,
-) -> Image:
-    """Cloud of one cell, and what came of it; an interrupted run has no record of some."""
-    name, params = variant
-    chosen = (records["estimator"] == name) & (records["params"] == params) & (records["snr_db"] == snr_db)
-    if not chosen.any():
-        return Image(PointCloud.empty(), "not run")
-    record = records[chosen].iloc[0]
-    cloud = clouds.get((name, params, snr_db), PointCloud.empty())
+def _image(cloud: PointCloud, record: pd.Series[Any]) -> Image:
+    """Cloud of one cell, and what came of it."""
     if record["status"] == "ok":
         hausdorff_m = record[HAUSDORFF_COLUMNS].sum()
         return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
     return Image(cloud, "nothing detected" if record["status"] == "no_detection" else str(record["status"]))
 
 
-def _nearest(available: Sequence[float], wanted: Sequence[float]) -> list[float]:
-    """Values nearest to the wanted ones, in order and none twice."""
-    return list(dict.fromkeys(min(available, key=lambda value: abs(value - target)) for target in wanted))
+def diagnosis_figures(results: Results) -> Iterator[NamedFigure]:
+    """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial.
 
+    Parameters
+    ----------
+    results : Results
 
-def _diagnoses(results: Results) -> Iterator[Named]:
-    """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial."""
-    if results.suite.kind != "imaging" or results.records.empty:
-        return
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
     scenario = results.scenarios[results.records["scenario"].iloc[0]]
     diagnosers = _best_diagnosers(results, scenario.name)
     if not diagnosers:
         return
-    (snr_db,) = _nearest(sorted(results.records["snr_db"].unique()), [DIAGNOSIS_SNR_DB])
+    (snr_db,) = nearest_values(sorted(results.records["snr_db"].unique()), [DIAGNOSIS_SNR_DB])
     simulator = Simulator(scenario)
     observation = simulator.observe(snr_db, int(results.records["trial"].min()), results.suite.seed)
     for (spec, estimator), stem in zip(diagnosers.items(), file_stems(diagnosers).values(), strict=True):

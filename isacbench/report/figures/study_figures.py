@@ -2,33 +2,47 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from isacbench.bench.cells.radio_coordinates import DIMENSIONS
+from isacbench.bench.plan.labels import rows_of
+from isacbench.bench.studies.detection_study import summarise_detection
+from isacbench.bench.studies.efficiency_study import summarise_efficiency
+from isacbench.bench.studies.power_maps import MAPS
+from isacbench.bench.studies.resolution_study import summarise_resolution
 from isacbench.report.drawing.panels import draw_line, legend_lines, panel_grid
-from isacbench.report.drawing.style import BOUND_COLOUR, assign_looks, drawable
+from isacbench.report.drawing.style import BOUND_COLOUR, assign_looks, drawable, file_stems
+from isacbench.report.figures.curves import nearest_values, share_scale, variant_looks, write_plain_numbers
 from isacbench.report.tables.run_tables import trials_and_band
 from isacbench.report.tables.study_tables import entry_labels, reference_rate
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from isacbench.bench.cells.record import Results
     from isacbench.bench.plan.labels import Variant
     from isacbench.report.drawing.style import LineLook
+    from isacbench.report.figures.curves import NamedFigure
 
-TITLES = {"range": "Range", "velocity": "Velocity", "u": "Direction cosine u", "w": "Direction cosine w"}
-UNITS = {"range": " [m]", "velocity": " [m/s]", "u": "", "w": ""}
-COLUMNS = {"range": "range_m", "velocity": "velocity_mps", "u": "u", "w": "w"}
+DIMENSION_TITLES = {
+    "range": "Range",
+    "velocity": "Velocity",
+    "u": "Direction cosine u",
+    "w": "Direction cosine w",
+}
+UNITS = {"range": ("range_m", " [m]"), "velocity": ("velocity_mps", " [m/s]"), "u": ("u", ""), "w": ("w", "")}
+"""Ends of the names of columns, and units of axes."""
 
-GAINED_SNR = "SNR after gain [dB]"
+BAND = ["value", "low", "high"]
+MAX_TICKS = 5
 ROC_SNRS_DB = 10.0, 15.0, 20.0
 
 LARGEST_RATIO = 10.0
@@ -41,8 +55,73 @@ LOWEST_RATE_SHARE = 0.1
 """Share of one false alarm of all clear cells at which a count of none is drawn on a logarithmic axis."""
 
 
+SHARE_LIMITS = -0.03, 1.03
+"""Ends of an axis of shares and probabilities."""
+
+
+def efficiency_figures(results: Results) -> Iterator[NamedFigure]:
+    """Draw errors and bounds of every scenario.
+
+    Parameters
+    ----------
+    results : Results
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
+    summary, looks = summarise_efficiency(results.records), variant_looks(results.records)
+    for scenario, stem in file_stems(summary["scenario"].unique()).items():
+        yield f"efficiency-{stem}", draw_efficiency(summary, scenario, looks)
+
+
+def resolution_figures(results: Results) -> Iterator[NamedFigure]:
+    """Draw probabilities of resolution of every template and SNR.
+
+    Parameters
+    ----------
+    results : Results
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
+    summary, looks = summarise_resolution(results.records), variant_looks(results.records)
+    several = summary["snr_gain_db"].nunique() > 1
+    for template, stem in file_stems(summary["template"].unique()).items():
+        for snr_gain_db, at_snr in summary[summary["template"] == template].groupby("snr_gain_db"):
+            suffix = f"-{snr_gain_db:g}dB" if several else ""
+            yield f"resolution-{stem}{suffix}", draw_resolution(at_snr, looks)
+
+
+def detection_figures(results: Results) -> Iterator[NamedFigure]:
+    """Draw detectors on the maps, and behind estimators on every scenario.
+
+    Parameters
+    ----------
+    results : Results
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
+    summary = summarise_detection(results.records)
+    on_maps = summary["scenario"].isin(list(MAPS))
+    if on_maps.any():
+        yield "maps", draw_maps(summary[on_maps])
+        yield "roc", draw_roc(summary[on_maps])
+    for scenario, stem in file_stems(summary.loc[~on_maps, "scenario"].unique()).items():
+        yield f"detection-{stem}", draw_detection(summary[summary["scenario"] == scenario])
+
+
 def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant, LineLook]) -> Figure:
-    """Draw errors beside the Cramér-Rao bound, their ratio, and what was missed and false, over SNR.
+    """Draw errors compared with the Cramér-Rao bound, their ratio, misses and false points, over SNR.
 
     Parameters
     ----------
@@ -63,51 +142,48 @@ def draw_efficiency(summary: pd.DataFrame, scenario: str, looks: Mapping[Variant
         f"{trials_and_band(int(part['n_trials'].max()))}"
     )
     figure, panels = panel_grid(10, [*legend_lines(looks.values()), bound], title, max_columns=5)
-    bounds = part.drop_duplicates("snr_gain_db")
-    for index, dimension in enumerate(DIMENSIONS):
-        errors, ratios = panels[index], panels[5 + index]
-        column = COLUMNS[dimension]
-        errors.set_title(TITLES[dimension])
-        errors.set_ylabel(f"root mean square error{UNITS[dimension]}")
-        errors.set_yscale("log")
-        errors.plot(bounds["snr_gain_db"], bounds[f"bound_{column}"], color=BOUND_COLOUR, linestyle="--")
-        ratios.set_ylabel("error over bound")
-        ratios.set_yscale("log")
-        ratios.axhline(1.0, color=BOUND_COLOUR, linestyle="--")
-        for variant, look in looks.items():
-            rows = _of(part, variant)
-            snr_db, ratio = rows["snr_gain_db"], rows[f"ratio_{dimension}"]
-            low, high = rows[f"ratio_{dimension}_low"], rows[f"ratio_{dimension}_high"]
-            # One hit among many trials is no measurement.
-            n_hits = rows["n_trials"] - rows["n_failed"] - rows["n_misses"]
-            ratio = ratio.where((n_hits > 1) | (rows["n_trials"] == 1))
-            draw_line(ratios, look, snr_db, ratio, low, high)
-            # Errors have the relative band of their ratio.
-            rmse = rows[f"rmse_{column}"].where(ratio.notna())
-            draw_line(errors, look, snr_db, rmse, rmse * low / ratio, rmse * high / ratio)
-        ratios.set_ylim(0.7, LARGEST_RATIO)
-        ratios.set_yticks([1, 2, 5, 10])
-        ratios.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        ratios.yaxis.set_minor_formatter(NullFormatter())
+    for dimension, errors, ratios in zip(DIMENSIONS, panels, panels[5:], strict=False):
+        _draw_errors(errors, ratios, part, dimension, looks)
     missed, false = panels[4], panels[9]
-    missed.set_title("Missed")
-    missed.set_ylabel("share of trials")
-    missed.set_ylim(-0.03, 1.03)
-    false.set_title("False points")
-    false.set_ylabel("number a trial")
-    for variant, look in looks.items():
-        rows = _of(part, variant)
-        for axes, column in ((missed, "n_misses"), (false, "n_false")):
+    for axes, column in ((missed, "n_misses"), (false, "n_false")):
+        for variant, look in looks.items():
+            rows = rows_of(part, variant)
             share = rows[column] / rows["n_trials"]
             axes.plot(rows["snr_gain_db"], share, color=look.colour, linestyle=look.line, marker=look.marker)
     top = max(1.06 * float((part["n_false"] / part["n_trials"]).max()), MIN_FALSE_POINTS)
-    false.set_ylim(-0.03 * top, top)
+    missed.set(title="Missed", ylabel="share of trials", ylim=SHARE_LIMITS)
+    false.set(title="False points", ylabel="number a trial", ylim=(-0.03 * top, top))
     for axes in panels:
         axes.grid(True)
         axes.set_xlim(part["snr_gain_db"].min() - 1, part["snr_gain_db"].max() + 1)
     for axes in panels[5:]:
-        axes.set_xlabel(GAINED_SNR)
+        axes.set_xlabel("SNR after gain [dB]")
     return figure
+
+
+def _draw_errors(
+    errors: Axes, ratios: Axes, part: pd.DataFrame, dimension: str, looks: Mapping[Variant, LineLook]
+) -> None:
+    """Draw the errors of one dimension, and below them their ratio to the bound."""
+    unit, axis_unit = UNITS[dimension]
+    bounds = part.drop_duplicates("snr_gain_db")
+    # One hit among many trials is no measurement.
+    n_hits = part["n_trials"] - part["n_failed"] - part["n_misses"]
+    is_measured = (n_hits > 1) | (part["n_trials"] == 1)
+    ratio = part[[f"ratio_{dimension}{end}" for end in ("", "_low", "_high")]]
+    ratio = ratio.set_axis(BAND, axis=1).where(is_measured)
+    # Errors have the relative band of their ratio.
+    error = ratio.div(ratio["value"], axis=0).mul(part[f"rmse_{unit}"], axis=0)
+    errors.set(title=DIMENSION_TITLES[dimension], ylabel=f"root mean square error{axis_unit}", yscale="log")
+    errors.plot(bounds["snr_gain_db"], bounds[f"bound_{unit}"], color=BOUND_COLOUR, linestyle="--")
+    ratios.set(ylabel="error over bound", yscale="log")
+    ratios.axhline(1.0, color=BOUND_COLOUR, linestyle="--")
+    for axes, numbers in ((errors, error), (ratios, ratio)):
+        for variant, look in looks.items():
+            rows = rows_of(part, variant)
+            draw_line(axes, look, rows["snr_gain_db"], *(numbers.loc[rows.index, name] for name in BAND))
+    ratios.set(ylim=(0.7, LARGEST_RATIO), yticks=[1, 2, 5, 10])
+    write_plain_numbers(ratios.yaxis)
 
 
 def draw_resolution(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figure:
@@ -138,19 +214,20 @@ def draw_resolution(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
     for axes, dimension in zip(panels, dimensions, strict=True):
         part = summary[summary["dimension"] == dimension].sort_values("separation_cells")
         for variant, look in looks.items():
-            rows = _of(part, variant)
+            rows = rows_of(part, variant)
             cells = rows["separation_cells"]
             draw_line(axes, look, cells, rows["resolved"], rows["resolved_low"], rows["resolved_high"])
             axes.plot(cells, rows["resolved_in_phase"], color=look.colour, linestyle="--")
-        axes.set_xscale("log")
         ticks = sorted(part["separation_cells"].unique())
-        axes.set_xticks(ticks if len(ticks) <= 5 else _thinned(ticks))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_ylim(-0.03, 1.03)
-        axes.set_title(TITLES[dimension])
-        axes.set_xlabel("distance [Rayleigh cells]")
-        axes.set_ylabel("share of pairs found")
+        axes.set(
+            xscale="log",
+            xticks=ticks if len(ticks) <= MAX_TICKS else ticks[::2],
+            ylim=SHARE_LIMITS,
+            title=DIMENSION_TITLES[dimension],
+            xlabel="distance [Rayleigh cells]",
+            ylabel="share of pairs found",
+        )
+        write_plain_numbers(axes.xaxis)
         axes.grid(True)
     return figure
 
@@ -168,24 +245,25 @@ def draw_maps(summary: pd.DataFrame) -> Figure:
     Figure
     """
     rate = reference_rate(summary["pfa"])
-    part = summary[summary["pfa"] == rate]
-    looks, names = _detector_looks(part), list(part["scenario"].unique())
-    nominal = Line2D([], [], color=BOUND_COLOUR, linestyle="--", label="nominal P_fa")
-    n_trials = int(part["n_cells"].max())
-    title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials_and_band(n_trials)}"
-    figure, panels = panel_grid(
-        2 * len(names), [*legend_lines(looks.values()), nominal], title, max_columns=len(names)
+    part = summary[summary["pfa"] == rate].sort_values("snr_gain_db")
+    looks, names = _detector_looks(summary), list(summary["scenario"].unique())
+    title = (
+        f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials_and_band(int(part['n_cells'].max()))}"
     )
-    for index, name in enumerate(names):
-        detected, false = panels[index], panels[len(names) + index]
-        detected.set_title(drawable(name))
-        _draw_rates(detected, part[part["scenario"] == name], looks, "pd")
-        _draw_rates(false, part[part["scenario"] == name], looks, "pfa_measured")
-        detected.set_ylabel("probability of detection")
+    legend = [*legend_lines(looks.values()), _nominal()]
+    figure, panels = panel_grid(2 * len(names), legend, title, max_columns=len(names))
+    for detected, false, name in zip(panels, panels[len(names) :], names, strict=False):
+        for text, look in looks.items():
+            rows = part[(part["scenario"] == name) & (part["detector"] == text)]
+            _draw_rates(detected, false, look, rows["snr_gain_db"], rows)
+        detected.set(title=drawable(name), ylabel="probability of detection", ylim=SHARE_LIMITS)
+        false.set(
+            xlabel="SNR of a target in its cell [dB]", ylabel="probability of false alarm", yscale="log"
+        )
         false.axhline(rate, color=BOUND_COLOUR, linestyle="--")
-        false.set_xlabel("SNR of a target in its cell [dB]")
-        false.set_ylabel("probability of false alarm")
-    _share_limits(panels[len(names) :])
+    for axes in panels:
+        axes.grid(True)
+    share_scale(panels[len(names) :], "y")
     return figure
 
 
@@ -202,36 +280,27 @@ def draw_roc(summary: pd.DataFrame) -> Figure:
     Figure
     """
     looks, names = _detector_looks(summary), list(summary["scenario"].unique())
-    run = sorted(summary["snr_gain_db"].unique())
-    snrs = list(dict.fromkeys(min(run, key=lambda value: abs(value - wanted)) for wanted in ROC_SNRS_DB))
+    snrs = nearest_values(sorted(summary["snr_gain_db"].unique()), ROC_SNRS_DB)
     title = "Detection over measured false alarms, a point a nominal P_fa"
-    figure, panels = panel_grid(
-        len(snrs) * len(names), legend_lines(looks.values()), title, max_columns=len(names)
-    )
-    for place, axes in enumerate(panels):
-        row, column = divmod(place, len(names))
-        chosen = (summary["snr_gain_db"] == snrs[row]) & (summary["scenario"] == names[column])
-        part = summary[chosen].sort_values("pfa")
+    legend, places = legend_lines(looks.values()), list(product(snrs, names))
+    figure, panels = panel_grid(len(places), legend, title, max_columns=len(names))
+    for axes, (snr_db, name) in zip(panels, places, strict=True):
+        part = summary[(summary["snr_gain_db"] == snr_db) & (summary["scenario"] == name)].sort_values("pfa")
         for text, look in looks.items():
             rows = part[part["detector"] == text]
-            axes.plot(
-                _shown_rate(rows), rows["pd"], color=look.colour, linestyle=look.line, marker=look.marker
-            )
-        axes.set_xscale("log")
-        axes.set_ylim(-0.03, 1.03)
-        axes.set_title(f"{drawable(names[column])}, {snrs[row]:.4g} dB")
-        axes.set_ylabel("probability of detection")
+            rate = _shown_rate(rows)
+            axes.plot(rate, rows["pd"], color=look.colour, linestyle=look.line, marker=look.marker)
+        axes.set(title=f"{drawable(name)}, {snr_db:.4g} dB", ylabel="probability of detection")
+        axes.set(xscale="log", ylim=SHARE_LIMITS)
         axes.grid(True)
-        if row == len(snrs) - 1:
-            axes.set_xlabel("probability of false alarm")
-    lower, upper = np.transpose([axes.get_xlim() for axes in panels])
-    for axes in panels:
-        axes.set_xlim(lower.min(), upper.max())
+    for axes in panels[-len(names) :]:
+        axes.set_xlabel("probability of false alarm")
+    share_scale(panels, "x")
     return figure
 
 
 def draw_detection(summary: pd.DataFrame) -> Figure:
-    """Draw what detectors are worth to estimators: deviation, detection and false alarms over SNR.
+    """Draw the effect of detectors on estimators: deviation, detection and false alarms over SNR.
 
     Parameters
     ----------
@@ -248,40 +317,35 @@ def draw_detection(summary: pd.DataFrame) -> Figure:
         f"{drawable(part['scenario'].iloc[0])}: {', '.join(part['estimator'].unique())} behind each "
         f"detector; {trials_and_band(int(part['n_cells'].max()))}"
     )
-    nominal = Line2D([], [], color=BOUND_COLOUR, linestyle="--", label="nominal P_fa")
-    figure, panels = panel_grid(3, [*legend_lines(looks.values()), nominal], title)
-    titles = {
-        "Images": "imaging deviation",
-        "Cells of scatterers": "probability of detection",
-        "Cells far from scatterers": "probability of false alarm",
-    }
-    for axes, (name, drawn) in zip(panels, titles.items(), strict=True):
-        axes.set_title(name)
-        axes.set_ylabel(drawn)
-        axes.set_xlabel("SNR [dB]")
-        axes.grid(True)
+    figure, panels = panel_grid(3, [*legend_lines(looks.values()), _nominal()], title)
+    images, detected, false = panels
     for variant, look in looks.items():
-        rows = _of(part, variant)
-        mean, half = rows["deviation_mean"], rows["deviation_band"]
-        draw_line(panels[0], look, rows["snr_db"], mean, (mean - half).clip(lower=mean / 10), mean + half)
-        draw_line(panels[1], look, rows["snr_db"], rows["pd"], rows["pd_low"], rows["pd_high"])
-        shown = _shown_rate(rows)
-        draw_line(panels[2], look, rows["snr_db"], shown, rows["pfa_measured_low"], rows["pfa_measured_high"])
-    panels[0].set_yscale("log")
-    panels[1].set_ylim(-0.03, 1.03)
-    panels[2].set_yscale("log")
+        rows = rows_of(part, variant)
+        snr_db, mean, half = rows["snr_db"], rows["deviation_mean"], rows["deviation_band"]
+        draw_line(images, look, snr_db, mean, (mean - half).clip(lower=mean / 10), mean + half)
+        _draw_rates(detected, false, look, snr_db, rows)
     for rate in part["pfa"].unique():
-        panels[2].axhline(rate, color=BOUND_COLOUR, linestyle="--")
+        false.axhline(rate, color=BOUND_COLOUR, linestyle="--")
+    images.set(title="Images", ylabel="imaging deviation", yscale="log")
+    detected.set(title="Cells of scatterers", ylabel="probability of detection", ylim=SHARE_LIMITS)
     shown = pd.concat([_shown_rate(part).dropna(), part["pfa"]])
     # Whole decades around every rate, at least one.
     lowest, highest = np.floor(np.log10(shown.min() / 1.5)), np.ceil(np.log10(1.5 * shown.max()))
-    panels[2].set_ylim(10**lowest, 10**highest)
+    false.set(
+        title="Cells far from scatterers",
+        ylabel="probability of false alarm",
+        yscale="log",
+        ylim=(10**lowest, 10**highest),
+    )
+    for axes in panels:
+        axes.set_xlabel("SNR [dB]")
+        axes.grid(True)
     return figure
 
 
-def _of(part: pd.DataFrame, variant: Variant) -> pd.DataFrame:
-    """Rows of one estimator."""
-    return part[(part["estimator"] == variant[0]) & (part["params"] == variant[1])]
+def _nominal() -> Line2D:
+    """Legend entry of nominal rates."""
+    return Line2D([], [], color=BOUND_COLOUR, linestyle="--", label="nominal P_fa")
 
 
 def _detector_looks(summary: pd.DataFrame) -> dict[str, LineLook]:
@@ -290,32 +354,14 @@ def _detector_looks(summary: pd.DataFrame) -> dict[str, LineLook]:
     return dict(zip(texts, assign_looks({(text, ""): text for text in texts}, ()).values(), strict=True))
 
 
-def _draw_rates(axes: Axes, part: pd.DataFrame, looks: Mapping[str, LineLook], name: str) -> None:
-    """Draw a probability over SNR, every detector, inside its band."""
-    part = part.sort_values("snr_gain_db")
-    for text, look in looks.items():
-        rows = part[part["detector"] == text]
-        values = rows[name] if name == "pd" else _shown_rate(rows)
-        draw_line(axes, look, rows["snr_gain_db"], values, rows[f"{name}_low"], rows[f"{name}_high"])
-    axes.grid(True)
-    if name == "pd":
-        axes.set_ylim(-0.03, 1.03)
-    else:
-        axes.set_yscale("log")
+def _draw_rates(
+    detected: Axes, false: Axes, look: LineLook, snr_db: pd.Series[Any], rows: pd.DataFrame
+) -> None:
+    """Draw probabilities of detection and of false alarm over SNR, inside their bands."""
+    draw_line(detected, look, snr_db, rows["pd"], rows["pd_low"], rows["pd_high"])
+    draw_line(false, look, snr_db, _shown_rate(rows), rows["pfa_measured_low"], rows["pfa_measured_high"])
 
 
 def _shown_rate(rows: pd.DataFrame) -> pd.Series[Any]:
     """Measured false-alarm rates for a logarithmic axis: none at all is a tenth of one."""
     return rows["pfa_measured"].clip(lower=LOWEST_RATE_SHARE / rows["n_clear"].clip(lower=1))
-
-
-def _share_limits(panels: Sequence[Axes]) -> None:
-    """Put panels on one vertical scale."""
-    lower, upper = np.transpose([axes.get_ylim() for axes in panels])
-    for axes in panels:
-        axes.set_ylim(lower.min(), upper.max())
-
-
-def _thinned(ticks: Sequence[float]) -> list[float]:
-    """Every second of many ticks."""
-    return list(ticks[::2])

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.compare.statistics import best_p_values, smallest_p_value, trials_needed
-from isacbench.errors import InputError
-from isacbench.report.tables.pareto import find_limits, paired_numbers, summarise_points, timed_rows
+from isacbench.report.tables.pareto import find_limits, summarise_points, timed_rows
 from isacbench.report.tables.run_tables import Grid
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
@@ -25,9 +24,8 @@ ALPHA = 0.05
 """Probability that a table leaves out, in any of its rows, the estimator that is truly best."""
 
 MARGIN = 0.01
-"""Relative difference of mean deviations that nobody would choose by."""
+"""Relative difference of mean deviations that does not matter."""
 
-STEPS = (1.0, 2.0, 5.0)
 PANEL = ["scenario", "snr_db"]
 DEVIATIONS = ["deviation_mean", "deviation_low", "deviation_high"]
 TIMES = ["time_s", "time_low_s", "time_high_s"]
@@ -40,66 +38,22 @@ def budget_series(shortest_s: float, longest_s: float) -> list[float]:
     Parameters
     ----------
     shortest_s, longest_s : float
-        Positive.
+        Positive, the shorter one first.
 
     Returns
     -------
     list of float
-
-    Raises
-    ------
-    InputError
-        If a time is not a positive number, or they are in the wrong order.
 
     Examples
     --------
     >>> budget_series(0.033, 0.4)
     [0.05, 0.1, 0.2, 0.5]
     """
-    if not 0 < shortest_s <= longest_s < math.inf:
-        raise InputError(
-            f"times from {shortest_s!r} to {longest_s!r}: allowed are positive numbers, the shorter one first"
-        )
     decades = range(math.floor(math.log10(shortest_s)), math.ceil(math.log10(longest_s)) + 1)
     # Powers of ten as text have: 5e-2 is 0.05 exactly where 5 * 10**-2 might not be.
-    series = [float(f"{step:g}e{decade}") for decade in decades for step in STEPS]
-    fitting = [budget_s for budget_s in series if budget_s >= shortest_s]
-    last = next(index for index, budget_s in enumerate(fitting) if budget_s >= longest_s)
-    return fitting[: last + 1]
-
-
-def best_within_budgets(time_s: ArrayLike, error: ArrayLike, budgets_s: ArrayLike) -> NDArray[np.int64]:
-    """Find, for each time budget, the alternative of least error among those that keep it.
-
-    Parameters
-    ----------
-    time_s, error : array_like, shape (n,)
-    budgets_s : array_like, shape (m,)
-
-    Returns
-    -------
-    ndarray of int64, shape (m,)
-        Indices of alternatives, of equal errors the one of shorter time; -1 where none keeps the budget.
-
-    Raises
-    ------
-    InputError
-        If the shapes differ, a time or an error is not finite, or a budget is NaN.
-
-    Examples
-    --------
-    >>> best_within_budgets([1.0, 2.0, 3.0], [7.0, 5.0, 6.0], [0.5, 1.0, 5.0]).tolist()
-    [-1, 0, 1]
-    """
-    times, errors = paired_numbers(time_s, error)
-    budgets = np.asarray(budgets_s, dtype=np.float64)
-    if np.isnan(budgets).any():
-        raise InputError("a budget of NaN: allowed are numbers")
-    order = np.lexsort([times, errors])
-    keeps = times[order] <= budgets[:, None]
-    if not order.size:
-        return np.full(budgets.shape, -1)
-    return np.where(keeps.any(axis=1), order[keeps.argmax(axis=1)], -1)
+    series = [float(f"{step}e{decade}") for decade in decades for step in (1, 2, 5)]
+    longest = next(budget_s for budget_s in series if budget_s >= longest_s)
+    return [budget_s for budget_s in series if shortest_s <= budget_s <= longest]
 
 
 def summarise_budgets(records: pd.DataFrame) -> pd.DataFrame:
@@ -149,7 +103,7 @@ def budget_grids(records: pd.DataFrame) -> list[Grid]:
     Returns
     -------
     list of Grid
-        None where nothing was timed.
+        Empty where nothing was timed.
     """
     summary = summarise_budgets(records)
     if summary.empty:
@@ -157,47 +111,30 @@ def budget_grids(records: pd.DataFrame) -> list[Grid]:
     return [_grid(part) for _, part in summary.groupby(PANEL, sort=False)]
 
 
-class _Choice(NamedTuple):
-    """A budget, the best within it, and all that keep it; indices of points."""
-
-    budget_s: float
-    best: int
-    within: NDArray[np.int64]
-
-
 def _rows(points: pd.DataFrame, deviations: Floats) -> Iterator[dict[str, object]]:
     """Rows of one scenario and SNR, from its competitors and their deviations (n_trials, n)."""
-    choices = _choices(points)
-    # A larger budget that lets nobody in asks nothing new.
-    n_questions = len({choice.within.tobytes() for choice in choices})
-    level = ALPHA / n_questions
-    for budget_s, best, within in choices:
-        chosen = points.iloc[best]
-        margin = MARGIN * abs(float(chosen["deviation_mean"]))
-        p_values = best_p_values(deviations[:, within], margin)
+    limit_s = points["time_high_s"].fillna(points["time_slowest_s"]).to_numpy()
+    by_time = np.argsort(points["time_s"].to_numpy(), kind="stable")
+    by_error = np.lexsort([limit_s, points["deviation_mean"].to_numpy()])
+    within = {
+        budget_s: by_time[limit_s[by_time] <= budget_s]
+        for budget_s in budget_series(float(limit_s.min()), float(limit_s.max()))
+    }
+    # A larger budget that adds no estimator asks nothing new.
+    level = ALPHA / len({chosen.tobytes() for chosen in within.values()})
+    for budget_s, keeping in within.items():
+        best = points.iloc[next(place for place in by_error if place in keeping)]
+        margin = MARGIN * abs(float(best["deviation_mean"]))
+        may_be_best = keeping[best_p_values(deviations[:, keeping], margin) > level]
         yield {
-            **{name: chosen[name] for name in PANEL},
+            **{name: best[name] for name in PANEL},
             "budget_s": budget_s,
-            **{name: chosen[name] for name in SHOWN},
-            "n_within": len(within),
+            **{name: best[name] for name in SHOWN},
+            "n_within": len(keeping),
             "level": level,
             "trials_needed": trials_needed(level),
-            "may_be_best": json.dumps(
-                points["label"].iloc[within[p_values > level]].tolist(), ensure_ascii=False
-            ),
+            "may_be_best": json.dumps(points["label"].iloc[may_be_best].tolist(), ensure_ascii=False),
         }
-
-
-def _choices(points: pd.DataFrame) -> list[_Choice]:
-    """Best point of each budget; those within it by their time."""
-    limit_s = points["time_high_s"].fillna(points["time_slowest_s"]).to_numpy()
-    errors = points["deviation_mean"].to_numpy()
-    budgets_s = budget_series(float(limit_s.min()), float(limit_s.max()))
-    order = np.argsort(points["time_s"].to_numpy(), kind="stable")
-    return [
-        _Choice(budget_s, int(best), order[limit_s[order] <= budget_s])
-        for budget_s, best in zip(budgets_s, best_within_budgets(limit_s, errors, budgets_s), strict=True)
-    ]
 
 
 def _deviations(rows: pd.DataFrame, points: pd.DataFrame) -> Floats:

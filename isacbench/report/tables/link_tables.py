@@ -6,18 +6,29 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.plan.labels import Variant, estimator_labels
+from isacbench.bench.plan.labels import Variant, estimator_labels, variants_in
 from isacbench.bench.studies.link_study import outside_interval, summarise_link
 from isacbench.bench.studies.medians import TIME, median_times
 from isacbench.files.escaping import counted
-from isacbench.report.tables.run_tables import Grid, batched, milliseconds, trials_and_band
+from isacbench.report.tables.run_tables import (
+    Grid,
+    batched,
+    deviation_text,
+    text_rows,
+    trials_and_band,
+    with_failures,
+    written,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import pandas as pd
 
 SIGNALS_A_TABLE = 6
 MODULATIONS_A_TABLE = 4
 IMAGED = ["template", "estimator", "params"]
+SIGNAL = ["sensing", "modulation", "division"]
 
 Signal = tuple[str, str, str]
 """Sensing, modulation and division, empty where they do not matter."""
@@ -27,7 +38,17 @@ KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
 
 
 def link_grids(records: pd.DataFrame) -> list[Grid]:
-    """Lay out deviations, one table a scenario and estimator, and bit error rates, one a channel."""
+    """Lay out deviations, one table a scenario and estimator, and bit error rates, one a channel.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    list of Grid
+    """
     summary = summarise_link(records)
     of_user = summary["channel"] != ""
     times_s = median_times(records, IMAGED)[f"{TIME}_median"]
@@ -35,13 +56,31 @@ def link_grids(records: pd.DataFrame) -> list[Grid]:
 
 
 def signals_of_part(part: pd.DataFrame) -> list[Signal]:
-    """Signals of some rows, in order."""
-    columns = zip(part["sensing"], part["modulation"], part["division"], strict=True)
-    return list(dict.fromkeys(columns))
+    """List the signals of some rows.
+
+    Parameters
+    ----------
+    part : DataFrame
+        With the columns sensing, modulation and division.
+
+    Returns
+    -------
+    list of (str, str, str)
+        Each once, in order.
+    """
+    return list(part[SIGNAL].drop_duplicates().itertuples(index=False, name=None))
 
 
 def signal_label(signal: Signal) -> str:
     """Name a signal for people.
+
+    Parameters
+    ----------
+    signal : (str, str, str)
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -55,72 +94,68 @@ def signal_label(signal: Signal) -> str:
 
 
 def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
-    """Name receivers for people by what they know, and by further parameters where two know the same."""
-    variants = list(dict.fromkeys(zip(part["estimator"], part["params"], strict=True)))
-    params = {variant: json.loads(variant[1]) for variant in variants}
-    labels = {}
-    for variant, own in params.items():
-        label = KNOWLEDGE[own["knowledge"]]
-        if sum(other["knowledge"] == own["knowledge"] for other in params.values()) > 1:
-            label += f", order {own['time_order']}"
-        labels[variant] = label
-    return labels
+    """Name receivers for people by what they know, and by further parameters where two know the same.
+
+    Parameters
+    ----------
+    part : DataFrame
+        Rows of receivers.
+
+    Returns
+    -------
+    dict of (str, str) to str
+        By name and parameters.
+    """
+    params = {variant: json.loads(variant[1]) for variant in variants_in(part)}
+    known = [own["knowledge"] for own in params.values()]
+    return {
+        variant: KNOWLEDGE[own["knowledge"]]
+        + (f", order {own['time_order']}" if known.count(own["knowledge"]) > 1 else "")
+        for variant, own in params.items()
+    }
 
 
 def _sensed(summary: pd.DataFrame, times_s: pd.Series[float]) -> list[Grid]:
     """Deviations, signals over SNR, with the median time of a scenario's images."""
-    labels = estimator_labels(zip(summary["estimator"], summary["params"], strict=True))
+    labels = estimator_labels(variants_in(summary))
     found = []
-    for (template, name, params), part in summary.groupby(IMAGED, sort=False):
+    for key, part in summary.groupby(IMAGED, sort=False):
+        template, *variant = map(str, key)
         title = (
-            f"{template}, {labels[str(name), str(params)]}: mean imaging deviation by what is sensed with, "
+            f"{template}, {labels[variant[0], variant[1]]}: mean imaging deviation by what is sensed with, "
             f"{trials_and_band(int(part['n_cells'].max()), 'interval')}"
         )
-        time_ms = milliseconds(times_s.get((template, name, params), math.nan))
-        title += f"; median time {time_ms} ms" if time_ms else ""
+        title += written(1e3 * times_s.get(key, math.nan), "; median time {:.1f} ms")
+        texts = text_rows(part.sort_values("snr_db"), ["snr_db"], SIGNAL, deviation_text)
         for signals in batched(signals_of_part(part), SIGNALS_A_TABLE):
-            rows = []
-            for snr_db, group in part.sort_values("snr_db").groupby("snr_db"):
-                entries = {
-                    (row["sensing"], row["modulation"], row["division"]): row for _, row in group.iterrows()
-                }
-                rows.append([f"{snr_db:.4g}", *(_deviation(entries.get(signal)) for signal in signals)])
-            found.append(Grid(title, ["SNR [dB]", *map(signal_label, signals)], rows))
+            found.append(_over_snr(title, texts[signals], map(signal_label, signals)))
     return found
-
-
-def _deviation(entry: pd.Series[Any] | None) -> str:
-    """Mean deviation with its band, and what failed."""
-    if entry is None:
-        return ""
-    failed = f" ({entry['n_failed']} failed)" if entry["n_failed"] else ""
-    if math.isnan(entry["deviation_mean"]):
-        return failed.strip()
-    band = "" if math.isnan(entry["deviation_band"]) else f" ± {entry['deviation_band']:.2f}"
-    return f"{entry['deviation_mean']:.2f}{band}{failed}"
 
 
 def _received(summary: pd.DataFrame) -> list[Grid]:
     """Bit error rates, modulations over SNR, one table a channel and receiver."""
     labels, outside = receiver_labels(summary), outside_interval(summary)
     found = []
-    for (channel, name, params), part in summary.groupby(["channel", "estimator", "params"], sort=False):
+    for key, part in summary.groupby(["channel", "estimator", "params"], sort=False):
+        channel, *variant = map(str, key)
         title = (
-            f"{channel}, {labels[str(name), str(params)]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
+            f"{channel}, {labels[variant[0], variant[1]]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
             f"{counted(part['n_cells'].max(), 'frame')}"
-        ) + _held(outside.reindex(part.index).dropna())
-        modulations = list(part["modulation"].unique())
-        for chosen in batched(modulations, MODULATIONS_A_TABLE):
-            rows = []
-            for snr_db, group in part.sort_values("snr_db").groupby("snr_db"):
-                entries = {row["modulation"]: row for _, row in group.iterrows()}
-                rows.append([f"{snr_db:.4g}", *(_reception(entries.get(one)) for one in chosen)])
-            found.append(Grid(title, ["SNR [dB]", *(one.upper() for one in chosen)], rows))
+        ) + _expectation(outside.reindex(part.index).dropna())
+        texts = text_rows(part.sort_values("snr_db"), ["snr_db"], ["modulation"], _reception)
+        for chosen in batched(part["modulation"].unique(), MODULATIONS_A_TABLE):
+            found.append(_over_snr(title, texts[chosen], (one.upper() for one in chosen)))
     return found
 
 
-def _held(outside: pd.Series[bool]) -> str:
-    """Whether counts of errors are as expected, empty where none can be held against anything."""
+def _over_snr(title: str, texts: pd.DataFrame, names: Iterable[str]) -> Grid:
+    """Grid of texts over SNR."""
+    rows = [[f"{snr_db:.4g}", *row] for snr_db, *row in texts.itertuples()]
+    return Grid(title, ["SNR [dB]", *names], rows)
+
+
+def _expectation(outside: pd.Series[bool]) -> str:
+    """Say whether counts of errors are as expected; empty where nothing is known to expect."""
     if outside.empty:
         return ""
     if not outside.any():
@@ -128,16 +163,13 @@ def _held(outside: pd.Series[bool]) -> str:
     return f"; {int(outside.sum())} of {outside.size} counts of errors outside the family-wise 99 % interval"
 
 
-def _reception(entry: pd.Series[Any] | None) -> str:
+def _reception(entry: pd.Series[Any]) -> str:
     """Bit error rate beside the expected one, EVM and rate; and what failed."""
-    if entry is None:
-        return ""
-    failed = f" ({entry['n_failed']} failed)" if entry["n_failed"] else ""
     if math.isnan(entry["ber"]):
-        return failed.strip()
+        return with_failures("", entry["n_failed"])
     expected = "-" if math.isnan(entry["ber_expected"]) else _rate(entry["ber_expected"])
     figures = f"{_rate(entry['ber'])} ({expected}) | {entry['evm_db']:z.1f} | {entry['rate_bps'] / 1e9:.2f}"
-    return figures + failed
+    return with_failures(figures, entry["n_failed"])
 
 
 def _rate(rate: float) -> str:

@@ -5,6 +5,7 @@ What a point is: one estimator with its parameters, on one scenario at one SNR.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,17 +13,15 @@ import pandas as pd
 
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.studies.intervals import median_interval
 from isacbench.errors import InputError
 from isacbench.plugins.registry import sees_truth
-from isacbench.report.tables import run_tables
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
 
 PANEL = ["scenario", "snr_db"]
 POINT = ["scenario", "estimator", "params", "snr_db"]
@@ -40,71 +39,58 @@ def pareto_frontier(time_s: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
     Parameters
     ----------
     time_s, error : array_like, shape (n,)
-        Lower is better in both.
+        Finite; lower is better in both.
 
     Returns
     -------
     ndarray of bool, shape (n,)
         True on the frontier.
 
-    Raises
-    ------
-    InputError
-        If the shapes differ, or a value is not finite.
-
-    References
-    ----------
-    Kung, Luccio and Preparata, "On finding the maxima of a set of vectors", J. ACM 22 (1975).
-
     Examples
     --------
     >>> pareto_frontier([1.0, 2.0, 3.0, 3.0], [5.0, 4.0, 4.5, 4.0]).tolist()
     [True, True, False, False]
     """
-    times, errors = paired_numbers(time_s, error)
-    distinct, of_time = np.unique(times, return_inverse=True)
-    least = np.full(distinct.size, np.inf)
-    np.minimum.at(least, of_time, errors)
-    least_before = np.concatenate([[np.inf], np.minimum.accumulate(least)[:-1]])
-    found: NDArray[np.bool_] = (errors == least[of_time]) & (errors < least_before[of_time])
-    return found
-
-
-def paired_numbers(time_s: ArrayLike, error: ArrayLike) -> tuple[Floats, Floats]:
-    """Times and errors of alternatives as arrays of one shape (n,).
-
-    Raises
-    ------
-    InputError
-        If the shapes differ, or a value is not finite.
-    """
-    times, errors = np.asarray(time_s, dtype=np.float64), np.asarray(error, dtype=np.float64)
-    if times.ndim != 1 or times.shape != errors.shape:
-        raise InputError(
-            f"time_s of shape {times.shape} and error of shape {errors.shape}: allowed is one of each for "
-            "every alternative"
-        )
-    for name, values in (("time_s", times), ("error", errors)):
-        wrong = values[~np.isfinite(values)]
-        if wrong.size:
-            raise InputError(f"{name} with a value {wrong[0]}: allowed are finite numbers")
-    return times, errors
+    times, errors = np.asarray(time_s), np.asarray(error)
+    is_worse_in_neither = (times[:, None] <= times) & (errors[:, None] <= errors)
+    is_better_in_one = (times[:, None] < times) | (errors[:, None] < errors)
+    is_beaten: NDArray[np.bool_] = np.asarray(np.any(is_worse_in_neither & is_better_in_one, axis=0))
+    return ~is_beaten
 
 
 def find_limits(records: pd.DataFrame) -> set[str]:
-    """Names of the estimators of a run that see the truth; one that is not installed counts as none."""
+    """Find the estimators of a run that see the truth.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    set of str
+        Their names. An estimator that is not installed counts as one that does not.
+    """
     limits = set()
     for name in records["estimator"].unique():
-        try:
-            if sees_truth(name):
-                limits.add(name)
-        except InputError:  # a table can be made without the plugins that its rows are of
-            continue
+        with suppress(InputError):  # a table can be made without the plugins that its rows are of
+            limits |= {name} if sees_truth(name) else set()
     return limits
 
 
 def summarise_times(records: pd.DataFrame) -> pd.DataFrame:
-    """Points as `summarise_points` has them, limits found by name; empty where nothing was timed."""
+    """Summarise the points of a timed run, limits found by name.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    DataFrame
+        As `summarise_points` returns it; empty where nothing was timed.
+    """
     rows = timed_rows(records)
     return pd.DataFrame() if rows.empty else summarise_points(rows, find_limits(rows))
 
@@ -159,7 +145,7 @@ def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataF
     rows = timed_rows(records)
     columns = ["estimator", "params"]
     labels = estimator_labels(zip(*(records[name] for name in columns), strict=True))
-    points = run_tables.summarise_scores(rows)
+    points = summarise_scores(rows)
     variants = list(zip(*(points[name] for name in columns), strict=True))
     points["number"] = [1 + list(labels).index(variant) for variant in variants]
     points["label"] = [labels[variant] for variant in variants]
@@ -196,7 +182,7 @@ def _times(scored: pd.DataFrame) -> pd.DataFrame:
 
 
 def _on_frontiers(points: pd.DataFrame) -> NDArray[np.bool_]:
-    """Which points are on the frontier of their scenario and SNR."""
+    """Mark the points on the frontier of their scenario and SNR."""
     found = np.zeros(len(points), dtype=np.bool_)
     competes = points["is_complete"] & ~points["is_limit"]
     for chosen in points[competes].groupby(PANEL, sort=False).indices.values():

@@ -1,38 +1,23 @@
-"""Tables of a run: means with confidence bands, for the terminal, for a spreadsheet and for Markdown."""
+"""Tables of a run as text: scores of images, and what the tables of all kinds of suites have in common."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.statuses import failed
-from isacbench.bench.plan.labels import Variant, estimator_labels
-from isacbench.bench.studies.intervals import MIN_TRIALS, student_band
+from isacbench.bench.plan.labels import estimator_labels, variants_in
+from isacbench.bench.studies.imaging_study import summarise_scores
+from isacbench.bench.studies.intervals import MIN_TRIALS
 from isacbench.bench.studies.medians import TIME, median_times
 from isacbench.files.escaping import in_markdown, visible
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from rich.table import Table
 
-GROUP = ["scenario", "estimator", "params", "snr_db"]
-HAUSDORFF_COLUMNS = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"]
-AVERAGED = [
-    "n_estimated",
-    *HAUSDORFF_COLUMNS,
-    "hausdorff_sum_m",
-    "density",
-    "velocity_nmse",
-    "deviation",
-    "chamfer_m",
-    "gospa_m",
-    "precision",
-    "recall",
-]
 SHOWN = {
     "hausdorff_sum_m": "Hausdorff [m]",
     "gospa_m": "GOSPA [m]",
@@ -42,7 +27,7 @@ SHOWN = {
 """Scores that a table shows after the deviation, with their headings."""
 
 SPARE = ("gospa_m",), ("precision", "recall")
-"""Those that a terminal has where there is room, the last ones first left out."""
+"""Scores that a terminal shows where there is room; the last ones are left out first."""
 
 TERMINAL_WIDTH = 100
 ESTIMATORS_A_TABLE = 4
@@ -71,47 +56,18 @@ class Grid(NamedTuple):
     spare: Sequence[Sequence[int]] = ()
 
 
-def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
-    """Average the trials of every scenario, estimator and SNR.
+def trials_and_band(n_trials: int, noun: str = "band") -> str:
+    """Say how many trials there were, and whether they have a confidence band.
 
     Parameters
     ----------
-    records : DataFrame
-        Rows of a run.
+    n_trials : int
+    noun : str
+        ``"band"`` or ``"interval"``.
 
     Returns
     -------
-    DataFrame
-        One row for each scenario, estimator (with its parameters) and SNR:
-        the counts ``n_cells``, ``n_no_detection`` and ``n_failed``; for every
-        score ``<score>_mean`` and ``<score>_band``, the half width of the
-        95 % confidence interval of the mean (Student's t), over the cells
-        that did not fail, the band over five or more of them; and
-        ``time_estimate_s_median`` as `isacbench.bench.studies.medians.median_times`
-        has it.
-    """
-    broken = failed(records)
-    table = records.assign(
-        hausdorff_sum_m=records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False),
-        n_estimated=records["n_estimated"].where(~broken),
-        no_detection=records["status"] == "no_detection",
-        failed=broken,
-    )
-    groups = table.groupby(GROUP, sort=False)
-    mean, deviation, count = (getattr(groups[AVERAGED], name)() for name in ("mean", "std", "count"))
-    band = pd.DataFrame(student_band(deviation, count), index=mean.index, columns=AVERAGED)
-    columns: dict[str, pd.Series[Any]] = {
-        "n_cells": groups.size(),
-        "n_no_detection": groups["no_detection"].sum(),
-        "n_failed": groups["failed"].sum(),
-    }
-    for name in AVERAGED:
-        columns |= {f"{name}_mean": mean[name], f"{name}_band": band[name]}
-    return pd.DataFrame(columns).join(median_times(records, GROUP)).reset_index()
-
-
-def trials_and_band(n_trials: int, noun: str = "band") -> str:
-    """Say how many trials there were, and whether they have a confidence band or interval.
+    str
 
     Examples
     --------
@@ -127,6 +83,14 @@ def trials_and_band(n_trials: int, noun: str = "band") -> str:
 def mean_of_trials(n_trials: int) -> str:
     """Say that something is a mean over trials, unless there is but one.
 
+    Parameters
+    ----------
+    n_trials : int
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> mean_of_trials(5), mean_of_trials(1)
@@ -136,7 +100,18 @@ def mean_of_trials(n_trials: int) -> str:
 
 
 def milliseconds(time_s: float, digits: int = 1) -> str:
-    """Write a time in milliseconds, nothing where there is none (NaN).
+    """Write a time in milliseconds, nothing where there is none.
+
+    Parameters
+    ----------
+    time_s : float
+        In s, or NaN.
+    digits : int
+        Decimals.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -146,7 +121,7 @@ def milliseconds(time_s: float, digits: int = 1) -> str:
     return "" if math.isnan(time_s) else f"{1e3 * time_s:.{digits}f}"
 
 
-def grids(records: pd.DataFrame) -> list[Grid]:
+def score_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out scores and times of a run, estimators over SNR.
 
     Parameters
@@ -161,19 +136,142 @@ def grids(records: pd.DataFrame) -> list[Grid]:
         width of a terminal.
     """
     summary = summarise_scores(records)
+    scores = summary[[f"{score}_mean" for score in SHOWN]].map(lambda mean: written(mean, "{:.2f}"))
+    scores.insert(0, "deviation", [deviation_text(entry) for _, entry in summary.iterrows()])
+    names = list(scores)
+    summary = pd.concat([summary[["scenario", "snr_db", "estimator", "params", "n_cells"]], scores], axis=1)
     times_s = median_times(records, ["scenario", "estimator", "params"])[f"{TIME}_median"]
-    labels = estimator_labels(zip(records["estimator"], records["params"], strict=True))
+    labels = estimator_labels(variants_in(records))
     found = []
     for scenario, part in summary.groupby("scenario", sort=False):
-        variants = dict.fromkeys(zip(part["estimator"], part["params"], strict=True))
-        for batch in batched(variants, ESTIMATORS_A_TABLE):
-            times = [milliseconds(times_s.get((scenario, *variant), np.nan)) for variant in batch]
-            found.append(_grid(str(scenario), part, {variant: labels[variant] for variant in batch}, times))
+        title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; median time of an image"
+        table = part.pivot(index="snr_db", columns=["estimator", "params"], values=names).fillna("")
+        for batch in batched(variants_in(part), ESTIMATORS_A_TABLE):
+            header, last = ["SNR [dB]"], ["time [ms]"]
+            for variant in batch:
+                header += [f"{labels[variant]}: deviation", *SHOWN.values()]
+                last += [milliseconds(times_s.get((scenario, *variant), math.nan)), *[""] * len(SHOWN)]
+            cells = table[[(score, *variant) for variant in batch for score in names]]
+            rows = [[f"{snr_db:g}", *texts] for snr_db, *texts in cells.itertuples()]
+            spare = [
+                [place for place, name in enumerate(header) if name in [SHOWN[score] for score in group]]
+                for group in SPARE
+            ]
+            found.append(Grid(title, header, [*rows, last], spare))
     return found
 
 
+def written(value: float, form: str) -> str:
+    """Write a number, nothing where there is none.
+
+    Parameters
+    ----------
+    value : float
+    form : str
+        Format of the number, such as ``"{:.2f}"``.
+
+    Returns
+    -------
+    str
+        Empty of NaN.
+    """
+    return "" if math.isnan(value) else form.format(value)
+
+
+def with_failures(text: str, n_failed: int) -> str:
+    """Add the number of failed cells to a text, if there are any.
+
+    Parameters
+    ----------
+    text : str
+    n_failed : int
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> with_failures("0.12", 0), with_failures("0.12", 2), with_failures("", 2)
+    ('0.12', '0.12 (2 failed)', '2 failed')
+    """
+    if not n_failed:
+        return text
+    return f"{text} ({n_failed} failed)" if text else f"{n_failed} failed"
+
+
+def deviation_text(entry: pd.Series[Any]) -> str:
+    """Write the mean deviation of some trials with its band, and the number of trials that failed.
+
+    Parameters
+    ----------
+    entry : Series
+        With ``deviation_mean``, ``deviation_band`` and ``n_failed``.
+
+    Returns
+    -------
+    str
+    """
+    mean = written(entry["deviation_mean"], "{:.2f}")
+    return with_failures(mean + written(entry["deviation_band"], " ±{:.2f}"), entry["n_failed"])
+
+
+def text_rows(
+    part: pd.DataFrame,
+    rows: list[str],
+    columns: list[str],
+    write: Callable[[pd.Series[Any]], str],
+) -> pd.DataFrame:
+    """Spread a summary over rows and columns of texts.
+
+    Parameters
+    ----------
+    part : DataFrame
+        Summary.
+    rows, columns : list of str
+        Columns of the summary whose values become rows and columns, in the order of their first
+        occurrence.
+    write : callable
+        From a row of the summary to its text.
+
+    Returns
+    -------
+    DataFrame of str
+        Empty texts where the summary has no row.
+    """
+    texts = part[[*rows, *columns]].assign(text=[write(entry) for _, entry in part.iterrows()])
+    return texts.pivot_table("text", rows, columns, aggfunc="first", sort=False).fillna("")
+
+
+def batched(items: Iterable[Item], n: int) -> list[list[Item]]:
+    """Cut a list into parts.
+
+    Parameters
+    ----------
+    items : iterable
+    n : int
+        Most items of a part.
+
+    Returns
+    -------
+    list of list
+    """
+    listed = list(items)
+    return [listed[start : start + n] for start in range(0, len(listed), n)]
+
+
 def rich_table(grid: Grid) -> Table:
-    """Grid for the terminal, without the spare columns for which 100 characters have no room."""
+    """Lay out a grid for the terminal, without the spare columns for which 100 characters have no room.
+
+    Parameters
+    ----------
+    grid : Grid
+
+    Returns
+    -------
+    Table
+        Of rich.
+    """
     from rich.console import Console
 
     ruler = Console(width=10 * TERMINAL_WIDTH)
@@ -219,56 +317,17 @@ def _stacked(name: str) -> str:
     return "\n".join([label, *below])
 
 
-def batched(items: Iterable[Item], n: int) -> list[list[Item]]:
-    """Cut a list into parts of at most `n`."""
-    listed = list(items)
-    return [listed[start : start + n] for start in range(0, len(listed), n)]
-
-
-def _grid(scenario: str, part: pd.DataFrame, labels: Mapping[Variant, str], times: Sequence[str]) -> Grid:
-    """Grid of one scenario: a row an SNR, a last row for the time; for each estimator a column a score."""
-    by_variant = [
-        part[(part["estimator"] == name) & (part["params"] == params)].set_index("snr_db")
-        for name, params in labels
-    ]
-    nothing = [""] * len(SHOWN)
-    header, last = ["SNR [dB]"], ["time [ms]"]
-    for label, time_ms in zip(labels.values(), times, strict=True):
-        header += [f"{label}: deviation", *SHOWN.values()]
-        last += [time_ms, *nothing]
-    rows = []
-    for snr_db in sorted(part["snr_db"].unique()):
-        row = [f"{snr_db:g}"]
-        for table in by_variant:
-            row += _scores(table.loc[snr_db]) if snr_db in table.index else ["", *nothing]
-        rows.append(row)
-    title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; median time of an image"
-    spare = [
-        [place for place, name in enumerate(header) if name in {SHOWN[score] for score in group}]
-        for group in SPARE
-    ]
-    return Grid(title, header, [*rows, last], spare)
-
-
-def _scores(entry: pd.Series[Any]) -> list[str]:
-    """Cells of one estimator at one SNR: the deviation with its band and what failed, and further scores."""
-    if entry["n_failed"] == entry["n_cells"]:
-        return [f"{entry['n_failed']} failed", *[""] * len(SHOWN)]
-    deviation = f"{entry['deviation_mean']:.2f}"
-    if np.isfinite(entry["deviation_band"]):
-        deviation += f" ±{entry['deviation_band']:.2f}"
-    if entry["n_failed"]:
-        deviation += f" ({entry['n_failed']} failed)"
-    return [deviation, *(_mean(entry[f"{score}_mean"]) for score in SHOWN)]
-
-
-def _mean(value: float) -> str:
-    """Mean of a score in words; nothing where no row has the score."""
-    return "" if math.isnan(value) else f"{value:.2f}"
-
-
 def markdown(grid: Grid) -> str:
-    """Grid as a Markdown table below its title."""
+    """Write a grid as a Markdown table below its title.
+
+    Parameters
+    ----------
+    grid : Grid
+
+    Returns
+    -------
+    str
+    """
     rule = ["---"] + ["--:"] * (len(grid.header) - 1)
     header, *rows = ([in_markdown(cell) for cell in cells] for cells in (grid.header, *grid.rows))
     lines = [f"| {' | '.join(cells)} |" for cells in (header, rule, *rows)]

@@ -23,7 +23,17 @@ DIGITS = 2
 
 
 def is_timed(records: pd.DataFrame) -> bool:
-    """Whether any row has times that count."""
+    """Tell whether any row has times that count.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    bool
+    """
     return bool(records["timing"].any())
 
 

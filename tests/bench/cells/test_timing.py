@@ -17,7 +17,9 @@ from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import Execution, run
 from isacbench.bench.store.run_store import read_manifest, read_results
-from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.instrument.stages import STAGES, StageClock, stage
 from isacbench.plugins.discovery import load_plugin_file

@@ -56,5 +56,9 @@ def test_what_is_not_registered_is_told_apart_from_its_namesakes():
     variants = [
         ("nowhere", f'{{"d":{{"n":{n},"name":"inner"}},"k":{k}}}') for n, k in ((1, 1), (1, 2), (2, 1))
     ]
-    assert list(estimator_labels(variants).values()) == ["nowhere", "nowhere[k=2]", "nowhere[d=inner[n=2]]"]
+    assert list(estimator_labels(variants).values()) == [
+        "nowhere[d=inner[n=1]]",
+        "nowhere[d=inner[n=1],k=2]",
+        "nowhere[d=inner[n=2]]",
+    ]
     assert estimator_labels(variants[:1]) == {variants[0]: "nowhere"}

@@ -18,7 +18,7 @@ from isacbench.bench.cells.record import TIMES
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store import run_store
 from isacbench.bench.store.run_store import read_results
-from isacbench.bench.suites.suite import load_suite
+from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
 
 SLUGGISH = '''

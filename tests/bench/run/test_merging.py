@@ -11,8 +11,10 @@ from isacbench.bench.plan.manifest_plan import outline, restore_plan
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.runner import run
 from isacbench.bench.store.run_store import read_manifest, read_results
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.scenario_digest import digest
-from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import entries
 from tests.conftest import ROOM, TINY, TINY_POINTS

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from isacbench import get_detector, get_estimator, run
-from isacbench.bench.suites.suite import DetectionSuite, Suite
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import Detector

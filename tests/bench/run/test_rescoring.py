@@ -8,7 +8,9 @@ from isacbench.bench.run.rescoring import Change, rescore
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.run_store import read_manifest
-from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.score import METRIC_VERSION, METRICS
 from isacbench.plugins.discovery import entries

@@ -10,7 +10,9 @@ from isacbench import load_run
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.stored_run import CellKey
-from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.score import score
 from isacbench.plugins.discovery import isolated_plugins, register_plugin

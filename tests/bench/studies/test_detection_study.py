@@ -9,7 +9,7 @@ from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.run.runner import run
 from isacbench.bench.studies.detection_study import MAP_GAIN_DB, count_cells, summarise_detection
 from isacbench.bench.studies.power_maps import draw_power_map
-from isacbench.bench.suites.suite import DetectionSuite
+from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import observe_echo

@@ -9,8 +9,9 @@ import pytest
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.run.runner import run
-from isacbench.bench.studies.link_study import Link, outside_interval, signals_of, summarise_link
-from isacbench.bench.suites.suite import LinkSuite, Suite
+from isacbench.bench.studies.link_study import outside_interval, signals_of, summarise_link
+from isacbench.bench.suites.link_kind import LINK, LinkSuite
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol
 from isacbench.model.prs import prs_elements
@@ -150,7 +151,7 @@ def test_scenarios_of_different_systems_are_refused(suite, tiny):
 
 
 def test_columns_of_the_link_have_the_direction_that_is_better():
-    columns = [*COLUMNS, *Link.columns]
+    columns = [*COLUMNS, *LINK.columns]
     assert direction("rate_bps", "paper", columns) == "higher"
     assert {direction(name, "paper", columns) for name in ("n_bit_errors", "evm_db")} == {"lower"}
     for name in ("n_bits", "ber_expected"):

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from isacbench.bench.cells.radio_coordinates import DIMENSIONS, draw_place, radio_places, rayleigh_cells
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.studies.resolution_study import (
-    Resolution,
     measure_resolution,
     pair,
+    resolution_scenes,
     summarise_resolution,
 )
-from isacbench.bench.suites.suite import ResolutionSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import resource_grid
@@ -59,7 +59,7 @@ def test_scenes_of_a_template_do_not_repeat_its_warnings(suite, room):
     stray = Scatterers(np.array([[-1.0, 0.0, 0.0]]), np.zeros(1), np.ones(1))
     with pytest.warns(InputWarning, match="outside the region"):
         template = dataclasses.replace(room, scatterers=stray)
-    assert len(Resolution().scenes(suite, {"room": template})) == 8
+    assert len(resolution_scenes(suite, {"room": template})) == 8
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)

@@ -3,7 +3,9 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.run.runner import run_suite
-from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
+from isacbench.bench.suites.suite import Suite
 from isacbench.report.drawing.style import assign_looks
 from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.figures.study_figures import (

@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from isacbench.errors import InputError
 from isacbench.report.tables.budgets import (
-    best_within_budgets,
     budget_grids,
     budget_series,
     summarise_budgets,
@@ -19,7 +17,6 @@ from isacbench.report.tables.run_tables import rich_table
 from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 positive = st.floats(1e-6, 1e4)
-alternatives = st.lists(st.tuples(st.integers(1, 6), st.integers(0, 6)), min_size=1, max_size=10)
 
 
 @given(positive, positive)
@@ -33,35 +30,6 @@ def test_the_series_covers_the_times_in_steps_of_one_two_and_five(one, other):
     assert shortest <= series[0] < 2.51 * shortest
     assert longest <= series[-1]
     assert (series[:-1] < longest).all()
-
-
-@pytest.mark.parametrize("times", [(0.0, 1.0), (2.0, 1.0), (1.0, np.inf), (np.nan, 1.0)])
-def test_a_series_of_no_times_is_refused(times):
-    with pytest.raises(InputError, match="allowed are positive numbers"):
-        budget_series(*times)
-
-
-@given(alternatives, st.lists(st.integers(0, 7), min_size=1, max_size=5))
-def test_the_best_within_a_budget_is_what_a_search_finds(points, budgets):
-    times, errors = np.transpose(points)
-    for budget, best in zip(budgets, best_within_budgets(times, errors, budgets), strict=True):
-        kept = [(error, time) for time, error in points if time <= budget]
-        assert (best == -1) == (not kept)
-        if kept:
-            assert (errors[best], times[best]) == min(kept)
-
-
-@given(alternatives)
-def test_more_time_never_gives_more_error(points):
-    times, errors = np.transpose(points)
-    best = best_within_budgets(times, errors, np.arange(1, 8))
-    assert (np.diff(errors[best[best >= 0]]) <= 0).all()
-
-
-def test_without_alternatives_no_budget_is_kept_and_nan_is_refused():
-    assert best_within_budgets([], [], [1.0, 2.0]).tolist() == [-1, -1]
-    with pytest.raises(InputError, match="a budget of NaN"):
-        best_within_budgets([1.0], [1.0], [np.nan])
 
 
 def noisy(mean, n=8, spread=1.0, seed=0):

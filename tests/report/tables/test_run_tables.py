@@ -8,8 +8,9 @@ from rich.console import Console
 
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run.runner import run
+from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.suites.suite import Suite
-from isacbench.report.tables.run_tables import SHOWN, grids, rich_table, summarise_scores
+from isacbench.report.tables.run_tables import SHOWN, rich_table, score_grids
 from isacbench.report.tables.tables_by_kind import write_run_tables
 
 N_TRIALS = 5
@@ -64,7 +65,7 @@ def test_a_failure_among_others_is_left_out_of_their_mean(records, failure):
     summary = summarise_scores(records)
     assert summary["n_failed"].max() == N_TRIALS
     assert summary["deviation_mean"].notna().sum() == 6
-    assert any("(1 failed)" in cell for row in grids(records)[0].rows for cell in row)
+    assert any("(1 failed)" in cell for row in score_grids(records)[0].rows for cell in row)
 
 
 def test_fewer_than_five_trials_have_a_mean_and_no_band_and_the_title_says_so(records):
@@ -72,7 +73,7 @@ def test_fewer_than_five_trials_have_a_mean_and_no_band_and_the_title_says_so(re
     summary = summarise_scores(few)
     assert summary["deviation_mean"].notna().all()
     assert summary["deviation_band"].isna().all()
-    (grid,) = grids(few)
+    (grid,) = score_grids(few)
     assert grid.title == "tiny: mean of 4 trials, no confidence band below 5; median time of an image"
     assert not any("±" in cell for row in grid.rows for cell in row)
 
@@ -92,7 +93,7 @@ def test_labels_show_only_the_parameters_in_which_variants_differ():
         "a",
         "b[detector=ca[pfa=0.1]]",
         "b[detector=ca[pfa=0.2]]",
-        "b[detector=osca]",
+        "b[detector=osca[k=1]]",
         "c[pfa=none]",
         "c[pfa=0.5]",
         "d[guard=(0,3),on=true]",
@@ -101,7 +102,7 @@ def test_labels_show_only_the_parameters_in_which_variants_differ():
 
 
 def test_the_grid_has_a_row_an_snr_in_order_and_the_time_last(records):
-    (grid,) = grids(records)
+    (grid,) = score_grids(records)
     assert [row[0] for row in grid.rows] == ["-10", "0", "time [ms]"]
     assert all(len(row) == len(grid.header) for row in grid.rows)
     assert grid.header[1] == "blob[n=4]: deviation"
@@ -111,7 +112,7 @@ def test_the_grid_has_a_row_an_snr_in_order_and_the_time_last(records):
 def test_the_time_is_the_median_of_cells_that_did_not_fail_whatever_their_snr(records):
     records = records.assign(time_estimate_s=np.arange(len(records)) ** 2 / 1e3)
     times_s = records[records["params"].str.contains('"n":5')]["time_estimate_s"]
-    (grid,) = grids(records)
+    (grid,) = score_grids(records)
     assert grid.rows[-1][1 + N_SCORES] == f"{1e3 * times_s.median():.1f}"
     assert grid.rows[-1][-N_SCORES:] == [""] * N_SCORES
 
@@ -123,8 +124,8 @@ def printed(grid):
 
 
 def test_gospa_precision_and_recall_are_in_the_file_and_in_a_terminal_as_far_as_100_columns_hold(records):
-    (four,), (two,) = grids(records), grids(records[records["estimator"] == "blob"])
-    (one,) = grids(records[records["params"].str.contains('"n":5')])
+    (four,), (two,) = score_grids(records), score_grids(records[records["estimator"] == "blob"])
+    (one,) = score_grids(records[records["params"].str.contains('"n":5')])
     assert four.header[1:6] == ["blob[n=4]: deviation", "Hausdorff [m]", "GOSPA [m]", "precision", "recall"]
     shown = [
         [name for name in ("GOSPA", "precision", "recall") if name in printed(grid)]
@@ -138,7 +139,7 @@ def test_gospa_precision_and_recall_are_in_the_file_and_in_a_terminal_as_far_as_
 
 
 def test_brackets_survive_in_the_terminal(records):
-    assert "blob[n=5]" in printed(grids(records)[0])
+    assert "blob[n=5]" in printed(score_grids(records)[0])
 
 
 def test_tables_are_written_and_replaced(records, tmp_path):

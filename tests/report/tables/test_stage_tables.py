@@ -3,7 +3,8 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMING_COLUMNS
-from isacbench.report.tables.run_tables import grids, summarise_scores
+from isacbench.bench.studies.imaging_study import summarise_scores
+from isacbench.report.tables.run_tables import score_grids
 from isacbench.report.tables.stage_tables import is_timed, stage_grids, summarise_stages
 from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
@@ -48,7 +49,7 @@ def test_a_row_has_the_median_times_of_an_estimator_and_leaves_stages_without_ti
 def test_every_table_of_a_run_shows_the_same_median_time(records):
     records["time_estimate_s"] = np.arange(len(records)) ** 2 / 1e6
     records.loc[records["trial"] == 2, "timing"] = records["snr_db"] != records["snr_db"].iloc[0]
-    (summary, _), (street, _) = grids(records), stage_grids(records)
+    (summary, _), (street, _) = score_grids(records), stage_grids(records)
     assert summary.rows[-1][1] == f"{float(street.rows[0][2]):.1f}"
     at_each_snr = summarise_scores(records)
     medians = summarise_stages(records).merge(at_each_snr, on=["scenario", "estimator", "params", "snr_db"])
@@ -90,7 +91,7 @@ def test_tables_of_stages_are_written_and_shown_beside_the_others_where_a_run_wa
     written = pd.read_csv(tmp_path / "stages.csv")
     pd.testing.assert_frame_equal(written, summarise_stages(records).reset_index(drop=True))
     assert (tmp_path / "stages.md").read_text().count("**street: median time of an estimate") == 1
-    shown = grids(records) + stage_grids(records)
+    shown = score_grids(records) + stage_grids(records)
     assert grids_of(records)[: len(shown)] == shown
 
 
@@ -98,4 +99,4 @@ def test_a_run_that_was_not_timed_has_no_tables_of_stages(records, tmp_path):
     ordinary = records.drop(columns=[*TIMING_COLUMNS]).assign(timing=False)
     assert not is_timed(ordinary)
     assert [path.name for path in write_run_tables(tmp_path, ordinary)] == ["summary.csv", "summary.md"]
-    assert grids_of(ordinary) == grids(ordinary)
+    assert grids_of(ordinary) == score_grids(ordinary)

@@ -1,5 +1,6 @@
 import io
 import json
+from pkgutil import resolve_name
 
 import numpy as np
 import pandas as pd
@@ -7,14 +8,17 @@ import pytest
 from rich.console import Console
 
 from isacbench.bench.run.runner import run
-from isacbench.bench.suites.suite import DetectionSuite, ResolutionSuite, Suite
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.tables.failures import failure_grids
 from isacbench.report.tables.run_tables import rich_table
-from isacbench.report.tables.tables_by_kind import TABLES, write_run_tables
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 WIDTH = 100
 COMMON = {"name": "test", "trials": 2}
-KINDS = ["efficiency", "resolution", "detection"]
+STUDIES = ["efficiency", "resolution", "detection"]
 
 
 @pytest.fixture
@@ -78,20 +82,20 @@ def test_times_are_medians_of_the_cells_that_did_not_fail(rows_of, kind):
     times_s = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
     records["time_estimate_s"] = np.where(records["status"] == "error", 1e6, times_s)
     wanted = records[records["estimator"] == "seer"]["time_estimate_s"].median()
-    first = TABLES[kind].grids(records)[0]
+    first = grids_of(records, kind)[0]
     text = first.title if kind == "efficiency" else f"median time {first.rows[-1][2]} ms"
     assert text.endswith(f"median time {1e3 * wanted:.1f} ms")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", STUDIES)
 def test_every_table_fits_a_terminal_of_a_hundred_columns(rows_of, kind):
-    for grid in TABLES[kind].grids(rows_of(kind)):
+    for grid in grids_of(rows_of(kind), kind):
         assert all(len(row) == len(grid.header) for row in grid.rows)
         assert max(len(line.rstrip()) for line in printed(grid).splitlines()) <= WIDTH
 
 
 def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(rows_of):
-    seer, failed, empty = TABLES["efficiency"].grids(rows_of("efficiency"))
+    seer, failed, empty = grids_of(rows_of("efficiency"), "efficiency")
     assert seer.title.startswith(
         "room, seer: error over Cramér-Rao bound, 2 trials, no confidence interval below 5"
     )
@@ -101,7 +105,7 @@ def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(row
 
 
 def test_resolution_has_a_row_a_distance_under_the_name_of_its_dimension(rows_of):
-    first, second = TABLES["resolution"].grids(rows_of("resolution"))
+    first, second = grids_of(rows_of("resolution"), "resolution")
     assert [row[:2] for row in first.rows] == [
         ["velocity", "0.25"],
         ["", "1"],
@@ -115,7 +119,7 @@ def test_resolution_has_a_row_a_distance_under_the_name_of_its_dimension(rows_of
 
 
 def test_detection_has_a_table_a_map_at_the_papers_rate_and_one_a_scenario(rows_of):
-    homogeneous, interferers, tiny, more = TABLES["detection"].grids(rows_of("detection"))
+    homogeneous, interferers, tiny, more = grids_of(rows_of("detection"), "detection")
     assert homogeneous.title == "homogeneous: P_d and P_fa of a nominal 0.001"
     assert homogeneous.header[1:4] == interferers.header[1:4] == ["level", "ca", "osca"]
     assert [row[0] for row in homogeneous.rows] == ["10", "20"]
@@ -129,13 +133,13 @@ def test_detection_has_a_table_a_map_at_the_papers_rate_and_one_a_scenario(rows_
     assert float(tiny.rows[0][2].split()[0]) > 0
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", STUDIES)
 def test_summaries_are_written_as_csv_and_markdown(rows_of, tmp_path, kind):
     records = rows_of(kind)
     paths = write_run_tables(tmp_path, records, kind)
     summary = pd.read_csv(paths[0])
-    assert len(summary) == len(TABLES[kind].summarise(records))
+    assert len(summary) == len(resolve_name(KINDS[kind].tables.summary)(records))
     assert isinstance(json.loads(summary["params"].iloc[0]), dict)
     lines = paths[1].read_text(encoding="utf-8").splitlines()
-    n_grids = len(TABLES[kind].grids(records)) + len(failure_grids(records))
+    n_grids = len(grids_of(records, kind)) + len(failure_grids(records))
     assert sum(line.startswith("**") for line in lines) == n_grids

@@ -1,0 +1,119 @@
+"""A kind of suite that one object declares is planned, run, stored, tabulated, drawn and compared."""
+
+import sys
+from pkgutil import resolve_name
+
+import pytest
+from isacbench.bench.compare.regressions import compare
+
+from isacbench.bench.plan.run_plan import Shard
+from isacbench.bench.run.merging import merge
+from isacbench.bench.run.rescoring import rescore
+from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.store.run_store import read_results
+from isacbench.bench.studies.medians import summarise
+from isacbench.bench.studies.study import ImagedScene, build_estimators
+from isacbench.bench.suites.kind import Kind, Tables
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.suites.suite_kinds import KINDS, load_suite
+from isacbench.report.drawing.style import new_figure
+from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.tables.run_tables import Grid
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
+
+KEY = ["scenario", "estimator", "params"]
+
+
+class CountSuite(Suite):
+    """Suite with a key of its own."""
+
+    kind: str = "count"
+    offset: int = 0
+
+
+def count_scenes(suite, scenarios):
+    def measure(shot):
+        return {"n_counted": len(shot.cloud) + suite.offset}
+
+    entries = build_estimators(suite)
+    return [ImagedScene(suite, one, entries, suite.snr_db, measure=measure) for one in scenarios.values()]
+
+
+def summarise_counts(records):
+    return summarise(records, KEY, lambda part: {"n_counted": part["n_counted"].sum()})
+
+
+def count_grids(records):
+    summary = summarise_counts(records)
+    return [
+        Grid(
+            "counts", ["estimator", "points"], summary[["estimator", "n_counted"]].astype(str).values.tolist()
+        )
+    ]
+
+
+def count_figures(results):
+    figure = new_figure(3, 3)
+    figure.subplots().plot(results.records["n_counted"])
+    yield "counts", figure
+
+
+COUNT = Kind(
+    name="count",
+    suite=CountSuite,
+    columns={"n_counted": 0},
+    better={"n_counted": "higher"},
+    plan=f"{__name__}:count_scenes",
+    tables=Tables(f"{__name__}:summarise_counts", f"{__name__}:count_grids"),
+    figures=f"{__name__}:count_figures",
+)
+
+
+@pytest.fixture
+def suite(plugins, tiny, tmp_path, monkeypatch):
+    monkeypatch.setitem(KINDS, COUNT.name, COUNT)
+    monkeypatch.setitem(sys.modules, __name__, sys.modules[__name__])
+    path = tmp_path / "count.toml"
+    path.write_text(
+        'kind = "count"\nname = "c"\nscenarios = ["tiny.toml"]\nestimators = ["blob[n=3]"]\n'
+        "snr_db = [0]\ntrials = 2\noffset = 4\n"
+    )
+    return load_suite(path)
+
+
+def test_a_new_kind_is_run_stored_tabulated_and_drawn(suite, tmp_path):
+    records = run_suite(suite, tmp_path / "run").records
+    assert records["n_counted"].tolist() == [7, 7]
+    stored = read_results(tmp_path / "run")
+    assert stored.suite == suite
+    (grid,) = grids_of(stored.records, "count")
+    assert grid.rows == [["blob", "14"]]
+    names = [path.name for path in write_run_tables(tmp_path / "run", stored.records, "count")]
+    assert names == ["summary.csv", "summary.md"]
+    assert [path.name for path in draw_run(tmp_path / "run")] == ["counts.png"]
+
+
+def test_parts_of_a_new_kind_are_merged_and_scored_again(suite, tmp_path):
+    whole = run_suite(suite, tmp_path / "whole").records
+    for k in (1, 2):
+        run_suite(suite, tmp_path / f"part{k}", execution=Execution(shard=Shard(k, 2)))
+    merged = merge([tmp_path / "part1", tmp_path / "part2"], tmp_path / "merged")
+    assert merged.records["n_counted"].tolist() == whole["n_counted"].tolist()
+    assert rescore(tmp_path / "merged").changes == []
+
+
+def test_runs_of_a_new_kind_are_compared_in_its_direction(suite, tmp_path):
+    many = suite.replace(trials=12)
+    run_suite(many, tmp_path / "more")
+    run_suite(many.replace(offset=0), tmp_path / "less")
+    more, less = tmp_path / "more", tmp_path / "less"
+    assert compare(more, less, tolerances="n_counted=5%").is_regression
+    assert not compare(less, more, tolerances="n_counted=5%").is_regression
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_the_code_that_a_kind_names_exists(kind):
+    tables = [kind.tables, *kind.timed_tables.values()]
+    names = [kind.plan, kind.figures, kind.diagnoses, *(name for pair in tables for name in pair)]
+    assert all(callable(resolve_name(name)) for name in names if name)
+    assert {*kind.better} <= {*kind.columns}
