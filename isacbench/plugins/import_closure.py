@@ -64,7 +64,7 @@ def import_closure(
     --------
     >>> found = import_closure(["isacbench.dsp.stable_order"], ["isacbench"])
     >>> list(found)
-    ['isacbench', 'isacbench.dsp', 'isacbench.dsp.stable_order', 'isacbench.former_paths']
+    ['isacbench', 'isacbench.dsp', 'isacbench.dsp.array_types', 'isacbench.dsp.stable_order', 'isacbench.former_paths']
     """
     sources = sources or {}
     wanted = list(modules)
