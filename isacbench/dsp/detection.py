@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Detection(Displayed):
-    """What a detector says of a map; every array has the map's shape, or (n,) where n cells were listed.
+    """Result of a detector; every array has the map's shape, or (n,) where n cells were listed.
 
     Attributes
     ----------
@@ -70,4 +70,16 @@ class Detector(Protocol):
         """Probability of false alarm per cell."""
 
     def detect(self, power: NDArray[np.floating], looks: int = 1) -> Detection:
-        """Test every cell of a power map that averages `looks` independent noise powers."""
+        """Test every cell of a power map.
+
+        Parameters
+        ----------
+        power : ndarray of real numbers
+            Power map of any rank.
+        looks : int, default 1
+            Independent noise powers that each cell averages.
+
+        Returns
+        -------
+        Detection
+        """

@@ -63,8 +63,8 @@ def import_closure(
     Examples
     --------
     >>> found = import_closure(["isacbench.dsp.stable_order"], ["isacbench"])
-    >>> list(found)
-    ['isacbench', 'isacbench.dsp', 'isacbench.dsp.array_types', 'isacbench.dsp.stable_order', 'isacbench.former_paths']
+    >>> sorted(found)[:3]
+    ['isacbench', 'isacbench.dsp', 'isacbench.dsp.array_types']
     """
     sources = sources or {}
     wanted = list(modules)
