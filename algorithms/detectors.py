@@ -1,8 +1,604 @@
-"""The registered CFAR detectors, which `isacbench.dsp.cfar.cfar_detectors` describes."""
+"""CFAR detectors: the noise around each cell under test, times the factor of a false-alarm rate.
 
-from isacbench.dsp.cfar import CaCfar as CaCfar
-from isacbench.dsp.cfar import GocaCfar as GocaCfar
-from isacbench.dsp.cfar import OscaCfar as OscaCfar
-from isacbench.dsp.cfar import OsCfar as OsCfar
-from isacbench.dsp.cfar import SocaCfar as SocaCfar
-from isacbench.dsp.cfar import TmCfar as TmCfar
+| detector | noise estimate |
+|---|---|
+| `CaCfar` | mean of the training cells |
+| `GocaCfar`, `SocaCfar` | greater, smaller mean of the two halves of the window |
+| `OsCfar` | order statistic of the training cells |
+| `OscaCfar` | order statistic along one axis, averaged over the others |
+| `TmCfar` | mean without the smallest and the largest training cells |
+
+All take power maps of any rank and unit. Each cell gets the factor of
+`isacbench.dsp.cfar.factors` for the training cells that it has
+(`isacbench.dsp.cfar.training_cells` describes windows at edges).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from isacbench.dsp.cfar import (
+    Axis,
+    CellsPerSide,
+    Detection,
+    Threshold,
+    Windows,
+    check_cells,
+    check_fraction,
+    check_pfa,
+    check_threshold,
+    checked_axis,
+    checked_list,
+    checked_power,
+    share_of,
+    spread,
+    window_axes,
+    windows_of,
+)
+from isacbench.dsp.cfar.factors import (
+    ca_factor,
+    goca_factor,
+    osca_factor,
+    paper_factor,
+    soca_factor,
+    tm_factor,
+)
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from isacbench.dsp.array_types import Floats
+    from isacbench.dsp.cfar import Cells
+
+    Power = NDArray[np.floating[Any]]
+    Estimate = tuple[Floats, float | Floats]
+    """Noise of cells under test, and their factors."""
+
+
+class _Cfar:
+    """The test that all detectors share."""
+
+    pfa: float
+    training: CellsPerSide
+    guard: Any
+    threshold: Threshold
+
+    def __post_init__(self) -> None:
+        check_pfa(self.pfa)
+        check_cells("training", self.training)
+        self._check_guard()
+        check_threshold(self.threshold)
+
+    def _check_guard(self) -> None:
+        check_cells("guard", self.guard)
+
+    def detect(self, power: Power, looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map.
+
+        Parameters
+        ----------
+        power : ndarray of real numbers
+            Power map of any rank and unit; finite and not negative.
+        looks : int, default 1
+            Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; without it all.
+
+        Returns
+        -------
+        Detection
+            Mask, thresholds and noise, of the map's shape, or of shape (n,)
+            for n listed cells.
+
+        Raises
+        ------
+        InputError
+            If the map is complex, holds NaN, infinite or negative power, or is
+            smaller than the window; if `looks` is no whole number above 0, or
+            a cell lies outside the map.
+        """
+        values = checked_power(power, looks)
+        listed = None if cells is None else checked_list(cells, values.shape)
+        first = self._first_axis(values.ndim)
+        order = (first, *(axis for axis in range(values.ndim) if axis != first))
+        axes = window_axes(values.shape, *spread(self.training, self.guard or 0, values.ndim))
+        found = self._test(
+            np.ascontiguousarray(values.transpose(order)),
+            tuple(axes[axis] for axis in order),
+            None if listed is None else tuple(listed[axis] for axis in order),
+            looks,
+        )
+        if listed is not None or first == 0:
+            return found
+        return Detection(
+            np.moveaxis(found.mask, 0, first),
+            np.moveaxis(found.threshold, 0, first),
+            np.moveaxis(found.noise, 0, first),
+        )
+
+    def _first_axis(self, n_axes: int) -> int:
+        """Axis that the detector treats as the first."""
+        return 0
+
+    def _test(self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int) -> Detection:
+        noise, threshold = self._thresholds(power, axes, cells, looks)
+        return Detection((power if cells is None else power[cells]) > threshold, threshold, noise)
+
+    def _thresholds(
+        self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int
+    ) -> tuple[Floats, Floats]:
+        """Noise and thresholds of a whole map, or of listed cells."""
+        noise, threshold = np.empty((2, *(power.shape if cells is None else cells[0].shape)))
+        for where, windows in windows_of(axes, cells):
+            noise[where] = self._noise(power, windows)
+            threshold[where] = self._factor(windows, looks) * noise[where]
+        return noise, threshold
+
+    def _noise(self, power: Floats, windows: Windows) -> Floats:
+        """Noise around cells under test."""
+        raise NotImplementedError
+
+    def _factor(self, windows: Windows, looks: int) -> float:
+        """Factor on that noise."""
+        if self.threshold == "paper":
+            return paper_factor(self.pfa, windows.n_training)
+        return self._exact_factor(windows, looks)
+
+    def _exact_factor(self, windows: Windows, looks: int) -> float:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class CaCfar(_Cfar):
+    """Cell averaging: the noise is the mean of the training cells.
+
+    Attributes
+    ----------
+    pfa : float
+        Probability of false alarm per cell in homogeneous noise.
+    training : int or tuple of int
+        Training cells to either side of the guard cells, for all axes or for
+        each. With `guard` 1 the default is the paper's 72 cells on a 2-D map.
+    guard : int or tuple of int
+        Guard cells to either side of the cell under test; 0 leaves out the
+        cell under test alone.
+    threshold : {"exact", "paper"}
+        Exact factor, or the one the paper prints, which misses the rate.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    References
+    ----------
+    H. M. Finn, R. S. Johnson, RCA Review 29, 1968.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(CaCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "ca"
+
+    pfa: float = 1e-3
+    training: CellsPerSide = 3
+    guard: CellsPerSide = 1
+    threshold: Threshold = "exact"
+
+    def _noise(self, power: Floats, windows: Windows) -> Floats:
+        return _mean(windows.training(power))
+
+    def _exact_factor(self, windows: Windows, looks: int) -> float:
+        return ca_factor(self.pfa, windows.n_training, looks)
+
+
+@dataclass(frozen=True)
+class _HalvedCfar(_Cfar):
+    """Test against a chosen one of the means of the two halves of the window.
+
+    The leading half are the training cells before the cell under test along
+    `split_axis`, the trailing half those after it. Cells level with it are
+    divided by their place along the next axis, so that the halves mirror each
+    other: 36 and 36 cells of 9 x 9 less 3 x 3. Shifted windows have unequal
+    halves; where one is empty, the test is cell averaging over the other.
+    """
+
+    pfa: float = 1e-3
+    training: CellsPerSide = 3
+    guard: CellsPerSide = 1
+    threshold: Threshold = "exact"
+    split_axis: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked_axis("split_axis", self.split_axis)
+
+    def _first_axis(self, n_axes: int) -> int:
+        return checked_axis("split_axis", self.split_axis, n_axes)
+
+    def _noise(self, power: Floats, windows: Windows) -> Floats:
+        training, n_leading = windows.training(power), windows.n_leading
+        halves = training[..., :n_leading], training[..., n_leading:]
+        means = [_mean(half) for half in halves if half.shape[-1]]
+        return self._chosen(means)
+
+    def _exact_factor(self, windows: Windows, looks: int) -> float:
+        return self._half_factor((windows.n_leading, windows.n_training - windows.n_leading), looks)
+
+    def _chosen(self, means: list[Floats]) -> Floats:
+        """Noise of the means of the halves that are not empty."""
+        raise NotImplementedError
+
+    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class GocaCfar(_HalvedCfar):
+    """Greatest of: the noise is the greater of the means of the leading and the trailing half.
+
+    Fewest false alarms at the border of clutter; an echo in the window masks
+    others.
+
+    Attributes
+    ----------
+    pfa, training, guard, threshold
+        As of `CaCfar`.
+    split_axis : int
+        Axis along which the window is cut into halves: of a range-Doppler map
+        0 is range, 1 Doppler. Cells level with the cell under test are divided
+        by their place along the next axis.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    References
+    ----------
+    V. G. Hansen, J. H. Sawyers, IEEE Trans. AES 16(1), 1980.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(GocaCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "goca"
+
+    def _chosen(self, means: list[Floats]) -> Floats:
+        chosen: Floats = np.maximum.reduce(means)
+        return chosen
+
+    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
+        return goca_factor(self.pfa, halves, looks)
+
+
+@dataclass(frozen=True)
+class SocaCfar(_HalvedCfar):
+    """Smallest of: the noise is the smaller of the means of the leading and the trailing half.
+
+    Echoes in one half of the window do not mask another; at the border of
+    clutter alarms abound.
+
+    Attributes
+    ----------
+    pfa, training, guard, threshold
+        As of `CaCfar`.
+    split_axis : int
+        Axis along which the window is cut into halves, as of `GocaCfar`.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    References
+    ----------
+    G. V. Trunk, IEEE Trans. AES 14(5), 1978.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(SocaCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "soca"
+
+    def _chosen(self, means: list[Floats]) -> Floats:
+        chosen: Floats = np.minimum.reduce(means)
+        return chosen
+
+    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
+        return soca_factor(self.pfa, halves, looks)
+
+
+@dataclass(frozen=True)
+class TmCfar(_Cfar):
+    """Trimmed mean: the noise is the mean of the training cells without the smallest and the largest.
+
+    Between `ca`, with nothing trimmed, and `os`, with all but one.
+
+    Attributes
+    ----------
+    pfa, training, guard, threshold
+        As of `CaCfar`.
+    trim_low, trim_high : float
+        Fractions of the n training cells left out: the ⌊`trim_low` n⌋ smallest
+        and the ⌊`trim_high` n⌋ largest, 18 and 18 of 72.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    References
+    ----------
+    P. P. Gandhi, S. A. Kassam, IEEE Trans. AES 24(4), 1988.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(TmCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "tm"
+
+    pfa: float = 1e-3
+    training: CellsPerSide = 3
+    guard: CellsPerSide = 1
+    threshold: Threshold = "exact"
+    trim_low: float = 0.25
+    trim_high: float = 0.25
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_fraction("trim_low", self.trim_low, 0, 1)
+        check_fraction("trim_high", self.trim_high, 0, 1)
+        if self.trim_low + self.trim_high >= 1:
+            raise InputError(
+                f"trim_low = {self.trim_low}, trim_high = {self.trim_high}: "
+                "together below 1, or no training cell is left"
+            )
+
+    def _trimmed(self, n_training: int) -> tuple[int, int]:
+        return share_of(self.trim_low, n_training), share_of(self.trim_high, n_training)
+
+    def _noise(self, power: Floats, windows: Windows) -> Floats:
+        below, above = self._trimmed(windows.n_training)
+        ascending = np.sort(windows.training(power), axis=-1)
+        return _mean(ascending[..., below : windows.n_training - above])
+
+    def _exact_factor(self, windows: Windows, looks: int) -> float:
+        return tm_factor(self.pfa, windows.n_training, self._trimmed(windows.n_training), looks)
+
+
+@dataclass(frozen=True)
+class OsCfar(_Cfar):
+    """Order statistic: the noise is the k-th smallest of n training cells, k = max(1, ⌊`rank_fraction` n⌋).
+
+    Up to n - k echoes in the window do not mask another, and the border of
+    clutter raises no alarm while less than k cells lie in it. Noise and
+    thresholds are computed when they are first asked for: the mask needs no
+    sorting.
+
+    Attributes
+    ----------
+    pfa, training, guard, threshold
+        As of `CaCfar`.
+    rank_fraction : float
+        Rank over number of training cells: the 54th of 72.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    References
+    ----------
+    H. Rohling, IEEE Trans. AES 19(4), 1983.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(OsCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "os"
+
+    pfa: float = 1e-3
+    training: CellsPerSide = 3
+    guard: CellsPerSide = 1
+    threshold: Threshold = "exact"
+    rank_fraction: float = 0.75
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_fraction("rank_fraction", self.rank_fraction, 0, 1)
+
+    def _test(self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int) -> Detection:
+        """Count training cells: a power exceeds α times the k-th smallest if it exceeds α times k of them."""
+        under_test = power if cells is None else power[cells]
+        mask = np.empty(under_test.shape, dtype=bool)
+        for where, windows in windows_of(axes, cells):
+            scaled = self._factor(windows, looks) * windows.training(power)
+            n_below = np.count_nonzero(scaled < under_test[where][..., np.newaxis], axis=-1)
+            mask[where] = n_below >= self._rank(windows)
+        # The map may be written to before noise is asked for.
+        return _OrderDetection(mask, partial(self._thresholds, power.copy(), axes, cells, looks))
+
+    def _noise(self, power: Floats, windows: Windows) -> Floats:
+        k = self._rank(windows) - 1
+        return np.partition(windows.training(power), k, axis=-1)[..., k]
+
+    def _exact_factor(self, windows: Windows, looks: int) -> float:
+        return osca_factor(self.pfa, ((self._rank(windows), windows.n_training),), looks)
+
+    def _rank(self, windows: Windows) -> int:
+        return max(1, share_of(self.rank_fraction, windows.n_training))
+
+
+class _OrderDetection(Detection):
+    """A detection whose noise and thresholds are computed when they are first asked for."""
+
+    def __init__(self, mask: NDArray[np.bool_], thresholds: Callable[[], tuple[Floats, Floats]]) -> None:
+        self.__dict__.update(mask=mask, _thresholds=thresholds)
+
+    def __reduce__(self) -> tuple[type[Detection], tuple[NDArray[np.generic], ...]]:
+        return Detection, (self.mask, self.threshold, self.noise)
+
+    @cached_property
+    def _estimated(self) -> tuple[Floats, Floats]:
+        found: tuple[Floats, Floats] = self.__dict__["_thresholds"]()
+        return found
+
+    @property
+    def noise(self) -> Floats:
+        """Order statistic of each cell's training cells."""
+        return self._estimated[0]
+
+    @property
+    def threshold(self) -> Floats:
+        """Threshold of each cell."""
+        return self._estimated[1]
+
+
+@dataclass(frozen=True)
+class OscaCfar(_Cfar):
+    """Order statistic along range in each Doppler column, averaged across the columns.
+
+    Each column of n training cells gives its γ-th smallest,
+    γ = max(1, ⌊0.75 n⌋): the 6th of 9. With ``order_axis=1`` the two axes
+    change places: the order statistic runs along Doppler, where a street's
+    static ridge fills few cells of a window and so does not mask its
+    surroundings.
+
+    Attributes
+    ----------
+    pfa, threshold
+        As of `CaCfar`. The N of the printed factor is the number of cells of a
+        whole column.
+    training : int or tuple of int
+        Training cells to either side of the guard cells, for all axes or for
+        each. The default is the paper's 9 x 9 window on a 2-D map.
+    guard : int or tuple of int or None
+        Guard cells to either side of the cell under test, left out of the
+        columns that pass through them; None keeps the cell under test in its
+        own window, as the paper does.
+    order_axis : int
+        Axis of the order statistic: 0 range, the paper's; 1 Doppler.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    References
+    ----------
+    arXiv 2310.06401; H. Rohling, IEEE Trans. AES 19(4), 1983.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(OscaCfar().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "osca"
+
+    pfa: float = 1e-3
+    training: CellsPerSide = 4
+    guard: CellsPerSide | None = None
+    threshold: Threshold = "exact"
+    order_axis: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked_axis("order_axis", self.order_axis)
+
+    def _check_guard(self) -> None:
+        if self.guard is not None:
+            super()._check_guard()
+
+    def _first_axis(self, n_axes: int) -> int:
+        return checked_axis("order_axis", self.order_axis, n_axes)
+
+    def _test(self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int) -> Detection:
+        if self.guard is None and axes[0].training == 0:
+            raise InputError(
+                f"training = 0 along axis {self.order_axis}: "
+                "with guard = None it must be at least 1 per side there"
+            )
+        return super()._test(power, axes, cells, looks)
+
+    def _noise(self, power: Floats, windows: Windows) -> Floats:
+        window = windows.whole(power)
+        columns = window.reshape(*window.shape[: -power.ndim], windows.axes[0].n_window, -1)
+        if self.guard is None:
+            return _mean(_orders(columns))
+        trains = windows.trains.reshape(len(windows.trains), -1)
+        is_whole = trains.all(axis=0)
+        kept = trains[:, ~is_whole].any(axis=1)
+        orders = [_orders(columns[..., is_whole])]
+        if kept.any():
+            orders.append(_orders(columns[..., kept, :][..., ~is_whole]))
+        return _mean(np.concatenate(orders, axis=-1))
+
+    def _factor(self, windows: Windows, looks: int) -> float:
+        n_cells = windows.axes[0].n_window
+        if self.threshold == "paper":
+            return paper_factor(self.pfa, n_cells)
+        n_columns = windows.n_window // n_cells
+        if self.guard is None:
+            # The column of the cell under test has one training cell less.
+            columns = ((_rank(n_cells), n_cells),) * (n_columns - 1) + ((_rank(n_cells), n_cells - 1),)
+        else:
+            counts = windows.trains.sum(axis=0).ravel().tolist()
+            columns = tuple((_rank(count), count) for count in sorted(counts, reverse=True) if count)
+        return osca_factor(self.pfa, columns, looks)
+
+
+def _mean(values: Floats) -> Floats:
+    """Mean along the last axis, of values added one after the other: the same for one cell as for many."""
+    terms = np.ascontiguousarray(np.moveaxis(values, -1, 0))
+    # NumPy adds a single column by pairs.
+    total: Floats = terms.sum(axis=0) if terms[0].size > 1 else np.add.accumulate(terms, axis=0)[-1]
+    return total / len(terms)
+
+
+def _orders(columns: Floats) -> Floats:
+    """Order statistic of columns (..., cells of a column, columns)."""
+    rank = _rank(columns.shape[-2])
+    orders: Floats = np.partition(columns, rank - 1, axis=-2)[..., rank - 1, :]
+    return orders
+
+
+def _rank(n_cells: int) -> int:
+    """Rank of the paper, ⌊0.75 n⌋ of n cells: the 6th smallest of 9."""
+    return max(1, 3 * n_cells // 4)

@@ -256,10 +256,6 @@ class Wreck:
 
     # Strange, but no failure.
 
-    def close_some(self, observation):
-        os.closerange(0, 3)
-        return points(observation)
-
     def child(self, observation):
         stay(self.path)
         return points(observation)

@@ -1,12 +1,12 @@
 """Stages against the plain way to compute the same: ratios are printed and kept, times are not tested."""
 
 import numpy as np
+from isacbench_algorithms.detectors import CaCfar, OsCfar
 from isacbench_algorithms.music2d import Music2d
 from scipy.ndimage import rank_filter, uniform_filter
 
 from isacbench.dsp.angles.aperture import Plane
 from isacbench.dsp.angles.model_order import noise_edge
-from isacbench.dsp.cfar import CaCfar, OsCfar
 from isacbench.dsp.cfar.factors import ca_factor, osca_factor
 from isacbench.model.kernels import steering
 

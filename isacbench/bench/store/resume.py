@@ -12,7 +12,6 @@ from isacbench.bench.cells.statuses import failed
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.store.provenance import environment_id, environment_of
 from isacbench.errors import InputError, unknown_name
-from isacbench.files.escaping import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -27,8 +26,8 @@ if TYPE_CHECKING:
 
 Rerun = Literal["failed", "stale", "all"]
 
-LONGEST_VERSION = 32
-"""Characters of a version or digest that a message shows."""
+DIGITS, LONGEST_VERSION = 12, 32
+"""Digits that are shown of a digest, and the length that no version exceeds."""
 
 RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")
 
@@ -237,4 +236,6 @@ def _flat(versions: Mapping[str, Any]) -> dict[Any, Any]:
 
 
 def _told(version: str | None) -> str:
-    return shortened(version or "none", LONGEST_VERSION)
+    """Version, or the first digits of a digest."""
+    told = version or "none"
+    return told if len(told) <= LONGEST_VERSION else told[:DIGITS]

@@ -25,7 +25,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.array_types import Floats, Integers
-from isacbench.dsp.cfar import CaCfar
+from isacbench.dsp.cfar import check_pfa, window_axes, windows_of
+from isacbench.dsp.cfar.factors import ca_factor
 from isacbench.errors import require
 
 ModelOrder = Literal["noise", "eigenvalue_cfar", "mdl", "aic"]
@@ -156,8 +157,12 @@ def eigenvalue_cfar_order(eigenvalues: Floats, pfa: float) -> Integers:
         "3 and more, for a CFAR over eigenvalues",
     )
     n_training = (eigenvalues.shape[1] - 1) // 2
-    detection = CaCfar(pfa, training=(0, n_training), guard=0).detect(np.maximum(eigenvalues, 0))
-    return _bounded(np.sum(detection.mask, axis=1), eigenvalues)
+    check_pfa(pfa)
+    power = np.maximum(eigenvalues, 0)
+    threshold = np.empty(power.shape)
+    for where, windows in windows_of(window_axes(power.shape, (0, n_training), (0, 0))):
+        threshold[where] = ca_factor(pfa, windows.n_training) * windows.training(power).mean(axis=-1)
+    return _bounded(np.sum(power > threshold, axis=1), eigenvalues)
 
 
 def information_order(

@@ -1,12 +1,11 @@
-"""CFAR detection on power maps of any rank: detectors, their windows and their factors.
+"""CFAR detection on power maps of any rank: checks, windows, and factors of false-alarm rates.
 
-A detector of one's own returns a `Detection`, checks its map by `checked_power`, and finds factors
-in `isacbench.dsp.cfar.factors`.
+`isacbench_algorithms.detectors` has the built-in detectors. A detector of one's own returns a `Detection`,
+checks its map by `checked_power`, and finds factors in `isacbench.dsp.cfar.factors`.
 """
 
 from __future__ import annotations
 
-from isacbench.dsp.cfar.cfar_detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 from isacbench.dsp.cfar.factors import check_looks, check_pfa
 from isacbench.dsp.cfar.map_checks import (
     Cells,
@@ -16,28 +15,33 @@ from isacbench.dsp.cfar.map_checks import (
     check_fraction,
     check_threshold,
     checked_axis,
+    checked_list,
     checked_power,
+    share_of,
+    spread,
 )
+from isacbench.dsp.cfar.training_cells import Axis, Windows, window_axes, windows_of
 from isacbench.dsp.detection import Detection, Detector
 
 __all__ = [
-    "CaCfar",
+    "Axis",
     "Cells",
     "CellsPerSide",
     "Detection",
     "Detector",
-    "GocaCfar",
-    "OsCfar",
-    "OscaCfar",
-    "SocaCfar",
     "Threshold",
-    "TmCfar",
+    "Windows",
     "check_cells",
     "check_fraction",
     "check_looks",
     "check_pfa",
     "check_threshold",
     "checked_axis",
+    "checked_list",
     "checked_power",
     "factors",
+    "share_of",
+    "spread",
+    "window_axes",
+    "windows_of",
 ]

@@ -4,8 +4,8 @@ import sys
 from pkgutil import resolve_name
 
 import pytest
-from isacbench.bench.compare.regressions import compare
 
+from isacbench.bench.compare.comparison import compare
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore

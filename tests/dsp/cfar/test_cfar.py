@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 from scipy.stats import binom
 
-from isacbench.dsp.cfar import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar, training_cells
+from isacbench.dsp.cfar import training_cells
 from isacbench.dsp.cfar.factors import (
     ca_factor,
     goca_factor,
