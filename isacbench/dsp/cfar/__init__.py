@@ -1,7 +1,7 @@
 """CFAR detection on power maps of any rank: detectors, their windows and their factors.
 
-A detector of one's own returns a `Detection`, checks its map by `checked_power`, and finds factors
-in `isacbench.dsp.cfar.factors`.
+To write your own detector: return a `Detection`, check the map with `checked_power`, and take factors
+from `isacbench.dsp.cfar.factors`.
 """
 
 from __future__ import annotations
