@@ -1,19 +1,20 @@
-"""Stages of cell-by-cell estimators, one function a stage in the order of an image, and their base class.
+"""Stages of cell-by-cell estimators, one function per stage in the order of imaging, and their base class.
 
 1. `read_map` reads the range-Doppler map.
 2. `detect` finds the cells that hold echoes, on a map tapered for low
    sidelobes, by a CFAR detector on one element or on the array's average power.
-3. `read_cells` takes the snapshots of those cells, tapered less, for
+3. `read_cells` takes the snapshots of those cells, less tapered, for
    resolution. In them the estimator finds plane waves by its own method.
 4. `locate` places plane waves in range and Doppler.
-5. `own_cell_test` drops those that are stronger in a neighbouring cell.
+5. `own_cell_test` drops those that are stronger in a neighbouring Doppler
+   cell, or much stronger in a neighbouring range cell.
 6. `merge_scatterers` merges scatterers that several cells saw.
-7. `explain` selects the scatterers that explain the map together, and moves
-   them between the bins to where the rest of the map leaves them.
+7. `explain` selects the scatterers that explain the map together, and refines
+   their range and Doppler to fractions of a bin.
 8. `to_cloud` turns radio coordinates into points.
 
 No stage needs a constant of the scene: levels follow from the noise, the strongest
-cells and the strongest scatterers nearby. Every stage marks its own time
+cells and the strongest scatterers nearby. Every stage measures its own time
 (`isacbench.instrument.stages`).
 
 References
@@ -53,22 +54,24 @@ from isacbench.plugins.contracts import Detection, Detector, Diagnosis, Needs, S
 from .detectors import OscaCfar
 
 PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
-"""Uses of cells: the map and its test; snapshots, their Fourier spectra and amplitudes;
-covariances, their eigenvectors and null spectra; the joint explanation."""
+"""Computations on cells, each with its own precision. detection: the map and its test. directions:
+snapshots, their Fourier spectra and amplitudes. subspace: covariances, their eigenvectors and null
+spectra. selection: the joint explanation."""
 
 CellPrecision = Literal["double", "single"]
 
 Explanation = Literal["joint", "none"]
-"""Treatment of the candidates that the cells show: joint selection and refinement, or none."""
+"""Treatment of the candidate scatterers of all cells: joint selection and refinement, or none."""
 
 LAST_DIGITS_LOST = 4
-"""Last digits of the strongest cell that sums over a few cells lose: they count as noise."""
+"""Last digits of the strongest cell that sums over a few cells lose to rounding: they count as noise."""
 
 LEAST_NOISE = 1e-10
-"""Least amplitude of noise, relative to the strongest cell, 200 dB below it: fits need not be more exact."""
+"""Least noise amplitude relative to the strongest cell: 200 dB below it, fits need not be more exact."""
 
 OWN_CELL_EXCESS = (3.0, 1.0)
-"""Own-cell test along range, where lines of scatterers have no local maximum, and along Doppler."""
+"""Largest amplitude in the next cell over that in its own: along range, where lines of scatterers have no
+local maximum, and along Doppler."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +81,13 @@ class ReadMap:
     Attributes
     ----------
     observation : Observation
-        Where it comes from.
+        The observation that was read.
     detection, directions, selection : GatedMap
         Cells for the detection, for the directions of plane waves, and for the
         joint explanation, without tapers, shape (n_range, n_doppler, *elements).
-        One and the same where precisions are equal.
+        Stages of equal precision share one map.
     unit : float
-        Amplitude of 1 in the unit of the observation, a power of two.
+        Amplitude in the observation that is 1 in these maps; a power of two.
     """
 
     observation: Observation
@@ -95,16 +98,16 @@ class ReadMap:
 
 
 class Levels(NamedTuple):
-    """Powers per element that stages compare cells and plane waves with, in the unit of the map read.
+    """Powers per element with which stages compare cells and plane waves, in the unit of `ReadMap`.
 
     Attributes
     ----------
     white : float
         White noise.
     floor : float
-        What noise and leakage of strong echoes have at most.
+        Upper limit of noise and of the leakage of strong echoes.
     min_power : float
-        What a plane wave or a scatterer must have.
+        Least power of a plane wave or a scatterer.
     """
 
     white: float
@@ -128,7 +131,7 @@ class Detected(NamedTuple):
 
 @dataclass(frozen=True)
 class Reading:
-    """Reading of the cells whose plane waves are sought.
+    """How to read the cells whose plane waves are sought: tapers, neighbours, and which cells count.
 
     Attributes
     ----------
@@ -136,11 +139,10 @@ class Reading:
         Tapers.
     range_cells : {1, 3}
         Neighbouring range cells that serve as snapshots, the cell itself in
-        the middle. More give the mean direction of the crowd of echoes in
-        them.
+        the middle. With 3, directions are means over the echoes in all three.
     resolved_only : bool
-        Whether only cells count that their plane waves explain down to the
-        noise.
+        Whether to keep only the cells that their plane waves explain down to
+        the noise.
     one_doppler : bool
         Whether plane waves must look like one echo along Doppler.
     """
@@ -154,18 +156,18 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class CellSnapshots:
-    """Complex of n detected cells, as one reading takes them.
+    """Snapshots (complex samples of all elements) of n detected cells, as one reading takes them.
 
     Attributes
     ----------
     reading : Reading
-        Windows and neighbours.
+        Tapers and neighbours.
     bins : (ndarray of int64, ndarray of int64), each shape (n,)
         Absolute range and Doppler bins.
     tapered : GatedMap
-        Map behind the windows of the reading.
+        Map after the tapers of the reading.
     snapshots : ndarray of complex, shape (n, s, *elements)
-        Of each cell and its neighbours in range, the cell in the middle.
+        Samples of each cell and its neighbours in range, the cell in the middle.
     levels : Levels
     """
 
@@ -180,21 +182,21 @@ class CellSnapshots:
 
     @property
     def own(self) -> Complex:
-        """Complex (n, *elements) of the cells themselves."""
+        """Samples (n, *elements) of the cells themselves."""
         return self.snapshots[:, self.snapshots.shape[1] // 2]
 
 
 def read_map(observation: Observation, estimator: CellwiseEstimator) -> ReadMap:
     """Read the range-Doppler map of the elements that an estimator needs.
 
-    The others may never have been computed. Amplitudes are read in units of a
-    power of two, so that no scale overflows.
+    The other elements need never be computed. Amplitudes are read in units of
+    a power of two, so that no scale of the observation overflows.
 
     Parameters
     ----------
     observation : Observation
     estimator : CellwiseEstimator
-        Its `aperture` and `dtype_in` count.
+        Its `aperture` and `dtype_in` are used.
 
     Returns
     -------
@@ -215,16 +217,17 @@ def read_map(observation: Observation, estimator: CellwiseEstimator) -> ReadMap:
 def detect(rdm: ReadMap, estimator: CellwiseEstimator) -> Detected:
     """Detect the cells that hold echoes, by a CFAR detector, and measure noise and floor.
 
-    White noise is never above the floor that was detected with, nor below
-    rounding. Noise of an array's output is exponential, so that a plane wave
-    must have -ln P_fa times the floor over the number of elements.
+    The level of white noise is limited to between rounding and the floor of
+    the detection. The noise power of a beam is exponentially distributed, so
+    that a plane wave must have -ln P_fa times the floor, over the number of
+    elements.
 
     Parameters
     ----------
     rdm : ReadMap
     estimator : CellwiseEstimator
         Its `detection_window`, `cell_detector`, `integration`,
-        `dynamic_range_db` and `angle_pfa` count.
+        `dynamic_range_db` and `angle_pfa` are used.
 
     Returns
     -------
@@ -255,8 +258,8 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
     Returns
     -------
     CellSnapshots
-        Without cells at the map's edge, which lack a neighbour. They are
-        detected only where the gate has no room for margins.
+        Without cells at the map's edge, which lack a neighbour. Such cells
+        are detected only where the gate has no room for margins.
     """
     with stage("rdm"):
         gated, bins = rdm.directions, detected.cells.bins
@@ -271,20 +274,21 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
 
 
 def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
-    """Limit the dimensions of signal subspaces to those that rounding leaves determined.
+    """Limit the dimensions of signal subspaces to those that are determined despite rounding.
 
     Parameters
     ----------
     pairs : Eigenpairs
         Of n covariances.
     order : ndarray of int64, shape (n,)
-        Sources, as a test of the eigenvalues counts them.
+        Number of sources from a test of the eigenvalues.
 
     Returns
     -------
     ndarray of int64, shape (n,)
-        0 where rounding has the choice among all eigenvectors. How many are
-        fewer is remarked (`isacbench.instrument.remarks`).
+        0 where rounding decides about every eigenvector. The number of
+        covariances with fewer sources is counted as a remark
+        (`isacbench.instrument.remarks`).
     """
     separated = separated_order(pairs.rotation, order)
     remark("unseparated", int(np.count_nonzero(separated < order)), order.size)
@@ -292,7 +296,7 @@ def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
 
 
 def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator) -> ScatterersInCells:
-    """Give plane waves a place in range and Doppler, by their amplitudes in the neighbouring cells.
+    """Locate plane waves in range and Doppler by their amplitudes in the neighbouring cells.
 
     Parameters
     ----------
@@ -300,8 +304,8 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
     waves : PlaneWaves
         Of the same cells.
     estimator : CellwiseEstimator
-        Its `local_dynamic_range_db` counts: plane waves further below the
-        strongest one of the 5 x 5 cells around are left out.
+        Its `local_dynamic_range_db` is used: plane waves further below the
+        strongest one of the 5 x 5 cells around them are left out.
 
     Returns
     -------
@@ -315,13 +319,13 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
             cells.bins,
             (reading.range_window, tapered.doppler_taper(reading.doppler_window)),
             estimator.local_dynamic_range_db,
-            # Grating lobes put echoes of all speeds into every bin: next to none looks like one.
+            # Grating lobes put echoes of all speeds into every bin: hardly any then looks like one echo.
             reading.one_doppler and not tapered.sees_lobes,
         )
 
 
 def own_cell_test(located: ScatterersInCells) -> LocatedScatterers:
-    """Keep the scatterers that are no stronger in a neighbouring cell than in their own.
+    """Keep the scatterers that are not much stronger in a neighbouring cell than in their own.
 
     Parameters
     ----------
@@ -330,14 +334,14 @@ def own_cell_test(located: ScatterersInCells) -> LocatedScatterers:
     Returns
     -------
     LocatedScatterers
-        Those at most `OWN_CELL_EXCESS` times as strong next door.
+        Those whose amplitude next door is at most `OWN_CELL_EXCESS` times their own.
     """
     with stage("peaks"):
         return located.at_home(*OWN_CELL_EXCESS)
 
 
 def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
-    """Make one of scatterers that several cells saw: the strongest of those close together stays.
+    """Merge scatterers that several cells saw: of those close together the strongest stays.
 
     Parameters
     ----------
@@ -355,18 +359,18 @@ def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
 def explain(
     rdm: ReadMap, levels: Levels, seen: Sequence[LocatedScatterers], estimator: CellwiseEstimator
 ) -> LocatedScatterers:
-    """Explain the map jointly: select scatterers that do so together, and refine them together.
+    """Explain the map: jointly select the scatterers that reproduce it, and jointly refine them.
 
     Parameters
     ----------
     rdm : ReadMap
     levels : Levels
     seen : sequence of LocatedScatterers
-        Candidates of each reading. Those of a later one join if what was
-        selected before leaves them unexplained.
+        Candidates of each reading. Those of a later reading join if the
+        scatterers selected before leave them unexplained.
     estimator : CellwiseEstimator
         Its `select` and `refine` do the work. With `explain` "none" neither
-        does: the candidates of all readings are merged.
+        is called: the candidates of all readings are merged.
 
     Returns
     -------
@@ -384,7 +388,7 @@ def explain(
 
 
 def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
-    """Turn range, Doppler and direction cosines into points, their powers into those of the scene.
+    """Turn range, Doppler and direction cosines into points, and powers into those of the scene.
 
     Parameters
     ----------
@@ -394,7 +398,7 @@ def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
     Returns
     -------
     PointCloud
-        Without what lies beyond the region (`isacbench.model.observation`).
+        Without points outside the region (`isacbench.model.observation`).
     """
     with stage("peaks"):
         observation = rdm.observation
@@ -405,11 +409,11 @@ def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
 
 @dataclass(frozen=True)
 class CellwiseEstimator(ABC):
-    """Base of estimators that find plane waves in range-Doppler cells: parameters, and a method a stage.
+    """Base of estimators that find plane waves in range-Doppler cells: parameters, and one method per stage.
 
-    A subclass has `estimate`, which calls the stages in order, `plane_waves`,
-    and `spectra` if it has any to show. A stage is exchanged by an argument or
-    by overriding one method:
+    A subclass defines `estimate`, which calls the stages in order,
+    `plane_waves`, and `spectra` if it has any to show. To exchange a stage,
+    give an argument or override one method:
 
     ==================  ===================================================
     stage               exchanged by
@@ -428,12 +432,12 @@ class CellwiseEstimator(ABC):
     ----------
     separable : bool
         Class attribute: whether directions are sought along u and along w
-        apart, so that one column and one row of the array show them.
+        separately, so that one column and one row of the array suffice.
     single_stages : frozenset of {"detection", "directions", "subspace", "selection"}
         Class attribute: stages that `precision` "single" computes in single
         precision.
     detector : Detector
-        Of range-Doppler cells.
+        Detector of range-Doppler cells.
     pfa : float or None
         Overrides the detector's probability of false alarm.
     integration : {"noncoherent", "element"}
@@ -443,24 +447,25 @@ class CellwiseEstimator(ABC):
     range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
         Taper of the cells whose angles are estimated.
     max_sources : int
-        Most plane waves in a cell.
+        Largest number of plane waves in a cell.
     angle_pfa : float
-        Probability that noise passes for a plane wave, or for a scatterer.
+        Probability that noise is taken for a plane wave, or for a scatterer.
     dynamic_range_db : float
         Range below the strongest cells in which echoes are detected and modelled.
     local_dynamic_range_db : float
-        Range below the strongest scatterer nearby in which others are told from its leakage.
+        Range below the strongest scatterer nearby in which others can be
+        distinguished from its leakage.
     precision : {"double", "single"}
-        Of the cells. "single" in the stages whose effect on the curves is
-        below 0.1 % (``docs/precision.md``): subspaces and joint least squares
-        are double either way.
+        Precision of the cells. "single" applies to the stages whose effect on
+        the curves is below 0.1 % (``docs/precision.md``): subspaces and joint
+        least squares are double either way.
     explain : {"joint", "none"}
-        Treatment of the candidates that the cells show. "joint" selects
-        those that explain the map together and refines them together; "none"
-        makes all of them points. An estimator with several readings then
-        merges the candidates of all of them.
+        Treatment of the candidate scatterers. "joint" selects those that
+        explain the map together, and refines them together; "none" makes all
+        of them points. An estimator with several readings then merges the
+        candidates of all readings.
     detection_window : {"hann", "rect", "soft", "hamming", "blackman"}
-        Taper of the map that cells are detected on, along range and Doppler.
+        Taper along range and Doppler of the map on which cells are detected.
         Its sidelobes must not look like echoes.
 
     Raises
@@ -503,12 +508,12 @@ class CellwiseEstimator(ABC):
 
     @property
     def needs(self) -> Needs:
-        """All elements, or the column and the row of one, and the directions of detected cells alone."""
+        """All elements, or one column and one row; and directions of detected cells only."""
         one_cross = self.separable and self.integration == "element"
         return Needs("cross" if one_cross else "plane", self.integration, "detected")
 
     def aperture(self, observation: Observation) -> Aperture:
-        """Elements that are read of an observation.
+        """Elements that the estimator reads of an observation.
 
         Parameters
         ----------
@@ -535,13 +540,13 @@ class CellwiseEstimator(ABC):
         return np.complex64 if self.precision == "single" and stage in self.single_stages else np.complex128
 
     def cell_detector(self) -> Detector:
-        """Detector of range-Doppler cells, with this estimator's probability of false alarm if it has one."""
+        """Detector of range-Doppler cells, with `pfa` of this estimator if it is given."""
         if self.pfa is None:
             return self.detector
         return cast("Detector", replace(cast("Any", self.detector), pfa=self.pfa))
 
     def readings(self) -> tuple[Reading, ...]:
-        """Windows that the cells are read behind, one reading after the other; `diagnose` draws the last."""
+        """Readings of the cells, one after the other; `diagnose` draws the last."""
         return (Reading(self.range_window, self.doppler_window),)
 
     @abstractmethod
@@ -569,11 +574,11 @@ class CellwiseEstimator(ABC):
         Returns
         -------
         PlaneWaves
-            One row a cell.
+            One row per cell.
 
         Notes
         -----
-        It marks its own stages (`isacbench.instrument.stages`).
+        It measures its own stages (`isacbench.instrument.stages`).
         """
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
@@ -600,14 +605,14 @@ class CellwiseEstimator(ABC):
         rdm : ReadMap
         levels : Levels
         candidates : LocatedScatterers
-            What one reading of the cells shows.
+            Candidates of one reading of the cells.
         members : LocatedScatterers
-            What was selected from earlier readings.
+            Scatterers selected from earlier readings.
 
         Returns
         -------
         LocatedScatterers
-            Of both, see `isacbench.dsp.fitting.joint_selection.select_jointly`.
+            Selected from both, see `isacbench.dsp.fitting.joint_selection.select_jointly`.
         """
         return select_jointly(
             members.join(candidates),

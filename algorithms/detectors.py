@@ -1,4 +1,4 @@
-"""CFAR detectors: the noise around each cell under test, times the factor of a false-alarm rate.
+"""CFAR detectors: threshold = noise estimated around the cell under test x factor for a false-alarm rate.
 
 | detector | noise estimate |
 |---|---|
@@ -8,8 +8,8 @@
 | `OscaCfar` | order statistic along one axis, averaged over the others |
 | `TmCfar` | mean without the smallest and the largest training cells |
 
-All take power maps of any rank and unit. Each cell gets the factor of
-`isacbench.dsp.cfar.factors` for the training cells that it has
+All take power maps of any rank and unit. The factor of each cell comes from
+`isacbench.dsp.cfar.factors`, for the training cells of its window
 (`isacbench.dsp.cfar.training_cells` describes windows at edges).
 """
 
@@ -59,11 +59,11 @@ if TYPE_CHECKING:
 
     Power = NDArray[np.floating[Any]]
     Estimate = tuple[Floats, float | Floats]
-    """Noise of cells under test, and their factors."""
+    """Noise estimates of cells under test, and the factors on them."""
 
 
 class _Cfar:
-    """The test that all detectors share."""
+    """Base class: the test that all detectors share."""
 
     pfa: float
     training: CellsPerSide
@@ -89,20 +89,20 @@ class _Cfar:
         looks : int, default 1
             Independent noise powers that each cell averages.
         cells : tuple of ndarray of int, optional
-            Cells to test, as `numpy.nonzero` gives them; without it all.
+            Cells to test, as `numpy.nonzero` gives them; default: all cells.
 
         Returns
         -------
         Detection
-            Mask, thresholds and noise, of the map's shape, or of shape (n,)
-            for n listed cells.
+            Mask, thresholds and noise: arrays of the map's shape, or of
+            shape (n,) for n listed cells.
 
         Raises
         ------
         InputError
             If the map is complex, holds NaN, infinite or negative power, or is
-            smaller than the window; if `looks` is no whole number above 0, or
-            a cell lies outside the map.
+            smaller than the window; if `looks` is not a whole number above 0; or if
+            a listed cell lies outside the map.
         """
         values = checked_power(power, looks)
         listed = None if cells is None else checked_list(cells, values.shape)
@@ -124,7 +124,7 @@ class _Cfar:
         )
 
     def _first_axis(self, n_axes: int) -> int:
-        """Axis that the detector treats as the first."""
+        """Axis that the detector moves to the front before the test."""
         return 0
 
     def _test(self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int) -> Detection:
@@ -146,7 +146,7 @@ class _Cfar:
         raise NotImplementedError
 
     def _factor(self, windows: Windows, looks: int) -> float:
-        """Factor on that noise."""
+        """Factor on the noise estimate."""
         if self.threshold == "paper":
             return paper_factor(self.pfa, windows.n_training)
         return self._exact_factor(windows, looks)
@@ -206,13 +206,14 @@ class CaCfar(_Cfar):
 
 @dataclass(frozen=True)
 class _HalvedCfar(_Cfar):
-    """Test against a chosen one of the means of the two halves of the window.
+    """Base class: the noise is one of the means of the two halves of the window.
 
-    The leading half are the training cells before the cell under test along
-    `split_axis`, the trailing half those after it. Cells level with it are
-    divided by their place along the next axis, so that the halves mirror each
-    other: 36 and 36 cells of 9 x 9 less 3 x 3. Shifted windows have unequal
-    halves; where one is empty, the test is cell averaging over the other.
+    The leading half holds the training cells before the cell under test along
+    `split_axis`, the trailing half those after it. Cells with the same index
+    along that axis are divided by their index along the next one, so that the
+    halves mirror each other: 36 and 36 cells of 9 x 9 less 3 x 3. Shifted
+    windows have unequal halves; where one is empty, the test is cell averaging
+    over the other.
     """
 
     pfa: float = 1e-3
@@ -238,7 +239,7 @@ class _HalvedCfar(_Cfar):
         return self._half_factor((windows.n_leading, windows.n_training - windows.n_leading), looks)
 
     def _chosen(self, means: list[Floats]) -> Floats:
-        """Noise of the means of the halves that are not empty."""
+        """Choose the noise from the means of the halves that are not empty."""
         raise NotImplementedError
 
     def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
@@ -249,8 +250,8 @@ class _HalvedCfar(_Cfar):
 class GocaCfar(_HalvedCfar):
     """Greatest of: the noise is the greater of the means of the leading and the trailing half.
 
-    Fewest false alarms at the border of clutter; an echo in the window masks
-    others.
+    It gives the fewest false alarms at a clutter edge, but an echo in the
+    window masks others.
 
     Attributes
     ----------
@@ -258,8 +259,8 @@ class GocaCfar(_HalvedCfar):
         As of `CaCfar`.
     split_axis : int
         Axis along which the window is cut into halves: of a range-Doppler map
-        0 is range, 1 Doppler. Cells level with the cell under test are divided
-        by their place along the next axis.
+        0 is range, 1 Doppler. Training cells with the same index as the cell
+        under test are divided by their index along the next axis.
 
     Raises
     ------
@@ -293,8 +294,8 @@ class GocaCfar(_HalvedCfar):
 class SocaCfar(_HalvedCfar):
     """Smallest of: the noise is the smaller of the means of the leading and the trailing half.
 
-    Echoes in one half of the window do not mask another; at the border of
-    clutter alarms abound.
+    Echoes in one half of the window do not mask another echo, but there are
+    many false alarms at a clutter edge.
 
     Attributes
     ----------
@@ -335,7 +336,7 @@ class SocaCfar(_HalvedCfar):
 class TmCfar(_Cfar):
     """Trimmed mean: the noise is the mean of the training cells without the smallest and the largest.
 
-    Between `ca`, with nothing trimmed, and `os`, with all but one.
+    It lies between `ca` (nothing trimmed) and `os` (all but one cell trimmed).
 
     Attributes
     ----------
@@ -398,17 +399,17 @@ class TmCfar(_Cfar):
 class OsCfar(_Cfar):
     """Order statistic: the noise is the k-th smallest of n training cells, k = max(1, ⌊`rank_fraction` n⌋).
 
-    Up to n - k echoes in the window do not mask another, and the border of
-    clutter raises no alarm while less than k cells lie in it. Noise and
-    thresholds are computed when they are first asked for: the mask needs no
-    sorting.
+    Up to n - k echoes in the window do not mask another. At a clutter edge the
+    estimate is a cell of the clutter, as long as fewer than k training cells
+    lie outside it. Noise and thresholds are computed when they are first asked
+    for: the mask needs no sorting.
 
     Attributes
     ----------
     pfa, training, guard, threshold
         As of `CaCfar`.
     rank_fraction : float
-        Rank over number of training cells: the 54th of 72.
+        Rank over number of training cells: 0.75 is the 54th of 72.
 
     Raises
     ------
@@ -448,7 +449,7 @@ class OsCfar(_Cfar):
             scaled = self._factor(windows, looks) * windows.training(power)
             n_below = np.count_nonzero(scaled < under_test[where][..., np.newaxis], axis=-1)
             mask[where] = n_below >= self._rank(windows)
-        # The map may be written to before noise is asked for.
+        # The caller may write to the map before it asks for the noise.
         return _OrderDetection(mask, partial(self._thresholds, power.copy(), axes, cells, looks))
 
     def _noise(self, power: Floats, windows: Windows) -> Floats:
@@ -585,7 +586,7 @@ class OscaCfar(_Cfar):
 
 
 def _mean(values: Floats) -> Floats:
-    """Mean along the last axis, of values added one after the other: the same for one cell as for many."""
+    """Mean along the last axis, added in sequence: one cell tested alone gives the same digits as many."""
     terms = np.ascontiguousarray(np.moveaxis(values, -1, 0))
     # NumPy adds a single column by pairs.
     total: Floats = terms.sum(axis=0) if terms[0].size > 1 else np.add.accumulate(terms, axis=0)[-1]

@@ -3,31 +3,32 @@
 A scatterer is an atom with four coordinates off any grid. In rounds:
 
 1. The residual, seen through beams towards the region's directions, shows
-   where an echo is missing; its products with the derivatives of each atom
-   show which atoms are rather two. The moves that gain most are made, one in a
-   neighbourhood.
+   where an echo is missing. Its products with the derivatives of each atom
+   show which atoms should be split into two. The moves that gain most are
+   made, one per neighbourhood.
 2. All atoms move together by damped Newton steps towards the least-squares fit.
-3. Atoms leave that are weak compared with their neighbours, that have no place within
-   their own Cramér-Rao bound, or that it does not tell from another atom.
+3. Atoms are dropped if they are weak compared with their neighbours, or if the
+   Cramér-Rao bound leaves their place undetermined or does not separate them
+   from another atom.
 
-No detector is asked: the threshold follows from `pfa` and the noise in Doppler
-bins that no speed of the region reaches. A lone scatterer's errors are at the
-Cramér-Rao bound (docs/results.md).
+There is no detector: the threshold follows from `pfa` and the noise in Doppler
+bins that no speed of the region reaches. The errors of a single scatterer are at
+the Cramér-Rao bound (docs/results.md).
 
 Cost of n cells, b beams and K atoms, where the directions of the region span s of
 the P Q dimensions of the array: n P Q sqrt(s) once, and in each of a dozen rounds
 n K b for the residual and K n s + K³ for a step.
 
-Where two rounds leave more than half of a map unexplained, far above the noise, it
-is no sum of a few echoes: more rounds would bend hundreds of atoms to it until
-rounding decides about their places. The pursuit then ends, and so it
-does with the round that reaches `max_scatterers`.
+If two rounds leave more than half of a map unexplained, far above the noise, the map
+is not a sum of a few echoes: more rounds would bend hundreds of atoms to it until
+rounding decides about their places. The pursuit then ends. It also ends with the
+round that reaches `max_scatterers`.
 
-Fails in crowds: where more scatterers share a Rayleigh cell than can be told
-apart, no place of the atoms explains the echo, and the least-squares fit bends
-them to the misfit. There none is split, moves are bounded to half a cell and atoms
-far below their neighbours dropped, yet cell-by-cell estimators image such objects
-better.
+The method fails in crowds: where more scatterers share a Rayleigh cell than can be
+resolved, no place of the atoms explains the echo, and the least-squares fit bends
+them to the misfit. There no atom is split, moves are bounded to half a cell, and
+atoms far below their neighbours are dropped. Still, cell-by-cell estimators image
+such objects better.
 
 References
 ----------
@@ -76,31 +77,31 @@ from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Needs
 
 SPLIT_CERTAINTY = 3.0
-"""Gain of a split over the threshold of a new atom: it is the best of many."""
+"""Required gain of a split, in thresholds of a new atom; higher, because a split is the best of many."""
 
 TABOO_CELLS = 0.15
-"""Distance from a split that failed, within which none is tried again."""
+"""Distance from a failed split within which no split is tried again."""
 
 HOPELESS_CELLS = 0.3
-"""Distance from a new atom that changed nothing in a whole round, within which none is tried again."""
+"""Distance from a failed new atom (its round changed nothing) within which no new atom is tried again."""
 
 BOX_CELLS = 0.5
-"""Farthest that an atom moves from where it came in, unless little is left around it."""
+"""Half width of the box around an atom's first place that it must not leave, unless little is left there."""
 
 CALM, CALM_NOISE = 1e-3, 3.0
-"""Residual around an atom, relative to it or to the noise, below which it is not bent to a crowd."""
+"""Residual around an atom, relative to its power or to the noise, below which it gets a new box."""
 
 ROUNDS_TO_EXPLAIN = 2
-"""Rounds in which all peaks within 12 dB of the strongest become atoms: of echoes these explain most."""
+"""Rounds that explain most of a map of few echoes: in each, all peaks down to 12 dB become atoms."""
 
 LEFT_STANDOUT = 100.0
-"""Mean residual over the highest output of noise from which noise is not what hides the echoes."""
+"""Ratio of the mean residual to the highest noise output above which noise does not explain it."""
 
 MOVING_CELLS, PLACE_CELLS = 0.01, 2.0**-12
-"""Move in a round from which an atom has not settled, and the lattice that it is put on then."""
+"""Move in a round above which an atom has not settled, and the lattice to which it is then rounded."""
 
 STEPS, LAST_STEPS = 2, 3
-"""Newton steps in a round, and in each of the last ones."""
+"""Newton steps in each round with moves, and in each of the last rounds."""
 
 LAST_ROUNDS = 2
 """Rounds without moves at the end."""
@@ -116,7 +117,7 @@ class _Moves(NamedTuple):
     split : ndarray of int64, shape (m,)
         Indices of the atoms that become two.
     centres, offsets : ndarray of float64, shape (m, 4)
-        Their places, and the distances of their parts from there.
+        Places of these atoms, and the offsets of their two parts from there.
     """
 
     added: Floats
@@ -143,19 +144,19 @@ class _Pursuit:
     space : BeamSpace
         Beams of its map.
     unit : float
-        Amplitude of 1 in the unit of the observation.
+        Amplitude in the observation that is 1 here.
     noise : float
         Noise power of an element.
     threshold : float
         Least energy of a new atom.
     highest_noise : float
-        Highest energy of noise off the grid.
+        Highest energy of noise at any place, on or off the grid.
     places, origins : ndarray of float64, shape (n, 4)
-        Atoms now, and where they came in.
+        Present places of the atoms, and the centres of their boxes.
     fit : AtomFit or None
-        Of the atoms, if there are any.
+        Fit of the atoms, None without atoms.
     hopeless, unsplit : ndarray of float64, shape (m, 4)
-        Places of new atoms and of splits that failed.
+        Places of failed new atoms, and of failed splits.
     """
 
     observation: Observation
@@ -171,12 +172,12 @@ class _Pursuit:
     unsplit: Floats = field(default_factory=NO_PLACES.copy)
 
     def residual(self) -> Complex:
-        """Outputs of the beams less the echoes of all atoms."""
+        """Outputs of the beams minus the echoes of all atoms."""
         with stage("spectrum"):
             return self.space.residual(self.fit)
 
     def release(self, residual: Complex) -> None:
-        """Put new boxes around the atoms that explain almost all that there is around them."""
+        """Centre new boxes on the atoms that explain almost all energy around them."""
         if self.fit is not None:
             around = self.space.mean_around(residual, self.places)
             calm = (around < CALM * self.fit.power) | (around < CALM_NOISE * self.noise)
@@ -191,14 +192,14 @@ class _Pursuit:
         )
 
     def move_to_best_lobes(self) -> None:
-        """Move atoms, and their boxes, to those of their grating lobes where the map shows them most."""
+        """Move each atom, with its box, to the grating lobe that fits the map best."""
         atom_map = self.space.atom_map
         owner, doppler = lobes_within(self.places[:, 1], atom_map.bursts, self.observation.gate)
         places = self.places[owner]
         places[:, 1] = doppler
         lines = atom_map.lines(places)
         gram = product_matrix(atom_map.products(lines), None, None)
-        # Relative to the energy within the gate: of two lobes the one that explains more counts.
+        # Relative to the energy within the gate: of two lobes the one that explains more is chosen.
         scale = 1 / np.sqrt(gram.diagonal())
         gram *= np.multiply.outer(scale, scale)
         moved = places[best_lobes(scale * atom_map.correlate(lines).value, gram, owner)]
@@ -219,15 +220,16 @@ class Nomp4d:
     Attributes
     ----------
     pfa : float
-        Probability that noise alone adds an atom to an image; less, because an
-        echo must also show in beams between which it loses power.
+        Probability that noise alone adds an atom to an image. The actual one
+        is lower: an atom must show in the beams, which lose power between them.
     local_dynamic_range_db : float
-        Range below the strongest atom nearby in which others are told from its misfit.
+        Range below the strongest atom nearby in which others can be
+        distinguished from its misfit.
     max_rounds : int
-        Most rounds of moves.
+        Largest number of rounds with moves.
     max_scatterers : int
-        Most atoms, the strongest moves first: the round that reaches them is
-        the last. Time grows with the cube of their number.
+        Largest number of atoms, the strongest moves first: the round that
+        reaches it is the last. Time grows with the cube of their number.
 
     Raises
     ------
@@ -286,7 +288,7 @@ class Nomp4d:
         return _to_cloud(pursuit)
 
     def _moves(self, pursuit: _Pursuit, residual: Complex) -> _Moves:
-        """Best moves, one in a neighbourhood, none of those that failed."""
+        """Choose the best moves, one per neighbourhood, without those that failed before."""
         with stage("peaks"):
             new_places, new_gain = self._new_atoms(pursuit, residual)
             offsets, split_gain = _splits(pursuit, residual)
@@ -299,7 +301,7 @@ class Nomp4d:
             return _Moves(places[chosen[is_new[chosen]]], split, pursuit.places[split], offsets[split])
 
     def _new_atoms(self, pursuit: _Pursuit, residual: Complex) -> tuple[Floats, Floats]:
-        """Places (n, 4) and gains (n,) of new atoms: peaks of the residual that are no sidelobes."""
+        """Places (n, 4) and gains (n,) of new atoms: peaks of the residual that are not sidelobes."""
         bursts = pursuit.space.atom_map.bursts
         places, gain = pursuit.space.peaks(residual, pursuit.threshold)
         eligible = reachable_places(places, pursuit.observation.gate)
@@ -313,7 +315,7 @@ class Nomp4d:
         return places[clear], gain[clear]
 
     def _pursue(self, pursuit: _Pursuit, residual: Complex, moves: _Moves) -> None:
-        """Make the moves of a round, or none, settle all atoms, and remember the moves that failed."""
+        """Make the moves of a round (possibly none), settle all atoms, and remember the moves that failed."""
         with stage("refinement"):
             n_before = len(pursuit.places)
             pursuit.release(residual)
@@ -323,7 +325,7 @@ class Nomp4d:
             pursuit.remember(moves, n_before)
 
     def _settle(self, pursuit: _Pursuit, n_steps: int) -> None:
-        """Move all atoms, each in its box, and drop those that explain nothing of their own."""
+        """Move all atoms, each within its box, and drop weak and redundant ones."""
         atom_map = pursuit.space.atom_map
         if not atom_map.bursts.is_whole_frame:
             pursuit.move_to_best_lobes()
@@ -351,7 +353,7 @@ class Nomp4d:
 
 
 def _begin(observation: Observation, pfa: float) -> _Pursuit:
-    """Read the range-Doppler map, form its beams, and measure the noise and the levels that it sets."""
+    """Read the range-Doppler map, form its beams, measure the noise, and derive the levels from it."""
     with stage("rdm"):
         cells, unit = in_unit(observation.cells)
         gated = GatedMap.of(observation, cells)
@@ -367,7 +369,7 @@ def _begin(observation: Observation, pfa: float) -> _Pursuit:
 
 
 def _splits(pursuit: _Pursuit, residual: Complex) -> tuple[Floats, Floats]:
-    """Offsets (n, 4) of the parts of each atom, and the energies (n,) that splits gain."""
+    """Offsets (n, 4) of the two parts of each atom, and the energy (n,) that each split gains."""
     space, fit = pursuit.space, pursuit.fit
     if fit is None:
         return NO_PLACES, np.empty(0)
@@ -377,7 +379,7 @@ def _splits(pursuit: _Pursuit, residual: Complex) -> tuple[Floats, Floats]:
 
 
 def _mostly_unexplained(pursuit: _Pursuit, residual: Complex) -> bool:
-    """Tell whether more than half of the energy in the beams is left, for another reason than noise."""
+    """Tell whether more than half of the energy in the beams is left, and noise cannot explain it."""
     held, left = (float(np.vdot(beams, beams).real) for beams in (pursuit.space.beams, residual))
     # Atoms weaker than the highest output of noise are not found.
     return left > LEFT_STANDOUT * pursuit.highest_noise * residual.size and left > held / 2
@@ -397,10 +399,11 @@ def _to_cloud(pursuit: _Pursuit) -> PointCloud:
 
 
 def _without_last_digits(places: Floats, starts: Floats) -> Floats:
-    """Places (n, 4), those of atoms that still move rounded to a lattice.
+    """Round the places (n, 4) of atoms that still move to a lattice.
 
-    In a crowd steps never settle, and each magnifies the last digits of the
-    one before: results of two processors would part, up to the number of atoms.
+    In a crowd steps never settle, and each step magnifies the last digits of
+    the one before. Results of two processors would differ, even in the number
+    of atoms.
     """
     moves = np.abs(places - starts).max(axis=1, keepdims=True) > MOVING_CELLS
     return np.where(moves, np.rint(places / PLACE_CELLS) * PLACE_CELLS, places)

@@ -73,7 +73,7 @@ def run_command(
     if dask is None:
         from isacbench.bench.workers.process_server import start_process_server
 
-        start_process_server()  # which imports what workers need while this process imports the rest
+        start_process_server()  # it imports what workers need while this process imports the rest
     from isacbench.bench.cells.statuses import failed
     from isacbench.bench.cells.timing import repeats_wanted
     from isacbench.bench.plan.run_plan import Shard
@@ -114,7 +114,7 @@ def run_command(
 
 
 def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results:
-    """Run a suite and make tables and figures of its rows, also of those that an interrupt left."""
+    """Run a suite and make tables and figures of its rows, also after an interrupt."""
     from isacbench.bench.run.runner import run_suite
 
     with progress_shown(suite.name, is_idle=execution.is_timing) as show:
@@ -125,7 +125,7 @@ def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results
 
 
 def _describe_left(folder: Path) -> str:
-    """Describe what an interrupt outside the work on cells leaves."""
+    """Describe what is stored after an interrupt outside the work on cells."""
     from isacbench.bench.store.run_store import MANIFEST
 
     if not (folder / MANIFEST).exists():

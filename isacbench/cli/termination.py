@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from types import FrameType, TracebackType
 
 SAME_S = 1.0
-"""GNU timeout signals a process and then its group: signals so soon after each other are one."""
+"""Signals within this time count as one: GNU timeout signals a process and then its group."""
 
 
 class Termination:
@@ -22,7 +22,7 @@ class Termination:
 
     The first signal raises KeyboardInterrupt in the main thread, so that the
     command can write what it has. A later one ends the process at once.
-    Handlers of others stay, whether they were installed before or meanwhile.
+    Handlers installed by other code, before or meanwhile, stay.
     """
 
     def __init__(self) -> None:

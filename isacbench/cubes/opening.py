@@ -1,4 +1,4 @@
-"""Opening recorded cubes and transmitted grids, whatever they are kept in."""
+"""Opening recorded cubes and transmitted grids, from arrays or from files of any known format."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
     from isacbench.files.arrays.stored_arrays import ArrayFile
 
 READ_IN_PARTS = ".npy, .h5, .hdf5, .zarr and MATLAB's -v7.3"
-"""Files of which parts can be read."""
+"""Formats that can be read in parts."""
 
 
 def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
-    """Open a recorded cube; of a file, headers and the transmitted grid are read, and nothing else.
+    """Open a recorded cube; of a file, only headers and the transmitted grid are read.
 
     Parameters
     ----------
     source : ndarray, h5py.Dataset, zarr.Array, str, Path or Cube
         An array (N, M, P, Q) of complex64 or complex128, or a file that holds
         one: npy, npz, mat, h5, hdf5, zarr, or zip with zarr in it. In a file
-        of several arrays it is the one named ``cube``, else the only one of
-        four axes; one named ``transmitted`` is the transmitted grid.
+        of several arrays the cube is the one named ``cube``, else the only one
+        of four axes. An array named ``transmitted`` is the transmitted grid.
     tile_bytes : int
-        Memory that a tile may touch.
+        Largest memory that a tile may touch, in bytes.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     Raises
     ------
     InputError
-        If the file is missing, of an unknown format or damaged, or if the array is no cube.
+        If the file is missing, of an unknown format or damaged, or if the array is not a cube.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def read_grid(path: str | Path) -> ComplexArray:
     Parameters
     ----------
     path : str or Path
-        A file as for `open_cube`. Of several arrays it is the one named
+        A file as for `open_cube`. Of several arrays the grid is the one named
         ``transmitted``, else the only one of two axes.
 
     Returns
@@ -117,7 +117,7 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
-    """Make a cube of a stored array: in chunks, mapped, or read as a whole."""
+    """Make a cube of a stored array: read in chunks, memory-mapped, or read as a whole."""
     if isinstance(stored, ChunkedArray):
         return ChunkedCube(name, stored, tile_bytes)
     shape = require_cube(name, stored.shape + stored.dropped_ones(4), stored.dtype)
@@ -140,7 +140,7 @@ def _read_grid(path: Path, name: str, stored: StoredArray) -> ComplexArray:
 
 
 def _choose(path: Path, file: ArrayFile, wanted: str, n_axes: int) -> tuple[str, StoredArray]:
-    """Find an array by its name, or else as the only one of so many axes; formats without names have one."""
+    """Find an array by its name, or else as the only one of `n_axes` axes; unnamed formats hold just one."""
     arrays = {name: array for name, array in file.arrays.items() if isinstance(array, StoredArray)}
     for name in (wanted, ""):
         if name in arrays:
@@ -160,7 +160,7 @@ def _called(path: Path, name: str) -> str:
 
 
 def _require_format(path: Path) -> None:
-    """Refuse a path that is no file of a known format, or folder of zarr's."""
+    """Refuse a path that is neither a file of a known format nor a folder of zarr."""
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"

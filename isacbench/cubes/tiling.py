@@ -1,4 +1,4 @@
-"""Tiles of a four-dimensional array: where it is cut, and how the elements of a tile are taken."""
+"""Tiles of a four-dimensional array: where to cut it, and how to take the elements of a tile."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SUBCARRIERS, SYMBOLS, ELEMENTS = range(3)
 """Axes along which a cube is cut."""
 
 SUBCARRIER_MULTIPLE = 16
-"""Tiles that are cut along subcarriers have a multiple of this many: matrix products like it."""
+"""Tiles cut along subcarriers have a multiple of this number of them: matrix products are then faster."""
 
 
 class Extent(NamedTuple):
@@ -68,7 +68,7 @@ def extents(
 
 
 def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> tuple[int, ...]:
-    """Lengths of a box of at most some cells, cut along as few of the outermost axes as possible.
+    """Lengths of a box of limited size, cut along as few of the outermost axes as possible.
 
     Parameters
     ----------
@@ -77,12 +77,13 @@ def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> t
     nesting : sequence of int
         Axes from the outermost, of largest stride, to the innermost.
     cells : int
-        A box has one at least.
+        Largest number of cells; a box has at least one.
 
     Returns
     -------
     tuple of int
-        Subcarriers that are cut are a multiple of 16 where more than 16 fit.
+        If the subcarriers are cut, their number is a multiple of 16 where more
+        than 16 fit.
 
     Examples
     --------
@@ -120,7 +121,7 @@ def sliced(length: int, size: int) -> list[slice]:
 
 
 def progressions(values: Indices) -> list[slice]:
-    """Cut a sequence of integers into arithmetic progressions, each as long as it goes.
+    """Cut a sequence of integers into arithmetic progressions, each as long as possible.
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
     ----------
     block : ndarray, shape (n, m, P, Q)
     elements : ndarray of intp, shape (e, 2)
-        Indices (p, q), all inside, one at least.
+        Indices (p, q), at least one, all inside the array.
 
     Returns
     -------
@@ -170,7 +171,7 @@ def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
 
 
 def native(values: NDArray[Any]) -> NDArray[Any]:
-    """Bring values into native byte order, copied only where they are not.
+    """Convert values to native byte order; copy them only if they are not in it.
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
-"""Detection of the range-Doppler cells that hold echoes, on one element or on all, above two floors.
+"""Detection of the range-Doppler cells that hold echoes, on one element or on all, above a floor.
 
-A CFAR detector tells an echo from noise. It does not tell an echo from the
-leakage of a strong one into other cells: window sidelobes and the misfit of
-any model to a crowd of scatterers. Both scale with the strong echo, so that
-without a limit on the dynamic range images get worse as the SNR rises.
+A CFAR detector distinguishes an echo from noise, but not from the leakage of a
+strong echo into other cells: window sidelobes, and the misfit of any model to a
+crowd of scatterers. Both scale with the strong echo. Without a limit on the
+dynamic range, images would get worse as the SNR rises. The floor is therefore the
+noise or this limit, whichever is higher.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from isacbench.model.gate import Gate
 Integration = Literal["element", "noncoherent"]
 
 PEAK_CELLS = 20
-"""Cells whose mean power counts as the strongest echo: one cell alone may be two echoes in phase."""
+"""Number of cells whose mean power counts as the strongest echo: one cell may hold two echoes in phase."""
 
 CLEAR_BINS = 3
-"""Doppler bins between the reach of an echo's mainlobe and where noise is measured."""
+"""Bins left out between those that echoes of the region can reach and those where noise is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +51,8 @@ class DetectedCells:
     gate : Gate
         Bins of the map.
     floor : float
-        Power below which echoes are not told from noise or from the leakage of
-        the strongest ones.
+        Power below which echoes cannot be distinguished from noise or from the
+        leakage of the strongest ones.
     """
 
     power: Floats
@@ -69,7 +70,7 @@ class DetectedCells:
         return self.detector.detect(self.power, self.looks)
 
     def strongest(self) -> DetectedCells:
-        """Strongest of the cells kept, alone; no cell where none is kept."""
+        """Keep only the strongest of the cells; none if there is none."""
         rows, columns = self.bins[0] - self.gate.range_bins[0], self.bins[1] - self.gate.doppler_bins[0]
         first = np.argsort(-self.power[rows, columns], kind="stable")[:1]
         return replace(self, bins=(self.bins[0][first], self.bins[1][first]))
@@ -81,15 +82,15 @@ def power_map(cells: Complex, integration: Integration) -> tuple[Floats, int]:
     Parameters
     ----------
     cells : ndarray of complex, shape (n_range, n_doppler, *elements)
-        Of any elements of the array, (0, 0) first.
+        Cells of any elements of the array, element (0, 0) first.
     integration : {"element", "noncoherent"}
-        That element's power, or the average over all of them.
+        Power of the first element, or the average over all elements.
 
     Returns
     -------
     power : ndarray of float64, shape (n_range, n_doppler)
     looks : int
-        Looks that are independent in noise.
+        Number of independent noise powers averaged.
     """
     n_looks = prod(cells.shape[2:])
     elements = np.ascontiguousarray(cells).reshape(*cells.shape[:2], n_looks)
@@ -101,7 +102,7 @@ def power_map(cells: Complex, integration: Integration) -> tuple[Floats, int]:
 
 
 def reference_noise(power: Floats, gate: Gate, sees_lobes: bool = False) -> float | None:
-    """Measure the noise power in Doppler bins, or range bins, that nothing in the region reaches.
+    """Measure the noise power in Doppler bins, or range bins, that no echo of the region reaches.
 
     Parameters
     ----------
@@ -136,9 +137,9 @@ def white_noise(gated: GatedMap) -> float:
     Returns
     -------
     float
-        From the bins of `reference_noise`, behind a Hann window along Doppler,
-        which keeps the sidelobes of strong echoes out of them. Without such
-        bins, the median power of the map.
+        Measured in the bins of `reference_noise`, after a Hann window along
+        Doppler, which keeps the sidelobes of strong echoes out of them. Without
+        such bins, the median power of the map.
     """
     seen = gated.tapered("hann" if gated.sees_lobes else "rect", gated.doppler_taper("hann"))
     power = power_map(seen.cells, "noncoherent")[0]
@@ -149,7 +150,7 @@ def white_noise(gated: GatedMap) -> float:
 def detect_listed(
     detector: Detector, power: Floats, looks: int, cells: tuple[NDArray[np.intp], ...]
 ) -> Detection:
-    """Test listed cells of a power map, and no others if the detector takes a list.
+    """Test listed cells of a power map, and only those if the detector takes a list.
 
     Parameters
     ----------
@@ -185,8 +186,8 @@ def detect_cells(
     detector : Detector
     integration : {"element", "noncoherent"}
     dynamic_range_db : float
-        Largest level of an echo below the strongest cells that is told from
-        their leakage.
+        Range below the strongest cells in which echoes can be distinguished
+        from their leakage.
 
     Returns
     -------

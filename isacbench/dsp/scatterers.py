@@ -1,4 +1,4 @@
-"""Scatterers from plane waves: places between cells, the own-cell test, duplicates of several cells."""
+"""Scatterers from plane waves: location between bins, own-cell test, removal of duplicates."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from isacbench.dsp.stable_order import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin
 
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
-"""Range and Doppler bins, u and w within which two points are one."""
+"""Distances in range bins, Doppler bins, u and w within which two points count as one."""
 
 TIE_DIGITS = 6
-"""Digits in which powers and amplitudes are compared: the rest is rounding, and the first of equals stays."""
+"""Digits to which powers and amplitudes are compared: the rest is rounding; of equal ones the first stays."""
 
 ONE_ECHO = 0.95
-"""Share of the energy in three bins that a single echo has to explain."""
+"""Least share of the energy in three bins that a single echo must explain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,8 @@ class LocatedScatterers:
     power : ndarray of float64
         Power |amplitude|² per element in the range-Doppler map.
     family : ndarray of int64
-        Equal for those that one cell resolved: its plane waves explain it down
-        to the noise. -1 for all others.
+        The same number for scatterers that one cell resolved: its plane waves
+        explain it down to the noise. -1 for all others.
     """
 
     range_bin: Floats
@@ -77,7 +77,7 @@ class LocatedScatterers:
         return LocatedScatterers(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     def join(self, others: LocatedScatterers) -> LocatedScatterers:
-        """Append scatterers, whose families are numbered on from the present ones.
+        """Append scatterers; their families get the next free numbers.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class LocatedScatterers:
     def interleaved(self, step_bins: float) -> LocatedScatterers:
         """Append two candidates without power for each scatterer, a step nearer and a step farther.
 
-        Where extended objects are imaged at one point a bin, the candidates
+        Where extended objects are imaged at one point per bin, the candidates
         lie between the points.
 
         Parameters
@@ -114,12 +114,12 @@ class LocatedScatterers:
 
 
 class ScatterersInCells(NamedTuple):
-    """Scatterers at the places of plane waves, and their amplitudes in the cells around.
+    """Scatterers located from plane waves, and their amplitudes in the neighbouring cells.
 
     Attributes
     ----------
     scatterers : LocatedScatterers
-        n of them.
+        n scatterers.
     along_range : ndarray of float64, shape (n, 3)
         Amplitude in the next nearer range cell, in their own, and in the next
         farther one.
@@ -148,7 +148,7 @@ class ScatterersInCells(NamedTuple):
         """
         nearer, own, farther = self.along_range.T
         slower, _, faster = self.along_doppler.T
-        # Halfway between two cells an echo is at home in both, not in neither.
+        # An echo halfway between two cells passes in both; without margin, rounding could drop it in both.
         level = (1 + 10.0**-TIE_DIGITS) * own
         home = np.maximum(farther, nearer) <= range_excess * level
         home &= np.maximum(faster, slower) <= doppler_excess * level
@@ -163,12 +163,12 @@ def locate_waves(
     dynamic_range_db: float,
     one_doppler: bool = False,
 ) -> ScatterersInCells:
-    """Place plane waves in range and Doppler, by their amplitudes in the neighbouring cells.
+    """Locate plane waves in range and Doppler by their amplitudes in the neighbouring cells.
 
-    The amplitudes in two neighbouring bins place a scatterer between them.
-    Along range, where streets are crowded, they often belong to several: the
-    scatterer then stays in the middle of its bin, and a joint refinement moves
-    it.
+    The amplitudes in two neighbouring bins locate a scatterer between them.
+    Along range, where streets are crowded, these amplitudes often belong to
+    several scatterers. The scatterer then stays in the middle of its bin, and
+    the joint refinement moves it.
 
     Parameters
     ----------
@@ -181,11 +181,11 @@ def locate_waves(
     windows : (Window, Window)
         Tapers of the map along range and along Doppler.
     dynamic_range_db : float
-        Largest level of a plane wave below the strongest of the 5 x 5 cells
-        around it.
+        Plane waves further below the strongest one of the 5 x 5 cells around
+        them are left out.
     one_doppler : bool, default False
-        Keep only plane waves that look like one echo along Doppler. One
-        between two movers, which the direction of neither fits, does not.
+        Keep only plane waves that look like one echo along Doppler. This drops
+        waves between two movers, which have the direction of neither.
 
     Returns
     -------
@@ -223,7 +223,7 @@ def _offset(
 ) -> Floats:
     """Signed offset in bins, from the amplitudes in a bin and in the two next to it.
 
-    Along Doppler, bursts have a kernel of their own and no window.
+    Along Doppler, `bursts` give their own kernel, and `window` is not used.
     """
     stronger = np.maximum(behind, before)
     if bursts is None:
@@ -235,7 +235,7 @@ def _offset(
 
 
 def _is_one_echo(amplitudes: Complex, offset: Floats, window: Window) -> Mask:
-    """Tell the amplitudes (3, ...) in a bin and its neighbours that are those of one echo at an offset."""
+    """Tell where the amplitudes (3, ...) in a bin and its neighbours fit one echo at an offset."""
     model = np.moveaxis(bin_profile(offset, window), -1, 0)
     explained = np.abs(np.sum(model.conj() * amplitudes, axis=0)) ** 2
     energy = np.sum(np.abs(model) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
@@ -247,7 +247,7 @@ def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:
     """Keep the strongest of scatterers within 0.3 bins in range and Doppler and 0.01 in u and w.
 
     Stronger scatterers decide first, so that a chain of neighbours is thinned
-    out and not merged into one. A family is as strong as its strongest member:
+    out, not merged into one. A family is as strong as its strongest member:
     where two cells have resolved the same scatterers, those of one cell are kept.
 
     Parameters

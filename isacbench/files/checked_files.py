@@ -1,7 +1,7 @@
-"""Files that users name: looked at before they are opened, read up to a limit, written where they belong.
+"""Files that users name: checked before they are opened, read up to a limit, written only in place.
 
-A path may lead to something else than a file by mistake: a pipe without a
-writer, a device without an end, a link to a file elsewhere.
+A path may lead to something other than a file by mistake: a pipe without a
+writer, an endless device, a link to a file elsewhere.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 TOML_BYTES = 2**20
-"""A scenario or a suite: ten thousand objects."""
+"""Largest scenario or suite: ten thousand objects."""
 
 SOURCE_BYTES = 2**24
-"""The source of a plugin."""
+"""Largest source of a plugin."""
 
 CLOUD_BYTES = 2**28
-"""A point cloud, in its file and as an array of it: 6.7 million points of five doubles."""
+"""Largest point cloud, in its file and as an array: 6.7 million points of five doubles."""
 
 GRID_BYTES = 2**28
-"""A transmitted grid as complex128: 16.8 million resource elements, 36 times the paper's."""
+"""Largest transmitted grid as complex128: 16.8 million resource elements, 36 times the paper's."""
 
 HELD_BYTES = 2**32
-"""An array or a file of a format that is read as a whole: a cube four times the paper's."""
+"""Largest array or file of a format that is read as a whole: a cube four times the paper's."""
 
 MANIFEST_BYTES = 2**28
-"""The manifest of a run: some hundred thousand scenes."""
+"""Largest manifest of a run: some hundred thousand scenes."""
 
 PICTURES = ".png", ".pdf", ".svg"
 
 
 def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
-    """Refuse a path that is no file that can be read to its end, such as a pipe.
+    """Refuse a path that is not a regular file of at most the largest size.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
     Raises
     ------
     InputError
-        If it does not exist, is no regular file or is too large.
+        If it does not exist, is not a regular file or is too large.
     """
     found = _looked_at(path)
     if found is None:
@@ -70,7 +70,7 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
 
 
 def is_there(path: Path) -> bool:
-    """Tell if a name is taken, if only by a symbolic link that leads nowhere.
+    """Tell if a path exists, also as a symbolic link whose target is missing.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def is_there(path: Path) -> bool:
 
 
 def require_writable(path: Path) -> None:
-    """Refuse to write where something other than a file is, such as a pipe or a folder.
+    """Refuse to write to a path that is not a file, such as a pipe or a folder.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def require_picture(path: Path) -> None:
 
 
 def require_replaceable(path: Path) -> None:
-    """Refuse a file that could not be made or replaced, before the work whose result it takes.
+    """Refuse a file that could not be written or replaced; call it before the work whose result it takes.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> 
     Raises
     ------
     InputError
-        As `require_file` does; or if it cannot be read or is no such text.
+        As `require_file` does; or if it cannot be read or is not UTF-8 text.
     """
     require_file(path, limit_bytes, missing)
     try:
@@ -172,10 +172,10 @@ def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> 
 
 
 def require_inside(path: Path, *folders: Path) -> None:
-    """Refuse a file outside some folders that a file or folder of another person leads to.
+    """Refuse a path outside some folders, where another person's file or folder names it.
 
-    A stranger's file must not make a user read files that the stranger does
-    not have, and quote them in messages.
+    A file from somebody else must not make a user's program read files of the
+    user elsewhere, and quote them in messages.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def require_inside(path: Path, *folders: Path) -> None:
     Raises
     ------
     InputError
-        If the path, or what it stands for as a symbolic link, lies elsewhere.
+        If the path, or the target of its symbolic links, lies elsewhere.
     """
     try:
         target = path.resolve()
@@ -202,7 +202,7 @@ def require_inside(path: Path, *folders: Path) -> None:
 
 
 def open_own(path: Path, flags: int) -> int:
-    """Open a file of our own for writing, never through a symbolic link.
+    """Open a file of isacbench for writing, never through a symbolic link.
 
     Parameters
     ----------
@@ -221,17 +221,17 @@ def open_own(path: Path, flags: int) -> int:
     InputError
         If it is a symbolic link, a pipe or a device.
     OSError
-        If the system does not let it.
+        If the system refuses.
     """
     if path.is_symlink():
         raise _elsewhere(path)
-    if not path.is_dir():  # of which the system tells
+    if not path.is_dir():  # the system reports a folder itself
         require_writable(path)
     return os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
 
 
 def make_own_folder(path: Path) -> None:
-    """Make a folder, unless it is there, never through a symbolic link.
+    """Make a folder if it does not exist, never through a symbolic link.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def binary_size(n_bytes: int) -> str:
 
 
 def _looked_at(path: Path) -> os.stat_result | None:
-    """Status of a path, None where there is nothing."""
+    """Status of a path; None if it does not exist."""
     try:
         return path.stat()
     except (FileNotFoundError, NotADirectoryError):

@@ -1,14 +1,14 @@
-"""Text from outside as it is shown: on one line, and without power over the terminal or the page."""
+"""Escaping of text from outside: shown on one line, and without effect on the terminal or the page."""
 
 from __future__ import annotations
 
 import re
 
 MOST_QUOTED = 200
-"""Most characters of a foreign text that a message repeats."""
+"""Largest number of characters of a text from outside that a message repeats."""
 
-# Control characters (escape sequences begin with them), what turns the direction of text, ends of lines
-# that a terminal does not know, surrogates, and code points that are no characters.
+# Control characters (escape sequences begin with them), marks that reverse the direction of text, line ends
+# that a terminal does not know, surrogates, and code points that are not characters.
 HIDDEN = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufff9-\ufffb\ufffe\uffff\ud800-\udfff]"
 )

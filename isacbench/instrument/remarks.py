@@ -1,8 +1,8 @@
-"""Remarks of an estimator on an image: places where the data leave something open.
+"""Remarks of an estimator on an image: counts of cases that the data leave undecided.
 
-A remark is no error and no warning: the image is valid, and what is open is left
-out of it. Remarks are counted within `Remarks`, and ignored elsewhere.
-Estimators of other packages may remark the same:
+A remark is neither an error nor a warning: the image is valid, and undecided cases
+are left out of it. Remarks are counted within `Remarks`, and ignored elsewhere.
+Estimators of other packages may make the same remarks:
 
 >>> from isacbench.instrument.remarks import Remarks, remark
 >>> with Remarks() as remarks:
@@ -20,11 +20,11 @@ from typing import Literal, NamedTuple, Self, get_args
 from isacbench.errors import unknown_name
 
 Remark = Literal["unseparated"]
-"""Remarks that there are.
+"""Known remarks.
 
 unseparated
-    Subspaces whose dimensions depend on rounding: at the order asked for,
-    signal and noise are not separated (`isacbench.dsp.angles.eigenpairs`).
+    Subspaces that rounding decides about: at the order asked for, signal and
+    noise are not separated (`isacbench.dsp.angles.eigenpairs`).
     Directions come from the dimensions that are determined, if any.
 """
 
@@ -35,7 +35,7 @@ _SENTENCES: dict[Remark, str] = {
 }
 
 _current: ContextVar[Remarks | None] = ContextVar("current", default=None)
-"""Counter of remarks. It belongs to the context: threads that an estimator starts have none."""
+"""Present counter of remarks. It belongs to the context: threads that an estimator starts have none."""
 
 
 class Count(NamedTuple):
@@ -54,12 +54,12 @@ class Count(NamedTuple):
 
 
 class Remarks:
-    """Counter of the remarks within it; a context manager. Of two nested ones only the inner one counts.
+    """Counter of the remarks made within it; a context manager. If two are nested, only the inner one counts.
 
     Attributes
     ----------
     counts : dict of str to Count
-        Of each remark that was made.
+        Count of each remark that was made.
     """
 
     def __init__(self) -> None:
@@ -75,22 +75,22 @@ class Remarks:
         _current.set(self._outer)
 
     def sentences(self) -> list[str]:
-        """Write one sentence for each remark of which there were cases."""
+        """Write one sentence for each remark with at least one case."""
         return [
             f"{count.n} of {count.of} {_SENTENCES[name]}" for name, count in self.counts.items() if count.n
         ]
 
 
 def remark(name: Remark, n: int, of: int) -> None:
-    """Remark on n cases out of many, if a `Remarks` counts.
+    """Report n cases out of those examined, if a `Remarks` is active.
 
     Parameters
     ----------
     name : {"unseparated"}
         See `Remark`.
     n, of : int
-        Cases that the remark is about, and cases examined. Also remark with n = 0,
-        so that all examined cases count.
+        Cases that the remark is about, and cases examined. Call it with n = 0,
+        too, so that all examined cases are counted.
 
     Raises
     ------

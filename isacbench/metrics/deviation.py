@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
-# Estimated points are equally near if their distances differ by rounding only.
+# Estimated points count as equally near if their distances differ by less than rounding may.
 TIE_M = 1e-9
 TIE_RATIO = 1e-12
 
@@ -67,14 +67,15 @@ def paper_deviation(
 
     The velocity error of a true scatterer is v̂ - v, with v̂ the velocity of
     the estimated point nearest to it in x, y and z. Where several points are
-    equally near, to rounding, the smallest error counts: the score then
-    depends on no order, and a truth with two speeds at one place scores zero
-    against itself. The errors' sum of squares is divided by Σv², and in a
-    static scene, where Σv² = 0 to rounding, by n_true · (velocity bin)².
+    equally near, up to rounding, the smallest error counts. The score then
+    does not depend on the order of points, and a truth with two speeds at one
+    place scores zero against itself. The sum of squared errors is divided by
+    Σv²; in a static scene, where Σv² = 0 up to rounding, by
+    n_true · (velocity bin)².
 
-    An empty estimate scores the diagonals of the region's projections (of the
-    box around region and truth, should the truth reach out), which no point
-    inside the region exceeds, and 1 for density and for velocity.
+    An empty estimate scores the diagonals of the region's projections, which no
+    point inside the region exceeds, and 1 for density and for velocity. If the
+    truth extends beyond the region, the box around both is taken instead.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ def paper_deviation(
     estimate : PointCloud
         Estimated points, possibly none.
     region : Region or None
-        Where scatterers can be; None takes the truth's bounding box.
+        Region that can hold scatterers; None takes the truth's bounding box.
     velocity_bin_mps : float or None
         Velocity bin in m/s; None takes that of the paper's Table I.
 
@@ -143,7 +144,7 @@ def pair_deviation(
 
 
 def _velocity_nmse(pair: CloudPair, bin_mps: float) -> float:
-    """Velocity error energy over that of the true velocities, or of one bin each in a static scene."""
+    """Energy of velocity errors over that of the true velocities; in a static scene, over one bin each."""
     if not len(pair.estimate):
         return 1.0
     n_true = len(pair.truth)
@@ -154,7 +155,7 @@ def _velocity_nmse(pair: CloudPair, bin_mps: float) -> float:
 
 
 def _velocity_errors_mps(pair: CloudPair) -> NDArray[np.float64]:
-    """Velocity error (n_true,) of the estimated point nearest to each scatterer, its sign free."""
+    """Velocity error (n_true,) of the estimated point nearest to each scatterer; without sign for ties."""
     velocity, true_velocity = pair.estimate.velocity, pair.truth.velocity
     distance_m, index = pair.two_nearest_estimates
     errors = velocity[index[:, 0]] - true_velocity

@@ -1,4 +1,4 @@
-"""Distances between two sets of points: what every metric is made of."""
+"""Distances between two sets of points, on which every metric is based."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LARGEST = 1e50
 
 @dataclass(frozen=True, eq=False)
 class CloudPair:
-    """A truth and an estimate, with the searches between them made once and shared.
+    """A truth and an estimate, with nearest-neighbour searches made once and shared by all metrics.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class CloudPair:
     def two_nearest_estimates(self) -> tuple[Floats, NDArray[np.intp]]:
         """Distances (n_true, 2) in metres and indices of the two estimated points nearest to each scatterer.
 
-        Where there is no second (or first) point its distance is infinite.
+        If there is no second (or first) point, its distance is infinite.
         """
         distance_m, index = self.estimate_tree.query(self.truth.xyz, k=2)
         return np.asarray(distance_m), np.asarray(index)
@@ -101,8 +101,8 @@ def hausdorff_m(a: Floats, b: Floats) -> float:
 
     Notes
     -----
-    Two trees are level with the full distance matrix at 450 points and ahead
-    of it, without its memory, from there on.
+    From 450 points on, two search trees are faster than the full distance
+    matrix, and they do not take its memory.
 
     Examples
     --------
@@ -115,8 +115,8 @@ def hausdorff_m(a: Floats, b: Floats) -> float:
 def box_diagonal_m(xyz: Floats, region: Region | None, axes: Sequence[int] = (0, 1, 2)) -> float:
     """Diagonal of the box that holds the region and the points, along some of the axes.
 
-    No point inside the region, nor one of the points, lies farther than this
-    from any of the points: what an empty cloud scores for a distance.
+    It bounds the distance from each of the points to any other of them, and to
+    any place in the region. An empty cloud scores it in place of a distance.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def projected_hausdorff_m(pair: CloudPair, axes: Sequence[int], region: Region |
     axes : sequence of int
         Axes of the projection.
     region : Region or None
-        Decides, by `box_diagonal_m`, what an empty estimate scores.
+        Sets the score of an empty estimate, see `box_diagonal_m`.
 
     Returns
     -------

@@ -20,7 +20,7 @@ RANGE_MARGIN_BINS = 6
 """Half a 9-cell detector window, one bin of window leakage, one for rounding."""
 
 DOPPLER_MARGIN_BINS = 8
-"""As in range, and enough cells that no speed of the region reaches to estimate noise from."""
+"""As in range, plus enough cells beyond all speeds of the region to estimate the noise from."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,14 +30,14 @@ class Gate(Displayed):
     Attributes
     ----------
     range_bins : ndarray of int64, shape (n_range,)
-        Consecutive range bins; below 0 they stand for bins at the far end.
+        Consecutive range bins; negative ones stand for bins at the far end.
     doppler_bins : ndarray of int64, shape (n_doppler,)
         Consecutive signed Doppler bins, positive when approaching.
     reachable_range, reachable_doppler : slice
-        Where in those the bins nearest to a reachable range or speed lie; the
+        Slices of these bins that are nearest to a reachable range or speed; the
         rest is margin.
     wraps : (bool, bool)
-        Whether the range bins, and the Doppler bins, are all that there are:
+        Whether the gate holds all range bins, and all Doppler bins, of the map:
         the last one is then next to the first.
     """
 
@@ -67,23 +67,23 @@ class Gate(Displayed):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Range and Doppler cells."""
+        """Numbers of range and Doppler bins."""
         return self.range_bins.size, self.doppler_bins.size
 
     @property
     def reachable(self) -> NDArray[np.bool_]:
-        """Mask of the gate's shape: cells that a scatterer of the region can peak in."""
+        """Mask of the gate's shape: cells in which a scatterer of the region can have its peak."""
         mask = np.zeros(self.shape, dtype=np.bool_)
         mask[self.reachable_range, self.reachable_doppler] = True
         return mask
 
     def trim(self, n_range: int, n_doppler: int) -> Gate:
-        """Take away the outermost bins, as windows do; without margins, reachable bins go too.
+        """Remove the outermost bins, as tapers do; without margins, reachable bins are removed, too.
 
         Parameters
         ----------
         n_range, n_doppler : int
-            Bins at either end.
+            Bins to remove at either end.
 
         Returns
         -------
@@ -98,7 +98,7 @@ class Gate(Displayed):
         )
 
     def extend(self, n_range: int, n_doppler: int) -> Gate:
-        """Add margin bins at either end; of axes that wrap, those of the other end.
+        """Add margin bins at either end; along an axis that wraps, they repeat those of the other end.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ def build_gate(system: System, base_station_m: NDArray[np.float64], region: Regi
 
 
 def _trim(reachable: slice, n: int, n_bins: int) -> slice:
-    """Place of the reachable bins once n bins are gone from either end."""
+    """Slice of the reachable bins after n bins are removed from either end."""
     return slice(max(reachable.start - n, 0), min(reachable.stop - n, n_bins - 2 * n))
 
 
@@ -154,12 +154,12 @@ def _extend(bins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
 
 
 def _shift(reachable: slice, n: int) -> slice:
-    """Place of the reachable bins behind n more."""
+    """Slice of the reachable bins after n bins are added before them."""
     return slice(reachable.start + n, reachable.stop + n)
 
 
 def _reach(limits_bins: NDArray[np.float64], margin: int, n_bins: int) -> tuple[NDArray[np.int64], slice]:
-    """Bins nearest to anything between the limits, with margins where the map has room for them."""
+    """Bins nearest to all values between the limits, with margins where the map has room for them."""
     first, last = (int(bin_) for bin_ in np.rint(limits_bins))
     n_reachable = min(last - first + 1, n_bins)
     n_margin = min(2 * margin, n_bins - n_reachable)

@@ -1,4 +1,4 @@
-"""The observation that an estimator gets, and the step in which every estimator's points become a cloud."""
+"""The observation that an estimator gets, and the conversion of its detections into a point cloud."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ if TYPE_CHECKING:
     from isacbench.model.region import Interval, Region
 
 REGION_TOLERANCE_M = 0.5
-"""How far outside the region a point may lie and still be reported."""
+"""Largest distance outside the region at which a point is still reported."""
 
 REGION_SAMPLES = 17
-"""Points an edge at which directions of the region are sampled: to about 1e-3 on a street."""
+"""Points per edge at which directions of the region are sampled: exact to about 1e-3 on a street."""
 
 NEAR_SAMPLES = 12
-"""Samples more to either side of a base station so near that directions change faster than that..."""
+"""Further samples to either side of a base station so near that directions change faster between points."""
 
 NEAREST_SAMPLE = 1e-3
-"""... from this share of its distance on: in the frame ``paper`` all directions meet straight below it."""
+"""Distance of the first further sample, as a share of the base station's distance: in the frame ``paper``
+all directions meet straight below it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +42,7 @@ class Observation(Displayed):
     Attributes
     ----------
     cells : ndarray of complex128 or complex64, shape (n_range, n_doppler, P, Q)
-        Range-Doppler map of every virtual element, unitary transforms, read-only.
+        Range-Doppler map of every virtual element, from unitary transforms; read-only.
     gate : Gate
         The bins that the first two axes stand for.
     system : System
@@ -50,7 +51,7 @@ class Observation(Displayed):
     base_station_m : ndarray of float64, shape (3,)
     region : Region
     sensing : {"all", "prs"}
-        Resource elements that the cells come from.
+        Resource elements used for sensing.
     """
 
     cells: NDArray[np.complexfloating[Any, Any]]
@@ -81,7 +82,7 @@ class Observation(Displayed):
 
     @property
     def has_cells(self) -> bool:
-        """True if `cells` is at hand, False if it is still to be computed from a recorded frame."""
+        """True if `cells` is computed, False if it is still to be computed from a recorded frame."""
         return "cells" in vars(self)
 
     @cached_property
@@ -111,8 +112,9 @@ class Observation(Displayed):
         Parameters
         ----------
         range_bin, doppler_bin : array_like, shape (n,)
-            Absolute, possibly fractional bins. Bins a whole transform apart
-            are one; that nearest to the region's ranges and speeds counts.
+            Absolute, possibly fractional bins. Bins a whole transform length
+            apart are the same; the one nearest to the middle of the region's
+            ranges and speeds is taken.
         u, w : array_like, shape (n,)
             Direction cosines; those outside the visible region are dropped.
         power : array_like, shape (n,)
@@ -126,7 +128,7 @@ class Observation(Displayed):
         system, range_limits_m = self.system, self.region.range_limits_m(self.base_station_m)
         range_m = _unfolded(range_bin, range_limits_m, system.range_bin_m, system.n_subcarriers)
         velocity = _unfolded(doppler_bin, self.region.speed_mps, system.velocity_bin_mps, system.n_symbols)
-        # Up to half a bin before the array is an error of the estimate, beyond that no place at all.
+        # Down to half a bin below 0 a range is an estimation error; further below it is impossible.
         ahead = range_m >= -system.range_bin_m / 2
         xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), u, w)
         keep = ahead & self.region.contains(xyz, REGION_TOLERANCE_M)
@@ -136,7 +138,7 @@ class Observation(Displayed):
 def _samples(
     lower_m: NDArray[np.float64], upper_m: NDArray[np.float64], base_m: NDArray[np.float64]
 ) -> list[NDArray[np.float64]]:
-    """Coordinates along x, y and z of a grid of points in a box that shows in which directions it lies."""
+    """Coordinates along x, y and z of a grid of points in a box, which show its limits in direction."""
     axes = [*np.linspace(lower_m, upper_m, REGION_SAMPLES, axis=1)]
     distance_m = float(np.linalg.norm(np.clip(base_m, lower_m, upper_m) - base_m))
     longest_m = float((upper_m - lower_m).max())
@@ -151,7 +153,7 @@ def _samples(
 
 
 def _unfolded(bins: ArrayLike, limits: Interval, size: float, n_bins: int) -> NDArray[np.float64]:
-    """Ranges or speeds of bins: of all that fold to one place that nearest to the limits' middle."""
+    """Ranges or speeds of bins: of all aliases the one nearest to the middle of the limits."""
     places = np.asarray(bins, dtype=np.float64)
     turns = np.rint((places - sum(limits) / 2 / size) / n_bins)
     unfolded: NDArray[np.float64] = (places - n_bins * turns) * size
@@ -159,7 +161,7 @@ def _unfolded(bins: ArrayLike, limits: Interval, size: float, n_bins: int) -> ND
 
 
 def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:
-    """Places of one column and one row of the array.
+    """Indices of the elements of one column and one row of the array.
 
     Parameters
     ----------

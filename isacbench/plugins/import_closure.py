@@ -1,7 +1,7 @@
 """Import closure: a module and all that it imports, directly or not, within some packages.
 
-It is the code that a row follows from. It is read from import statements at any
-depth, without those for type checkers, and nothing is imported.
+It is the code on which a row of results depends. It is read from the import
+statements at any depth, without those for type checkers; no module is imported.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BLOCKS = "body", "orelse", "finalbody", "handlers", "cases"
 """Attributes of a statement that hold further statements."""
 
 BY_NAME = re.compile(rb"\b(?:import_module|__import__)\b")
-"""Imports that no statement shows."""
+"""Functions that import a module by its name, which no import statement shows."""
 
 
 class _Code(NamedTuple):
@@ -51,9 +51,9 @@ def import_closure(
     Returns
     -------
     dict of str to bytes
-        Code by dotted name, sorted. Where a module of a package imports by
-        name, that package is there as a whole, but for isacbench itself, whose
-        names are those of plugins.
+        Code by dotted name, sorted. Where a module of a package calls
+        `import_module`, the whole package is included. isacbench is the
+        exception: it imports plugins in this way.
 
     Raises
     ------
@@ -121,12 +121,12 @@ def digest_of(code: Mapping[str, bytes]) -> str:
 
 
 def source_imports(text: str, module: str, is_package: bool) -> tuple[str, ...]:
-    """List what import statements of a source name, sorted: modules, and what may be modules in them.
+    """List the names in the import statements of a source, sorted: modules, and what may be modules in them.
 
     Parameters
     ----------
     text : str
-        Of broken syntax nothing is listed.
+        Source code; if its syntax is wrong, nothing is listed.
     module : str
         Dotted name, which relative imports refer to.
     is_package : bool
@@ -158,7 +158,7 @@ def source_imports(text: str, module: str, is_package: bool) -> tuple[str, ...]:
 
 
 def _statements(node: ast.AST) -> Iterator[ast.AST]:
-    """Statements at any depth, but for those that type checkers alone read."""
+    """Statements at any depth, except those that only type checkers read."""
     is_for_types = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
     for block in BLOCKS[is_for_types:]:
         for statement in getattr(node, block, ()):
@@ -167,7 +167,7 @@ def _statements(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:
-    """Packages above a module, which are run before it, and itself; nothing outside of some packages."""
+    """A module and the packages above it, which run before it; nothing outside of `packages`."""
     name = present_path(name)
     parts = name.split(".")
     if parts[0] in packages:
@@ -198,7 +198,7 @@ def _spec(name: str) -> ModuleSpec | None:
     """Find a module without importing anything."""
     parent, _, _ = name.rpartition(".")
     if not parent:
-        # Not by sys.modules: what was made there, another process does not find.
+        # Not from sys.modules: another process does not find modules that were only made there.
         found = (finder.find_spec(name, None) for finder in sys.meta_path)
         return next((spec for spec in found if spec is not None), None)
     above = _spec(parent)
@@ -208,7 +208,7 @@ def _spec(name: str) -> ModuleSpec | None:
 
 
 def _whole(package: str) -> Iterator[tuple[str, bytes]]:
-    """All files of code of a package, each with a name of its own."""
+    """All files of code of a package, each with its own name."""
     spec = _spec(package)
     for folder in map(Path, (spec and spec.submodule_search_locations) or ()):
         for path in sorted(folder.rglob("*")):

@@ -1,4 +1,4 @@
-"""Registry of estimators and detectors: built by name, with parameters that are checked."""
+"""Registry of estimators and detectors: builds them by name, with checked parameters."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def get_estimator(name: str, **params: Any) -> Estimator:
     name : str
         A name that `estimator_names` lists.
     **params
-        Fields of the estimator's dataclass. Where a field holds a detector,
+        Fields of the estimator's dataclass. For a field that holds a detector,
         the value is a `Detector`, its name, or a `Spec`.
 
     Returns
@@ -85,7 +85,7 @@ def get_detector(name: str, **params: Any) -> Detector:
 
 
 def sees_truth(name: str) -> bool:
-    """Tell whether a registered estimator sees the truth, so that it does not compete.
+    """Tell whether a registered estimator sees the truth; such a one does not compete.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def sees_truth(name: str) -> bool:
     Raises
     ------
     InputError
-        If the name is unknown, or what it stands for breaks the contract.
+        If the name is unknown, or its class breaks the contract.
 
     Examples
     --------
@@ -109,9 +109,9 @@ def sees_truth(name: str) -> bool:
 
 
 def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
-    """Refuse specifications of estimators or detectors that do not exist, as quickly as can be told.
+    """Refuse specifications of estimators or detectors that do not exist, with few imports.
 
-    A class is imported only where parameters are given, which it has to know.
+    A class is imported only if parameters are given, which must be checked.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def build_estimators_of(spec: str) -> list[tuple[str, Estimator]]:
     Returns
     -------
     list of (str, Estimator)
-        Each with the specification of it alone.
+        Each estimator with its own specification.
 
     Raises
     ------
@@ -208,14 +208,14 @@ def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dic
     Returns
     -------
     defaults, before : dict of str to Any
-        Of the parameters that have one; and of those that were added later the
-        value that stands for the behaviour before, which canonical parameters
-        leave out.
+        Defaults of the parameters that have one. For parameters that were added
+        later, the value that means the behaviour before, which canonical
+        parameters leave out.
 
     Raises
     ------
     InputError
-        If the name is unknown, or what it stands for breaks the contract.
+        If the name is unknown, or its class breaks the contract.
 
     Examples
     --------
@@ -288,7 +288,7 @@ def _registered(kind: PluginKind, name: str) -> RegisteredPlugin:
 
 
 def _load(entry: RegisteredPlugin) -> type[Any]:
-    """Import a plugin's class and hold it to the contract."""
+    """Import a plugin's class and check it against the contract."""
     where = f"{entry.kind} {entry.name!r} ({entry.target} of {entry.origin})"
     try:
         plugin = entry.load()
@@ -305,7 +305,7 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
 
 
 def is_frozen_dataclass(plugin: object) -> bool:
-    """Tell whether something is a class, a dataclass and frozen.
+    """Tell whether an object is a class, a dataclass and frozen.
 
     Parameters
     ----------
@@ -327,12 +327,12 @@ def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
 
 
 def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]) -> Any:
-    """Build a dataclass of parameters that are checked against the types of its fields.
+    """Build a dataclass; its parameters are checked against the types of its fields.
 
     Parameters
     ----------
     kind, name : str
-        Kind and name of it in messages.
+        Kind and name of the object in messages.
     plugin : type
         A dataclass with a class attribute ``name``.
     params : mapping of str to Any
@@ -403,7 +403,7 @@ def field_defaults(plugin: Any) -> dict[str, Any]:
 
 
 def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
-    """Resolve the types of a plugin's fields, `Detector` even where it is imported for type checking only.
+    """Resolve the types of a plugin's fields; `Detector` may be imported for type checking only.
 
     Parameters
     ----------
@@ -439,7 +439,7 @@ def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
     Returns
     -------
     object
-        Value as the field takes it.
+        Value to pass to the field.
 
     Raises
     ------
@@ -470,7 +470,7 @@ def _plain_params(plugin: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Put a parameter's value in terms of JSON."""
+    """Convert a parameter's value to types of JSON."""
     if dataclasses.is_dataclass(value):
         return {"name": getattr(value, "name", type(value).__name__), **_plain_params(value)}
     return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value

@@ -1,6 +1,6 @@
 """Isolation of plugins in one process: changes of the process are undone, changes of data are noticed.
 
-It guards against mishaps. A library that a plugin patches stays patched.
+It guards against accidents only: a library that a plugin patches stays patched.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def process_state_kept() -> Iterator[None]:
-    """Undo what code within changes about this process.
+    """Undo what the code within changes about this process.
 
-    Working directory, environment, NumPy's error handling and print options,
-    filters of warnings, import path, standard streams, recursion limit,
+    Restored are the working directory, environment, NumPy's error handling and
+    print options, filters of warnings, import path, standard streams, recursion limit,
     global random generators. In the main thread also signal handlers and the
     alarm timer.
     """
@@ -48,7 +48,7 @@ def process_state_kept() -> Iterator[None]:
 
 
 def seed_global_generators(*key: object) -> None:
-    """Seed the global random generators, so that a plugin which uses them yields the same on every machine.
+    """Seed the global random generators, so that a plugin that uses them gives the same on every machine.
 
     Parameters
     ----------
@@ -61,11 +61,12 @@ def seed_global_generators(*key: object) -> None:
 
 
 def array_digest(array: NDArray[Any]) -> str:
-    """Digest of an array, by which changes are noticed.
+    """Digest of an array that shows whether the array has changed.
 
-    It consists of sums of columns over the first and the second half. Each
-    changed bit changes it, and so do other signs and another order. It takes a
-    tenth of the time of a checksum.
+    It consists of the sums of columns over the first and the second half of
+    the rows. A changed bit changes it, and so do changed signs and a reversed
+    order; rows that change places within a half do not. It takes a tenth of the
+    time of a checksum.
 
     Parameters
     ----------

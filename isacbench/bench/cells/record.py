@@ -1,4 +1,4 @@
-"""Records of a run: one a cell, and the results that consist of them."""
+"""Records of a run, one for each cell, and the results that consist of them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DRAW_COLUMNS = ["scenario", "trial", *POINT_COLUMNS, "phase_rad"]
 
 @dataclass(frozen=True)
 class Cell:
-    """Key of a row: one image to take.
+    """Key of a row: identifies one image of a run.
 
     Attributes
     ----------
@@ -69,19 +69,20 @@ class Record(Cell):
     reason : str
         ``Type: message`` of a failure, else empty.
     n_true, n_estimated : int
-        Points of the truth and of the estimate; a failure delivered 0.
+        Points of the truth and of the estimate; 0 estimated for a failure.
     hausdorff_xy_m, ..., recall : float
         Scores of the metric ``paper``, NaN for a failure.
     time_estimate_s : float
-        Wall time of the estimate or until it failed; the median of repeats
-        if it was timed.
+        Wall time of the estimate, or until it failed; of a timed row the
+        median over its repeats.
     time_score_s : float
         Wall time of the scoring, NaN for a failure.
     timing : bool
         True if the row was timed: alone, one cell after the other, on one
         thread, warm.
     environment : str
-        Name of the environment that made the row; the manifest describes it.
+        Name of the environment (machine and versions) that made the row; the
+        manifest describes it.
     """
 
     status: CellStatus
@@ -125,7 +126,7 @@ TIMES = ["time_estimate_s", "time_score_s"]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Record with the cloud that it scores and the columns of the study.
+    """Record of a cell, with the cloud that was scored and the columns of the study.
 
     Attributes
     ----------
@@ -180,13 +181,13 @@ class Results:
     suite : Suite
         As it was run, overrides included.
     records : DataFrame
-        One row a cell, columns as in `Record` and then those of the study.
+        One row for each cell, columns as in `Record`, then those of the study.
     clouds : DataFrame
-        One row a point: the keys of its cell, then x, y, z in m, v in m/s, power.
+        One row for each point: the keys of its cell, then x, y, z in m, v in m/s, power.
     scenarios : dict of str to Scenario
         By name, as the suite lists them.
     draws : DataFrame
-        One row a scatterer that a study drew: scenario, trial, x, y, z, v,
+        One row for each scatterer that a study drew: scenario, trial, x, y, z, v,
         power, phase_rad. Empty where all scatterers are the scenarios' own.
     environments : mapping of str to dict
         Environments of the rows, by name.

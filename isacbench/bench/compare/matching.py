@@ -37,7 +37,7 @@ MEASURED = {
     "the metric": ("metric", "name"),
     "the version of the metric": ("metric", "version"),
 }
-"""Parts of the manifest that are equal where two runs have measured the same: section and key."""
+"""Parts of the manifest (section and key) that must be equal for two runs to be comparable."""
 
 SECTIONS = ["suite", "seed", "metric", "scenarios", "environments"]
 
@@ -49,11 +49,11 @@ class RunTable:
     Attributes
     ----------
     label : str
-        Name in messages: its folder.
+        Name of the run in messages: its folder.
     records : DataFrame
-        One row a cell.
+        One row for each cell.
     manifest : mapping of str to Any
-        As JSON has it.
+        As read from JSON.
     """
 
     label: str
@@ -62,12 +62,12 @@ class RunTable:
 
 
 class NotComparableError(ValueError):
-    """Two runs that measured different things.
+    """The two runs measured different things.
 
     Attributes
     ----------
     reasons : tuple of str
-        All of them, in words.
+        All reasons, in words.
     """
 
     def __init__(self, reasons: tuple[str, ...]) -> None:
@@ -77,7 +77,7 @@ class NotComparableError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class CellChanges:
-    """Cells of two runs, counted by what became of them.
+    """Cells of two runs, sorted by whether each run has and scored them.
 
     Tables have the columns of `CELL`, status and reason, and ``new_estimator``
     and ``new_params``, which differ where an estimator was paired with another.
@@ -85,17 +85,17 @@ class CellChanges:
     Attributes
     ----------
     n_paired : int
-        Delivered, with points or without, by both.
+        Number of cells that both runs scored, with points or without.
     n_failed_both : int
-        Failed in both, and left out.
+        Number of cells that failed in both runs; they are left out.
     new_failures : DataFrame
-        Delivered by the base alone: the status and the reason of the new run.
+        Scored by the base only; status and reason are those of the new run.
     missing : DataFrame
-        In the base alone.
+        In the base only.
     repaired : DataFrame
-        Delivered by the new run alone: the status and the reason of the base.
+        Scored by the new run only; status and reason are those of the base.
     added : DataFrame
-        In the new run alone.
+        In the new run only.
     """
 
     n_paired: int
@@ -120,7 +120,7 @@ def read_run(folder: Path) -> RunTable:
     Raises
     ------
     InputError
-        If the folder does not hold them, or they lack what tells runs apart.
+        If the folder does not hold them, or they lack what a comparison needs.
     """
     manifest = read_manifest(folder)
     if is_there(folder / JOURNAL):
@@ -170,7 +170,7 @@ def code_version(run: RunTable) -> str:
 
 
 def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
-    """Find every reason why two runs cannot be compared; other code is no reason.
+    """Find every reason why two runs cannot be compared; different code is not a reason.
 
     Parameters
     ----------
@@ -203,18 +203,18 @@ def pair_cells(
     ----------
     base, new : RunTable
     partners : mapping of (str, str) to (str, str)
-        Variants of the new run that have the name of one of the base by now,
-        as `isacbench.bench.compare.estimator_pairs.pair_variants` gave it to them.
+        Variants of the base, each with the variant of the new run that
+        `isacbench.bench.compare.estimator_pairs.pair_variants` has renamed to it.
 
     Returns
     -------
     pairs : DataFrame
-        A row for each cell that both delivered: the columns of `CELL`, and
+        A row for each cell that both runs scored: the columns of `CELL`, and
         all others twice, ending in ``_base`` and in ``_new``.
     changes : CellChanges
         All other cells.
     """
-    # Categories differ between runs, text does not.
+    # Categorical columns of two runs have different categories: merge them as text.
     text = dict.fromkeys([*CURVE, "status", "reason", "environment"], object)
     cells = pd.merge(
         base.records.astype(text),
@@ -258,14 +258,14 @@ def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> p
 
 
 def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]) -> list[str]:
-    """Say in one line how the versions differ that made the cells of the same name in both runs.
+    """Say in one line how the versions of the code differ for estimators that both runs have.
 
     Parameters
     ----------
     base, new : RunTable
     partners : mapping of (str, str) to (str, str)
-        As `pair_cells` takes them. The plugins of estimators with different
-        names are different anyway, and left out.
+        As `pair_cells` takes them. Paired estimators with different names have
+        different plugins in any case: versions of plugins are left out for them.
 
     Returns
     -------
@@ -296,7 +296,7 @@ def _versions(run: RunTable) -> dict[tuple[str, str], dict[str, Any]]:
 def timed_alike(
     pairs: pd.DataFrame, metric: str, base: RunTable, new: RunTable
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Choose the pairs whose run times can be compared: both measured alone, on equal machines.
+    """Select the pairs whose run times can be compared: both timed alone, on equal machines.
 
     Parameters
     ----------
@@ -309,7 +309,7 @@ def timed_alike(
     Returns
     -------
     alike : DataFrame
-        Those rows.
+        Rows of these pairs.
     notes : list of str
         Reasons why others are left out.
 
@@ -347,7 +347,7 @@ def _machines(run: RunTable) -> dict[str, str]:
 
 
 def _contents(run: RunTable) -> dict[str, set[str]]:
-    """Digests of each scenario's content, of the manifest and of the rows."""
+    """Digests of each scenario's content, from the manifest and from the rows."""
     found = {name: {described.get("content")} for name, described in run.manifest["scenarios"].items()}
     rows = run.records[["scenario", "scenario_content"]].drop_duplicates().dropna()
     for name, content in zip(rows["scenario"], rows["scenario_content"], strict=True):

@@ -19,25 +19,25 @@ if TYPE_CHECKING:
     Integers = NDArray[np.int64]
 
 MAX_EXACT = 100
-"""Most differences for which the null distribution is exact; beyond, its normal limit is taken."""
+"""Largest number of differences with an exact null distribution; for more, its normal limit is taken."""
 
 TEST_POWER = 0.8
 
 MIN_INTERVAL_TRIALS = 6
-"""Fewest trials with an interval: no resampling of n trials leaves their range, which misses the middle of a
-symmetric distribution with probability 2^(1 - n), more than 5 % of fewer."""
+"""Least number of trials for an interval. Resamples of n trials stay within their range, which misses the
+middle of a symmetric distribution with probability 2^(1 - n): with fewer trials in more than 5 % of cases."""
 
 N_RESAMPLES = 4000
 COLUMNS_AT_ONCE = 512
 
 SIGNED_RANK_EFFICIENCY = 3 / math.pi
-"""Of the signed-rank test, in trials, relative to the t test of normal differences."""
+"""Efficiency of the signed-rank test in trials, relative to the t test of normal differences."""
 
 MAX_ENUMERATED = 12
-"""Trials up to which all flips of signs are gone through; of more trials, as many flips are drawn."""
+"""Number of trials up to which all flips of signs are enumerated; for more, 2^12 random flips are drawn."""
 
 SUM_ROUNDING = 1e-9
-"""Statistics this near to each other are equal: the same sum in another order."""
+"""Statistics that differ by less are equal: they are the same sum in another order."""
 
 
 class SignedRank(NamedTuple):
@@ -46,10 +46,11 @@ class SignedRank(NamedTuple):
     Attributes
     ----------
     greater, less : float
-        That differences of no effect lie as far above, or below, zero.
+        Probability that differences without an effect lie at least as far
+        above, or below, zero.
     attainable : float
-        Smallest p-value that differences of these sizes could have had, were
-        all their signs equal: 2^-n for n that are not zero.
+        Smallest p-value that differences of these sizes can have, reached if
+        all signs are equal: 2^-n for n differences that are not zero.
     """
 
     greater: float
@@ -63,14 +64,14 @@ CHANGES = ["change", "change_low", "change_high", "relative", "relative_low", "r
 def signed_rank_test(differences: ArrayLike) -> SignedRank:
     """Wilcoxon's signed-rank test of paired differences, with ties and zeros.
 
-    The p-values are conditional on the sizes of the differences: under the
-    null hypothesis, differences symmetric about zero, each sign is a fair
-    coin. The distribution of the rank sum over all signs is computed by
-    dynamic programming over doubled midranks, exactly whatever the ties; for
-    more than 100 differences its normal limit is taken, with
-    the variance of the midranks and continuity correction. Zeros are ranked
-    and then left out (Pratt): dropping them first can make differences that
-    lean further to one side less significant.
+    The p-values are conditional on the sizes of the differences. Under the null
+    hypothesis (differences symmetric about zero) each sign is a fair coin. The
+    distribution of the rank sum over all signs is computed by dynamic
+    programming over doubled midranks, which is exact with ties as well. For
+    more than 100 differences its normal limit is taken, with the variance of
+    the midranks and continuity correction. Zeros are ranked and then left out
+    (Pratt): if they were dropped first, differences that lean further to one
+    side could become less significant.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ def signed_rank_test(differences: ArrayLike) -> SignedRank:
     Returns
     -------
     SignedRank
-        All 1 where every difference is zero, and of none at all.
+        All 1 if every difference is zero, or there are none.
 
     References
     ----------
@@ -106,7 +107,7 @@ def signed_rank_test(differences: ArrayLike) -> SignedRank:
     if kept.size <= MAX_EXACT:
         greater, less = _tails(tuple(sorted(kept.tolist())))[sums]
     else:
-        # Half a rank towards the middle is 1 in doubled ranks.
+        # Continuity correction: half a rank towards the middle is 1 in doubled ranks.
         greater, less = ndtr((kept.sum() / 2 + 1 - sums) / math.sqrt(np.square(kept).sum() / 4))
     return SignedRank(float(greater), float(less), 2.0**-kept.size)
 
@@ -114,8 +115,8 @@ def signed_rank_test(differences: ArrayLike) -> SignedRank:
 def holm(p_values: ArrayLike) -> Floats:
     """Adjust p-values of a family by Holm's step-down method.
 
-    Rejecting what has an adjusted p-value of at most a level keeps the
-    probability of any false rejection below that level, however the tests
+    If hypotheses with an adjusted p-value of at most a level are rejected, the
+    probability of any false rejection is at most that level, however the tests
     depend on each other.
 
     Parameters
@@ -147,8 +148,8 @@ def holm(p_values: ArrayLike) -> Floats:
 def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
     """Compute mean changes of paired trials with 95 % bootstrap intervals.
 
-    Trials are resampled jointly, with their pairs and for all points at once:
-    what the points of one trial share, they share in every resample. The
+    Trials are resampled with their pairs and for all points at once, so that
+    dependence between the points of a trial is kept in every resample. The
     intervals are percentiles, at levels expanded so that on normal
     differences they are as wide as those of Student's t (Hesterberg); plain
     percentiles are too narrow for few trials.
@@ -158,14 +159,14 @@ def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
     base, new : ndarray of float64, shape (n_trials, n_points)
         Scores, NaN at the same places in both where a pair is missing.
     seed : int
-        Of the resampling; the same answer every time.
+        Seed of the resampling; equal seeds give equal results.
 
     Returns
     -------
     DataFrame
         A row for each point: the change of the mean in units of the score,
         with the limits of its interval, ``change``, ``change_low`` and
-        ``change_high``; and the same over the size of the base's mean,
+        ``change_high``; and the same over the absolute mean of the base,
         ``relative``, infinite where that is zero and the change is not. Means
         are NaN without pairs, intervals with fewer than six, unless all
         differences are zero.
@@ -199,9 +200,9 @@ def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Flo
     For n normal differences of standard deviation s that is (z + z_0.8) s /
     sqrt(3n/pi - z^2/2) with z = z_(1-level): the sample size of the t test
     (Guenther) at the signed-rank test's asymptotic relative efficiency of
-    3/pi. Where n are so few that all signs must be equal, it is the mean
-    with which they are so in 80 % of all cases; where even that, p = 2^-n,
-    would not do, it is infinite. Simulated power is 0.73 to 0.81.
+    3/pi. Where n is so small that all signs must be equal, it is the mean with
+    which they are equal in 80 % of all cases. Where even equal signs, p = 2^-n,
+    are not significant, it is infinite. Simulated power is 0.73 to 0.81.
 
     Parameters
     ----------
@@ -210,7 +211,7 @@ def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Flo
     n_trials : array_like
         Numbers of differences n.
     level : float
-        Of the test, what corrects it for others included.
+        Level of the test, corrections for other tests included.
 
     Returns
     -------
@@ -231,7 +232,7 @@ def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Flo
     trials, deviation = np.asarray(n_trials, dtype=np.float64), np.asarray(spread, dtype=np.float64)
     quantile = float(ndtri(1 - level))
     attainable = np.exp2(-trials)
-    # Wherever the level is attainable at all, what is under the root is positive.
+    # Where the level is attainable at all, the value under the root is positive.
     freedom = np.where(attainable > level, np.nan, SIGNED_RANK_EFFICIENCY * trials - quantile**2 / 2)
     effect = (quantile + float(ndtri(TEST_POWER))) / np.sqrt(freedom)
     equal_signs = ndtri(np.power(TEST_POWER, 1 / np.maximum(trials, 1)))
@@ -240,7 +241,7 @@ def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Flo
 
 
 def trials_needed(level: float) -> int:
-    """Fewest trials of which a signed-rank test can be significant at all: 2^-n is at most the level.
+    """Least number of trials with which a signed-rank test can be significant: 2^-n is at most the level.
 
     Parameters
     ----------
@@ -259,39 +260,38 @@ def trials_needed(level: float) -> int:
 
 
 def best_p_values(scores: ArrayLike, margin: float = 0.0, seed: int = 0) -> Floats:
-    """Test of each alternative whether its mean is the lowest, or within a margin of it.
+    """Test for each alternative whether its mean is the lowest, or within a margin of it.
 
-    Those with a p-value above a level are a set that misses the best
-    alternative with at most that probability. Their number needs no
-    correction, nor does it matter that the data choose with which the best is
-    compared: it is dropped only if its own test errs (Gupta's subset
-    selection).
+    The alternatives with a p-value above a level are a set that misses the best
+    one with at most that probability. No correction for their number is needed,
+    nor for comparing with those that the data show to be best: the best
+    alternative is dropped only if its own test errs (Gupta's subset selection).
 
-    An alternative's statistic is the greatest, over the others, of the sum of
-    paired differences beyond the margin, over the root of the sum of their
-    squares. If the hypothesis only just holds, it is as it would be with the
-    signs of any trials flipped, of all differences of a trial at once. So no
-    normal distribution is supposed, and what alternatives share in a trial
-    they share in every flip.
+    The statistic of an alternative is a maximum over all others: of the sum of
+    paired differences beyond the margin, divided by the root of the sum of
+    their squares. If the hypothesis just holds, its distribution does not change
+    when the signs of all differences of a trial are flipped together. So no
+    normal distribution is assumed, and dependence between alternatives within a
+    trial is kept in every flip.
 
     Parameters
     ----------
     scores : array_like, shape (n_trials, n_alternatives)
-        Lower is better. Finite: every alternative has met every trial.
+        Lower is better. Finite: every alternative has a score in every trial.
     margin : float
-        By how much a mean may be above the lowest one, in units of the scores.
+        Allowed excess of a mean over the lowest one, in units of the scores.
     seed : int
-        Of the flips that are drawn for more than `MAX_ENUMERATED` trials; the same answer every time.
+        Seed of the flips that are drawn for more than `MAX_ENUMERATED` trials.
 
     Returns
     -------
     ndarray of float64, shape (n_alternatives,)
-        1 for that of least mean; never below `smallest_p_value`.
+        1 for the alternative of least mean; never below `smallest_p_value`.
 
     Raises
     ------
     ValueError
-        If the scores are no finite table with a trial.
+        If the scores are not a finite table with at least one trial.
 
     References
     ----------
@@ -314,7 +314,7 @@ def best_p_values(scores: ArrayLike, margin: float = 0.0, seed: int = 0) -> Floa
 
 
 def smallest_p_value(n_trials: int) -> float:
-    """Smallest p-value that so many trials can have in `best_p_values`.
+    """Smallest p-value that `best_p_values` can give for a number of trials.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def smallest_p_value(n_trials: int) -> float:
 
 
 def _doubled_midranks(sizes: Floats) -> Integers:
-    """Twice the ranks from 1 on, equal ones sharing their mean: whole numbers."""
+    """Twice the ranks from 1 on, as whole numbers; equal values share the mean of their ranks."""
     _, inverse, counts = np.unique(sizes, return_inverse=True, return_counts=True)
     doubled: Integers = (2 * np.cumsum(counts) - counts + 1)[inverse]
     return doubled
@@ -348,7 +348,7 @@ def _tails(ranks: tuple[int, ...]) -> Floats:
         positive = mass[:-rank].copy()
         mass[rank:] += positive
         mass /= 2
-    # Summed from the far end, where the smallest are.
+    # Summed from the far end, where the probabilities are smallest.
     tails: Floats = np.cumsum(mass[::-1])[::-1]
     return tails
 
@@ -381,34 +381,34 @@ def _mean_changes(
 
 
 def _percentiles(resampled: Floats, n_pairs: Integers) -> Floats:
-    """Interval of each column, shape (2, n_points), of the resamples that hold a pair at all."""
+    """Interval of each column, shape (2, n_points), from the resamples that hold at least one pair."""
     ordered = np.sort(resampled, axis=0)  # NaN last
     last = (~np.isnan(resampled)).sum(axis=0) - 1
     freedom = np.maximum(n_pairs - 1, 1)
     quantile = stdtrit(freedom, (1 + CONFIDENCE) / 2) * np.sqrt((freedom + 1) / freedom)
-    # The next resample outwards.
+    # Rounded outwards to the next resample.
     low = np.floor(ndtr(-quantile) * last).astype(np.int64)
     columns = np.arange(resampled.shape[1])
     return np.stack([ordered[low, columns], ordered[last - low, columns]])
 
 
 def _excess(table: Floats, k: int, margin: float) -> Floats:
-    """Differences (n_trials, n) of an alternative from all, beyond the margin; from itself 0."""
+    """Differences (n_trials, n) of an alternative from all others beyond the margin; 0 from itself."""
     excess = table[:, [k]] - table - margin
     excess[:, k] = 0.0
     return excess
 
 
 def _p_value(differences: Floats, signs: Floats) -> float:
-    """Share of the flips whose greatest statistic is that of the differences (n_trials, n), or more."""
-    # Flips keep the sum of squares; given it, the sum is as good as Student's t.
+    """Share of flips whose greatest statistic is at least that of the differences (n_trials, n)."""
+    # Flips keep the sum of squares; given that, the sum is equivalent to Student's t.
     size = np.sqrt(np.square(differences).sum(axis=0))
     greatest = (signs @ (differences / np.where(size > 0, size, 1.0))).max(axis=1)
     return float(np.mean(greatest >= greatest[0] - SUM_ROUNDING))
 
 
 def _signs(n_trials: int, seed: int) -> Floats:
-    """Rows of signs (n_flips, n_trials), the first one without a flip: all that there are, or many."""
+    """Rows of signs (n_flips, n_trials), all of them or a random draw; the first row has no flip."""
     if n_trials <= MAX_ENUMERATED:
         bits = np.arange(2**n_trials)[:, None] >> np.arange(n_trials)
         return (1 - 2 * (bits & 1)).astype(np.float64)

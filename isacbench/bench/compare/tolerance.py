@@ -1,4 +1,4 @@
-"""Tolerances of a comparison: scores, directions, and how much worse is too much."""
+"""Tolerances of a comparison: how much worse a score may get, and which direction is worse."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FORM = re.compile(
 )
 
 NEITHER = "seed", "timing", "time_spread_s"
-"""Columns of every run of which neither more nor less is better."""
+"""Columns of every run for which neither direction is better."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Labels of estimators: names for people, with the parameters that have to be told."""
+"""Labels of estimators: readable names, with the parameters that distinguish variants."""
 
 from __future__ import annotations
 
@@ -57,12 +57,13 @@ def rows_of(table: pd.DataFrame, variant: Variant) -> pd.DataFrame:
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
-    """Name estimators for people: the bare name, or with the parameters that have to be told.
+    """Name estimators for tables and figures: the bare name, with parameters where they are needed.
 
-    These are the parameters that tell variants of one name apart, except
-    values that more than half of them share; those that differ from their defaults;
-    and a detector that can be mistaken for another one of the same name. The defaults
-    of a plugin that is not installed are unknown, and count as equal.
+    A label shows the parameters that distinguish variants of one name, except
+    values that more than half of them share. It also shows parameters that
+    differ from their defaults, and a detector that could be mistaken for
+    another one of the same name. The defaults of a plugin that is not installed
+    are unknown: its parameters count as equal to them.
 
     Parameters
     ----------
@@ -72,8 +73,8 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     Returns
     -------
     dict of (str, str) to str
-        As specifications that mean the same variants, where they are
-        registered.
+        Labels; where the plugins are registered, they are also specifications
+        of the same variants.
 
     Examples
     --------
@@ -92,7 +93,7 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
 
 
 def _defaults(kind: PluginKind, name: str) -> tuple[Params, Params] | None:
-    """Defaults of a plugin, and the meaning of parameters that are missing; None where they are unknown."""
+    """Defaults of a plugin, and the values of missing parameters; None where they are unknown."""
     try:
         return parameter_defaults(kind, name)
     except InputError:  # not registered, or broken: its rows can be shown all the same
@@ -110,7 +111,7 @@ def _label(name: str, own: Params, namesakes: Sequence[Params], known: Known) ->
 
 
 def _sets_apart(value: Any, values: Sequence[Any]) -> bool:
-    """Tell whether at most half share a value, or a detector among them could be mistaken for it."""
+    """Tell whether at most half share a value, or a detector among them could be confused with it."""
     if 2 * values.count(value) <= len(values):
         return True
     names = [other.get("name") if isinstance(other, dict) else None for other in values]
@@ -124,12 +125,12 @@ def _unlike_defaults(known: tuple[Params, Params] | None, own: Params) -> dict[s
     if known is None:
         return None
     defaults, before = known
-    # A field that is missing was added later, and has the value that stands for what was before.
+    # A missing field was added later; its value is the one that means the behaviour before.
     return {key: value for key, value in {**before, **own}.items() if value != defaults.get(key, _NONE)}
 
 
 def _told(value: Any, known: Known) -> Any:
-    """Value; of a detector its name, and the parameters that are known to differ from their defaults."""
+    """Value to show: of a detector only its name and the parameters that differ from known defaults."""
     if not isinstance(value, dict):
         return value
     own = {key: inner for key, inner in value.items() if key != "name"}

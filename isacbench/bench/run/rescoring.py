@@ -1,4 +1,4 @@
-"""Rescoring of a run from its stored clouds, without estimating and without plugins."""
+"""Rescoring of a run from its stored clouds; it needs no new estimates and no plugins."""
 
 from __future__ import annotations
 
@@ -81,10 +81,10 @@ class Rescored:
 def rescore(folder: Path) -> Rescored:
     """Score every stored cloud of a run again, and replace the old scores.
 
-    The scores of the metric ``paper`` are computed anew, and the columns that
-    the studies ``efficiency`` and ``resolution`` derive from a cloud. Columns
-    that need more than the cloud stay: times, and cells that detectors
-    tested. Failed rows stay.
+    It computes anew the scores of the metric ``paper`` and the columns that the
+    studies ``efficiency`` and ``resolution`` derive from a cloud. What needs
+    more than the cloud stays as it is: times, and cells that detectors tested.
+    Failed rows stay, too.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def rescore(folder: Path) -> Rescored:
     ------
     InputError
         If the folder holds no run, a damaged one, or not all of its clouds.
-        Nothing has changed then.
+        The folder is then unchanged.
     """
     started, tick = datetime.now().astimezone(), time.perf_counter()
     run_store.read_manifest(folder)  # before the lock: a folder without a run stays as it is
@@ -123,7 +123,7 @@ def rescore(folder: Path) -> Rescored:
 
 
 def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
-    """New scores, by the positions of their rows."""
+    """New scores, indexed by the position of their row."""
     observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
     records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
     candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(observed.scenes)))
@@ -146,7 +146,7 @@ def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
 
 
 def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns that a scene derives from a cloud, none if it needs more than the cloud."""
+    """Columns that a scene derives from a cloud; none if it needs more than the cloud."""
     found = {} if scene.measure is None else scene.measure(shot)
     if not found:
         return {}
@@ -155,7 +155,7 @@ def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any
 
 
 def _compared(kind: str, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
-    """Columns that have changed."""
+    """Compare old and new rows column by column."""
     differs = (old != new) & ~(old.isna() & new.isna())
     changes = []
     for name in new.columns[differs.any().to_numpy()]:

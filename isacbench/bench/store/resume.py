@@ -1,4 +1,4 @@
-"""Resuming a run: the stored rows that stay, and those that are made again."""
+"""Resuming a run: which stored rows to keep, and which cells to compute again."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")
 
 
 def parse_reruns(names: Collection[str]) -> tuple[Rerun, ...]:
-    """Check the names of the groups of cells that are made again.
+    """Check the names of the groups of cells to compute again.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def keep(
     part: Mask | None = None,
     timing: bool = False,
 ) -> Rows:
-    """Select the stored rows that a run goes on with.
+    """Select the stored rows that a resumed run keeps.
 
     Parameters
     ----------
@@ -78,21 +78,21 @@ def keep(
     mix_versions : bool
         True to keep rows of other versions.
     part : ndarray of bool, optional
-        Cells that this run makes; other rows stay. All by default.
+        Cells that this run computes; rows of other cells stay. Default: all.
     timing : bool
-        True to make rows again that were not timed.
+        True to compute rows again that were not timed.
 
     Returns
     -------
     Rows
-        At most one row a cell, each of the same identity (content of the
-        scenario, estimator, parameters, SNR, trial, seed) as the plan's cell.
+        At most one row for each cell, with the same identity (content of the
+        scenario, estimator, parameters, SNR, trial, seed) as in the plan.
 
     Raises
     ------
     InputError
         If rows of another suite, seed or grid would be lost, or if rows of
-        other scenarios or versions are neither to stay nor to be made again.
+        other scenarios or versions are neither kept nor computed again.
     """
     records = stored.records
     if records.empty:
@@ -158,7 +158,7 @@ def has_its_cloud(stored: Rows) -> Mask:
 
 
 def versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
-    """Versions of the rows that this process would make.
+    """Versions that rows made by this process would have.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def versions_now(plan: Plan) -> dict[tuple[str, str], Any]:
 
 
 def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], plan: Plan, suite: Suite) -> None:
-    """Refuse rows of cells that the plan does not have."""
+    """Refuse rows of cells that are not in the plan."""
     for column, wanted in (("suite", suite.name), ("seed", suite.seed)):
         others = records.loc[records[column] != wanted, column]
         if len(others):
@@ -194,7 +194,7 @@ def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], plan: Pl
 
 
 def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask) -> None:
-    """Refuse rows of another content of their scenario, or of other versions."""
+    """Refuse rows whose scenario has changed since, or that other versions made."""
     if content.any():
         raise InputError(
             f"{content.sum()} of its {content.size} cells are of another content of the scenario "
@@ -231,7 +231,7 @@ def _other_versions(stored: Rows, plan: Plan) -> Mask:
 
 
 def _flat(versions: Mapping[str, Any]) -> dict[Any, Any]:
-    """Versions by names that are joined from top to bottom."""
+    """Versions by flat names: nested keys joined by spaces."""
     return pd.json_normalize(dict(versions), sep=" ").to_dict("records")[0]
 
 

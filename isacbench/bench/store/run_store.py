@@ -1,4 +1,4 @@
-"""Store of a run: its folder holds all that it takes to score it, draw it and go on with it."""
+"""Store of a run: writes and reads its folder, which holds all that scoring, drawing and resuming need."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ RUN_TABLES = frozenset({RECORDS, RECORDS_CSV, CLOUDS, TRUTH, MANIFEST, DRAWS, JO
 """Files of a run."""
 
 DIGEST = "digest"
-"""Key under which the file of a table keeps the digest of its content."""
+"""Attribute of a table's file that holds the digest of its content."""
 
 RUN_KEYS = ("seed", "suite", "metric", "estimators", "scenarios", "scenes")
-"""Keys of a manifest that describe the content of the run, and not the calls that worked on it."""
+"""Keys of a manifest that describe the content of the run, not the calls that worked on it."""
 
 T = TypeVar("T")
 
@@ -205,7 +205,7 @@ def write_rows(folder: Path, records: pd.DataFrame, clouds: pd.DataFrame) -> Non
     folder : Path
     records : DataFrame
     clouds : DataFrame
-        One row a point, with the key of its cell.
+        One row for each point, with the key of its cell.
     """
     _write_parquet(clouds, folder / CLOUDS)
     _write_parquet(records, folder / RECORDS)
@@ -254,7 +254,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def recover_manifest(folder: Path) -> dict[str, Any]:
-    """Read the manifest of a run that is to be gone on with.
+    """Read the manifest of a run that is to be resumed, as far as it can be read.
 
     Parameters
     ----------
@@ -279,12 +279,12 @@ def require_metric(manifest: Mapping[str, Any]) -> None:
     Parameters
     ----------
     manifest : mapping of str to Any
-        Without a metric, it is not refused.
+        One without a metric is accepted.
 
     Raises
     ------
     InputError
-        If the version is another one.
+        If the version is not the present one.
     """
     metric = manifest.get("metric", current_metric())
     if metric != current_metric():
@@ -295,14 +295,14 @@ def require_metric(manifest: Mapping[str, Any]) -> None:
 
 
 def current_metric() -> dict[str, Any]:
-    """Name and version of the metric that this isacbench scores by, in terms of JSON."""
+    """Name and version of the metric that this version of isacbench scores by, as JSON holds them."""
     return {"name": "paper", "version": METRIC_VERSION}
 
 
 def read_rows(
     folder: Path, manifest: Mapping[str, Any], is_strict: bool = False, with_clouds: bool = True
 ) -> Rows:
-    """Read all rows of a folder, also those of a run that was killed.
+    """Read all rows of a folder, including those of a run that was killed.
 
     Parameters
     ----------
@@ -344,7 +344,7 @@ def read_rows(
 
 
 def read_results(folder: Path) -> Results:
-    """Read a run from its folder. Of a run that was killed, the result holds the rows that it made.
+    """Read a run from its folder; of a run that was killed, the rows that it has made.
 
     Parameters
     ----------
@@ -382,7 +382,7 @@ def read_results(folder: Path) -> Results:
 
 
 def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool = True) -> Rows:
-    """Read the rows of a run, one a cell, with the types that every table of its kind of suite has.
+    """Read the rows of a run, one for each cell, with the column types of its kind of suite.
 
     Parameters
     ----------
@@ -399,7 +399,7 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
     Raises
     ------
     InputError
-        If there are none, or damaged ones.
+        If there are no rows, or damaged ones.
 
     Warns
     -----
@@ -432,7 +432,7 @@ def read_scenes(folder: Path, manifest: Mapping[str, Any]) -> tuple[Suite, dict[
     scenarios : dict of str to Scenario
         By name.
     draws : DataFrame
-        One row a scatterer, empty if the trials drew none.
+        One row for each scatterer; empty if the trials drew none.
 
     Raises
     ------
@@ -452,7 +452,7 @@ def read_scenes(folder: Path, manifest: Mapping[str, Any]) -> tuple[Suite, dict[
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """Read a table, and make sure that it is as it was written.
+    """Read a table and verify that it is as it was written.
 
     Parameters
     ----------
@@ -467,7 +467,7 @@ def read_table(path: Path) -> pd.DataFrame:
     ValueError
         If it is damaged.
     InputError
-        If it is not a file, or a symbolic link out of its folder.
+        If it is not a file, or is a symbolic link out of its folder.
     """
     require_inside(path, path.parent)
     require_file(path)
@@ -496,7 +496,7 @@ def require_described_scenarios(records: pd.DataFrame, manifest: Mapping[str, An
     InputError
         Naming the scenarios.
     """
-    # A study that makes scenes of a scenario names it in a further column, which is empty for a link's user.
+    # Studies that derive scenes from a scenario name it in the column template, empty for a link's user.
     names = records["template" if "template" in records else "scenario"].dropna().unique()
     described = manifest["scenarios"]
     missing = set(names) - {"", *described, *manifest["suite"].get("maps", ())}
@@ -517,12 +517,12 @@ def _damage_told(folder: Path) -> Iterator[None]:
 
 
 def _told(error: Exception) -> str:
-    """Message of an exception, with its type unless it is an `InputError`."""
+    """Message of an exception, preceded by its type unless it is an `InputError`."""
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
 def _attempt(read: Callable[[Path], T], path: Path, is_strict: bool = False) -> T | None:
-    """Read a file. None if it is missing; None and a warning if it is damaged, unless that raises."""
+    """Read a file. None if it is missing; if it is damaged, raise (`is_strict`) or warn and return None."""
     if not is_there(path):
         return None
     try:

@@ -1,4 +1,4 @@
-"""Confidence intervals of what studies count and measure."""
+"""Confidence intervals of means, medians, errors and shares in studies."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 CONFIDENCE = 0.95
 
 MIN_TRIALS = 5
-"""Trials from which means, errors and shares have a confidence band: fewer hardly show their own spread."""
+"""Least number of trials for a confidence band of means, errors and shares: fewer hardly show the spread."""
 
 
 def student_band(deviation: ArrayLike, n: ArrayLike) -> Floats:
@@ -32,7 +32,7 @@ def student_band(deviation: ArrayLike, n: ArrayLike) -> Floats:
     Returns
     -------
     ndarray of float64
-        NaN of fewer than five values.
+        NaN for fewer than five values.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def mean_band(values: Floats) -> tuple[float, float]:
     Returns
     -------
     mean, half_width : float
-        NaN without values; no width of fewer than five.
+        NaN without values; no width for fewer than five.
 
     Examples
     --------
@@ -68,11 +68,11 @@ def mean_band(values: Floats) -> tuple[float, float]:
 
 
 def median_interval(values: Floats) -> tuple[float, float, float]:
-    """Median and its 95 % confidence interval, of whatever distribution.
+    """Median and its 95 % confidence interval, for any distribution.
 
-    The interval ends in two of the values, as far inside as the binomial
-    distribution of the number of values below the median allows: so it is
-    safe with the long tail that run times have.
+    The ends of the interval are two of the values, as far inside as the
+    binomial distribution of the number of values below the median allows. So it
+    is valid with the long tail that run times have.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def median_interval(values: Floats) -> tuple[float, float, float]:
     Returns
     -------
     median, low, high : float
-        NaN without values; no interval of fewer than six, whose whole range
+        NaN without values; no interval for fewer than six, whose whole range
         misses the median in more than 5 % of all cases.
 
     References
@@ -97,7 +97,7 @@ def median_interval(values: Floats) -> tuple[float, float, float]:
     if not n:
         return math.nan, math.nan, math.nan
     ordered = np.sort(values)
-    # As many values from either end as may lie on one side of the median that rarely.
+    # Rank of the ends of the interval, counted from either end of the values.
     outside = int((2 * bdtr(np.arange(n // 2), n, 0.5) <= 1 - CONFIDENCE).sum())
     low, high = (
         (float(ordered[outside - 1]), float(ordered[n - outside])) if outside else (math.nan, math.nan)
@@ -108,9 +108,9 @@ def median_interval(values: Floats) -> tuple[float, float, float]:
 def rms_interval(values: Floats) -> tuple[float, float, float]:
     """Root mean square and its 95 % confidence interval, also where tails are heavy.
 
-    The mean square is taken for a scaled chi-square whose degrees of freedom
-    follow from the spread of the squares (Satterthwaite), and are at most
-    the number of values, which is what they are for normal ones.
+    The mean square is taken as a scaled chi-square. Its degrees of freedom
+    follow from the spread of the squares (Satterthwaite); they are at most the
+    number of values, which is exact for normal values.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def rms_interval(values: Floats) -> tuple[float, float, float]:
     Returns
     -------
     rms, low, high : float
-        NaN without values; no interval of fewer than five.
+        NaN without values; no interval for fewer than five.
 
     Examples
     --------
@@ -168,20 +168,20 @@ def wilson_interval(n_successes: int, n: int) -> tuple[float, float]:
     share, shrink = n_successes / n, 1 + quantile**2 / n
     middle = (share + quantile**2 / (2 * n)) / shrink
     half = quantile * math.sqrt(share * (1 - share) / n + quantile**2 / (4 * n**2)) / shrink
-    # Rounding alone must not part an end from 0 or 1.
+    # Rounding must not move an end away from 0 or 1.
     return (middle - half if n_successes else 0.0), (middle + half if n_successes < n else 1.0)
 
 
 def share_band(n_successes: int, n: int, n_trials: int) -> tuple[float, float]:
-    """Wilson's interval of what was counted in trials; NaN of fewer than five trials.
+    """Wilson's interval of a share counted in trials; NaN for fewer than five trials.
 
     Parameters
     ----------
     n_successes, n : int
         Counts over all trials.
     n_trials : int
-        Trials that were counted in. Each can have many of the n, which are then no more than one
-        draw: bits of a frame, cells of a map.
+        Number of trials in which was counted. One trial can have many of the n (bits of a frame,
+        cells of a map), which are then only one draw.
 
     Returns
     -------

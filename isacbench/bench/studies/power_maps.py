@@ -1,7 +1,7 @@
 """Synthetic power maps: the situations in which CFAR detectors differ.
 
-A map is tiled with sites, each with a target of its own, so that one call of a
-detector is a hundred experiments. Targets and interferers fluctuate (Swerling
+A map is tiled with sites, each with its own target, so that one call of a
+detector is about a hundred experiments. Targets and interferers fluctuate (Swerling
 I: complex Gaussian, as the noise), have the same mean power and fill one cell.
 """
 
@@ -29,16 +29,16 @@ N_SITES = 4, 32
 """Sites of a map along range and along Doppler."""
 
 REACH = 8
-"""Cells farther from any echo than this are noise to a detector's window as well."""
+"""Distance from all echoes in cells beyond which a detector's whole window holds noise only."""
 
 NEIGHBOURS = 2, 4
-"""Nearest and farthest a second target or an interferer is, in cells: in the window, outside the guard."""
+"""Distances of a second target or an interferer in cells: in the window, outside the guard cells."""
 
 EDGE_DB = 15.0
-"""Power of clutter over that of noise."""
+"""Clutter-to-noise ratio in dB."""
 
 EDGE_DISTANCE = 3
-"""Cells from a target in noise to the first cell of clutter."""
+"""Distance in cells from a target in noise to the first cell of clutter."""
 
 EDGE_CELLS = 4
 """Cells of clutter along range that count as its edge: half a window of the paper's size."""
@@ -48,12 +48,12 @@ N_INTERFERERS = 6
 
 @dataclass(frozen=True, eq=False)
 class PowerMap:
-    """A map's ingredients, from which its power at any SNR follows.
+    """Noise and echoes of a map, from which its power at any SNR follows.
 
     Attributes
     ----------
     noise : ndarray of complex128, shape (n_range, n_doppler)
-        Noise of power 1, clutter where there is any.
+        Noise of power 1, or clutter and noise together where there is clutter.
     echo : ndarray of complex128, same shape
         Echoes of mean power 1, zero where there is none.
     targets : ndarray of bool, same shape
@@ -127,7 +127,7 @@ def near(mask: Mask, distance: int) -> Mask:
     ----------
     mask : ndarray of bool, shape (n_range, n_doppler)
     distance : int
-        Farthest distance in cells, diagonals counted once.
+        Largest distance in cells; a diagonal step counts as one.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The kind of a suite: one object that says how it is planned, run, tabulated, drawn and compared."""
+"""The kind of a suite: one object that names the code to plan, tabulate, draw and compare its runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Direction = Literal["lower", "higher", "neither"]
 
 
 class Tables(NamedTuple):
-    """Functions that make a table of the records of a run, each as ``module:function``.
+    """Functions that tabulate the records of a run, each as ``module:function``.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class Kind:
     suite : type of Suite
         Class with the keys of its suites.
     columns : mapping of str to Any
-        Columns that the kind adds to the rows, each with the value that it has in the row of a failed cell.
+        Columns that the kind adds to the rows, each with its value in the row of a failed cell.
     better : mapping of str to {"lower", "higher", "neither"}
-        Direction in which a column is better, where it is not ``"lower"``.
+        Better direction of a column; columns that are not listed are better ``"lower"``.
     timed_tables : mapping of str to Tables
         Further tables of a timed run, by the stem of their files.
     diagnoses : str
@@ -104,4 +104,4 @@ class Kind:
 
 
 SNR_GAIN: Mapping[str, float] = {"snr_gain_db": math.nan}
-"""Column of every kind whose SNRs can be given after all gain."""
+"""Column of every kind of suite that knows the SNR after all gain (array and processing)."""

@@ -1,4 +1,4 @@
-"""Content of a scenario, in terms of JSON and of a table, and the digest that it is known by."""
+"""Content of a scenario as JSON and as a table, and the digest that identifies it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 SIGNIFICANT = 10
-"""Significant digits of a number in a digest; drawn places go through sines, whose last digits vary."""
+"""Significant digits of a number in a digest: random places depend on sines, whose last digits vary."""
 
 ADDED = ("radius_m",)
-"""Plain numbers of a scenario that older descriptions lack."""
+"""Fields of a scenario, plain numbers, that older descriptions lack."""
 
 DIGITS = 16
-"""Hexadecimal digits of a digest: 64 bits tell far more contents apart than are ever stored."""
+"""Hexadecimal digits of a digest: 64 bits distinguish far more contents than are ever stored."""
 
 
 def canonical_json(content: Any) -> str:
@@ -67,7 +67,7 @@ def digest(content: Any) -> str:
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """Digest of everything that observations of a scenario follow from; its name seeds the noise.
+    """Digest of everything that determines the observations of a scenario; its name seeds the noise.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def scenario_digest(scenario: Scenario) -> str:
     Returns
     -------
     str
-        Hexadecimal. However a scenario was written, equal radios,
-        regions and scatterers give equal digests.
+        Hexadecimal. Equal names, radios, regions and scatterers give equal
+        digests, in whatever form the scenario was written.
     """
     scatterers = scenario.scatterers
     arrays = {name: values.tolist() for name, values in identity_fields(scatterers).items()}
@@ -88,8 +88,8 @@ def scenario_digest(scenario: Scenario) -> str:
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:
     """Describe a scenario without its scatterers, which the truth holds.
 
-    Fields that were added later are left out at the value that stands for the
-    behaviour before (`isacbench.added_fields`), so that digests stay.
+    Fields that were added later are left out if their value means the behaviour
+    before (`isacbench.added_fields`), so that digests do not change.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
     described : mapping of str to Any
         As `describe_scenario` returns it.
     truth : DataFrame
-        Its rows of the truth, as `truth_table` returns them.
+        Rows of this scenario, as `truth_table` returns them.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def truth_table(scenario: Scenario) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row a scatterer: scenario, x, y, z in m, v in m/s, power.
+        One row for each scatterer: scenario, x, y, z in m, v in m/s, power.
     """
     table = scenario.truth.to_dataframe()
     table.insert(0, "scenario", scenario.name)
@@ -158,7 +158,7 @@ def truth_table(scenario: Scenario) -> pd.DataFrame:
 
 
 def _rounded(content: Any) -> Any:
-    """Same with floats of few enough digits that they do not depend on the machine that computed them."""
+    """Copy with floats rounded to so few digits that they do not depend on the machine."""
     if isinstance(content, float):
         return float(f"{content:.{SIGNIFICANT}g}") + 0.0
     if isinstance(content, dict):

@@ -1,10 +1,10 @@
-"""Blocks worked off on a Dask cluster: the same guarded cells, on the workers of other machines.
+"""Blocks processed on a Dask cluster: the same guarded cells, on the workers of other machines.
 
-A task is a few cells of one trial of a scene: after a while it comes back with
-what it has made and what is left, so that rows arrive as they are made, a
-worker that dies costs seconds, and no task is too long or too short, whatever
-a cell costs. Which cells bring workers down is found out at the end, one at a
-time.
+A task is a few cells of one trial of a scene. After a while it returns the rows
+that it has made and the cells that are left. So rows arrive as they are made, the
+loss of a worker costs seconds, and tasks take the same time whatever a cell costs.
+At the end, cells of tasks in which workers died run again one at a time, to find
+those that kill workers.
 """
 
 from __future__ import annotations
@@ -33,41 +33,41 @@ if TYPE_CHECKING:
     from isacbench.bench.workers.guarded_cells import Guard
 
 WAIT_S = 30.0
-"""Longest time in s in which a scheduler answers, or a run waits for a worker."""
+"""Longest time in s that a run waits for an answer of the scheduler, or for a worker."""
 
 POLL_S = 1.0
 CLOSE_S = 5.0
 TASKS_A_THREAD = 2
-"""Tasks for each thread of a worker: one that runs, and one that waits, so that the thread does not."""
+"""Tasks for each thread of a worker: one that runs, and one that waits, so that the thread is never idle."""
 
 NOISY = ("distributed", "tornado", "asyncio")
-"""Loggers that tell on the terminal what becomes an error of ours."""
+"""Loggers that print what this module already reports as an error."""
 
 
 def work_on_cluster(
     job: Job, blocks: Sequence[Block], guard: Guard, address: str, mix_versions: bool = False
 ) -> Generator[Made, None, None]:
-    """Work off blocks on the workers of a Dask scheduler.
+    """Process blocks on the workers of a Dask scheduler.
 
     Scheduler and workers are checked before this returns.
 
     Parameters
     ----------
     job : Job
-        Shipped by content.
+        Sent to the workers with all its content.
     blocks : sequence of Block
     guard : Guard
         Limits of every cell.
     address : str
-        Of the scheduler, such as ``tcp://10.0.0.1:8786``.
+        Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
     mix_versions : bool
         Whether workers may have other versions than this process.
 
     Returns
     -------
     generator of Made
-        In the order in which they are done. A cell with which one worker
-        after the other dies is ``killed``.
+        In the order in which cells are done. A cell that several workers in a
+        row die of is ``killed``.
 
     Raises
     ------
@@ -97,14 +97,14 @@ def _work(
                 suspects += [block._replace(entries=(entry,)) for block in piece for entry in block.entries]
             else:
                 yield from batch.made
-        # A cell that ends its worker casts suspicion on those of the same task; alone only one is guilty.
+        # Any cell of a task may have killed the worker; one cell alone shows whether it does.
         for suspect in suspects:
             for (block,), batch in cluster.work([suspect]):
                 yield from _killed(job, block) if batch is None else batch.made
 
 
 def _killed(job: Job, block: Block) -> Iterator[Made]:
-    """Rows of cells that left nothing else; what they would have observed is observed here."""
+    """Rows of cells that killed their workers; the scene is observed here, because a row needs it."""
     workbench = Workbench(job)
     workbench.observe(block)
     for entry in block.entries:
@@ -112,12 +112,12 @@ def _killed(job: Job, block: Block) -> Iterator[Made]:
 
 
 def take_piece(pieces: deque[tuple[Block, ...]], n_wanted: int) -> tuple[Block, ...]:
-    """Take the first piece of the work, or a part of it while there are fewer pieces than wanted.
+    """Take the first piece of the work, or a part of it if there are fewer pieces than wanted.
 
     Parameters
     ----------
     pieces : deque of tuple of Block
-        Not empty; loses what is taken.
+        Not empty; what is taken is removed from it.
     n_wanted : int
 
     Returns
@@ -138,7 +138,7 @@ def take_piece(pieces: deque[tuple[Block, ...]], n_wanted: int) -> tuple[Block, 
 
 
 class _Cluster:
-    """Workers of a scheduler, as far as a run has to do with them."""
+    """Workers of a scheduler: checks them, gives them tasks, and notices their loss."""
 
     def __init__(self, client: Client, address: str, order: WorkOrder) -> None:
         self._client, self._address, self._order = client, address, order
@@ -148,12 +148,12 @@ class _Cluster:
         self._is_lost = False
 
     def check(self) -> None:
-        """Wait for a worker, and have every one try whether it can do what the run asks.
+        """Wait for a worker, and check on every worker that it can do the work.
 
         Raises
         ------
         InputError
-            If there is no worker, or one cannot, with the reason.
+            If there is no worker, or one cannot do the work, with the reason.
         """
         try:
             self._client.wait_for_workers(1, timeout=WAIT_S)
@@ -165,9 +165,9 @@ class _Cluster:
                 raise self._refused(f"worker {worker}", fault)
 
     def work(self, blocks: Sequence[Block]) -> Iterator[tuple[tuple[Block, ...], Batch | None]]:
-        """Work off blocks in pieces of one trial of a scene, whose echo and noise they share.
+        """Process blocks in pieces; the blocks of a piece share echo and noise of one trial of a scene.
 
-        Yields pieces, each with its batch, or with None where workers died of it.
+        Yields pieces, each with its batch, or with None if workers died in it.
         """
         pieces = deque(tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2]))
         while pieces or self._running:
@@ -181,9 +181,9 @@ class _Cluster:
             yield piece, batch
 
     def leave(self) -> None:
-        """Let go of all that still runs, and of what workers keep; a cluster that is lost does so itself."""
+        """Cancel running tasks and clear what workers keep; a lost cluster needs neither."""
         if not self._is_lost:
-            with suppress(OSError):  # the scheduler goes at this moment
+            with suppress(OSError):  # the scheduler ends at this moment
                 self._client.cancel(list(self._running))
                 self._client.run(stop, self._order.token, on_error="ignore")
         self._client.close(timeout=CLOSE_S)
@@ -201,7 +201,7 @@ class _Cluster:
                 self._n_threads()
 
     def _batch(self, future: Future[Batch]) -> Batch | None:
-        """Result of a task; None where more workers died with it than the scheduler allows."""
+        """Result of a task; None if more workers died in it than the scheduler allows."""
         from distributed.scheduler import KilledWorker
 
         while future.status not in ("error", "cancelled"):
@@ -225,7 +225,7 @@ class _Cluster:
         raise error
 
     def _n_threads(self) -> int:
-        """Threads of all workers at the moment; an error where the cluster is lost."""
+        """Present number of threads of all workers; raises an error if the cluster is lost."""
         try:
             if self._client.status != "running":
                 raise OSError
@@ -250,7 +250,7 @@ class _Cluster:
         )
 
     def _refused(self, worker: str, error: BaseException) -> InputError:
-        """Error of a worker that cannot work; one that cannot even read the order has another isacbench."""
+        """Error for a worker that cannot work; one that cannot even read the order has another isacbench."""
         if isinstance(error, InputError):
             return InputError(f"dask {self._address}: {worker}: {error}")
         return InputError(
@@ -261,7 +261,7 @@ class _Cluster:
 
 @contextmanager
 def _connected(address: str, order: WorkOrder) -> Iterator[_Cluster]:
-    """Client of a scheduler that leaves nothing behind."""
+    """Connection to a scheduler, which leaves nothing on it."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -285,11 +285,11 @@ def _connected(address: str, order: WorkOrder) -> Iterator[_Cluster]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what Dask logs off the terminal."""
+    """Keep the logs of Dask off the terminal."""
     levels = {logger: logger.level for logger in map(logging.getLogger, NOISY)}
     for logger in levels:
         logger.setLevel(logging.CRITICAL + 1)
     yield
-    # Not after an error: a client that has lost its scheduler goes on complaining in the background.
+    # Levels stay after an error: a client that has lost its scheduler still logs in the background.
     for logger, level in levels.items():
         logger.setLevel(level)

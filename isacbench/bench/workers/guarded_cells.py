@@ -1,7 +1,7 @@
 """Guarded work: cells in a process of their own, with a deadline and a memory limit for each.
 
-A plugin may raise, hang, exhaust memory, exit or die by a signal: its cell gets
-a row that says so, a fresh process takes over, and no other cell notices.
+A plugin may raise, hang, exhaust memory, exit or die by a signal. Its cell then gets
+a row that says so, a fresh process takes over, and other cells are not affected.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.run_plan import Block
 
 DEFAULT_TIMEOUT_S = 600.0
-"""Nothing that images a scene takes ten minutes, unless it hangs."""
+"""Default limit in s: an estimate that takes ten minutes hangs."""
 
 OBSERVE_ATTEMPTS = 3
 MIB = 2**20
@@ -48,12 +48,12 @@ class Guard:
     Attributes
     ----------
     timeout_s : float or None
-        Wall time of estimate and scores in s; None for no limit. Where
-        repeats are timed, the first estimate has it, and the others have
-        it as many times over as there are.
+        Wall time of estimate and scores in s; None for no limit. In a run
+        with timing, the first estimate has this limit. The repeats, and the
+        one that measures memory, together have this limit times their number.
     memory_mib : float or None
-        Memory in MiB that a cell may take beyond what its process holds
-        before; None for no limit.
+        Memory in MiB that a cell may take in addition to what its process
+        already holds; None for no limit.
 
     Raises
     ------
@@ -73,21 +73,21 @@ class Guard:
 
 
 class Lane:
-    """One worker process for cells, with a fresh one in its place when a cell ends it; a context manager.
+    """One worker process for cells, replaced by a fresh one when a cell ends it; a context manager.
 
     Parameters
     ----------
     job : Job
     guard : Guard
     repeats : int, optional
-        How often each estimate is timed (`isacbench.bench.cells.timing`); without it
-        times do not count.
+        Number of timed repeats of each estimate (`isacbench.bench.cells.timing`);
+        without it times are not measured for comparison.
     """
 
     def __init__(self, job: Job, guard: Guard, repeats: int | None = None) -> None:
         self._job, self._guard, self._repeats = job, guard, repeats
         self._process = GuardedProcess(_start_worker, job, repeats)
-        self._n_met = 0  # cells, by the present process
+        self._n_met = 0  # cells that the present process has worked on
 
     def __enter__(self) -> Self:
         return self
@@ -96,11 +96,11 @@ class Lane:
         self.stop()
 
     def stop(self) -> None:
-        """End the process for good, whatever it does; from any thread."""
+        """End the process for good, also in the middle of a call; may be called from any thread."""
         self._process.stop()
 
     def versions(self) -> dict[tuple[str, str], Any]:
-        """Read the versions that rows of the process have.
+        """Read the versions of the code in the process.
 
         Returns
         -------
@@ -110,7 +110,7 @@ class Lane:
         Raises
         ------
         InputError
-            If the process cannot have all entries.
+            If the process ends before it has loaded all plugins.
         """
         try:
             return self._process.call(_versions, timeout_s=self._guard.timeout_s)
@@ -118,17 +118,17 @@ class Lane:
             raise InputError(f"loading the plugins: {loss.reason}") from loss
 
     def work(self, blocks: Iterable[Block]) -> Iterator[Made]:
-        """Work off the cells of blocks.
+        """Process the cells of blocks.
 
         Parameters
         ----------
         blocks : iterable of Block
-            Taken from as the work goes on.
+            Read one after the other as the work goes on.
 
         Yields
         ------
         Made
-            A row for each cell, whatever becomes of it.
+            A row for each cell, also for one that failed.
 
         Raises
         ------
@@ -148,7 +148,10 @@ class Lane:
                 yield made
 
     def _observe(self, block: Block) -> dict[int, Made]:
-        """Rows of a block's entries, should they leave no other trace; a process may die of earlier cells."""
+        """Observe a block; return a row for each entry, used if its image does not come back.
+
+        Several attempts, because a process may also die of what earlier cells left.
+        """
         for _ in range(OBSERVE_ATTEMPTS):
             try:
                 return dict(zip(block.entries, self._process.call(_observe, block), strict=True))
@@ -162,9 +165,9 @@ class Lane:
         ) from loss
 
     def _image(self, entry: int, trace: Made) -> Made | None:
-        """Outcome of an entry, None if the process died of what an earlier cell has left in it.
+        """Image an entry; None if its process was killed and had worked on other cells before.
 
-        Only a cell that is the first of its process is to blame for its end.
+        Only the first cell of a process is blamed for its end; others are tried again.
         """
         start, is_first = time.perf_counter(), not self._n_met
         self._n_met += 1
@@ -184,7 +187,7 @@ class Lane:
             self._renew()
             return _lost(trace, "error", describe_error(error), time.perf_counter() - start)
         if made.outcome.record.status == "killed":
-            self._renew()  # what the plugin still holds must not be held against other cells
+            self._renew()  # memory that the plugin still holds must not count for other cells
         return made
 
     def _renew(self) -> None:
@@ -192,7 +195,7 @@ class Lane:
         self._n_met = 0
 
     def _time_repeats(self, entry: int, met: Made) -> Made:
-        """Outcome of an image with the times of its repeats, which share their deadlines."""
+        """Time the repeats of an image; they share one deadline."""
         assert self._repeats is not None
         n, limits = self._repeats + 1, self._guard
         timeout_s = None if limits.timeout_s is None else n * limits.timeout_s
@@ -208,12 +211,12 @@ def _lost(trace: Made, status: CellStatus, reason: str, time_s: float) -> Made:
 
 
 def _changed(made: Made, **changes: Any) -> Made:
-    """Outcome with another record."""
+    """Copy of an outcome with a changed record."""
     record = replace(made.outcome.record, **changes)
     return made._replace(outcome=replace(made.outcome, record=record))
 
 
-# What follows runs in the worker process.
+# The functions below run in the worker process.
 
 _job: Job | None = None
 _repeats: int | None = None
@@ -237,9 +240,9 @@ def _observe(block: Block) -> list[Made]:
     if _workbench is None:
         assert _job is not None
         _workbench = Workbench(_job, _repeats)
-        # Threads make small batched algebra slower and its timing unrepeatable; here for good.
+        # Threads make small batched algebra slower and its timing unrepeatable: off for good.
         threadpool_limits(limits=1)
-        # What is there for good need not be looked through each time that garbage is collected.
+        # Permanent objects need not be searched at every garbage collection.
         gc.freeze()
     return _workbench.observe(block)
 
@@ -253,13 +256,13 @@ def _time_repeats(entry: int, met: Made, memory_mib: float | None) -> Made:
 
 
 def _limited(entry: int, memory_mib: float | None, act: Callable[[Workbench], Made]) -> Made:
-    """Let an entry act within its limits; whatever it does becomes a row."""
+    """Run an action on an entry within its memory limit; a failure becomes a row."""
     assert _workbench is not None
     start = time.perf_counter()
     try:
         with _memory_limit(memory_mib):
             made = act(_workbench)
-    except BaseException as error:  # such as KeyboardInterrupt, or no memory left to tell of no memory
+    except BaseException as error:  # also KeyboardInterrupt, and MemoryError while an error is handled
         status: CellStatus = "killed" if isinstance(error, MemoryError) else "error"
         made = _workbench.failure_row(entry, status, describe_error(error), time.perf_counter() - start)
         _workbench.start_over()
@@ -271,7 +274,7 @@ def _limited(entry: int, memory_mib: float | None, act: Callable[[Workbench], Ma
 
 @contextmanager
 def _memory_limit(memory_mib: float | None) -> Iterator[None]:
-    """Let this process allocate so much more and not a byte beyond."""
+    """Limit the memory that this process may allocate in addition to what it holds."""
     if memory_mib is None:
         yield
         return

@@ -1,4 +1,4 @@
-"""Guarded process: it calls functions that may hang, exhaust memory or end it, and its caller is told."""
+"""Guarded process: runs functions that may hang, exhaust memory or crash, and reports its loss."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ GRACE_S = 2.0
 """Longest time in s from a broken connection to the end of its process."""
 
 END_S = 10.0
+"""Longest time in s to wait for the end of a killed process."""
+
 F_SETSIG = 10
 """Command of Linux's fcntl that chooses the signal of a file descriptor; Python has no name for it."""
 
@@ -30,7 +32,7 @@ T = TypeVar("T")
 
 
 class ProcessLostError(Exception):
-    """Loss of the process before it answered.
+    """The process was lost before it answered.
 
     Attributes
     ----------
@@ -48,13 +50,13 @@ class ProcessLostError(Exception):
 class GuardedProcess:
     """One process that calls functions in turn, replaced when it is lost; a context manager.
 
-    Whatever ends it, what plugins have started from it ends as well; so does
-    all when this process ends.
+    Processes that plugins have started in it end with it, for whatever reason
+    it ends. All of them end when the calling process ends.
 
     Parameters
     ----------
     begin : callable
-        Called first of all in every fresh process.
+        Called first in every fresh process.
     *args : object
         Its arguments.
     """
@@ -74,7 +76,7 @@ class GuardedProcess:
         self.stop()
 
     def start(self) -> None:
-        """Start the process, unless it runs, before the first call does.
+        """Start the process now instead of at the first call, unless it runs already.
 
         Raises
         ------
@@ -93,12 +95,12 @@ class GuardedProcess:
                 self._is_there, self._has_begun = True, False
 
     def stop(self) -> None:
-        """End the process for good, whatever it does; from any thread."""
+        """End the process for good, also in the middle of a call; may be called from any thread."""
         self._stopped.set()
         self._end()
 
     def renew(self) -> None:
-        """End the process; the next call finds a fresh one.
+        """End the process; the next call starts a fresh one.
 
         Raises
         ------
@@ -117,7 +119,7 @@ class GuardedProcess:
         function : callable
         *args : object
         timeout_s : float or None
-            Longest time in s, counted from the moment when it begins.
+            Longest time in s, counted once the process is ready.
 
         Returns
         -------
@@ -127,14 +129,14 @@ class GuardedProcess:
         Raises
         ------
         ProcessLostError
-            If there is no answer; the next call finds a fresh process.
+            If there is no answer; the next call starts a fresh process.
         CancelledError
             If the process was stopped meanwhile.
         Exception
             Whatever the function raises.
         """
         self.start()
-        with suppress(BrokenPipeError, ConnectionResetError):  # the answer tells of a process that has ended
+        with suppress(BrokenPipeError, ConnectionResetError):  # `_receive` reports a process that has ended
             self._connection.send((function, args))
         if not self._has_begun:
             self._receive(None)
@@ -155,13 +157,13 @@ class GuardedProcess:
         self._process.join(GRACE_S)
         code = self._process.exitcode
         if code == -signal.SIGTERM:
-            # What ends a job sends the signal to all its processes: this one may be about to stop, too.
+            # A scheduler that ends a job signals all its processes: the caller may be about to stop, too.
             self._stopped.wait(GRACE_S)
         self.renew()
         raise ProcessLostError("killed", f"the process {_cause(code)}")
 
     def _end(self) -> None:
-        """End the process and all that has been started from it."""
+        """End the process and all processes that were started in it."""
         with self._changing:
             if self._is_there:
                 assert self._process.pid is not None
@@ -181,18 +183,18 @@ def _cause(code: int | None) -> str:
         return "ended without an answer"
     if code < 0:
         names = {number.value: number.name for number in signal.Signals}
-        return f"died by {names.get(-code, f'signal {-code}')}"  # those of real time have no names
+        return f"died by {names.get(-code, f'signal {-code}')}"  # real-time signals have no names
     return f"exited with code {code}"
 
 
-# What follows runs in the process.
+# The functions below run in the guarded process.
 
 
 def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> None:
     """Call functions as they come, and answer with their results or exceptions."""
     os.setsid()  # a group of its own, so that what plugins start ends with it
     current_process().daemon = False  # a plugin may have processes of its own
-    # The server blocks this signal; for a plugin and what it starts it means what it means everywhere.
+    # The process server blocks SIGTERM; a plugin and the processes that it starts get the default back.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _die_with_parent()
@@ -210,7 +212,7 @@ def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> No
         except BaseException as error:
             answer = False, error
         if os.getpid() != process_id:
-            os._exit(1)  # a plugin has forked, and here comes its child
+            os._exit(1)  # a plugin has forked, and this is its child
         try:
             answers.send(answer)
         except Exception as error:  # an answer that cannot be sent
@@ -231,6 +233,6 @@ def _die_with_parent() -> None:
 
 
 def _wait_for_end(sentinel: int) -> None:
-    """Wait for the end of the caller, on every system, or if it has come before the rest was set up."""
+    """Kill the group when the caller ends: on other systems than Linux, or if it ended before the setup."""
     connection.wait([sentinel])
     os.killpg(0, signal.SIGKILL)

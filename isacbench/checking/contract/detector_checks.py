@@ -1,4 +1,4 @@
-"""Checks of detectors: what a detection must be, and the false-alarm rate."""
+"""Checks of detectors: the form of a detection, and the false-alarm rate."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ from isacbench.errors import InputError
 
 SEED = 70_000_000_000
 SHAPE = 40, 24
-"""Shape of an ordinary map: no square, and wider than the windows in use."""
+"""Shape of an ordinary map: not square, and wider than the usual windows."""
 
 LARGE = 512, 512
 RATE = 1e-2
-"""Probability of false alarm that is measured, where a detector lets it be chosen."""
+"""Probability of false alarm to measure at, if the detector has a field for it."""
 
 LOOKS = 1, 16
 
 SAME_FACTOR = 1e-3
-"""Relative difference of factors that rounding may make, and looks exceed."""
+"""Relative difference of two factors: rounding stays below it, a change of looks exceeds it."""
 
 
 @cache
@@ -58,7 +58,7 @@ class DetectorSubject(PluginSubject):
 
     @cached_property
     def ordinary(self) -> TestedMap:
-        """Noise with three echoes, tested."""
+        """Noise with three echoes, tested by the detector."""
         return TestedMap(self.plugin, _noise_with_echoes(0))
 
     def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
@@ -106,7 +106,7 @@ def _takes_looks(subject: DetectorSubject) -> str:
     if not np.array_equal(unsaid.threshold, one.threshold):
         raise BrokenPromiseError("looks=1 is not the default: let it be")
     many = subject.plugin.detect(power.copy(), looks=max(LOOKS))
-    # The factors between noise and threshold, multiplied out where there is no noise.
+    # Compare threshold / noise of both, multiplied out because the noise may be 0.
     if np.allclose(many.threshold * one.noise, one.threshold * many.noise, rtol=SAME_FACTOR, atol=0):
         raise BrokenPromiseError(
             "the factor between noise and threshold does not depend on looks: noise averaged over more looks "

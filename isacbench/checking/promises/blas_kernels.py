@@ -44,7 +44,7 @@ for dtype in (np.float32, np.float64, np.complex64, np.complex128):
     np.linalg.eigh(square), np.linalg.qr(square @ square), np.linalg.solve(square, square)
 print("+".join(one["architecture"] for one in threadpool_info() if one["internal_api"] == "openblas"))
 """
-"""Program that names its kernel, and crashes where the processor lacks the kernel's instructions."""
+"""Program that prints its kernel; it crashes if the processor lacks the kernel's instructions."""
 
 PROBE_S = 60.0
 
@@ -55,9 +55,9 @@ _known: dict[str, str] | None = None
 
 
 def other_kernels() -> dict[str, str]:
-    """Find the kernels that this processor can run, without the one that it runs by itself.
+    """Find the kernels that this processor can run, without its default kernel.
 
-    The search takes a process for each kernel, and is made once.
+    The search starts one process per kernel, and is made only once.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def _found() -> dict[str, str]:
 
 
 def _probed(choice: dict[str, str]) -> str:
-    """Name of the kernel that a choice leads to, empty where it does not run."""
+    """Name of the kernel that an environment selects; empty if it does not run."""
     probe = subprocess.run(
         [sys.executable, "-c", PROBE],
         env={**os.environ, **choice},
@@ -154,7 +154,7 @@ class KernelProcess:
 
     @property
     def has_ended(self) -> bool:
-        """True if it can no longer be asked."""
+        """True if the process has ended and takes no more requests."""
         return self._process.poll() is not None
 
     def close(self) -> None:
@@ -167,7 +167,7 @@ _processes: dict[str, KernelProcess] = {}
 
 
 def process_under(core_type: str) -> KernelProcess:
-    """Process under a kernel, started when first asked for, and again after it has ended.
+    """Process that runs under a kernel; started at the first call, and again after it has ended.
 
     Parameters
     ----------
@@ -185,11 +185,11 @@ def process_under(core_type: str) -> KernelProcess:
     return _processes[core_type]
 
 
-# What follows runs in the process.
+# The function below runs in the process.
 
 
 def _serve(descriptor: int) -> None:
-    """Image what comes through a connection until it is closed."""
+    """Image the observations that come through a connection, until it is closed."""
     connection = Connection(descriptor)
     with threadpool_limits(1):
         while True:
@@ -201,5 +201,5 @@ def _serve(descriptor: int) -> None:
                 register_plugin(plugin)
             try:
                 connection.send(raw_cloud(instances[ASKED], observation, truth))
-            except Exception as error:  # of the plugin: the asker tells
+            except Exception as error:  # of the plugin: the caller reports it
                 connection.send(f"{type(error).__name__}: {error}")

@@ -25,19 +25,19 @@ from isacbench.model.region import Region
 from isacbench.plugins.contracts import Estimator
 
 INVARIANCE = 1e-9
-"""Bound on the drift with threads, the BLAS kernel, memory and the order of elements."""
+"""Largest drift between numbers of threads, BLAS kernels, memory orders and orders of elements."""
 
 LIMITS = -126, 126
-"""Binary exponents of the largest amplitude of scaled cells: the ends of float32."""
+"""Binary exponents of the largest amplitude of scaled cells: the limits of float32."""
 
 ODD = 1.7
-"""Factor that rounds."""
+"""Scale factor that is not a power of two, so that products round."""
 
 FALSE_POINT_CELLS = 0.1
-"""Rayleigh cells from the nearest scatterer within which a point belongs to it."""
+"""Largest distance, in Rayleigh cells, at which a point belongs to the nearest scatterer."""
 
 POWER_DB = 0.1
-"""Error of the power of a resolved echo: estimators may load amplitudes by 1e-3."""
+"""Largest error of the power of a resolved echo: estimators may use a diagonal loading of 1e-3."""
 
 SINGLE_POINT = 1e-4
 
@@ -90,7 +90,7 @@ class Imaging:
 
     @property
     def sees_truth(self) -> bool:
-        """True for an estimator that ignores the cells."""
+        """True for an estimator that returns the truth and ignores the cells."""
         return bool(getattr(self.estimator, "needs_truth", False))
 
     def drift(self, cloud: PointCloud, amplitude_scale: float = 1.0) -> float:
@@ -152,7 +152,7 @@ def _repeats(imaging: Imaging) -> float:
 
 
 def _no_false_point(imaging: Imaging) -> float:
-    """Count points, and measure the Rayleigh cells from each to its nearest scatterer."""
+    """Largest distance of a point from its nearest scatterer, in Rayleigh cells; refuse too many points."""
     cloud, truth = imaging.cloud, imaging.shot.scenario.truth
     if len(cloud) > len(truth):
         raise BrokenPromiseError(f"{len(cloud)} points of {len(truth)} scatterers")
@@ -168,7 +168,7 @@ def _no_point(imaging: Imaging) -> float:
 
 
 def _apart(imaging: Imaging) -> NDArray[np.float64]:
-    """Rayleigh cells from every scatterer (rows) to every point (columns)."""
+    """Distances from every scatterer (rows) to every point (columns), in Rayleigh cells."""
     cloud, truth = imaging.cloud, imaging.shot.scenario.truth
     if not len(cloud):
         raise BrokenPromiseError(f"no point of {len(truth)} scatterers")
@@ -184,14 +184,14 @@ def _found_first(imaging: Imaging) -> float:
 
 
 def _power_off_db(imaging: Imaging) -> float:
-    """Largest error in dB of the power of the point next to a scatterer."""
+    """Largest error in dB of the power of the point nearest to a scatterer."""
     nearest = _apart(imaging).argmin(axis=1)
     ratio = imaging.cloud.power[nearest] / imaging.shot.scenario.truth.power
     return float(np.abs(10 * np.log10(ratio)).max())
 
 
 def _scaled(imaging: Imaging, odd: float) -> float:
-    """Drift where the largest amplitude is brought to either limit, by powers of two times an odd factor."""
+    """Drift after scaling the largest amplitude to either limit, by a power of two times `odd`."""
     cells = imaging.shot.seen.cells
     largest = math.frexp(float(np.abs(cells).max()))[1]
     factors = [odd * 2.0 ** (limit - largest) for limit in LIMITS]
@@ -207,7 +207,7 @@ def _threads(imaging: Imaging) -> float:
 
 
 def _blas_kernels(imaging: Imaging) -> float:
-    """Drift under the other kernels that the processor can run, each in a process of its own."""
+    """Drift under the other kernels that the processor can run, each in its own process."""
     kernels = other_kernels()
     if not kernels:
         raise NotApplicableError("the BLAS has no other kernel that this processor runs")
@@ -223,7 +223,7 @@ def _blas_kernels(imaging: Imaging) -> float:
 
 
 def _layout(imaging: Imaging) -> float:
-    """Drift with cells in Fortran order, elements first in memory, and backwards."""
+    """Drift for cells in Fortran order, with elements first in memory, and backwards in memory."""
     cells = imaging.shot.seen.cells
     elements_first = np.ascontiguousarray(cells.transpose(2, 3, 0, 1)).transpose(2, 3, 0, 1)
     backwards = cells[::-1].copy()[::-1]
@@ -234,9 +234,9 @@ def _layout(imaging: Imaging) -> float:
 
 
 def _element_order(imaging: Imaging) -> float:
-    """Drift with columns counted from the other end, rows likewise, and columns as rows.
+    """Drift with reversed columns, with reversed rows, and with columns and rows exchanged.
 
-    A panel without yaw and tilt then sees the scene mirrored about the base station. Each mirror is its own
+    For a panel without yaw and tilt this mirrors the scene about the base station. Each mirror is its own
     inverse.
     """
     scenario, observation = imaging.shot.scenario, imaging.shot.observation()
@@ -269,7 +269,7 @@ def _single_precision(imaging: Imaging) -> float:
 
 
 def _of_cells(drift: Callable[[Imaging], float]) -> Callable[[Imaging], float]:
-    """Leave out estimators that ignore the cells."""
+    """Restrict a promise to estimators that use the cells."""
 
     def checked(imaging: Imaging) -> float:
         if imaging.sees_truth:

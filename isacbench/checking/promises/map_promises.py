@@ -20,31 +20,31 @@ from isacbench.plugins.contracts import Detection, Detector
 Power = NDArray[np.floating[Any]]
 
 EXACT = 1e-12
-"""Bound on the drift with the order of sums."""
+"""Largest drift that another order of summation may cause."""
 
 TIE = 1e-10
 """Relative distance of power and threshold within which rounding may decide."""
 
 ODD = 1.7
-"""Factor that rounds."""
+"""Scale factor that is not a power of two, so that products round."""
 
 SCALES = -200, 200
 """Binary exponents of the factors of scaled maps."""
 
 STRIP = 13, 20_000
-"""Shape of a noise map most of whose cells have a window that touches a border."""
+"""Shape of a noise map in which the windows of most cells touch a border."""
 
 CONFIDENCE = 1e-9
-"""Probability with which a detector of the nominal rate would miss the band; halved to either side."""
+"""Probability that a detector of the nominal rate falls outside the band, half of it on either side."""
 
 DEPENDENCE = 4
-"""Cells that count as one in the band, since neighbours share the estimate of their noise."""
+"""Number of cells that count as one independent trial: neighbours share their noise estimate."""
 
 APPROXIMATION = 0.03
-"""Relative error of the rate that an approximate factor may make at high rates."""
+"""Relative error of the rate that an approximate factor may cause at high rates."""
 
 RAREST = 10
-"""False alarms that must be expected for a rate to be measured."""
+"""Least expected number of false alarms for which a rate is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +103,8 @@ class TestedMap:
         Raises
         ------
         BrokenPromiseError
-            If a cell is detected in one of the two alone, though its power is
-            not within rounding of its threshold.
+            If a cell is detected in only one of the two although its power
+            differs from its threshold by more than rounding.
         """
         near = np.abs(self.power - self.found.threshold) <= TIE * self.found.threshold
         differing = int(np.count_nonzero((other.mask != self.found.mask) & ~near))
@@ -172,7 +172,7 @@ def _finite(tested: TestedMap) -> float:
 
 
 def _moved(tested: TestedMap, other: Detection) -> float:
-    """Drift of a detection that must decide every cell alike."""
+    """Drift of a detection that must decide every cell in the same way."""
     differing = int(np.count_nonzero(other.mask != tested.found.mask))
     if differing:
         raise BrokenPromiseError(f"{differing} of {tested.power.size} cells are decided otherwise")
@@ -184,7 +184,7 @@ def _repeats(tested: TestedMap) -> float:
 
 
 def _listed(tested: TestedMap) -> float:
-    """Drift of all cells, listed from the last to the first, and of one alone."""
+    """Drift if all cells are listed from the last to the first, and if one is listed alone."""
     if "cells" not in inspect.signature(tested.detector.detect).parameters:
         raise NotApplicableError("takes whole maps only")
     drifts = []
@@ -201,7 +201,7 @@ def _listed(tested: TestedMap) -> float:
 
 
 def _layout(tested: TestedMap) -> float:
-    """Drift in Fortran order, with gaps, backwards, in the other byte order, read-only."""
+    """Drift for maps in Fortran order, with gaps, backwards, in the other byte order, and read-only."""
     power = tested.power
     read_only = power.copy()
     read_only.flags.writeable = False
@@ -242,7 +242,7 @@ def _nothing(tested: TestedMap) -> float:
 
 
 def _single_precision(tested: TestedMap) -> float:
-    """Drift of noise and thresholds alone: cells near their threshold may be decided otherwise."""
+    """Drift of noise and thresholds only: cells near their threshold may be decided differently."""
     if max(np.abs(np.log2(tested.power[tested.power > 0])), default=0.0) > -np.finfo(np.float32).minexp:
         raise NotApplicableError("float32 does not hold it in full")
     found = tested.detect(tested.power.astype(np.float32))
@@ -250,7 +250,7 @@ def _single_precision(tested: TestedMap) -> float:
 
 
 def _rate_order(tested: TestedMap) -> float:
-    """Largest fall of a threshold where the rate is halved, of cells that are detected at both rates."""
+    """Largest relative fall of a threshold when the rate is halved; thresholds must not fall."""
     detector: Any = tested.detector
     strict = TestedMap(dataclasses.replace(detector, pfa=detector.pfa / 2), tested.power, tested.looks)
     _finite(strict)

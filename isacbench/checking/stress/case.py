@@ -1,9 +1,9 @@
-"""Cases: hostile but finite input, spelled ``name[param=value,...]``, and what is promised on it.
+"""Cases: hostile but finite input, written ``name[param=value,...]``, and the promises checked on it.
 
 A case is a frozen dataclass. Its class is a family: every field has a space
 (`isacbench.checking.stress.spaces`), ``fixed`` lists the members that the table holds,
-and the random search draws from the same spaces. What the search finds is
-added to ``fixed`` and so kept for good.
+and the random search draws from the same spaces. Members that the search finds
+to fail are added to ``fixed``, so that they are always checked.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Subject = TypeVar("Subject")
 
 
 def adapted(plugin: Any, parameters: Mapping[str, Any]) -> Any:
-    """Plugin with other parameters.
+    """Copy of a plugin with some parameters replaced.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ def adapted(plugin: Any, parameters: Mapping[str, Any]) -> Any:
     Raises
     ------
     NotApplicableError
-        If it lacks one of them.
+        If the plugin lacks one of them.
     InputError
-        If it refuses one.
+        If the plugin refuses one.
     """
     fields = {field.name for field in dataclasses.fields(plugin)}
     if missing := sorted(set(parameters) - fields):
@@ -59,7 +59,7 @@ def adapted(plugin: Any, parameters: Mapping[str, Any]) -> Any:
 
 @dataclass(frozen=True)
 class Case(ABC, Generic[Subject]):
-    """A case of a family; subclasses add fields, their input and what is promised.
+    """A case of a family; subclasses add fields, the input and the promises.
 
     Attributes
     ----------
@@ -68,8 +68,7 @@ class Case(ABC, Generic[Subject]):
     kind : {"estimator", "detector"}
         Class attribute: kind of plugin that the family is meant for.
     fixed : tuple of dict
-        Class attribute: fields of the members that the table holds, the
-        defaults left out.
+        Class attribute: fields of the members in the table, without defaults.
     promised : tuple of Promise
         Class attribute: promises on every member, unless the family overrides
         `promises`.
@@ -103,7 +102,7 @@ class Case(ABC, Generic[Subject]):
 
     @classmethod
     def of(cls, spec: Spec) -> Self:
-        """Member that a specification spells.
+        """Member that a specification describes.
 
         Parameters
         ----------
@@ -132,7 +131,7 @@ class Case(ABC, Generic[Subject]):
 
     @property
     def may_refuse(self) -> bool:
-        """True if an `InputError` is a proper answer."""
+        """True if the plugin may answer with an `InputError`."""
         return False
 
     @property
@@ -141,18 +140,18 @@ class Case(ABC, Generic[Subject]):
         return self.promised
 
     def parameters(self) -> Mapping[str, Any]:
-        """Parameters that a plugin is given, none by default."""
+        """Parameters to set on the plugin; none by default."""
         return {}
 
     @abstractmethod
     def subject(self, plugin: Any, seed: int) -> Subject:
-        """Bring the plugin and the input together.
+        """Combine plugin and input into the subject of the promises.
 
         Parameters
         ----------
         plugin : Estimator or Detector
         seed : int
-            Seed of what is random in the input.
+            Seed of the random parts of the input.
 
         Returns
         -------
@@ -176,7 +175,7 @@ class CaseScene(NamedTuple):
 
 @dataclass(frozen=True)
 class EstimatorCase(Case[Imaging]):
-    """A scene, and parameters that the estimator takes for it."""
+    """A scene, and parameters to set on the estimator for it."""
 
     kind: ClassVar[PluginKind] = "estimator"
 
@@ -216,7 +215,7 @@ class EstimatorCase(Case[Imaging]):
 
 @dataclass(frozen=True)
 class DetectorCase(Case[TestedMap]):
-    """A power map, and parameters that the detector takes for it."""
+    """A power map, and parameters to set on the detector for it."""
 
     kind: ClassVar[PluginKind] = "detector"
 
@@ -239,7 +238,7 @@ class DetectorCase(Case[TestedMap]):
         return 1
 
     def subject(self, plugin: Detector, seed: int) -> TestedMap:
-        """Bring detector and map together.
+        """Combine detector and map.
 
         Parameters
         ----------

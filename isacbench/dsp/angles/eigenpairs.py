@@ -1,10 +1,10 @@
-"""Eigenpairs of covariances, with bounds on the rotation of their signal subspaces by rounding.
+"""Eigenpairs of covariances, with bounds on how far rounding rotates their signal subspaces.
 
-A perturbation of size E turns the space of the k largest eigenvectors by an
+A perturbation of size E rotates the space of the k largest eigenvectors by an
 angle whose sine is at most E over the gap between the k-th eigenvalue and the
-next (Davis and Kahan). A covariance is never better than rounding. Where the
-gap is a few units of rounding, the subspace is arbitrary: in a white
-covariance, within a group of equal eigenvalues, behind the last source of a
+next (Davis and Kahan). Rounding perturbs every covariance. Where the gap is
+only a few rounding errors wide, the subspace is arbitrary: in a white
+covariance, within a group of equal eigenvalues, and beyond the last source of a
 noise-free snapshot.
 
 References
@@ -22,11 +22,11 @@ import numpy as np
 from isacbench.dsp.array_types import Floats, Integers
 
 MOST_ROTATION = 1e-3
-"""Sine of the angle by which rounding may turn a signal subspace: three digits of a direction, in units of
-the subarray's beam."""
+"""Largest sine of the angle by which rounding may rotate a signal subspace: three digits of a direction, in
+units of the subarray's beam."""
 
 ROUNDING_UNITS = 4
-"""Last digits of the largest eigenvalue, per dimension, that a covariance and its decomposition lose."""
+"""Rounding error of a decomposed covariance, per dimension: in last digits of the largest eigenvalue."""
 
 
 class Eigenpairs(NamedTuple):
@@ -39,10 +39,11 @@ class Eigenpairs(NamedTuple):
     vectors : ndarray of float64, shape (n, L, m)
         Orthonormal columns.
     rotation : ndarray of float64, shape (n, m - 1)
-        Largest sine of the angle by which rounding may have turned the space
-        of the first k + 1 eigenvectors; 1 where that space is arbitrary.
+        For each index k, the largest sine of the angle by which rounding may
+        have rotated the space of the first k + 1 eigenvectors; 1 where that
+        space is arbitrary.
     rounding : ndarray of float64, shape (n,)
-        Eigenvalues below are rounding.
+        Level below which eigenvalues are rounding errors.
     """
 
     values: Floats
@@ -78,7 +79,7 @@ def with_rounding(values: Floats, vectors: Floats) -> Eigenpairs:
 
 
 def separated_order(rotation: Floats, order: Integers) -> Integers:
-    """Limit the orders of signal subspaces to those that rounding leaves determined.
+    """Limit the dimensions of signal subspaces to those that are determined despite rounding.
 
     Parameters
     ----------
@@ -90,11 +91,11 @@ def separated_order(rotation: Floats, order: Integers) -> Integers:
     Returns
     -------
     ndarray of int64, shape (n,)
-        Largest determined order up to the one asked for; 0 where there is no such order.
+        Largest determined order up to the one asked for; 0 where none is determined.
 
     Examples
     --------
-    A group of three equal eigenvalues behind a large one, and a group of equal ones:
+    Three equal eigenvalues after a large one; and all eigenvalues equal:
 
     >>> separated_order(np.array([[1e-15, 1.0, 1.0], [1.0, 1.0, 1.0]]), np.array([3, 2])).tolist()
     [1, 0]

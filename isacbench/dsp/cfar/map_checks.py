@@ -1,4 +1,4 @@
-"""Checks of what a CFAR detector is given: maps, windows, kinds of threshold and lists of cells."""
+"""Checks of the input of CFAR detectors: maps, windows, kinds of threshold and lists of cells."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Cells = tuple["NDArray[np.intp]", ...]
 """Cells of a map as `numpy.nonzero` gives them: for each axis an array of indices, shape (n,)."""
 
 _WEAKEST, _STRONGEST = 1e-200, 1e200
-"""Strongest cell of a map whose sums and thresholds are right in float64."""
+"""Limits of the strongest cell of a map, between which sums and thresholds are right in float64."""
 
 _ROUNDING = 1e-9
-"""What rounding may take from the product of a fraction and a number of cells."""
+"""Margin for rounding in the product of a fraction and a number of cells."""
 
 
 def check_cells(name: str, sizes: CellsPerSide) -> None:
@@ -34,14 +34,14 @@ def check_cells(name: str, sizes: CellsPerSide) -> None:
     Parameters
     ----------
     name : str
-        Name of the parameter, for the message; "training" must not be 0 throughout.
+        Name of the parameter, for the message; "training" must not be 0 on all axes.
     sizes : int or tuple of int
         Cells per side, for all axes or for each.
 
     Raises
     ------
     InputError
-        If a number is negative or no whole number, or all training is 0.
+        If a number is negative or not whole, or "training" is 0 on all axes.
     """
     per_axis = sizes if isinstance(sizes, tuple) else (sizes,)
     if not per_axis or not all(isinstance(size, Integral) and size >= 0 for size in per_axis):
@@ -81,7 +81,7 @@ def check_fraction(name: str, fraction: float, lowest: float, highest: float) ->
     Raises
     ------
     InputError
-        If `fraction` is no number within the limits.
+        If `fraction` is not a number within the limits.
     """
     if not isinstance(fraction, Real) or not lowest <= fraction <= highest:
         raise InputError(f"{name} = {fraction!r}: a fraction from {lowest:g} to {highest:g} is allowed")
@@ -96,7 +96,7 @@ def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
         Name of the parameter, for the message.
     axis : int
     n_axes : int, optional
-        Axes of the map; without it only negative numbers are refused.
+        Number of axes of the map; without it, any number of 0 and above is allowed.
 
     Returns
     -------
@@ -132,8 +132,8 @@ def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
     ------
     InputError
         If the map is complex or empty, or holds NaN, infinite or negative power;
-        if its strongest cell is so strong or weak that sums overflow or lose
-        digits; or if `looks` is out of range.
+        if its strongest cell is so strong that sums overflow, or so weak that they
+        lose digits; or if `looks` is out of range.
     """
     check_looks(looks)
     given = np.asarray(power)
@@ -161,8 +161,8 @@ def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
     Parameters
     ----------
     cells : tuple of array_like of int
-        For each axis of the map indices from 0, shape (n,), as `numpy.nonzero`
-        gives them.
+        One array of indices from 0 for each axis of the map, shape (n,), as
+        `numpy.nonzero` gives them.
     shape : tuple of int
         Shape of the map.
 
@@ -215,7 +215,7 @@ def spread(
     Raises
     ------
     InputError
-        If they are no numbers of cells, or not as many as axes.
+        If they are not numbers of cells, or not one for each axis.
     """
     per_side = []
     for name, sizes in (("training", training), ("guard", guard)):
@@ -229,7 +229,7 @@ def spread(
 
 
 def share_of(fraction: float, n_cells: int) -> int:
-    """Share of a number of cells, ⌊fraction n⌋, where rounding has not made it one less.
+    """Share of a number of cells, ⌊fraction n⌋, without the loss of one cell to rounding.
 
     Parameters
     ----------

@@ -1,11 +1,12 @@
-"""Windows of CFAR detectors: cells under test, and the cells that train for them.
+"""Windows of CFAR detectors: cells under test, and their training cells.
 
 Along an axis the window reaches `training + guard` cells to either side of the cell under test.
 Near an edge it keeps its size and shifts to stay inside the map, while the guard cells stay around
 the cell under test. Nothing is padded.
 
-Cells under test whose windows are shifted alike are tested together. Sums add training cells alone:
-a window minus its guard cells, or a running sum, loses the noise next to a strong echo.
+Cells under test whose windows are shifted alike are tested together. Sums add training cells only.
+The whole window minus its guard cells, or a running sum, would lose the noise next to a strong echo to
+cancellation.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     Index = tuple[slice, ...] | Cells
 
 _MOST_VALUES = 2**19
-"""Values of windows that are gathered at a time."""
+"""Largest number of values of windows that are gathered at a time."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Axis:
         return 2 * self.reach + 1
 
     def start(self, cell: NDArray[np.intp]) -> NDArray[np.intp]:
-        """First cells of windows.
+        """First cell of each window.
 
         Parameters
         ----------
@@ -108,7 +109,7 @@ def window_axes(
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Windows of cells under test that have one place in their windows.
+    """Windows whose cells under test all have the same place in their window.
 
     Attributes
     ----------
@@ -126,22 +127,22 @@ class Windows:
 
     @property
     def n_window(self) -> int:
-        """Cells of a window."""
+        """Number of cells of a window."""
         return prod(axis.n_window for axis in self.axes)
 
     @property
     def n_training(self) -> int:
-        """Training cells of a window."""
+        """Number of training cells of a window."""
         return int(self.trains.sum())
 
     @property
     def n_leading(self) -> int:
-        """Training cells before the cell under test, in the order of the map."""
+        """Number of training cells before the cell under test, in the order of the map."""
         return int(self.trains.ravel()[: np.ravel_multi_index(self.place, self.trains.shape)].sum())
 
     @property
     def trains(self) -> NDArray[np.bool_]:
-        """Places of the window that hold training cells, of the window's shape."""
+        """Mask of the training cells, of the window's shape."""
         return _training_places(self.axes, self.place)
 
     def whole(self, power: Floats) -> Floats:
@@ -155,7 +156,7 @@ class Windows:
         Returns
         -------
         ndarray of float64
-            Of the shape of the cells under test, then that of the window.
+            Axes of the cells under test, then those of the window.
         """
         windows = sliding_window_view(power, self.trains.shape)
         first = tuple(
@@ -176,14 +177,14 @@ class Windows:
         Returns
         -------
         ndarray of float64
-            Of the shape of the cells under test, then (number of training cells,).
+            Axes of the cells under test, then one of training cells.
         """
         return self.whole(power)[..., self.trains]
 
 
 @lru_cache(maxsize=4096)
 def _training_places(axes: tuple[Axis, ...], place: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Places of a window outside the guard cells of a cell under test, of the window's shape."""
+    """Mask of the cells outside the guard cells, of the window's shape."""
     trains = np.ones(tuple(axis.n_window for axis in axes), dtype=bool)
     guarded = (slice(max(p - axis.guard, 0), p + axis.guard + 1) for p, axis in zip(place, axes, strict=True))
     trains[tuple(guarded)] = False
@@ -191,14 +192,14 @@ def _training_places(axes: tuple[Axis, ...], place: tuple[int, ...]) -> NDArray[
 
 
 def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[tuple[Index, Windows]]:
-    """Windows of all cells of a map, or of listed ones, in parts that fill little memory.
+    """Windows of all cells of a map, or of listed ones, in parts that take little memory.
 
     Parameters
     ----------
     axes : tuple of Axis
         Window along each axis of the map.
     cells : tuple of ndarray of int, each shape (n,), optional
-        Cells under test; without them all.
+        Cells under test; default: all cells.
 
     Yields
     ------
@@ -227,7 +228,7 @@ def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[t
 
 
 def _blocks(axes: tuple[Axis, ...]) -> Iterator[tuple[tuple[slice, ...], tuple[int, ...]]]:
-    """Blocks of a map whose cells have one place in their windows: the middle, and each shifted cell."""
+    """Blocks of cells with the same place in their windows: the middle, and each cell near an edge."""
     along = []
     for axis in axes:
         middle = (slice(axis.reach, axis.length - axis.reach), axis.reach)

@@ -1,11 +1,12 @@
 """Scatterers that explain a range-Doppler map together: joint selection and joint refinement.
 
-A plane wave that a cell shows may belong to a scatterer in the next cell or be
+A plane wave found in a cell may belong to a scatterer in the next cell or be
 a sidelobe of one far away. So each scatterer is fitted together with all
-others. An echo is the product of four kernels, along range, Doppler, u and w,
-and so is the response of one scatterer's matched filter to another: n
-scatterers cost four n x n products for any size of the array. Where one column
-and one row of the array are read, the products along u and w add instead.
+others. An echo is the product of four kernels, along range, Doppler, u and w.
+So is the response of one scatterer's matched filter to another: n scatterers
+cost four n x n products for any size of the array. Where only one column and
+one row of the array are read, the responses along u and w are added, not
+multiplied.
 """
 
 from __future__ import annotations
@@ -25,25 +26,25 @@ from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
 
 PATCH = (3, 1)
-"""Range and Doppler cells to either side that a matched filter reads: most of an echo's energy."""
+"""Range and Doppler cells to either side that a matched filter reads: they hold most of an echo's energy."""
 
 NEIGHBOURHOOD_BINS = 2.0
 """Range and Doppler bins in which weaker scatterers are compared with the strongest."""
 
 COMPETING_RESPONSE = 0.3
-"""Response from which two candidates compete: only the stronger joins in a round."""
+"""Response above which two candidates compete: only the stronger joins in a round."""
 
 TIE = 1e-6
-"""Relative difference of two candidates that counts as rounding: the first of them joins."""
+"""Relative difference of two candidates that counts as rounding: of equal ones the first joins."""
 
 REPEATING_RESPONSE = 0.8
-"""Response from which a candidate only repeats a member."""
+"""Response above which a candidate only repeats a member."""
 
 LOADING = 1e-3
-"""Of unit responses: keeps the amplitudes of scatterers half a bin apart from cancelling each other."""
+"""Diagonal loading of unit responses: prevents scatterers half a bin apart from cancelling each other."""
 
 LEAST_LOADING = 1e-9
-"""Of unit responses: keeps equations of nearly equal scatterers soluble; leaves nothing of an echo behind."""
+"""Least loading: keeps equations of nearly equal scatterers soluble, and subtracts echoes completely."""
 
 MAX_ROUNDS = 8
 """Rounds of the selection; four to six are usual."""
@@ -58,22 +59,22 @@ SETTLING_STEPS = 3
 """Steps on the misfit of an explained map: each brings six digits or more."""
 
 MOST_UNEXPLAINED = 2.0
-"""Times white noise: largest misfit around a scatterer of an explained map. Means of 21 scatter by 0.2."""
+"""Largest misfit around a scatterer of an explained map, in noise powers; means of 21 cells vary by 0.2."""
 
 HOPELESS = 20.0
-"""Times white noise: misfit after the first steps from which no more of them help."""
+"""Misfit after the first steps above which further steps do not help, in noise powers."""
 
 LEAST_RESOLVED = 0.5
-"""Share of scatterers from resolved cells below which a map is a crowd, and no fit is tried..."""
+"""Share of scatterers from resolved cells below which a map counts as crowded, and no fit is tried."""
 
 FEW = 16
-"""... unless there are so few that it costs next to nothing."""
+"""Number of scatterers up to which the fit is tried in a crowded map too: it costs next to nothing."""
 
 SLOPE_STEP_BINS = 1e-4
-"""Step of central differences: their error of 1e-8 is far below the precision that a step needs."""
+"""Step of central differences; their error of 1e-8 is far below what a Gauss-Newton step needs."""
 
 MAX_SHIFT_BINS = 0.5
-"""Farthest that the refinement moves a scatterer."""
+"""Largest distance by which the refinement moves a scatterer."""
 
 
 class _MatchedFilters:
@@ -126,7 +127,7 @@ class _MatchedFilters:
         self.matched, self.response = output / gain, response / gain[:, None]
 
     def own_slopes(self) -> tuple[Complex, Complex]:
-        """Derivatives (n, r) and (n, d) of each scatterer's echo on its own patch with its place, per bin."""
+        """Derivatives (n, r), (n, d) of each echo on its own patch, per range bin and per Doppler bin."""
         step = SLOPE_STEP_BINS
         behind = self._unit_echoes(self.range_bin + step, self.doppler_bin + step)
         before = self._unit_echoes(self.range_bin - step, self.doppler_bin - step)
@@ -150,7 +151,7 @@ class _MatchedFilters:
         return amplitude
 
     def _unit_echoes(self, range_bin: Floats, doppler_bin: Floats) -> tuple[Complex, Complex]:
-        """Unit echoes on all range bins, and on all Doppler bins, of the gate: one column a scatterer."""
+        """Unit echoes on all range bins, and on all Doppler bins, of the gate: one column per scatterer."""
         n_subcarriers, n_symbols = self.system.n_subcarriers, self.system.n_symbols
         along_range = dirichlet(self.gate.range_bins, range_bin, n_subcarriers) / np.sqrt(n_subcarriers)
         along_doppler = self.doppler.response(self.gate.doppler_bins, doppler_bin) / np.sqrt(n_symbols)
@@ -167,12 +168,13 @@ def select_jointly(
 ) -> LocatedScatterers:
     """Select the scatterers that explain the map together.
 
-    In rounds, candidates that stand out from what the members leave
-    unexplained join, the strongest of those that compete; all amplitudes are
-    fitted anew, and members that turn out weak compared with their neighbours
-    leave. Those of one family do not compete with each other: their cell has
-    told them apart. Of gapped symbols, selected scatterers move to their best
-    grating lobes in the end (`isacbench.dsp.fitting.grating_lobes`).
+    In each round, candidates join the members if they stand out in the residual
+    that the members leave; of competing candidates only the strongest joins.
+    All amplitudes are then fitted anew, and members that are weak compared with
+    their neighbours leave. Candidates of one family do not compete with each
+    other: their cell has resolved them. With gapped symbols, the selected
+    scatterers finally move to their best grating lobes
+    (`isacbench.dsp.fitting.grating_lobes`).
 
     Parameters
     ----------
@@ -184,9 +186,10 @@ def select_jointly(
     min_power : float
         Power per element that a matched filter's output must exceed.
     dynamic_range_db : float
-        Largest level of a scatterer below the strongest of its neighbourhood.
+        Scatterers further below the strongest one of their neighbourhood are
+        left out.
     n_members : int, default 0
-        The first of the candidates, which are members from the start.
+        How many of the first candidates are members from the start.
 
     Returns
     -------
@@ -223,7 +226,7 @@ def select_jointly(
 
 
 def _at_best_lobes(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> LocatedScatterers:
-    """Scatterers at those of their grating lobes where the map, less all others' echoes, shows them most."""
+    """Move each scatterer to the grating lobe that fits the map best once all other echoes are subtracted."""
     if not len(scatterers):
         return scatterers
     bursts = gated.doppler_kernel(system.n_symbols)
@@ -236,11 +239,11 @@ def _at_best_lobes(scatterers: LocatedScatterers, gated: GatedMap, system: Syste
 
 
 def refine_jointly(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> LocatedScatterers:
-    """Move scatterers between bins to where the map, less all others' echoes, shows them.
+    """Refine range and Doppler of each scatterer once all other echoes are subtracted from the map.
 
-    Each Gauss-Newton step fits all amplitudes together, subtracts the echoes
-    of the others from every patch, and fits amplitude, range and Doppler of
-    its scatterer to the rest.
+    Each Gauss-Newton step fits all amplitudes together. From the patch of each
+    scatterer it then subtracts the echoes of the others, and fits the
+    scatterer's amplitude, range and Doppler to the rest.
 
     Parameters
     ----------
@@ -277,8 +280,8 @@ def explain_map(
 ) -> LocatedScatterers | None:
     """Move scatterers in all four coordinates to the least-squares fit, if that explains the map.
 
-    A fit bends to echoes that are not modelled; in a crowd this error is larger
-    than the one that it removes.
+    Echoes that are not modelled bias the fit. In a crowd this error is larger
+    than the one that the fit removes.
 
     Parameters
     ----------
@@ -292,8 +295,9 @@ def explain_map(
     Returns
     -------
     LocatedScatterers or None
-        Without those that noise does not tell from another. None where the map
-        holds more than any places of these scatterers explain.
+        Without scatterers that noise makes indistinguishable from another. None
+        where the fitted scatterers leave too much of the map unexplained, or
+        the map is crowded.
     """
     if not len(scatterers):
         return scatterers
@@ -325,9 +329,9 @@ def _placed(scatterers: LocatedScatterers, fit: AtomFit, atom_map: AtomMap) -> L
 
 
 def _most_unexplained(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> float:
-    """Largest mean power per element around any scatterer that the echoes of all leave unexplained."""
+    """Largest mean power per element around any scatterer after the echoes of all are subtracted."""
     filters = _MatchedFilters(scatterers, gated, system)
-    # With the usual loading, the rest of echoes 76 dB above the noise would count as unexplained.
+    # The usual loading leaves a rest of each echo: 76 dB above the noise it would count as unexplained.
     amplitude = filters.amplitudes(loading=LEAST_LOADING)
     misfit = filters.beam - filters.echoes(filters.direction_response * amplitude)
     power = np.mean(misfit.real**2 + misfit.imag**2, axis=(1, 2)) * gated.n_elements
@@ -350,7 +354,7 @@ def _nearby(filters: _MatchedFilters) -> Mask:
 
 
 def _wins(candidate: Floats, competes: Mask) -> Mask:
-    """Candidates (n,) that compete with no stronger one, and with no earlier one as strong."""
+    """Candidates (n,) that compete with no stronger one, and with no earlier one of the same strength."""
     rivals = np.where(competes, candidate, 0)
     stronger = rivals > (1 + TIE) * candidate[:, None]
     first_as_strong = np.argmax(rivals >= (1 - TIE) * candidate[:, None], axis=1)
@@ -367,7 +371,7 @@ def _known_apart(scatterers: LocatedScatterers) -> Mask:
 
 
 def _gauss_newton(filters: _MatchedFilters, amplitude: Complex) -> Floats:
-    """Steps (2, n) in range and Doppler bins, each scatterer's amplitude free, all others held."""
+    """Steps (2, n) in range and Doppler bins: each scatterer's amplitude is free, all others are fixed."""
     n = len(amplitude)
     shares = filters.direction_response * amplitude
     np.fill_diagonal(shares, 0)
@@ -377,7 +381,7 @@ def _gauss_newton(filters: _MatchedFilters, amplitude: Complex) -> Floats:
     range_slope, doppler_slope = filters.own_slopes()
     strength = np.abs(amplitude)
     phase = np.divide(amplitude, strength, out=np.ones_like(amplitude), where=strength > 0)[:, None, None]
-    # Slopes of a unit echo: the four columns then have one unit, in any unit of the map.
+    # Slopes of a unit echo: the four columns then share one unit, whatever the unit of the map.
     along_range, along_doppler = range_slope[:, :, None] * own_doppler, own_range * doppler_slope[:, None, :]
     model = np.stack([echo, 1j * echo, phase * along_range, phase * along_doppler], axis=1).reshape(n, 4, -1)
     misfit = (filters.beam - others - amplitude[:, None, None] * echo).reshape(n, -1, 1)

@@ -15,23 +15,23 @@ from isacbench.dsp.fitting.pursuit import descending, sidelobe_energy, sidelobe_
 from isacbench.model.gate import Gate
 
 ROUND_RANGE_DB = 6.0
-"""Range below the best move of the others that are made in the same round."""
+"""Moves of a round gain at most this much less than the best one."""
 
 APART_CELLS = 1.0
-"""Distance of moves of one round."""
+"""Least distance between the moves of one round."""
 
 SPLIT_PREFERENCE = 2.0
-"""Preference of a split to a new atom near the same atom, which would only be the first of two."""
+"""Factor by which a split is preferred to a new atom nearby, which would only be the first of two."""
 
 PAIR_CELLS = 0.8
 """Distance from the atom that was split, within which its two parts must lie."""
 
 MOST_LEFT = 64
-"""Strongest peaks of the residual that no move explains: their sidelobes are no moves."""
+"""Number of strongest unexplained peaks of the residual whose sidelobes are not taken for atoms."""
 
 
 def reachable_places(places: Floats, gate: Gate) -> Mask:
-    """Tell the places within a bin of the ranges and speeds of the region.
+    """Tell which places lie within a bin of the ranges and speeds of the region.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def reachable_places(places: Floats, gate: Gate) -> Mask:
 def clear_of_sidelobes(
     places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
 ) -> Integers:
-    """Keep the candidates that are no sidelobes of peaks which no move explains.
+    """Keep the candidates that are not sidelobes of peaks which no move explains.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def clear_of_sidelobes(
     candidates : ndarray of int64, shape (c,)
         Indices of peaks that can become atoms, by descending gain.
     left : ndarray of int64, shape (m,)
-        Indices of peaks that stay, at most `MOST_LEFT`.
+        Indices of peaks that no move explains, at most `MOST_LEFT`.
     bursts : SymbolBursts
 
     Returns
@@ -93,8 +93,8 @@ def without_images(
     Returns
     -------
     ndarray of int64
-        Some of `left`; all of it if the whole frame is sensed with, which has no
-        grating lobes.
+        Some of `left`; all of it if the whole frame is used for sensing, because
+        there are no grating lobes then.
     """
     if bursts.is_whole_frame:
         return left
@@ -106,7 +106,7 @@ def without_images(
 
 
 def are_near(places: Floats, others: Floats, distance: float) -> Mask:
-    """Tell the places that have one of the others nearer along every coordinate.
+    """Tell which places have another one nearer than a distance along every coordinate.
 
     Parameters
     ----------
@@ -128,14 +128,14 @@ def are_near(places: Floats, others: Floats, distance: float) -> Mask:
 
 
 def became_pairs(centres: Floats, places: Floats) -> Mask:
-    """Tell the places that were split and have two atoms around them.
+    """Tell which split atoms have become two: at least two atoms lie around their place.
 
     Parameters
     ----------
     centres : ndarray of float64, shape (n, 4)
         Places of the atoms that were split.
     places : ndarray of float64, shape (m, 4)
-        Atoms now.
+        Places of the present atoms.
 
     Returns
     -------
@@ -146,17 +146,17 @@ def became_pairs(centres: Floats, places: Floats) -> Mask:
 
 
 def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, room: int) -> Integers:
-    """Choose the moves of a round: the best, apart, and no sidelobe of a better one.
+    """Choose the best moves of a round, apart from each other, without sidelobes of better ones.
 
     Parameters
     ----------
     places : ndarray of float64, shape (n, 4)
-        Of new atoms, and of atoms that may be split.
+        Places of new atoms, and of atoms that may be split.
     gain : ndarray of float64, shape (n,)
     is_new : ndarray of bool, shape (n,)
     atom_map : AtomMap
     room : int
-        Most moves.
+        Largest number of moves.
 
     Returns
     -------
@@ -169,9 +169,9 @@ def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, 
     eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
     candidates = eligible[descending(worth[eligible])]
     amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
-    # Between bins a grating lobe may exceed its peak: none joins with its peak.
+    # Between bins a grating lobe may exceed its peak: it must not be chosen together with its peak.
     bursts = atom_map.bursts.with_equal_lobes
-    # Coordinate by coordinate in memory: a map without echoes has ten thousands of candidates.
+    # One coordinate after the other in memory: a map without echoes has tens of thousands of candidates.
     along = places[candidates].T.copy()
     chosen: list[int] = []
     while candidates.size and len(chosen) < room:

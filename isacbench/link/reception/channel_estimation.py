@@ -1,9 +1,9 @@
 """Estimation of the user's channel on every resource element from the PRS.
 
-Four PRS symbols in turn touch every subcarrier. What they say, one number a
-subcarrier, is noisy. A channel whose paths arrive within the prefix can only
-be a sum of few responses. Projecting on these, the first discrete prolate
-spheroidal sequences, loses nothing of the channel and most of the noise.
+Four consecutive PRS symbols together touch every subcarrier. The estimate from
+them, one number per subcarrier, is noisy. A channel whose paths arrive within the
+cyclic prefix is a sum of few basis responses: the first discrete prolate spheroidal
+sequences. Projection on these keeps the whole channel and removes most of the noise.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
     from isacbench.model.numerology import System
 
 LEAST_CONCENTRATION = 1e-10
-"""Share of a basis response's energy that is within the prefix, from which it belongs to the basis."""
+"""Least share of its energy within the prefix that a response of the basis has."""
 
 MOST_BESIDES = 48
-"""Basis responses over one a delay bin: ln(n_subcarriers) of them have a share between all and nothing."""
+"""Most basis responses beyond one per delay bin: over ln(n_subcarriers) of them the share falls to 0."""
 
 
 FEWEST_POINTS = 3
-"""Subcarriers from which SciPy has prolate spheroidal sequences."""
+"""Least number of subcarriers for which SciPy computes prolate spheroidal sequences."""
 
 
 @dataclass(frozen=True, eq=False)
 class PrsEstimator:
     """Least-squares estimator of the channel from the PRS.
 
-    The response along frequency is a sum of `basis`; along time each subcarrier
-    follows a polynomial through the bursts of PRS.
+    The response along frequency is a combination of the columns of `basis`.
+    Along time each subcarrier follows a polynomial through the bursts of PRS.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class PrsEstimator:
         Symbols of each burst; every subcarrier carries PRS in some of them.
     is_prs : ndarray of bool, shape (n_subcarriers, n_symbols)
     along_time : ndarray of float64, shape (n_symbols, n_bursts) or (1, n_bursts)
-        Weight of each burst's estimate in that of a symbol; one row where the
+        Weight of each burst in the estimate of each symbol; one row where the
         channel is taken as constant.
     """
 
@@ -60,9 +60,9 @@ class PrsEstimator:
 
     @property
     def noise_gain(self) -> float:
-        """Power of the estimate's error over the noise power, mean over the grid.
+        """Power of the estimation error over the noise power, mean over the grid.
 
-        n_basis / n_prs, where the PRS touches all subcarriers equally often
+        It is n_basis / n_prs where the PRS touches all subcarriers equally often
         and the channel is taken as constant.
         """
         leverage = np.sum(np.abs(self.basis) ** 2, axis=1)
@@ -77,7 +77,7 @@ class PrsEstimator:
         Parameters
         ----------
         received, sent : ndarray of complex128, shape (n_subcarriers, n_symbols)
-            Of the elements that do not carry PRS nothing is read.
+            Only the elements that carry PRS are read.
 
         Returns
         -------
@@ -91,7 +91,7 @@ class PrsEstimator:
                 for burst in self.bursts
             ]
         )
-        # The PRS has unit power: these are least squares of every subcarrier for itself.
+        # The PRS has unit power: these are the least-squares estimates of each subcarrier on its own.
         projected = (raw @ self.basis.conj()) @ self.basis.T
         by_symbol: NDArray[np.complex128] = self.along_time @ projected
         return by_symbol.T
@@ -111,7 +111,7 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
     system : System
     time_order : int
         Order of the polynomial that the channel follows in time: 0 where it
-        is constant during the frame. Each further order costs noise.
+        is constant during the frame. Each further order adds noise.
 
     Returns
     -------
@@ -174,7 +174,7 @@ def _along_time(n_symbols: int, bursts: tuple[NDArray[np.int64], ...], order: in
     if order == 0:
         return np.full((1, len(bursts)), 1 / len(bursts))
     middle = np.array([burst.mean() for burst in bursts])
-    # Times from -1 to 1, for the sake of digits.
+    # Times from -1 to 1, for numerical accuracy.
     at_bursts, at_symbols = (
         np.polynomial.chebyshev.chebvander(2 * time / max(n_symbols - 1, 1) - 1, order)
         for time in (middle, np.arange(n_symbols))
@@ -187,8 +187,8 @@ def _along_time(n_symbols: int, bursts: tuple[NDArray[np.int64], ...], order: in
 def _basis(n_subcarriers: int, latest: float) -> NDArray[np.complex128]:
     """Orthonormal basis (n_subcarriers, n_basis) of the responses of delays from 0 to the latest, in bins.
 
-    There are about as many of them as delay bins, and a few more for what paths
-    between bins and at the limits leave beyond.
+    It has about one response per delay bin, and a few more for the leakage of
+    paths between bins and at the limits.
     """
     width = max(latest, 1.0)
     if width >= n_subcarriers or n_subcarriers < FEWEST_POINTS:

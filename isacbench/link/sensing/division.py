@@ -1,11 +1,11 @@
 """Division by the transmitted symbols: weights of echo and noise on every resource element.
 
-Of a resource element that receives Y = X S + N, division makes
+A resource element receives Y = X S + N. Division by the symbol X gives
 
     Ŝ = a S + q N₀,
 
-where N₀ has the law of N: circular noise does not show by which phase it was
-divided. So only the moduli of the symbols matter.
+where N₀ is distributed as N: a phase does not change the distribution of
+circular noise. So only the moduli of the symbols matter.
 """
 
 from __future__ import annotations
@@ -34,14 +34,15 @@ class Signal:
     Attributes
     ----------
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
-        Of the data; the PRS is QPSK always.
+        Modulation of the data; the PRS is always QPSK.
     sensing : {"all", "prs"}
-        Resource elements that are sensed with: the whole grid, or the PRS alone.
+        Resource elements used for sensing: the whole grid, or the PRS only.
     division : {"reciprocal", "matched", "wiener"}
-        Of received Y by sent X: Y/X, which strengthens the noise of weak
-        symbols; Y X*, whose echo has the power of the symbols on it; and
-        Y X*/(|X|² + 1/SNR), which is between them and takes the SNR of the
-        echo as known. All three are the same where |X| = 1.
+        Division of received Y by transmitted X. "reciprocal" is Y/X, which
+        amplifies the noise on weak symbols. "matched" is Y X*, which weights
+        the echo by the power of the symbols. "wiener" is Y X*/(|X|² + 1/SNR),
+        which lies between them and takes the SNR of the echo as known. All
+        three are the same where |X| = 1.
     n_id : int
         Identity of the PRS sequence, 0 to 4095.
 
@@ -66,12 +67,12 @@ class Signal:
 
     @property
     def has_unit_modulus(self) -> bool:
-        """True where all symbols that are sensed with have the same power."""
+        """True if all symbols used for sensing have the same power."""
         return self.sensing == "prs" or self.modulation == "qpsk"
 
     @property
     def is_plain(self) -> bool:
-        """True where division leaves echo and noise as in the closed form: all elements, equal powers."""
+        """True if the closed form of echo and noise holds after division: all elements, equal powers."""
         return self.sensing == "all" and self.has_unit_modulus
 
 
@@ -84,7 +85,7 @@ class Weights:
     echo : ndarray of float64, shape (n_subcarriers, n_symbols)
         a, of mean 1: an echo peaks as high as on the whole grid.
     noise : ndarray of float64, same shape
-        q, amplitude of the noise over that of the receiver.
+        q, amplitude of the noise after division over that of the receiver noise.
     """
 
     echo: NDArray[np.float64]
@@ -92,7 +93,7 @@ class Weights:
 
 
 def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0) -> NDArray[np.float64]:
-    """Draw the moduli of the symbols that are sensed with, 0 on the other resource elements.
+    """Draw the moduli of the symbols used for sensing; 0 on the other resource elements.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0)
     Raises
     ------
     InputError
-        If no element of the grid is sensed with.
+        If no element of the grid is used for sensing.
     """
     sensed = sensed_elements(system, signal.sensing)
     if signal.has_unit_modulus:
@@ -119,7 +120,7 @@ def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0)
 
 
 def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
-    """Find the resource elements that are sensed with, and refuse a grid without any.
+    """Find the resource elements used for sensing, and refuse a grid without any.
 
     Parameters
     ----------
@@ -145,17 +146,17 @@ def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
 
 
 def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: float = np.inf) -> Weights:
-    """Compute the weights of echo and noise behind a division.
+    """Compute the weights of echo and noise after a division.
 
     Parameters
     ----------
     moduli : ndarray of float64, shape (n_subcarriers, n_symbols)
-        Of the symbols; 0 where an element is not sensed with.
+        Moduli of the symbols; 0 where an element is not used for sensing.
     division : {"reciprocal", "matched", "wiener"}
         Y/X; Y X*; or Y X*/(|X|² + 1/SNR).
     snr_db : float
-        SNR that Wiener division takes as known. Infinity makes it reciprocal,
-        a very low SNR matched.
+        SNR that Wiener division takes as known. With infinite SNR it becomes
+        reciprocal, with a very low SNR matched.
 
     Returns
     -------
@@ -176,7 +177,7 @@ def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: fl
     """
     sensed = moduli > 0
     divisor = np.where(sensed, moduli, 1.0)
-    # Echo weights over the moduli, from which both weights follow without a 0/0.
+    # Both weights follow from the echo weights over the moduli, without a 0/0.
     if division == "reciprocal":
         filter_gain = sensed / divisor
     elif division == "matched":
@@ -197,27 +198,28 @@ def division_factors(
     snr_db: float = np.inf,
     unit: float | None = None,
 ) -> NDArray[np.complex128]:
-    """Compute the factors on received resource elements that divide them by what was sent.
+    """Compute the factors that divide received resource elements by the transmitted symbols.
 
     Parameters
     ----------
     symbols : array_like of complex, shape (n_subcarriers, n_symbols)
-        What was sent, in any unit; anything where an element is not sensed with,
-        and no 0 where it is.
+        Transmitted symbols, in any unit: not 0 where an element is used for
+        sensing, arbitrary elsewhere.
     sensed : ndarray of bool, same shape
-        Elements that are sensed with.
+        Elements used for sensing.
     division : {"reciprocal", "matched", "wiener"}
     snr_db : float
-        SNR of the echo per resource element, for Wiener division: of a symbol
-        whose amplitude is the unit.
+        SNR of the echo per resource element, for Wiener division, on a symbol
+        of amplitude `unit`.
     unit : float, optional
-        Amplitude that counts as 1; the root mean square of the symbols sensed
-        with unless given.
+        Amplitude that counts as 1; default: the root mean square of the symbols
+        used for sensing.
 
     Returns
     -------
     ndarray of complex128, same shape
-        0 where an element is not sensed with. The echo's weights have mean 1.
+        0 where an element is not used for sensing. The weights of the echo have
+        mean 1.
 
     Raises
     ------

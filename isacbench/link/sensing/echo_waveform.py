@@ -1,9 +1,10 @@
 """Echo of a scene as a waveform: received at the array, with noise, and observed through the demodulator.
 
-Nothing here knows the closed form of the echo on a resource element. Scatterers
-are paths of the waveform, what arrives is demodulated and divided by what was
-sent, and the range-Doppler cells of the gate are summed symbol by symbol, so
-that neither the waveform of all elements nor their resource grid is ever held.
+This module does not use the closed form of the echo on a resource element.
+Scatterers are paths of the waveform. The received waveform is demodulated and
+divided by the transmitted symbols, and the range-Doppler cells of the gate are
+summed symbol by symbol: neither the waveform of all elements nor their resource
+grid is ever held in memory.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 
 
 def echo_paths(scenario: Scenario, elements: ArrayLike) -> Paths:
-    """Make the paths from the base station by way of every scatterer to elements of the virtual array.
+    """Make the paths from the base station via every scatterer to elements of the virtual array.
 
     Parameters
     ----------
@@ -60,8 +61,8 @@ def echo_paths(scenario: Scenario, elements: ArrayLike) -> Paths:
     Returns
     -------
     Paths
-        One for each scatterer, of delay 2R/c and Doppler 2v f_c/c. Nothing folds: a
-        delay beyond a symbol is what it is.
+        One for each scatterer, of delay 2R/c and Doppler 2v f_c/c. Nothing is
+        aliased: a delay may exceed a symbol.
 
     Raises
     ------
@@ -89,27 +90,27 @@ def received_waveform(
     trial: int = 0,
     seed: int = 0,
 ) -> Complex:
-    """Compute the waveform that elements of the virtual array receive of a frame, echoes and noise.
+    """Compute the waveform of a frame (echoes and noise) received at elements of the virtual array.
 
     Parameters
     ----------
     scenario : Scenario
     grid : ResourceGrid
-        The frame sent.
+        The transmitted frame.
     elements : array_like of int, shape (E, 2)
         Places (p, q) in the virtual array.
     snr_db : float
         Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element;
         infinity for no noise. A sample has the noise power of a resource element.
     trial, seed : int
-        Trial and seed of the noise. That of an element does not depend on the
-        other elements.
+        Trial and seed of the noise. The noise of an element does not depend on
+        the other elements.
 
     Returns
     -------
     ndarray of complex128, shape (n, E)
-        At the critical rate, from the instant at which the first prefix starts
-        to be sent to the last echo.
+        Sampled at the critical rate, from the start of transmission of the first
+        prefix to the last echo.
 
     Raises
     ------
@@ -155,11 +156,11 @@ def observe_waveform(
         Trial and seed of data and noise. The noise is that of `received_waveform`,
         not the draw of `isacbench.observe`.
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
-        Of the data.
+        Modulation of the data.
     sensing : {"all", "prs"}
-        Resource elements that are sensed with.
+        Resource elements used for sensing.
     division : {"reciprocal", "matched", "wiener"}
-        How what was received is divided by what was sent.
+        How received symbols are divided by transmitted ones.
     n_id : int
         Identity of the PRS sequence.
 
@@ -171,7 +172,7 @@ def observe_waveform(
     Raises
     ------
     InputError
-        If a value is not allowed, or prefix or suffix are no whole samples.
+        If a value is not allowed, or prefix or suffix are not whole samples.
 
     Warns
     -----
@@ -182,7 +183,7 @@ def observe_waveform(
     amplitude = simulator.noise_amplitude(snr_db)
     signal = Signal(modulation, sensing, division, n_id)
     grid = draw_grid(system, modulation, trial=trial, seed=seed, n_id=n_id)
-    # Of unit mean power are constellations, not the symbols of one frame.
+    # Constellations have unit mean power; the symbols of one frame only approximately.
     sensed = sensed_elements(system, sensing)
     factors = division_factors(grid.symbols, sensed, signal.division, snr_db, unit=1.0)
     elements = scenario.array.positions
@@ -202,8 +203,8 @@ def observe_waveform(
 def interference_to_echo_db(scenario: Scenario) -> float:
     """Compute the interference of late echoes on a resource element, over the power of all echoes.
 
-    Late are echoes from beyond the undisturbed cyclic prefix. What they bring
-    includes what Doppler within a symbol does to them.
+    Late echoes come from beyond the range of the undisturbed cyclic prefix. Their
+    interference includes the effect of Doppler within a symbol.
 
     Parameters
     ----------
@@ -241,7 +242,7 @@ def _warn_of_interference(scenario: Scenario) -> None:
 def _noise_streams(
     scenario: Scenario, elements: ArrayLike, trial: int, seed: int
 ) -> list[np.random.Generator]:
-    """Random numbers of the noise of each element, in the order of its samples."""
+    """Random streams of the noise, one for each element."""
     return [
         random_stream(scenario.name, trial, seed, "waveform", str(p), str(q))
         for p, q in np.asarray(elements).tolist()

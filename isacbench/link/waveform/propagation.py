@@ -1,17 +1,16 @@
 """Propagation of the waveform: delayed and Doppler-shifted copies of it, many at once.
 
-The waveform is continuous in time, and so are delays. A symbol that is late by
-τ is its spectrum times exp(-j2π nΔf τ), behind an inverse DFT and within the
-transmit window at the delayed instants: samples of it are exact, whatever the
-delay. Doppler turns them along the time axis of the whole frame.
+The waveform is continuous in time, and so are delays. A symbol delayed by τ is the
+inverse DFT of its spectrum times exp(-j2π nΔf τ), times the transmit window at the
+delayed instants: its samples are exact for any delay. Doppler rotates their phase
+along the time axis of the whole frame.
 
-Received samples are made one symbol period after another. In each period a path
-shows the symbol sent in it and, as far as it is late, those sent before. Where
-and how is the same in all periods, up to a turn by Doppler, so that tables are
-made for many periods at a time. Most of the work is saved where the receiver's
-window sees one undisturbed symbol of a path: paths that stand still are then a
-response of the spectrum, and paths of one speed are summed before their inverse
-DFT.
+Received samples are computed one symbol period after another. In each period a path
+contributes the symbol sent in it and, if it is late, those sent before. These
+contributions are the same in all periods, up to a phase rotation by Doppler, so that
+tables are made for many periods at a time. Most work is saved where the receiver's
+window holds a single undisturbed symbol of a path: paths without Doppler are then a
+factor on the spectrum, and paths of equal speed are summed before their inverse DFT.
 """
 
 from __future__ import annotations
@@ -42,18 +41,18 @@ if TYPE_CHECKING:
     Index = NDArray[np.intp]
 
 SAMPLES_TOGETHER = 2**23
-"""Received samples of all elements made at a time: 128 MB."""
+"""Largest number of received samples of all elements computed at a time: 128 MB."""
 
 TABLE_VALUES = 2**19
-"""Values of a table of paths and samples made at a time: 8 MB."""
+"""Largest number of values in a table of paths and samples: 8 MB."""
 
 WHOLE = 4 * np.finfo(np.float64).eps
-"""Relative distance up to which a delay is a whole number of samples: rounding of seconds."""
+"""Relative distance up to which a delay counts as a whole number of samples: rounding of seconds."""
 
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """Ways from the transmitter to every receiving element.
+    """Propagation paths from the transmitter to every receiving element.
 
     Attributes
     ----------
@@ -101,8 +100,8 @@ def delay_samples(delay_s: ArrayLike, system: System) -> Floats:
     Returns
     -------
     ndarray of float64, same shape
-        Whole where only rounding keeps them from it, because windows without a
-        suffix are abrupt.
+        Rounded to whole numbers where they differ by rounding only, because
+        windows without a suffix have abrupt ends.
     """
     delay = np.asarray(delay_s, dtype=np.float64) * system.bandwidth_hz
     whole = np.rint(delay)
@@ -110,7 +109,7 @@ def delay_samples(delay_s: ArrayLike, system: System) -> Floats:
 
 
 def shown_lags(delay: ArrayLike, parts: SymbolLayout, n_before: int = 0) -> tuple[Floats, Floats]:
-    """Find which symbols a receiver's window sees of late echoes.
+    """Find which transmitted symbols fall into a receiver's window through late echoes.
 
     Parameters
     ----------
@@ -118,14 +117,14 @@ def shown_lags(delay: ArrayLike, parts: SymbolLayout, n_before: int = 0) -> tupl
         In samples.
     parts : SymbolLayout
     n_before : int
-        Samples before the useful part that the window begins; it ends with the
-        useful part.
+        Number of samples by which the window begins before the useful part; it
+        ends with the useful part.
 
     Returns
     -------
     lowest, highest : ndarray of float64, same shape
-        The latest symbol and the earliest one of which something may be seen,
-        as numbers of symbols that were sent since.
+        Latest and earliest symbol that may contribute, counted in symbol periods
+        back from the present one.
 
     Examples
     --------
@@ -146,7 +145,7 @@ def propagate(symbols: ArrayLike, system: System, paths: Paths) -> Complex:
     Parameters
     ----------
     symbols : array_like, shape (n_subcarriers, n_symbols)
-        What every resource element carries.
+        Transmitted symbol of every resource element.
     system : System
     paths : Paths
         Delays up to the duration of the frame.
@@ -154,9 +153,9 @@ def propagate(symbols: ArrayLike, system: System, paths: Paths) -> Complex:
     Returns
     -------
     ndarray of complex128, shape (n_samples + tail, E)
-        At the critical rate, from the instant at which the first prefix starts
-        to be sent. The tail holds what the longest delay, in whole samples
-        rounded up, adds. The samples of an element lie side by side in memory.
+        Sampled at the critical rate, from the start of transmission of the first
+        prefix. The tail is the longest delay, rounded up to whole samples. The
+        samples of an element are adjacent in memory.
 
     Raises
     ------
@@ -196,8 +195,8 @@ def propagate(symbols: ArrayLike, system: System, paths: Paths) -> Complex:
 def received_symbols(symbols: ArrayLike, system: System, paths: Paths) -> Iterator[Complex]:
     """Demodulate what every element receives of a frame, symbol by symbol.
 
-    It is what demodulating `propagate` yields, but the waveform is never held,
-    nor are prefixes made that a receiver drops.
+    The result equals demodulating the output of `propagate`. The waveform is
+    never held in memory, and prefixes that a receiver drops are not computed.
 
     Parameters
     ----------
@@ -209,7 +208,7 @@ def received_symbols(symbols: ArrayLike, system: System, paths: Paths) -> Iterat
     Yields
     ------
     ndarray of complex128, shape (n_subcarriers, E)
-        The next symbol; subcarriers of an element lie side by side in memory.
+        The next symbol; subcarriers of an element are adjacent in memory.
 
     Raises
     ------
@@ -224,7 +223,7 @@ def received_symbols(symbols: ArrayLike, system: System, paths: Paths) -> Iterat
 
 
 class _Waves(NamedTuple):
-    """Waves that a receiver's window shows in every period of the symbol sent `lag` periods before.
+    """Waves in the receiver's window of every period, from the symbol sent `lag` periods before.
 
     Attributes
     ----------
@@ -234,9 +233,9 @@ class _Waves(NamedTuple):
     table : ndarray of complex128, shape (k, n_window) or (1, n_window)
         Factors on the samples: transmit window, and Doppler within a period.
     turns : ndarray of float64, shape (k,) or (1,)
-        Doppler in turns a sample.
+        Doppler in turns per sample.
     gain : ndarray of complex128, shape (k, E), or None
-        Amplitude of each wave at each element; None where wave and element are one.
+        Amplitude of each wave at each element; None if there is one wave per element.
     """
 
     lag: int
@@ -247,11 +246,11 @@ class _Waves(NamedTuple):
 
 
 class _Receiver:
-    """Windows of received samples, one a symbol period.
+    """Windows of received samples, one for each symbol period.
 
     A demodulator's window is the useful part. Other windows begin with the
-    prefix, so that they join. Time is in samples from the start of a period's
-    useful part throughout.
+    prefix, so that they join without gaps. Time is always in samples from the
+    start of a period's useful part.
     """
 
     def __init__(self, symbols: ArrayLike, system: System, paths: Paths, *, demodulates: bool) -> None:
@@ -263,7 +262,7 @@ class _Receiver:
         self.n_before = 0 if demodulates else self.parts.n_prefix
         self.time = np.arange(-self.n_before, self.parts.n_useful)
         self.n_elements: int = paths.gain.shape[1]
-        # Of these a demodulator sees one symbol alone, at full amplitude.
+        # Paths of which a demodulator's window holds a single symbol at full amplitude.
         is_undisturbed = demodulates & (self.delay <= self.parts.n_prefix - self.parts.n_suffix)
         standing = np.flatnonzero(is_undisturbed & (self.turns == 0))
         self.standing = self._response(standing)
@@ -274,13 +273,13 @@ class _Receiver:
         self.single = np.setdiff1d(np.arange(self.delay.size), np.concatenate([standing, *self.crowds]))
 
     def runs(self, n_periods: int) -> Iterator[range]:
-        """Consecutive runs of periods that are held at a time."""
+        """Consecutive runs of periods that are computed together."""
         n_together = max(SAMPLES_TOGETHER // max(self.n_elements * self.time.size, 1), 1)
         for first in range(0, n_periods, n_together):
             yield range(first, min(first + n_together, n_periods))
 
     def samples(self, periods: range) -> Complex:
-        """Received samples (periods, E, n_window), but for the paths in `standing`."""
+        """Received samples (periods, E, n_window), without the paths in `standing`."""
         received = np.zeros((len(periods), self.n_elements, self.time.size), dtype=np.complex128)
         for waves in self._waves():
             first, last = max(periods.start, waves.lag), min(periods.stop, len(self.sent) + waves.lag)
@@ -298,7 +297,7 @@ class _Receiver:
         return spectra
 
     def _waves(self) -> Iterator[_Waves]:
-        """Waves of crowds, then those of single paths in blocks."""
+        """Waves of crowds (paths of equal speed), then those of single paths in blocks."""
         for crowd in self.crowds:
             turns = self.turns[crowd[:1]]
             yield _Waves(0, self._response(crowd), self._doppler(turns), turns, None)
@@ -326,7 +325,7 @@ class _Receiver:
         return at_elements
 
     def _response(self, index: Index) -> Complex:
-        """Response (E, n_subcarriers) of paths together, Doppler aside."""
+        """Frequency response (E, n_subcarriers) of several paths together, without Doppler."""
         response: Complex = np.zeros((self.n_elements, self.parts.n_useful), dtype=np.complex128)
         for some in self._blocks(index):
             response += self.gain[some].T @ self._ramps(some, lag=0)
@@ -337,7 +336,7 @@ class _Receiver:
         return (index[first : first + n_together] for first in range(0, index.size, n_together))
 
     def _ramps(self, index: Index, lag: int) -> Complex:
-        """Phases (k, n_subcarriers) by which spectra of the symbols sent so many periods before are late."""
+        """Phase ramps (k, n_subcarriers) that delay the spectra of symbols sent `lag` periods before."""
         late = np.mod(self.delay[index] - lag * self.parts.n_symbol, self.parts.n_useful)
         return _exponentials(-late / self.parts.n_useful, np.arange(self.parts.n_useful))
 

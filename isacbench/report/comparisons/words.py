@@ -1,4 +1,4 @@
-"""Words for a comparison: of two runs a regression, of two estimators one that is worse than the other."""
+"""Wording of a comparison: "regression" for two runs, "worse" for two estimators."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Wording:
     heads : (str, str)
         Names of base and new side at the head of a column.
     sides : (str, str)
-        Their names in a sentence.
+        Names of both sides in a sentence.
     legend : (str, str)
-        Both sides with what tells them apart, for a figure.
+        Both sides with what distinguishes them, for a figure.
     heading : list of str
-        Both sides with the code that made them, a line each.
+        Both sides with the version of their code, one line each.
     outcome : str
         Summary in one phrase: the new side is worse, lacks results, or neither.
     labels : mapping of (str, str) to str
@@ -83,8 +83,8 @@ class Wording:
         Returns
         -------
         list of str
-            Two names of a pair; none where two estimators are compared and
-            the heading names them.
+            One name, or two for paired estimators; none if two estimators are
+            compared, because the heading names them.
         """
         if self._is_between:
             return []

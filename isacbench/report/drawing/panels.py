@@ -1,4 +1,4 @@
-"""Figures of several panels with one legend, and what their axes have in common."""
+"""Figures of several panels with one legend, and the curves in them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def panel_grid(
     ----------
     n_panels : int
     legend : sequence of Line2D
-        With their labels.
+        Entries with their labels.
     title : str
     max_columns : int
         Number of panels in a full row.
@@ -50,7 +50,7 @@ def panel_grid(
     """
     n_columns = min(n_panels, max_columns)
     n_rows = -(-n_panels // n_columns)
-    # One panel alone is wide enough for title and legend.
+    # A single panel must be wide enough for title and legend.
     width_in = max(n_columns * (panel_in[0] + 0.55), 6.0)
     figure = new_figure(width_in, n_rows * (panel_in[1] + 0.65) + 0.3, legend=legend, title=title)
     panels = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)

@@ -1,4 +1,4 @@
-"""Style of all figures: canvas, fonts, colours, names and files. Nothing here needs a display or pyplot."""
+"""Style of all figures: canvas, fonts, colours, names and files; needs neither a display nor pyplot."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MAX_STEM = 60
 ROW_IN = 0.175
 """Height of a row of a legend."""
 
-# Okabe and Ito's palette, told apart with any colour vision; without its yellow, too pale for a line.
+# Okabe and Ito's palette, distinguishable with any colour vision; without its yellow, too pale for a line.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKERS = "os^Dvp"
 LINES: tuple[LineStyle, ...] = ("-", "-.", ":")
@@ -84,7 +84,7 @@ class LineLook:
     label : str
         Name in legends.
     colour, marker : str
-        In matplotlib's spelling.
+        As matplotlib writes them.
     line : {"-", "-.", ":", "--"}
         Line style.
     is_bound : bool
@@ -99,7 +99,7 @@ class LineLook:
 
 
 def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict[Variant, LineLook]:
-    """Give every estimator a look of its own.
+    """Give every estimator its own colour, marker and line style.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def new_figure(
 
 
 def _add_legend(figure: Figure, entries: Sequence[Artist]) -> None:
-    """Add a legend at the bottom of a figure, which grows by its height."""
+    """Add a legend at the bottom of a figure, and increase the figure's height by it."""
     width_in, height_in = figure.get_size_inches()
     column_in = 0.55 + 0.06 * max(len(str(entry.get_label())) for entry in entries)
     n_rows = math.ceil(len(entries) / max(1, int(width_in / column_in)))
@@ -266,7 +266,7 @@ def file_stems(names: Iterable[str]) -> dict[str, str]:
 
 
 def velocity_colours(fastest_mps: float) -> ScalarMappable:
-    """Map radial velocities to colours: 0 in the middle, slow ones spread to be told from it.
+    """Map radial velocities to colours: 0 in the middle, slow ones spread to differ visibly from it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Scores over SNR, one line an estimator."""
+"""Figures of scores over SNR, one line for each estimator."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
 
 TITLE_WIDTH = 40
 PRACTICALLY_ZERO = 1e-6
-"""Smaller means do not stretch a logarithmic axis: velocities are exact then for any purpose."""
+"""Smaller means do not stretch a logarithmic axis: such velocities are exact for any purpose."""
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 LARGEST_BAND = 1.5
-"""How far above the largest mean a linear axis reaches for a band."""
+"""Largest upper end of a linear axis that shows bands, as a multiple of the largest mean."""
 
 
 class _Panel(NamedTuple):
-    """One score: its column, what it is, the name of its axis with its unit, and how the axis is scaled."""
+    """One score: its column, its title, the name and unit of its axis, and whether that is logarithmic."""
 
     column: str
     title: str
@@ -72,7 +72,7 @@ SHARES = "precision", "recall"
 
 
 def variant_looks(records: pd.DataFrame) -> dict[Variant, LineLook]:
-    """Give every estimator of a run a look of its own, the same in all figures.
+    """Give every estimator of a run its own colour, line and marker, the same in all figures.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def write_plain_numbers(axis: Axis) -> None:
 
 
 def axis_name(column: str) -> str:
-    """Name of the axis of a column: of a score its name with its unit, otherwise the column.
+    """Name of the axis of a column: for a score its name with its unit, otherwise the column itself.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def draw_scores(
     looks: Mapping[Variant, LineLook],
     radius_m: float,
 ) -> Figure:
-    """Draw the deviation of one scenario, all that it is made of, and the scores beside it.
+    """Draw the deviation of one scenario, its components, and the other scores.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
 
 
 def _legend(looks: Mapping[Variant, LineLook], summary: pd.DataFrame) -> list[Line2D]:
-    """Legend entries of the estimators, which say what has no curve."""
+    """Legend entries of the estimators, marked where an estimator has no curve."""
     entries = legend_lines(looks.values())
     for entry, (variant, look) in zip(entries, looks.items(), strict=True):
         if rows_of(summary, variant)["deviation_mean"].isna().all():
@@ -209,7 +209,7 @@ def _legend(looks: Mapping[Variant, LineLook], summary: pd.DataFrame) -> list[Li
 
 
 def _draw_panel(axes: Axes, panel: _Panel, looks: Mapping[Variant, LineLook], part: pd.DataFrame) -> None:
-    """Draw one score of one scenario, every estimator that has it."""
+    """Draw one score of one scenario for every estimator that has it."""
     means, halves = part[f"{panel.column}_mean"], part[f"{panel.column}_band"]
     snrs_db = np.unique(part["snr_db"])
     axes.set(xlabel="SNR [dB]", ylabel=panel.axis)
@@ -252,7 +252,7 @@ def _scale_decades(axes: Axes, means: pd.Series[float]) -> float:
 
 
 def _power_of_ten(value: float, _: int | None = None) -> str:
-    """Write a power of ten in the font's own superscripts; mathematics takes a parser, and its time.
+    """Write a power of ten with Unicode superscripts, faster than Matplotlib's mathematical text.
 
     Examples
     --------
@@ -263,7 +263,7 @@ def _power_of_ten(value: float, _: int | None = None) -> str:
 
 
 def _top(means: pd.Series[float], halves: pd.Series[float]) -> float:
-    """Upper end of a linear axis: all means, and the bands as long as they do not dwarf them."""
+    """Upper end of a linear axis: includes all means, and the bands as far as they do not dwarf the means."""
     mean = max(0.0, float(means.fillna(0.0).max()))
     upper = max(mean, float((means + halves).fillna(0.0).max()))
     return 1.06 * min(upper, LARGEST_BAND * mean) or 1.0

@@ -1,4 +1,4 @@
-"""The best estimator for a time budget, and which others may be as good."""
+"""Best estimator for each time budget, and the others that may be as good."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 ALPHA = 0.05
-"""Probability that a table leaves out, in any of its rows, the estimator that is truly best."""
+"""Largest probability that a table omits the truly best estimator in any of its rows."""
 
 MARGIN = 0.01
 """Relative difference of mean deviations that does not matter."""
@@ -33,7 +33,7 @@ SHOWN = ["estimator", "params", "label", "n_trials", "n_no_detection", *DEVIATIO
 
 
 def budget_series(shortest_s: float, longest_s: float) -> list[float]:
-    """Time budgets in steps of 1, 2, 5: from the first that the shortest time keeps to the longest time's.
+    """Time budgets in steps of 1, 2, 5: from the least for the shortest time to the least for the longest.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def budget_series(shortest_s: float, longest_s: float) -> list[float]:
     [0.05, 0.1, 0.2, 0.5]
     """
     decades = range(math.floor(math.log10(shortest_s)), math.ceil(math.log10(longest_s)) + 1)
-    # Powers of ten as text have: 5e-2 is 0.05 exactly where 5 * 10**-2 might not be.
+    # Parsed from text: 5e-2 is exactly the float 0.05, which 5 * 10**-2 might not be.
     series = [float(f"{step}e{decade}") for decade in decades for step in (1, 2, 5)]
     longest = next(budget_s for budget_s in series if budget_s >= longest_s)
     return [budget_s for budget_s in series if shortest_s <= budget_s <= longest]
@@ -62,7 +62,7 @@ def summarise_budgets(records: pd.DataFrame) -> pd.DataFrame:
     An estimator keeps a budget if the upper limit of the 95 % interval of
     its median time does; with fewer than six trials, which have no interval,
     if the slowest of them does. Only estimators that scored every trial take
-    part, and none that sees the truth.
+    part, without those that see the truth.
 
     Parameters
     ----------
@@ -74,14 +74,14 @@ def summarise_budgets(records: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         One row for each scenario, SNR and ``budget_s``: ``estimator``,
         ``params``, ``label``, ``n_trials``, ``n_no_detection``, deviation and
-        time with intervals as `summarise_points` has them; ``n_within``, how
-        many keep the budget; ``may_be_best``, the labels, as JSON and the
-        fastest first, of those of them that are not shown to be worse than
-        another one by more than 1 % of the least mean deviation; ``level``
-        of the test behind that, `isacbench.bench.compare.statistics.best_p_values`;
-        ``trials_needed`` to show anything at that level. With 95 %
-        probability all rows of a scenario and SNR name the truly best
-        estimator. Empty where nothing was timed.
+        time with intervals as `summarise_points` has them; ``n_within``, the
+        number of estimators that keep the budget; ``may_be_best``, the labels
+        (JSON, the fastest first) of those that are not shown to be worse than
+        another by more than 1 % of the least mean deviation; ``level`` of that
+        test (`isacbench.bench.compare.statistics.best_p_values`);
+        ``trials_needed`` for any significant result at that level. With 95 %
+        probability ``may_be_best`` holds the truly best estimator in all rows
+        of a scenario and SNR. Empty where nothing was timed.
     """
     rows = timed_rows(records)
     if rows.empty:
@@ -93,7 +93,7 @@ def summarise_budgets(records: pd.DataFrame) -> pd.DataFrame:
 
 
 def budget_grids(records: pd.DataFrame) -> list[Grid]:
-    """Lay out the best estimator for each time budget, a table for each scenario and SNR.
+    """Tabulate the best estimator for each time budget, one table for each scenario and SNR.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def _rows(points: pd.DataFrame, deviations: Floats) -> Iterator[dict[str, object
         budget_s: by_time[limit_s[by_time] <= budget_s]
         for budget_s in budget_series(float(limit_s.min()), float(limit_s.max()))
     }
-    # A larger budget that adds no estimator asks nothing new.
+    # A larger budget that adds no estimator repeats a test, and needs no level of its own.
     level = ALPHA / len({chosen.tobytes() for chosen in within.values()})
     for budget_s, keeping in within.items():
         best = points.iloc[next(place for place in by_error if place in keeping)]
@@ -148,7 +148,7 @@ def _deviations(rows: pd.DataFrame, points: pd.DataFrame) -> Floats:
 
 
 def _grid(part: pd.DataFrame) -> Grid:
-    """Grid of one scenario and SNR, a row a budget."""
+    """Grid of one scenario and SNR, one row for each budget."""
     first = part.iloc[0]
     n_trials, needed = int(first["n_trials"]), int(first["trials_needed"])
     trials = "one trial" if n_trials == 1 else f"{n_trials} trials"
@@ -165,7 +165,7 @@ def _grid(part: pd.DataFrame) -> Grid:
 
 
 def _cells(entry: pd.Series[Any]) -> list[str]:
-    """Row of a budget: who is best and by how much, and who else may be."""
+    """Row of a budget: the best estimator with its scores, and which others may be best."""
     empty = f" ({entry['n_no_detection']} empty)" if entry["n_no_detection"] else ""
     may_be_best = json.loads(entry["may_be_best"])
     fastest = may_be_best[0]
@@ -180,5 +180,5 @@ def _cells(entry: pd.Series[Any]) -> list[str]:
 
 
 def _with_interval(form: str, value: float, low: float, high: float) -> str:
-    """Number with its interval, as far as it has one."""
+    """Number, followed by its interval if it has one."""
     return form.format(value) + ("" if math.isnan(low) else f" ({form.format(low)}-{form.format(high)})")

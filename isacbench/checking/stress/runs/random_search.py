@@ -1,4 +1,4 @@
-"""Random search: cases drawn by hypothesis from the spaces of the table, broken ones made simple."""
+"""Random search: hypothesis draws cases from the spaces of the table, and simplifies those that break."""
 
 from __future__ import annotations
 
@@ -67,21 +67,21 @@ def search(
     targets : sequence of Target
     families : sequence of Case classes
     n_examples : int
-        Cases drawn a target and family.
+        Number of cases drawn for each target and family.
     seed : int
-        Seed of the search, and of what is random in the cases.
+        Seed of the search, and of the random parts of cases.
     timeout_s : float
         Longest time of a case in s.
     options : tuple of str
         See `isacbench.checking.stress.runs.stress_runs.Task`.
     progress : callable
-        Told which target and family come next.
+        Called with each target and family before they are searched.
 
     Yields
     ------
     Examined
-        One a target and family of which a case breaks a promise: the simplest
-        such case that was found.
+        The simplest case found that breaks a promise, one for each target and
+        family that has any.
     """
     with closing(Examiner(timeout_s)) as examiner:
         for target in targets:

@@ -23,15 +23,15 @@ def paper_factor(pfa: float, n_training: int) -> float:
 
     The paper multiplies it with a *mean*, for which the factor N is missing:
     at P_fa = 1e-3 the true rate is 0.90 for CA with N = 72 and 0.32 for OSCA
-    with N = 9. Kept to reproduce the paper; `ca_factor` and `osca_factor` are
-    the exact ones.
+    with N = 9. It is kept to reproduce the paper; `ca_factor` and
+    `osca_factor` are exact.
 
     Parameters
     ----------
     pfa : float
         Probability of false alarm per cell that the paper means to reach.
     n_training : int
-        Cells N: all training cells for CA, the cells of one column for OSCA.
+        Number N of cells: all training cells for CA, the cells of one column for OSCA.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def paper_factor(pfa: float, n_training: int) -> float:
     0.100694
     """
     check_pfa(pfa)
-    # The exponential of NumPy overflows to infinity, that of the standard library raises.
+    # NumPy's exponential overflows to infinity; that of the standard library raises.
     with np.errstate(over="ignore"):
         factor = float(np.expm1(-math.log(pfa) / checked_training(n_training)))
     return checked_factor(factor, pfa)
@@ -168,16 +168,17 @@ def goca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
 
     Notes
     -----
-    A gamma power of integer shape M is the M-th arrival of a Poisson process
-    of rate M, so that the cell under test exceeds αA, A the mean of n cells,
-    with fewer than M arrivals in αA. Their number is negative binomial, and
-    given j of them A is gamma distributed with shape Mn + j and rate
-    M(n + α). Hence
+    A gamma power of integer shape M is the time of the M-th arrival of a
+    Poisson process of rate M. Let A be the mean of n cells. The cell under
+    test exceeds αA if fewer than M arrivals fall into the time αA. Their
+    number is negative binomial; given j of them, A is gamma distributed with
+    shape Mn + j and rate M(n + α). Hence
 
         P = Σ_{j<M} NB_j(n) P(A_j > B) + the same with the halves exchanged,
 
-    where P(A_j > B) is a regularised incomplete beta function. All terms are
-    positive. For the smallest-of the probability is that of A_j < B.
+    where B is the mean of the other half and P(A_j > B) a regularised
+    incomplete beta function. All terms are positive. The smallest-of detector
+    takes P(A_j < B) instead.
 
     References
     ----------
@@ -319,14 +320,14 @@ def _chosen_half_rate(factor: float, halves: tuple[int, int], looks: int, greate
 
 
 def _rate_of_half(factor: float, n_own: int, n_other: int, looks: int, greatest: bool) -> float:
-    """Rate at which the cell exceeds its threshold and its threshold is that of one half.
+    """Probability that the cell exceeds its threshold and that this half sets the threshold.
 
     I(a, b) = P(A_j < B) falls with j by one term of the beta law at a time:
     I(a, b) - I(a + 1, b) = p^a (1 - p)^b / (a B(a, b)).
     """
     own, other = looks * n_own, looks * n_other
     arrivals = np.arange(looks)
-    # Logarithms of the probabilities that the next arrival is not, or is, one of the cell under test.
+    # Logarithm of the negative binomial law of the arrivals, see the notes of `goca_rate`.
     log_law = own * -math.log1p(factor / n_own) - arrivals * math.log1p(n_own / factor)
     log_law += special.gammaln(own + arrivals) - special.gammaln(own) - special.gammaln(arrivals + 1)
     total = n_own + n_other + factor

@@ -16,9 +16,9 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Probability of an order statistic left out at either end of the quadrature. It stays far below the
-# least rate. 512 nodes then leave a relative error of the rate below 1e-8 even there; with more looks the
-# order statistics are narrower and smoother, and 160 nodes leave less.
+# Probability of an order statistic left out at either end of the quadrature, far below the least rate.
+# With 512 nodes the relative error of the rate is below 1e-8 even at the least rate. With more looks the
+# order statistics are narrower and smoother, and 160 nodes leave a smaller error.
 _TAIL = 1e-60
 _N_NODES_FEW_LOOKS, _N_NODES = 512, 160
 _MANY_LOOKS = 8
@@ -36,9 +36,9 @@ def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 
         Factor α >= 0 on the mean of the order statistics.
     columns : tuple of (int, int)
         For each column the rank k (1 is the smallest) and the number n of
-        independent training cells it is taken from, *without* the cell under
-        test. A column that holds the cell under test counts as (k, n - 1),
-        see the notes.
+        independent training cells, *without* the cell under test. A column
+        of n cells that holds the cell under test counts as (k, n - 1), see
+        the notes.
     looks : int, default 1
         Independent noise powers M that each cell averages.
 
@@ -54,24 +54,24 @@ def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 
 
     Notes
     -----
-    A gamma power of integer shape M is the M-th arrival of a Poisson process.
-    P(power > s Σ_c X_c) is therefore the probability of fewer than M arrivals
-    in Σ_c s X_c: the arrivals of the columns are independent, their counts
-    add, and every term is positive, so that small rates keep their digits. For
-    one look it is the product over columns of
+    A gamma power of integer shape M is the time of the M-th arrival of a
+    Poisson process. P(power > s Σ_c X_c) is therefore the probability of fewer
+    than M arrivals in Σ_c s X_c. The arrivals of the columns are independent,
+    so their counts add. Every term is positive, so that small rates keep their
+    digits. For one look the rate is the product over columns of
     M_{k:n}(s) = Π_{i<k} (n - i) / (n - i + s) with s = α / (number of columns).
-    Time and memory grow with the looks, the time of a factor about 6 ms
-    for 256 of them; factors are cached.
+    Time and memory grow with the looks; a factor takes about 6 ms for 256
+    looks. Factors are cached.
 
-    A cell under test inside its own column of n cells, as in the paper, and
-    above its threshold is normally also above its column's order statistic,
-    which then is the k-th of the *other* n - 1 cells. What this leaves out is
-    that the cell exceeds the threshold, yet not n - k of its own column's
-    cells. That takes α below the number of columns and several cells above
-    the threshold at once: for the paper's 9 x 9 window the true rate is higher
-    by 2 % of itself at P_fa = 0.5, by 0.1 to 0.2 % at 0.1, and by nothing that
-    can be measured from 0.01 down. Columns of three cells reach 3 % at 0.1, and
-    a single column 40 % at 0.5.
+    In the paper the cell under test lies inside its own column of n cells. A
+    cell above its threshold is normally also above its column's order
+    statistic, which then is the k-th of the *other* n - 1 cells. This leaves
+    out cells above the threshold that exceed fewer than k other cells of their
+    column, which takes α below the number of columns and several cells above
+    the threshold at once. For the paper's 9 x 9 window the true rate is
+    2 % higher (relative) at P_fa = 0.5, 0.1 to 0.2 % higher at 0.1, and not
+    measurably higher from 0.01 down. With columns of three cells it is 3 %
+    higher at 0.1, with a single column 40 % higher at 0.5.
 
     References
     ----------
@@ -146,8 +146,8 @@ class _OscaLaw:
 def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Nodes and probabilities of the rank-th smallest of `n_cells` gamma powers of mean 1.
 
-    In the logarithm of the power the density is smooth and vanishes at both
-    ends, where the trapezoid rule converges exponentially.
+    Over the logarithm of the power the density is smooth and vanishes at both
+    ends, so that the trapezoid rule converges exponentially.
     """
     above = n_cells - rank
     lower = special.gammaincinv(looks, special.betaincinv(rank, above + 1, _TAIL))

@@ -1,4 +1,4 @@
-"""Checks of the arguments of all threshold factors, and the root of a rate."""
+"""Checks of the arguments of all threshold factors, and the search for the factor of a given rate."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def check_looks(looks: int) -> None:
 
 
 def checked_looks(looks: int) -> int:
-    """Check a number of looks and convert it to int, which no product overflows.
+    """Check a number of looks and convert it to int, whose products cannot overflow.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def checked_looks(looks: int) -> int:
 
 
 def checked_training(n_training: int) -> int:
-    """Check a number of training cells and convert it to int, which no product overflows.
+    """Check a number of training cells and convert it to int, whose products cannot overflow.
 
     Parameters
     ----------
@@ -122,17 +122,17 @@ def checked_factor(factor: float, pfa: float) -> float:
 
 
 def solve_factor(rate: Callable[[float], float], pfa: float, near: float | None = None) -> float:
-    """Find the factor of a decreasing rate in log-log coordinates, where it is nearly straight.
+    """Find the factor of a false-alarm rate, in log-log coordinates, in which the rate is nearly straight.
 
     Parameters
     ----------
     rate : callable
-        False-alarm rate of a factor.
+        False-alarm rate as a decreasing function of the factor.
     pfa : float
         Rate to find, `LEAST_PFA` to `MOST_PFA`.
     near : float, optional
-        A guess of the factor, for rates that cost much: few are needed then,
-        and the factor is found to 1e-10.
+        Guess of the factor, for rates that are slow to compute: few of them
+        are computed then, and the factor is found to 1e-10 instead of 1e-13.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def solve_factor(rate: Callable[[float], float], pfa: float, near: float | None 
     if not LEAST_PFA <= pfa <= MOST_PFA:
         raise InputError(f"pfa = {pfa}: factors found as a root are exact from {LEAST_PFA} to {MOST_PFA}")
 
-    @cache  # the search for the root begins with both ends, which are known
+    @cache  # the root search begins with both ends of the bracket, which are already computed
     def excess(log_factor: float) -> float:
         # A rate that underflows to 0 still tells on which side the root lies.
         return math.log(max(rate(math.exp(log_factor)), sys.float_info.min) / pfa)

@@ -23,24 +23,24 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _TAIL = 1e-60
-"""Probability of an order statistic left out at either end, before the quadrature looks closer."""
+"""Probability of an order statistic left out at either end of the first, coarse grid."""
 
 _NEGLIGIBLE = -20.0
-"""Logarithm of what is negligible, compared with the largest integrand."""
+"""Logarithm of the ratio to the largest integrand below which values are neglected."""
 
 _N_COARSE, _N_PLANE, _N_LINE = 24, 54, 128
-"""Nodes along each limit: to find where the integrand lies, and to integrate over two limits or one."""
+"""Nodes along each limit: to find where the integrand lies, to integrate over two limits, and over one."""
 
 _N_BETWEEN, _N_WHOLE = 14, 64
-"""Nodes between two limits, and where nothing is trimmed on one side."""
+"""Nodes between the two limits; more where nothing is trimmed on one side."""
 
 _MOST_ZOOMS = 12
 
 _LARGEST_LOGIT = 40.0
-"""Logit of a share that leaves nothing of note."""
+"""Logit of a share that differs negligibly from 1."""
 
 _ALIAS = 1e-9
-"""Aliases of the contour sum, relative to the rate."""
+"""Largest aliases of the contour sum, relative to the rate."""
 
 
 def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int = 1) -> float:
@@ -73,21 +73,21 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
     Notes
     -----
     One look: the spacings of sorted exponential powers are independent and
-    exponential, so that the Laplace transform of the trimmed sum, and with it
-    the rate, is a product. Nothing trimmed is cell averaging, one cell kept an
-    order statistic.
+    exponential. The Laplace transform of the trimmed sum, and with it the
+    rate, is therefore a product. With nothing trimmed the detector is cell
+    averaging, with one cell kept an order statistic.
 
-    Otherwise, with many looks: a gamma power of integer shape M is the M-th
-    arrival of a Poisson process. The cell under test exceeds αS, S the trimmed
-    mean, with fewer than M arrivals in αS, whose number has the generating
-    function L(αM(1 - z)), L the Laplace transform of S. The rate is therefore
-    the coefficient of z^(M-1) in L(αM(1 - z)) / (1 - z), read by the trapezoid
-    rule on a circle near the saddle point, where no digits cancel however small
-    the rate. For L itself: given the largest of the cells trimmed below and the
-    smallest of those trimmed above, the cells kept are independent and follow
-    a truncated gamma law. L is a power of that law's transform, integrated over
-    the two by the trapezoid rule in logarithms. The relative error of the rate
-    is below 1e-6 from P_fa = 1e-15 up.
+    Many looks: a gamma power of integer shape M is the time of the M-th arrival
+    of a Poisson process. Let S be the trimmed mean and L its Laplace transform.
+    The cell under test exceeds αS if fewer than M arrivals fall into αS. Their
+    number has the generating function L(αM(1 - z)), so that the rate is the
+    coefficient of z^(M-1) in L(αM(1 - z)) / (1 - z). The trapezoid rule reads it
+    on a circle near the saddle point, where no digits cancel however small the
+    rate. L itself: given the largest of the cells trimmed below and the smallest
+    of those trimmed above, the kept cells are independent and follow a truncated
+    gamma law. L is a power of that law's transform, integrated over these two
+    limits by the trapezoid rule in logarithms. The relative error of the rate is
+    below 1e-6 from P_fa = 1e-15 up.
 
     References
     ----------
@@ -180,7 +180,7 @@ def _check_trimmed(n_training: int, trimmed: tuple[int, ...]) -> None:
 
 
 def _rough_mean(n_training: int, trimmed: tuple[int, int], looks: int) -> float:
-    """Rough trimmed mean of cells of mean 1, from the quantiles between which its cells lie."""
+    """Rough trimmed mean of cells of mean 1: the mean of their law between the two trimming quantiles."""
     lower, upper = (trimmed[0] / n_training, 1 - trimmed[1] / n_training)
     limits = special.gammaincinv(looks, [lower, upper])
     return float(np.diff(special.gammainc(looks + 1, limits))[0] / (upper - lower))
@@ -237,19 +237,20 @@ def _limits(
 ) -> tuple[Floats, Floats, Floats]:
     """Pairs of powers between which the kept cells lie, and the logarithm of their weights.
 
-    Summed over the pairs, weight times the n-th power of the transform of a
-    truncated power, n the number of kept cells, is the transform of their sum.
-    The pairs span where that matters for powers of the rate `tilted`, in
-    coordinates in which everything vanishes exponentially and smoothly. Where
-    nothing is trimmed on a side, the limit leaves nothing of note beyond it.
+    With n kept cells, the transform of their sum is the sum over the pairs of
+    weight times the n-th power of the transform of a truncated power. The pairs
+    cover the region that matters for gamma powers of rate `tilted`, in
+    coordinates in which the integrand vanishes smoothly and exponentially. Where
+    nothing is trimmed on a side, the power beyond that limit is negligible.
     """
     below, above = trimmed
     n_kept = n_training - below - above
     log_ways = special.gammaln(n_training + 1) - special.gammaln(n_kept + 1)
 
     def pair(log_lower: Floats, logit: Floats) -> tuple[Floats, Floats, Floats]:
-        """Limits, and the logarithm of their weight without the steps."""
-        # The upper limit as the share of the law above the lower one: without tilt the two are independent.
+        """Limits, and the logarithm of their weight without the steps of the grid."""
+        # The logit gives the upper limit as a share of the law above the lower one: without tilt the two
+        # are independent.
         lower = np.exp(log_lower)
         left = special.gammaincc(looks, lower)
         passed = special.gammainc(looks, lower) + special.expit(logit) * left
@@ -269,7 +270,7 @@ def _limits(
     def log_size(log_lower: Floats, logit: Floats) -> Floats:
         lower, upper, log_weight = pair(log_lower, logit)
         low, high = tilted * lower, tilted * upper
-        # Of the two differences, the one of the smaller numbers.
+        # Of the two equal differences, take the one of smaller numbers: it cancels fewer digits.
         share = np.where(
             low < looks,
             special.gammainc(looks, high) - special.gammainc(looks, low),
@@ -296,7 +297,7 @@ def _log_density(log_power: Floats, looks: int) -> Floats:
 
 
 def _order_span(rank: int, n_cells: int, looks: int) -> tuple[float, float]:
-    """Logarithms between which the rank-th smallest of `n_cells` gamma powers lies."""
+    """Logarithms of the powers between which the rank-th smallest of `n_cells` gamma powers lies."""
     above = n_cells - rank
     lower = special.gammaincinv(looks, special.betaincinv(rank, above + 1, _TAIL))
     upper = special.gammainccinv(looks, special.betaincinv(above + 1, rank, _TAIL))
