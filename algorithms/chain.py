@@ -131,7 +131,7 @@ class Detected(NamedTuple):
 
 @dataclass(frozen=True)
 class Reading:
-    """How to read the cells whose plane waves are sought: tapers, neighbours, and which cells count.
+    """Way to read the cells whose plane waves are sought: tapers, neighbours, and the cells that count.
 
     Attributes
     ----------

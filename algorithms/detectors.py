@@ -17,9 +17,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from isacbench.dsp.cfar import (
     Axis,
@@ -559,6 +560,8 @@ class OscaCfar(_Cfar):
         return super()._test(power, axes, cells, looks)
 
     def _noise(self, power: Floats, windows: Windows) -> Floats:
+        if self.guard is None and isinstance(windows.cells[0], slice):
+            return _mean(_shared_orders(power, windows))
         window = windows.whole(power)
         columns = window.reshape(*window.shape[: -power.ndim], windows.axes[0].n_window, -1)
         if self.guard is None:
@@ -578,10 +581,11 @@ class OscaCfar(_Cfar):
         n_columns = windows.n_window // n_cells
         if self.guard is None:
             # The column of the cell under test has one training cell less.
-            columns = ((_rank(n_cells), n_cells),) * (n_columns - 1) + ((_rank(n_cells), n_cells - 1),)
+            rank = _column_rank(n_cells)
+            columns = (*((rank, n_cells),) * (n_columns - 1), (rank, n_cells - 1))
         else:
             counts = windows.trains.sum(axis=0).ravel().tolist()
-            columns = tuple((_rank(count), count) for count in sorted(counts, reverse=True) if count)
+            columns = tuple((_column_rank(count), count) for count in sorted(counts, reverse=True) if count)
         return osca_factor(self.pfa, columns, looks)
 
 
@@ -595,11 +599,26 @@ def _mean(values: Floats) -> Floats:
 
 def _orders(columns: Floats) -> Floats:
     """Order statistic of columns (..., cells of a column, columns)."""
-    rank = _rank(columns.shape[-2])
+    rank = _column_rank(columns.shape[-2])
     orders: Floats = np.partition(columns, rank - 1, axis=-2)[..., rank - 1, :]
     return orders
 
 
-def _rank(n_cells: int) -> int:
+def _shared_orders(power: Floats, windows: Windows) -> Floats:
+    """Order statistics of the columns of a block's windows, each column sorted once for all windows."""
+    seen = tuple(
+        slice(cell.start - place, cell.stop - place + axis.n_window - 1)
+        for cell, place, axis in zip(
+            cast("tuple[slice, ...]", windows.cells), windows.place, windows.axes, strict=True
+        )
+    )
+    n_cells, *across = (axis.n_window for axis in windows.axes)
+    columns = sliding_window_view(power[seen], n_cells, axis=0)
+    orders = _orders(columns[..., np.newaxis])[..., 0]
+    in_windows = sliding_window_view(orders, tuple(across), axis=tuple(range(1, power.ndim)))
+    return in_windows.reshape(*in_windows.shape[: power.ndim], -1)
+
+
+def _column_rank(n_cells: int) -> int:
     """Rank of the paper, ⌊0.75 n⌋ of n cells: the 6th smallest of 9."""
     return max(1, 3 * n_cells // 4)

@@ -1,7 +1,7 @@
 """CFAR detection on power maps of any rank: checks, windows, and factors of false-alarm rates.
 
-`isacbench_algorithms.detectors` has the built-in detectors. To write your own: return a `Detection`, check the
-map with `checked_power`, and take factors from `isacbench.dsp.cfar.factors`.
+`isacbench_algorithms.detectors` has the built-in detectors. To write your own: return a `Detection`, check
+the map with `checked_power`, and take factors from `isacbench.dsp.cfar.factors`.
 """
 
 from __future__ import annotations
