@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import entry_points
+from multiprocessing import resource_tracker
 from multiprocessing.context import ForkServerContext, ForkServerProcess
 from multiprocessing.forkserver import ensure_running
 from multiprocessing.process import BaseProcess
@@ -78,6 +79,8 @@ def start_process_server() -> ForkServerContext:
         start in milliseconds.
     """
     context = _context()
+    # The tracker unblocks these signals when it starts, and the server starts it where nothing has.
+    resource_tracker.ensure_running()
     # Signals that end a run are for this process: the server inherits that they are blocked, and its workers
     # from it. What sends them to all processes would else leave nothing to make the report with.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
