@@ -533,7 +533,7 @@ def test_between_two_estimators_a_cell_that_the_second_alone_fails_is_a_new_fail
 def test_one_run_is_compared_between_two_estimators_of_it(retuned):
     with pytest.raises(InputError, match="only one run was given; give two runs"):
         compare(retuned[0])
-    with pytest.raises(InputError, match=r"'music2d' and 'music2d\[n=1\]' are one estimator"):
+    with pytest.raises(InputError, match=r"'music2d' and 'music2d\[n=1\]' name the same estimator"):
         compare(retuned[0], between=("music2d", "music2d[n=1]"))
 
 
