@@ -49,10 +49,7 @@ class Oracle:
             Without a truth.
         """
         if truth is None:
-            raise InputError(
-                "estimator oracle blurs the truth: allowed is estimate(observation, truth), such as "
-                "estimate(observation, scenario.truth)"
-            )
+            raise InputError("estimator oracle needs the truth: call estimate(observation, scenario.truth)")
         system, (n_p, n_q) = observation.system, observation.array.shape
         offset_m = truth.xyz - observation.base_station_m
         u, w = observation.frame.direction_cosines(offset_m)

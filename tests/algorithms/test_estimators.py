@@ -322,7 +322,7 @@ def test_the_oracle_leaves_separate_scatterers_alone_and_merges_what_shares_a_ce
 def test_the_oracle_cannot_be_called_without_the_truth():
     assert Oracle.needs_truth
     assert isinstance(Oracle(), TruthEstimator)
-    with pytest.raises(InputError, match=r"allowed is estimate\(observation, truth\)"):
+    with pytest.raises(InputError, match=r"needs the truth: call estimate\(observation, scenario"):
         Oracle().estimate(simulator().observe(0.0))
 
 

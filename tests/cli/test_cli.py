@@ -436,7 +436,7 @@ TINY_RUN = ("run", "quick", "-s", "tiny.toml", "-o", "out")
         (
             no_mistake,
             ("run", "efficiency", "-s", "tiny.toml", "-e", "seer"),
-            ["scenario tiny", "no room", "0.5 in u"],
+            ["scenario tiny", "too small", "0.5 in u"],
         ),
         (file_mistake("s.toml", "name = 1"), ("run", "s.toml"), ["s.toml", "name = 1"]),
         (

@@ -56,9 +56,9 @@ def test_two_timed_runs_are_compared(cli):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--timing", "-j", 2), "jobs 2 and timing: allowed is one job on this machine"),
-        (("--timing", "--dask", "tcp://nowhere:1"), "dask and timing: allowed is one job on this machine"),
-        (("--repeats", 3), "repeats 3: allowed with timing"),
+        (("--timing", "-j", 2), "timing needs one job on this machine, not jobs 2"),
+        (("--timing", "--dask", "tcp://nowhere:1"), "timing needs one job on this machine, not dask"),
+        (("--repeats", 3), "repeats = 3 needs timing"),
     ],
 )
 def test_what_cannot_be_timed_is_a_mistake_in_usage(cli, options, message, tmp_path):

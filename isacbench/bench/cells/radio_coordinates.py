@@ -139,7 +139,7 @@ def draw_place(scenario: Scenario, trial: int, seed: int, margin_cells: float) -
             return place
     cell = rayleigh_cells(scenario)
     raise InputError(
-        f"scenario {scenario.name}: its region has no room for a scatterer with {margin_cells:g} Rayleigh "
-        f"cells to either side; a cell is {cell[0]:.3g} m, {cell[1]:.3g} m/s, {cell[2]:.3g} in u and "
-        f"{cell[3]:.3g} in w"
+        f"scenario {scenario.name}: its region is too small: a scatterer must be at least {margin_cells:g} "
+        f"Rayleigh cells from every border; a cell is {cell[0]:.3g} m, {cell[1]:.3g} m/s, {cell[2]:.3g} in "
+        f"u and {cell[3]:.3g} in w"
     )

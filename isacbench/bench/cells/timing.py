@@ -93,7 +93,7 @@ def repeats_wanted(timing: bool, repeats: int | None) -> int | None:
         If a number is given for a run that is not timed.
     """
     if repeats is not None and not timing:
-        raise InputError(f"repeats {repeats}: allowed with timing; without it each cell is estimated once")
+        raise InputError(f"repeats = {repeats} needs timing; without it each cell is estimated once")
     if not timing:
         return None
     return DEFAULT_REPEATS if repeats is None else repeats

@@ -216,18 +216,19 @@ def compare(
     if between is None:
         if new is None:
             raise InputError(
-                "one run alone: allowed are two runs, BASE and NEW, or one run and two of its estimators, "
-                "between A and B"
+                "only one run was given; give two runs (BASE and NEW), or one run and between=(A, B)"
             )
         runs = read_run(Path(base)), read_run(Path(new))
         partners = find_pairs(*runs, _as_list(map), _as_list(match))
         return compare_tables(*runs, asked, alpha, partners)
     if new is not None or map or match:
-        raise InputError("between A and B: allowed with one run, and without map and match")
+        raise InputError("between needs exactly one run, and cannot be combined with map or match")
     run = read_run(Path(base))
     first, second = (find_variant(run, text) for text in between)
     if first == second:
-        raise InputError(f"{run.label}: {between[0]!r} and {between[1]!r} are one estimator; allowed are two")
+        raise InputError(
+            f"{run.label}: {between[0]!r} and {between[1]!r} name the same estimator; give two different ones"
+        )
     return compare_tables(run, run, asked, alpha, {first: second}, is_between=True)
 
 

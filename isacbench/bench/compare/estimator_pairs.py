@@ -129,9 +129,7 @@ def find_pairs(
         old, partner = _find(base, old_text, allowed), _find(new, new_text, allowed)
         if old in pairs or partner in pairs.values():
             label, text = (base.label, old_text) if old in pairs else (new.label, new_text)
-            raise InputError(
-                f"{label}: {text!r} is paired twice; allowed is one map or match for each variant"
-            )
+            raise InputError(f"{label}: {text!r} is paired twice; give one map or match for each variant")
         pairs[old] = partner
     return pairs
 
@@ -212,7 +210,7 @@ def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list
 
 def _bare(name: str) -> str:
     if parse_spec(name).params:
-        raise InputError(f"match {name!r}: allowed is the bare name of an estimator; a map takes parameters")
+        raise InputError(f"match {name!r}: give the bare name of an estimator; only a map takes parameters")
     return name
 
 
@@ -230,7 +228,7 @@ def _find(run: RunTable, text: str, allowed: str) -> Variant:
     if not fitting:
         raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(namesakes, asked)}")
     several = _listed([namesakes[index] for index in fitting], asked)
-    raise InputError(f"{run.label}: {text!r} fits {len(fitting)} variants, {several}; allowed is {allowed}")
+    raise InputError(f"{run.label}: {text!r} fits {len(fitting)} variants, {several}; give {allowed}")
 
 
 def _fits(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> bool:

@@ -124,13 +124,10 @@ def read_run(folder: Path) -> RunTable:
     """
     manifest = read_manifest(folder)
     if is_there(folder / JOURNAL):
-        raise InputError(
-            f"{folder}: the run has not come to its end; allowed is a finished one: the same isacbench run "
-            "into the folder goes on"
-        )
+        raise InputError(f"{folder}: the run is not finished; resume it with the same isacbench run command")
     if not is_there(folder / RECORDS):
         raise InputError(
-            f"{folder}: not the folder of a run, {RECORDS} missing; allowed is one that isacbench run wrote"
+            f"{folder}: not the folder of a run, {RECORDS} missing; give one that isacbench run wrote"
         )
     try:
         records = with_added(read_table(folder / RECORDS))
@@ -147,7 +144,7 @@ def read_run(folder: Path) -> RunTable:
     repeated = records.duplicated(CLOUD_KEYS)
     if repeated.any():
         raise InputError(
-            f"{folder / RECORDS}: {repeated.sum()} cells have more than one row; allowed is one a cell"
+            f"{folder / RECORDS}: {repeated.sum()} cells have more than one row; each cell must have one"
         )
     return RunTable(str(folder), records, manifest)
 
@@ -341,8 +338,8 @@ def _machines(run: RunTable) -> dict[str, str]:
         return {name: f"{one['processor']}, {one['cores']} cores" for name, one in found.items()}
     except KeyError as error:
         raise InputError(
-            f"{run.label}: an environment of the manifest lacks {error}; allowed for a comparison of times "
-            "are runs whose manifests describe their machines"
+            f"{run.label}: an environment of the manifest lacks {error}; times can be compared only "
+            "between runs whose manifests describe their machines"
         ) from error
 
 
@@ -365,6 +362,4 @@ def _told(cells: pd.DataFrame, end: str, partners: Mapping[Variant, Variant]) ->
 def _require(where: Path, wanted: Any, present: Any) -> None:
     missing = [str(name) for name in wanted if name not in present]
     if missing:
-        raise InputError(
-            f"{where}: {', '.join(missing)} missing; allowed is a run of this version: run it again"
-        )
+        raise InputError(f"{where}: {', '.join(missing)} missing; run it again with this version")

@@ -134,6 +134,6 @@ def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lo
     better = known.get(column, "lower")
     if better == "neither":
         raise InputError(
-            f"tolerance of {column}: neither more nor less of it is better; allowed are {', '.join(scores)}"
+            f"tolerance of {column}: this column has no better direction; allowed are {', '.join(scores)}"
         )
     return better

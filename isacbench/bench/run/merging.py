@@ -95,8 +95,8 @@ class _Part:
         manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
         if missing := [key for key in run_store.RUN_KEYS if key not in manifest]:
             raise InputError(
-                f"{folder}: its manifest has no {missing[0]}, because an older isacbench wrote it; "
-                "allowed is a run that this one has gone on with"
+                f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); resume the run "
+                "with this version first"
             )
         rows = Rows.of_tables(results.records, results.clouds, results.environments)
         if not has_its_cloud(rows).all():
@@ -128,7 +128,7 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
         cell.
     """
     if out.is_dir() and RUN_FILES & {path.name for path in out.iterdir()}:
-        raise InputError(f"{out}: holds a run; allowed is a new folder")
+        raise InputError(f"{out}: holds a run; give a new folder")
     parts = [_Part.read(folder) for folder in folders]
     _require_one_suite(parts)
     plan, described = _whole(parts)
@@ -139,8 +139,8 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     if (positions < 0).any():
         first = rows.records[positions < 0].iloc[0]
         raise InputError(
-            f"the plan of the parts has no cell of {first['estimator']} with {first['params']}, which their "
-            "rows have; allowed is the version of the estimator that the parts were made with"
+            f"rows of {first['estimator']} with {first['params']} are not in the plan of the parts; install "
+            "the version of the estimator that made them"
         )
     rows, positions = _united(rows, positions)
     suite, scenarios = restore_suite(described["suite"]), _scenarios(parts)
@@ -179,7 +179,8 @@ def _require_one_suite(parts: Sequence[_Part]) -> None:
             folder, first = known.setdefault(what, (part.folder, value))
             if value != first:
                 raise InputError(
-                    f"{folder} and {part.folder}: {what} {first} and {value}; allowed are parts of one suite"
+                    f"{folder} and {part.folder}: {what} differs ({first}, {value}); only parts of one suite "
+                    "can be merged"
                 )
 
 
@@ -193,7 +194,7 @@ def _require_equal_versions(rows: Rows) -> None:
         if versions != other:
             raise InputError(
                 f"{estimator}: some rows were made by {', '.join(differing_versions(other, versions))}; "
-                "allowed are rows of one version, or --mix-versions"
+                "merge rows of one version, or use --mix-versions"
             )
 
 
@@ -204,8 +205,8 @@ def _whole(parts: Sequence[_Part]) -> tuple[Plan, dict[str, Any]]:
         for part in parts:
             if part.manifest["scenes"] != first.manifest["scenes"] or _variants(part) != _variants(first):
                 raise InputError(
-                    f"{first.folder} and {part.folder}: equal suites, but different versions have made "
-                    "different cells of them; allowed are parts with the same parameters and SNRs"
+                    f"{first.folder} and {part.folder}: the suites are equal, but their parameters or SNRs "
+                    "differ, because different versions wrote them"
                 )
         return restore_plan(first.manifest), {key: first.manifest[key] for key in run_store.RUN_KEYS}
     scenarios = _scenarios(parts)
@@ -284,7 +285,7 @@ def _require_agreement(one: Rows, other: Rows) -> None:
         cell = one.records[~agree].iloc[0]
         raise InputError(
             f"two parts disagree about {cell['estimator']} on {cell['scenario']} at {cell['snr_db']:g} dB, "
-            f"trial {cell['trial']}; allowed are equal rows of a cell, or one"
+            f"trial {cell['trial']}; rows of one cell must be equal"
         )
 
 

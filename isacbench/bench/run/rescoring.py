@@ -130,8 +130,8 @@ def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
     is_incomplete = (rows.n_points != records["n_estimated"].to_numpy())[candidates]
     if is_incomplete.any():
         raise InputError(
-            f"{folder}: {is_incomplete.sum()} of {len(candidates)} clouds are missing or damaged; allowed is "
-            "a run with all of them, and `isacbench run` into it makes these again"
+            f"{folder}: {is_incomplete.sum()} of {len(candidates)} clouds are missing or damaged; "
+            "`isacbench run` into the folder makes them again"
         )
     ends = np.cumsum(rows.n_points)
     scored: dict[int, Mapping[str, Any]] = {}

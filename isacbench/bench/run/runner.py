@@ -81,15 +81,15 @@ class Execution:
             if value is not None and value < 1:
                 raise InputError(f"{name} {value}: allowed is 1 or more")
         if self.n_jobs is not None and self.dask is not None:
-            raise InputError("jobs and dask: allowed is one of them")
+            raise InputError("jobs and dask cannot be given together: give one")
         if self.is_timing and (self.dask is not None or (self.n_jobs or 1) > 1):
             where = "dask" if self.dask else f"jobs {self.n_jobs}"
             raise InputError(
-                f"{where} and timing: allowed is one job on this machine, because cells that run at the same "
-                "time slow each other down"
+                f"timing needs one job on this machine, not {where}: cells that run at the same time slow "
+                "each other down"
             )
         if not self.is_guarded and self.guard not in (Guard(), Guard(None)):
-            raise InputError("timeout_s and memory_mib: allowed with jobs or dask, whose workers they limit")
+            raise InputError("timeout_s and memory_mib limit worker processes: give jobs or dask as well")
 
     @property
     def is_guarded(self) -> bool:

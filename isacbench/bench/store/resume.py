@@ -179,7 +179,7 @@ def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], plan: Pl
         if len(others):
             raise InputError(
                 f"it holds cells of {column} {others.iloc[0]}, not {wanted}; "
-                "allowed is the same one, or a new folder"
+                f"use the same {column}, or a new folder"
             )
     unknown = records[positions < 0]
     if len(unknown):
@@ -189,7 +189,7 @@ def _refuse_others(records: pd.DataFrame, positions: NDArray[np.int64], plan: Pl
         raise InputError(
             f"it holds {len(unknown)} cells that this run does not have, the first one "
             f"{labels[variant]} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
-            "allowed is a run that has them all and perhaps more, or a new folder"
+            "include them in this run, or use a new folder"
         )
 
 
@@ -197,9 +197,9 @@ def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask) -> No
     """Refuse rows whose scenario has changed since, or that other versions made."""
     if content.any():
         raise InputError(
-            f"{content.sum()} of its {content.size} cells are of another content of the scenario "
-            f"{stored.records[content].iloc[0]['scenario']!r}; allowed are --rerun stale without --shard, "
-            "which makes them again, or a new folder"
+            f"{content.sum()} of its {content.size} cells were made with different content of scenario "
+            f"{stored.records[content].iloc[0]['scenario']!r}: use --rerun stale (without --shard), or a new "
+            "folder"
         )
     if versions.any():
         first = stored.records[versions].iloc[0]
@@ -207,8 +207,8 @@ def _refuse_stale(stored: Rows, plan: Plan, content: Mask, versions: Mask) -> No
         new = versions_now(plan)[first["estimator"], first["params"]]
         raise InputError(
             f"{versions.sum()} of its {versions.size} cells were made by other versions, the first one by "
-            f"{', '.join(differing_versions(old, new))}; allowed are --rerun stale without --shard, which "
-            "makes them again, --mix-versions, which keeps them beside new ones, or a new folder"
+            f"{', '.join(differing_versions(old, new))}; use --rerun stale (without --shard) to "
+            "recompute them, --mix-versions to keep them, or a new folder"
         )
 
 

@@ -79,7 +79,7 @@ def open_folder(
     if names and not names & files:
         raise InputError(
             f"{folder}: exists and is not the folder of {what}; allowed are a new folder, an empty one, "
-            f"or that of {what} to go on with; nothing was overwritten"
+            f"or the folder of {what} to resume; nothing was overwritten"
         )
     with _locked(folder):
         try:
@@ -101,12 +101,12 @@ def _locked(folder: Path) -> Iterator[None]:
         except BlockingIOError as error:
             file.seek(0)
             raise InputError(
-                f"{folder}: another run writes into it ({file.read() or 'unknown'}); allowed is to "
-                "wait for its end, or another folder"
+                f"{folder}: another run is writing into it ({file.read() or 'unknown'}); wait for its "
+                "end, or use another folder"
             ) from error
         except OSError as error:
             raise InputError(
-                f"{folder}: cannot be locked: {error.strerror or error}; allowed is a folder that can be "
+                f"{folder}: cannot be locked: {error.strerror or error}; use a folder that can be "
                 "written into, on a file system with locks"
             ) from error
         file.truncate(0)

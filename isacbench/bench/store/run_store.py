@@ -243,7 +243,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     if not is_there(path):
         raise InputError(
-            f"{folder}: not the folder of a run, {MANIFEST} missing; allowed is one that isacbench run wrote"
+            f"{folder}: not the folder of a run, {MANIFEST} missing; give one that isacbench run wrote"
         )
     require_inside(path, folder)
     try:
@@ -290,7 +290,7 @@ def require_metric(manifest: Mapping[str, Any]) -> None:
     if metric != current_metric():
         raise InputError(
             f"its cells were scored by version {metric.get('version')} of the metric, not {METRIC_VERSION}; "
-            "allowed is to rescore it first (isacbench rescore), or a new folder"
+            "rescore it first (isacbench rescore), or use a new folder"
         )
 
 

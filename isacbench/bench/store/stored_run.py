@@ -37,7 +37,9 @@ MOST_NAMED = 6
 MOST_OF_A_PATH = 60
 MOST_OF_A_VALUE = 40
 
-NO_IMAGE = "the row is the test of a detector on a map or of a receiver; allowed are rows of estimators"
+NO_IMAGE = (
+    "the row is the test of a detector on a map or of a receiver; only rows of estimators have an image"
+)
 
 PLUGIN_KEYS = ("estimators", "detectors")
 """Keys of a suite that name plugins, on which no scene depends."""
@@ -197,7 +199,7 @@ class StoredRun(Displayed):
             values = "; ".join(f"{name} {_listed(rows[name].unique())}" for name in CLOUD_KEYS)
             whose = "these rows" if found.size else "the rows of the run"
             raise InputError(
-                f"{self.folder}: {found.size} rows have {given}; allowed is a key that only one row has. "
+                f"{self.folder}: {found.size} rows have {given}; give a key that only one row has. "
                 f"The values of {whose} are {values}"
             )
         return int(found[0])
@@ -322,7 +324,7 @@ class ObservedScenes:
             if (stored != scene.content).any():
                 raise InputError(
                     f"{self.folder}: the scatterers of {name}, trial {trial} are not stored, and this "
-                    "isacbench would draw others; allowed is the version of isacbench that made the run"
+                    "isacbench would draw others; use the version of isacbench that made the run"
                 )
             return scene.drawn(trial)
         points = self.draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
@@ -394,8 +396,8 @@ def _key_columns(row: Row) -> dict[str, Any]:
         row = getattr(row, "_asdict", lambda: dict(zip(CLOUD_KEYS, row, strict=False)))()
     if not isinstance(row, (pd.Series, Mapping)) or any(name not in row for name in CLOUD_KEYS):
         raise InputError(
-            f"a {type(row).__name__} that is not one row; allowed are a row of the run's table, and a tuple "
-            f"or mapping of {', '.join(CLOUD_KEYS)}"
+            f"expected one row of the run's table, or a tuple or mapping of {', '.join(CLOUD_KEYS)}; "
+            f"got a {type(row).__name__}"
         )
     return {name: row[name] for name in CLOUD_KEYS}
 

@@ -292,12 +292,16 @@ def _builders(suite: DetectionSuite) -> Iterator[Callable[..., Any]]:
         if estimator is None:
             for variant, (name, params) in spec_variants(text):
                 if "detector" in params:
-                    raise InputError(f"estimators: {variant!r} has a detector; its place is in detectors")
+                    raise InputError(
+                        f"estimators: {variant!r} sets a detector; list detectors under the key detectors"
+                    )
                 yield partial(get_estimator, name, **params)
         elif "detector" in {field.name for field in dataclasses.fields(estimator)}:
             yield partial(dataclasses.replace, estimator)
         else:
-            raise InputError(f"estimator {estimator.name}: allowed are those with a parameter detector")
+            raise InputError(
+                f"estimator {estimator.name} has no parameter detector, which a detection suite sets"
+            )
 
 
 def _labelled_entries(built: Iterable[tuple[str, float, Any]]) -> list[Entry[Any]]:

@@ -79,7 +79,7 @@ def link_scenes(suite: LinkSuite, scenarios: Mapping[str, Scenario]) -> list[Sce
     """
     if suite.snr_db is None:
         raise InputError(
-            "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array to gain by"
+            "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
         )
     entries = build_estimators(suite)
     require_scatterers(scenarios)

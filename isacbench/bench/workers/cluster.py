@@ -108,7 +108,7 @@ def _killed(job: Job, block: Block) -> Iterator[Made]:
     workbench = Workbench(job)
     workbench.observe(block)
     for entry in block.entries:
-        yield workbench.failure_row(entry, "killed", "one Dask worker after the other died with it", 0.0)
+        yield workbench.failure_row(entry, "killed", "several Dask workers died in this cell", 0.0)
 
 
 def take_piece(pieces: deque[tuple[Block, ...]], n_wanted: int) -> tuple[Block, ...]:
@@ -246,7 +246,7 @@ class _Cluster:
         self._is_lost = True
         return InputError(
             f"dask {self._address}: {what}; the rows so far are kept in the run's folder, "
-            "and the same run into it goes on with the rest"
+            "and the same command resumes the run"
         )
 
     def _refused(self, worker: str, error: BaseException) -> InputError:
@@ -254,8 +254,8 @@ class _Cluster:
         if isinstance(error, InputError):
             return InputError(f"dask {self._address}: {worker}: {error}")
         return InputError(
-            f"dask {self._address}: {worker} has no isacbench that could be used "
-            f"({type(error).__name__}: {error}); allowed is the isacbench of this process"
+            f"dask {self._address}: {worker} has no usable isacbench "
+            f"({type(error).__name__}: {error}); install the isacbench of this process there"
         )
 
 
@@ -273,7 +273,7 @@ def _connected(address: str, order: WorkOrder) -> Iterator[_Cluster]:
         client = Client(address, timeout=WAIT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:  # no answer, no address, another server's address
         raise InputError(
-            f"dask {address}: no scheduler there ({error}); allowed is the address of a running "
+            f"dask {address}: no scheduler there ({error}); give the address of a running "
             "`dask scheduler`, such as tcp://10.0.0.1:8786"
         ) from error
     cluster = _Cluster(client, address, order)

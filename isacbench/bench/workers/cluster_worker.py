@@ -108,8 +108,7 @@ class WorkOrder:
                     raise InputError(f"{name}: {', '.join(differing_versions(found[name, params], wanted))}")
         except InputError as error:
             raise InputError(
-                f"{error}; allowed are workers with the isacbench and the plugins of the process that runs "
-                "the suite, installed before they were started"
+                f"{error}; install the same isacbench and plugins on all workers before starting them"
             ) from error
 
 

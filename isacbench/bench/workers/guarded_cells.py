@@ -69,7 +69,7 @@ class Guard:
             if limit is not None and not 0 < limit < math.inf:
                 raise InputError(f"{option} {limit:g} {unit}: allowed is more than 0, and finite")
         if self.memory_mib is not None and not PROCESS_STATUS.exists():
-            raise InputError("memory: a limit can be enforced on Linux only; allowed here is a run without")
+            raise InputError("memory limits need Linux; run without one here")
 
 
 class Lane:
@@ -160,8 +160,8 @@ class Lane:
                 self._n_met = 0
         raise InputError(
             f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
-            f"{OBSERVE_ATTEMPTS} worker processes in a row did not live to observe it, the last: "
-            f"{loss.reason}; allowed are a scenario that fits into memory and plugins that can be imported"
+            f"{OBSERVE_ATTEMPTS} worker processes in a row died while simulating the observation; the last: "
+            f"{loss.reason}; the scenario must fit into memory, and plugins must be importable"
         ) from loss
 
     def _image(self, entry: int, trace: Made) -> Made | None:

@@ -145,7 +145,7 @@ def _refuses_bad_maps(subject: DetectorSubject) -> str:
         except Exception:
             continue
         raise BrokenPromiseError(
-            f"takes a map with {what} cells without a word: refuse it, as "
+            f"accepts a map with {what} cells; raise InputError instead, as "
             "isacbench.dsp.cfar.checked_power does"
         )
     return ""

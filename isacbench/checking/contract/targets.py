@@ -80,7 +80,7 @@ def entries_of_class(plugin: type[Any]) -> list[RegisteredPlugin]:
     kinds = [kind for kind, method in METHODS.items() if callable(getattr(plugin, method, None))]
     if not kinds or not isinstance(name, str):
         raise InputError(
-            f"{quoted(plugin)} is no plugin: allowed are a registered name, the name of a package, a file "
+            f"{quoted(plugin)} is not a plugin: allowed are a registered name, the name of a package, a file "
             "that ends in .py, a class with a class attribute `name` and a method `estimate` or `detect`, "
             "and an instance of such a class"
         )

@@ -58,7 +58,7 @@ class Promise(Generic[Subject]):
         """
         if drift <= self.bound:
             return ""
-        return self.hinted(f"off by {drift:.2g}, allowed are {self.bound:.2g}")
+        return self.hinted(f"off by {drift:.2g}, at most {self.bound:.2g} is allowed")
 
     def hinted(self, message: str) -> str:
         """Append the hint to a message.

@@ -87,5 +87,5 @@ def test_the_scatterers_of_a_template_do_not_matter(room, put):
 )
 def test_a_region_without_room_is_refused_with_the_size_of_a_cell(room, region):
     small = dataclasses.replace(room, region=region, scatterers=Scatterers(np.empty((0, 3)), [], []))
-    with pytest.raises(InputError, match=r"scenario room: its region has no room .* 0\.222 in u"):
+    with pytest.raises(InputError, match=r"scenario room: its region is too small: .* 0\.222 in u"):
         draw_place(small, 0, 0, 0.5)

@@ -260,7 +260,7 @@ def test_a_second_run_into_the_folder_is_told_of_the_first(start, tmp_path):
     second = start(folder, "-j", "1")
     assert second.wait(PATIENCE_S) == 2
     output = (tmp_path / "output.txt").read_text()
-    assert f"another run writes into it (process {first.pid} on " in output.replace("\n", "")
+    assert f"another run is writing into it (process {first.pid} on " in output.replace("\n", "")
     assert first.poll() is None
 
 

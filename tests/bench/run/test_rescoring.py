@@ -203,7 +203,7 @@ def test_missing_and_damaged_clouds_are_refused_and_nothing_changes(street, tmp_
 
 def test_a_run_that_is_written_into_is_refused(street, tmp_path):
     run(street, out=tmp_path / "run")
-    with open_folder(tmp_path / "run"), pytest.raises(InputError, match="another run writes into it"):
+    with open_folder(tmp_path / "run"), pytest.raises(InputError, match="another run is writing into it"):
         rescore(tmp_path / "run")
 
 

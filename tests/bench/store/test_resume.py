@@ -232,9 +232,11 @@ def moved(suite, tiny):
 
 def test_rows_of_another_content_of_the_scenario_are_refused(suite, folder, moved, finished):
     moved()
-    with pytest.raises(InputError, match="18 of its 18 cells are of another content of the scenario 'tiny'"):
+    with pytest.raises(
+        InputError, match="18 of its 18 cells were made with different content of scenario 'tiny'"
+    ):
         go(suite, folder)
-    with pytest.raises(InputError, match="another content"):
+    with pytest.raises(InputError, match="different content"):
         go(suite, folder, mix_versions=True)
 
 
@@ -417,7 +419,7 @@ def test_rows_that_came_twice_are_damage(suite, folder, finished, undisturbed):
 
 def test_a_folder_that_cannot_be_locked_is_told(suite, folder):
     (folder / ".lock").mkdir(parents=True)
-    with pytest.raises(InputError, match=r"run: cannot be locked: Is a directory; allowed is a folder"):
+    with pytest.raises(InputError, match=r"run: cannot be locked: Is a directory; use a folder"):
         go(suite, folder)
 
 
@@ -506,5 +508,5 @@ def test_a_run_that_another_version_of_the_metric_scored_is_not_gone_on_with(sui
     manifest = json.loads((folder / "manifest.json").read_text())
     manifest["metric"]["version"] = 0
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match="version 0 of the metric, not 1; allowed is to rescore it"):
+    with pytest.raises(InputError, match="version 0 of the metric, not 1; rescore it first"):
         run_suite(suite, folder, execution=Execution(mix_versions=True))

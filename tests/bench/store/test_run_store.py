@@ -157,7 +157,7 @@ def test_a_new_folder_that_stays_empty_goes_away(tmp_path):
 def test_a_folder_that_is_written_into_is_refused_with_who_does(tmp_path):
     with (
         open_folder(tmp_path / "run"),
-        pytest.raises(InputError, match=rf"another run writes into it \(process {os.getpid()} on "),
+        pytest.raises(InputError, match=rf"another run is writing into it \(process {os.getpid()} on "),
         open_folder(tmp_path / "run"),
     ):
         pass

@@ -130,7 +130,7 @@ def test_clouds_are_read_when_they_are_asked_for(copied):
         ({"snr_db": 5}, r"0 rows have snr_db = 5; .*snr_db 0.0, 10.0"),
         ({"estimator": "seer", "params": "{}"}, r"0 rows have estimator = 'seer' and params = '{}'"),
         ({"params": '{"n":1}', "snr_db": 0}, r"2 rows have .* of these rows are .*snr_db 0.0; trial 0, 1$"),
-        ({}, r"16 rows have any key; allowed is a key"),
+        ({}, r"16 rows have any key; give a key"),
         ({"estimator": "trouble", "snr_db": 0, "trial": 0}, "no luck; allowed are ok and no_detection"),
     ],
 )
@@ -141,7 +141,7 @@ def test_a_key_of_no_cloud_is_refused_with_what_there_is(written, given, message
 
 @pytest.mark.parametrize("row", ["tiny", (1, 2), {"scenario": "tiny"}, pd.DataFrame()])
 def test_what_is_no_row_is_refused(written, row):
-    with pytest.raises(InputError, match=r"that is not one row; allowed are a row of the run's table"):
+    with pytest.raises(InputError, match=r"expected one row of the run's table, .*; got a"):
         load_run(written[1]).cloud(row)
 
 

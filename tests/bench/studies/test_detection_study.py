@@ -197,7 +197,7 @@ def test_the_summary_counts_failures_of_every_kind(suite, failure):
         ({"detectors": ["cs"]}, "unknown detector 'cs'"),
         ({"detectors": ["ca", "ca[training=3]"]}, r"detectors: 'ca\[training=3\]' repeats a detector"),
         ({"estimators": ["seer"]}, "unknown parameter of estimator seer 'detector'"),
-        ({"estimators": ["blob[detector=ca]"]}, "has a detector; its place is in detectors"),
+        ({"estimators": ["blob[detector=ca]"]}, "sets a detector; list detectors under the key"),
         ({"maps": ["flat"]}, r"maps\[0\] = 'flat': input should be 'homogeneous'"),
         ({"pfa": [0.0]}, r"pfa\[0\] = 0.0: input should be greater than 0"),
     ],

@@ -162,6 +162,6 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase(fai
 
 
 def test_a_region_too_small_for_the_farthest_pair_is_refused_before_anything_runs(suite, tmp_path):
-    with pytest.raises(InputError, match="no room for a scatterer with 5 Rayleigh cells"):
+    with pytest.raises(InputError, match="must be at least 5 Rayleigh cells from every border"):
         run(suite.replace(separations_cells=[0.1, 9]), out=tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -252,7 +252,7 @@ def test_cells_do_not_get_the_allocator_that_nannies_give_to_workers(cluster, su
 def test_a_plugin_that_workers_lack_is_told_before_anything_is_made(cluster, suite, plugin_folder, tmp_path):
     source = PLUGINS.replace('"seer"', '"ghost"')
     plugin_folder.install("test-ghosts", source, estimators={"ghost": "Seer"})
-    with pytest.raises(InputError, match=r"worker tcp://\S+: unknown estimator 'ghost'.*installed before"):
+    with pytest.raises(InputError, match=r"worker tcp://\S+: unknown estimator 'ghost'.*before starting"):
         run(suite, estimators=["ghost"], dask=cluster.address, out=tmp_path / "run")
     assert not (tmp_path / "run").exists()
     assert not lanes_of(cluster)
@@ -323,7 +323,7 @@ def test_a_scheduler_without_workers_is_told(suite, monkeypatch):
 @pytest.mark.parametrize(
     ("address", "message"),
     [
-        ("tcp://127.0.0.1:1", r"no scheduler there \(Timed out .*\); allowed is the address"),
+        ("tcp://127.0.0.1:1", r"no scheduler there \(Timed out .*\); give the address"),
         ("nonsense", r"dask nonsense: no scheduler there \(missing port number"),
     ],
 )
@@ -371,7 +371,7 @@ def test_a_cell_that_kills_its_dask_worker_again_and_again_is_killed_and_no_othe
     statuses = records.groupby("estimator")["status"].unique().map(list).to_dict()
     assert statuses == {"blob": ["ok"], "deadly": ["killed"], "seer": ["ok"]}
     dead = records[records["estimator"] == "deadly"]
-    assert set(dead["reason"]) == {"one Dask worker after the other died with it"}
+    assert set(dead["reason"]) == {"several Dask workers died in this cell"}
     assert set(dead["n_true"]) == {3}
 
 

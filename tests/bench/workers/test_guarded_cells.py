@@ -235,10 +235,10 @@ class Homebody:
         ("raise OSError('not here')", r"plugin homebody\.py: cannot be imported: line 8: OSError: not here"),
         (
             "os._exit(3)",
-            r"scenario tiny, trial \d, 0 dB: 3 worker processes in a row did not live to observe it, "
-            "the last: the process exited with code 3",
+            r"scenario tiny, trial \d, 0 dB: 3 worker processes in a row died while simulating the "
+            "observation; the last: the process exited with code 3",
         ),
-        pytest.param("os._exit(0)", "did not live to observe it", marks=SLOW),
+        pytest.param("os._exit(0)", "died while simulating the observation", marks=SLOW),
     ],
 )
 def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
@@ -337,7 +337,9 @@ def test_limits_that_are_none_are_refused(limits, message):
 
 
 def test_limits_without_a_worker_to_hold_them_are_refused():
-    with pytest.raises(InputError, match="timeout_s and memory_mib: allowed with jobs or dask"):
+    with pytest.raises(
+        InputError, match="timeout_s and memory_mib limit worker processes: give jobs or dask"
+    ):
         Execution(guard=Guard(timeout_s=1))
 
 

@@ -91,7 +91,7 @@ def test_an_instance_of_a_registered_detector_is_checked():
 
 @pytest.mark.parametrize("plugin", [int, 3, dataclass, object()])
 def test_what_is_no_plugin_is_refused(plugin):
-    with pytest.raises(InputError, match="is no plugin: allowed are a registered name"):
+    with pytest.raises(InputError, match="is not a plugin: allowed are a registered name"):
         isacbench.check(plugin)
 
 

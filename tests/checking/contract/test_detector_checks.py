@@ -101,7 +101,7 @@ BROKEN = [
     (
         "bad maps",
         ("checked_power(power, looks)", "np.abs(np.nan_to_num(power))"),
-        "takes a map with complex cells",
+        "accepts a map with complex cells",
     ),
     (
         "false-alarm rate",

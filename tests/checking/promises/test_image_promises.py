@@ -158,7 +158,7 @@ def test_an_input_error_is_a_proper_answer_where_the_case_says_so():
 
 def test_a_drift_beyond_its_bound_is_told_in_numbers():
     verdict = examine(_Optional(), Twisted())[1]
-    assert (verdict.outcome, verdict.message) == ("failed", "off by 1, allowed are 0")
+    assert (verdict.outcome, verdict.message) == ("failed", "off by 1, at most 0 is allowed")
 
 
 def test_a_case_says_nothing_about_an_estimator_without_its_parameter():

@@ -89,7 +89,7 @@ def find_families(names: Sequence[str], kinds: Set[PluginKind]) -> list[type[Cas
     for name in names:
         if "[" in name:
             family = name.partition("[")[0]
-            raise InputError(f"case {name!r}: a search draws from families; allowed is {family}")
+            raise InputError(f"case {name!r}: a search draws from families; give {family}")
         find_cases(name)
         require_kind(name, FAMILIES[name], kinds)
     return [
@@ -113,4 +113,6 @@ def require_kind(text: str, family: type[Case[Any]], kinds: Set[PluginKind]) -> 
         Saying what it is meant for.
     """
     if family.kind not in kinds:
-        raise InputError(f"case {text!r} is meant for {family.kind}s; asked for are {' and '.join(kinds)}s")
+        raise InputError(
+            f"case {text!r} is a case for {family.kind}s, but only {' and '.join(kinds)}s were selected"
+        )

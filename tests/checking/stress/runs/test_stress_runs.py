@@ -101,7 +101,9 @@ def test_the_search_finds_a_case_that_breaks_and_makes_it_simple(frail):
 
 
 def test_cases_of_the_other_kind_are_refused():
-    with pytest.raises(InputError, match="case 'snr' is meant for estimators; asked for are detectors"):
+    with pytest.raises(
+        InputError, match="case 'snr' is a case for estimators, but only detectors were selected"
+    ):
         tasks_of(find_targets("detector", ["ca"]), ["snr"], 0)
 
 
@@ -184,7 +186,7 @@ def test_a_search_without_findings_says_so(cli):
         (["-d", "cfar"], "unknown detector 'cfar'"),
         (["--case", "snt"], "unknown family of cases 'snt'"),
         (["-e", "oracle", "--case", "snr[snr_db=500]"], "allowed are numbers from -80 to 200"),
-        (["--search", "3", "--case", "snr[snr_db=5]"], "a search draws from families; allowed is snr"),
+        (["--search", "3", "--case", "snr[snr_db=5]"], "a search draws from families; give snr"),
         (["--search", "3", "-j", "2"], "--jobs 2: allowed with --search is 1"),
     ],
 )
