@@ -66,11 +66,11 @@ def image_command(
     if plot is not None:
         require_picture(plot)
     if cube is None and transmitted is not None:
-        raise InputError("--transmitted: allowed with --cube FILE")
+        raise InputError("--transmitted needs --cube FILE")
     if cube is not None and (trial, seed, modulation, waveform) != (None, None, None, False):
-        raise InputError("--trial, --seed, --modulation and --waveform: allowed without --cube")
+        raise InputError("--trial, --seed, --modulation and --waveform cannot be combined with --cube")
     if cube is not None and snr is not None and division != "wiener":
-        raise InputError("--snr: allowed with --cube where --division wiener takes it")
+        raise InputError("with --cube, --snr needs --division wiener")
     choices = {"sensing": sensing, "modulation": modulation, "division": division}
     signal: dict[str, Any] = {name: choice for name, choice in choices.items() if choice is not None}
     register(plugin)

@@ -120,7 +120,7 @@ def compare_command(
     from isacbench.report.comparisons.comparison_tables import comparison_content
 
     if (between is None) != (other is None):
-        raise InputError("--between A and --and B: allowed are both or neither")
+        raise InputError("--between and --and must be given together")
     _require_own_places([path for path in (markdown, junit) if path is not None])
     try:
         found = compare_runs(
@@ -161,9 +161,9 @@ def _require_own_places(paths: list[Path]) -> None:
     for index, path in enumerate(paths):
         require_replaceable(path)
         if path.name in RUN_TABLES and is_there(path):
-            raise InputError(f"{path}: is a table of a run, and is not overwritten; allowed is another name")
+            raise InputError(f"{path}: is a table of a run and is not overwritten; choose another name")
         if path.resolve() in [other.resolve() for other in paths[:index]]:
-            raise InputError(f"{path}: is named by two options; allowed is a file for each")
+            raise InputError(f"{path}: is named by two options; give a different file to each")
 
 
 def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -> None:

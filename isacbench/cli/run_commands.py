@@ -60,7 +60,7 @@ def run_command(
     from isacbench.bench.suites.suite_kinds import load_suite
 
     if out is None and (rerun or mix_versions):
-        raise InputError("--rerun and --mix-versions: allowed with -o DIR, the folder of an existing run")
+        raise InputError("--rerun and --mix-versions need -o DIR, the folder of an existing run")
     register(plugin)
     wanted = load_suite(suite).replace(
         estimators=estimator,

@@ -120,7 +120,9 @@ def stress_command(
 def _require_search(n_examples: int, jobs: int) -> None:
     """Refuse a search that cannot be made."""
     if jobs > 1:
-        raise InputError(f"--jobs {jobs}: allowed with --search is 1, for one case leads to the next")
+        raise InputError(
+            f"--jobs {jobs}: --search needs --jobs 1, because each case depends on the previous ones"
+        )
     if find_spec("hypothesis") is None:
         raise InputError(
             f'--search {n_examples}: the package `hypothesis` is missing; pip install "isacbench[stress]"'

@@ -161,13 +161,13 @@ def _require_known(
     """Refuse divisions that lack the transmitted grid or the SNR, and an SNR that is not used."""
     if symbols is None and division != "reciprocal":
         raise InputError(
-            f"{cube.name}: division = {division!r} takes the transmitted grid, which is missing; allowed is "
-            "'reciprocal' for a cube that is divided"
+            f"{cube.name}: division = {division!r} needs the transmitted grid; "
+            "a cube that is already divided takes only 'reciprocal'"
         )
     if division == "wiener" and (snr_db is None or np.isnan(snr_db)):
         raise InputError(f"{cube.name}: division = 'wiener' takes the SNR of the echo, snr_db = {snr_db}")
     if division != "wiener" and snr_db is not None:
-        raise InputError(f"{cube.name}: snr_db is allowed with division = 'wiener', not {division!r}")
+        raise InputError(f"{cube.name}: snr_db needs division = 'wiener', not {division!r}")
 
 
 def _checked(grid: NDArray[Any], cube: Cube, sensed: NDArray[np.bool_]) -> NDArray[np.complex128]:

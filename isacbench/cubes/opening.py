@@ -110,8 +110,8 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
             cube.transmitted = _read_grid(path, GRID_NAME, grid)
             if cube.transmitted.shape != cube.shape[:2]:
                 raise InputError(
-                    f"{path}: {GRID_NAME} has shape {cube.transmitted.shape}; the cube beside it takes "
-                    f"{cube.shape[:2]}: (subcarriers, symbols)"
+                    f"{path}: {GRID_NAME} has shape {cube.transmitted.shape}; the cube needs a grid of "
+                    f"shape {cube.shape[:2]}: (subcarriers, symbols)"
                 )
     return cube
 
@@ -150,7 +150,7 @@ def _choose(path: Path, file: ArrayFile, wanted: str, n_axes: int) -> tuple[str,
         return fitting[0], arrays[fitting[0]]
     found = ", ".join(f"{name} ({array})".strip() for name, array in file.arrays.items())
     raise InputError(
-        f"{path}: wanted is an array named {wanted!r}, or just one of {n_axes} axes; "
+        f"{path}: needs an array named {wanted!r}, or exactly one array with {n_axes} axes; "
         f"it holds {shortened(found) or 'no arrays'}"
     )
 

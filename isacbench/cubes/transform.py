@@ -182,4 +182,4 @@ def _find_fault(cube: Cube, elements: NDArray[np.intp]) -> str:
                 f"{block[n, m, e]} at subcarrier {subcarrier}, symbol {symbol}, element ({p}, {q}); "
                 "allowed are finite numbers"
             )
-    return f"sums over the frame overflow {cube.dtype}; allowed are numbers far from its largest"
+    return f"sums over the frame overflow {cube.dtype}; scale the cube down"

@@ -268,8 +268,8 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     even = starts.size > 0 and np.unique(lengths).size == 1 and np.unique(np.diff(starts)).size <= 1
     if not even:
         raise InputError(
-            f"system.n_symbols = {system.n_symbols}: with sensing = {sensing!r} this frame has bursts of "
-            f"{lengths.tolist()} symbols; allowed are one and more, evenly spaced and of one length"
+            f"system.n_symbols = {system.n_symbols}, sensing = {sensing!r}: bursts must have equal lengths "
+            f"and equal spacing; this frame has bursts of {lengths.tolist()} symbols"
         )
     spacing = int(starts[1] - starts[0]) if starts.size > 1 else 0
     return SymbolBursts(system.n_symbols, int(starts[0]), int(lengths[0]), starts.size, spacing)

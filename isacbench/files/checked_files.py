@@ -85,7 +85,7 @@ def is_there(path: Path) -> bool:
     except (FileNotFoundError, NotADirectoryError):
         return False
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be looked at: {_reason(error)}") from error
+        raise InputError(f"{path}: cannot be accessed: {_reason(error)}") from error
     return True
 
 
@@ -193,7 +193,7 @@ def require_inside(path: Path, *folders: Path) -> None:
         target = path.resolve()
         inside = any(target.is_relative_to(folder.resolve()) for folder in folders)
     except (OSError, RuntimeError, ValueError) as error:  # a name that is too long, links in a circle, NUL
-        raise InputError(f"{path}: cannot be looked at: {_reason(error)}") from error
+        raise InputError(f"{path}: cannot be accessed: {_reason(error)}") from error
     if not inside:
         raise InputError(
             f"{path}: leads out of the folder {folders[0]}; allowed is a file in it or in a folder below it, "
@@ -279,7 +279,7 @@ def _looked_at(path: Path) -> os.stat_result | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError) as error:  # too long, no permission, links in a circle, NUL
-        raise InputError(f"{path}: cannot be looked at: {_reason(error)}") from error
+        raise InputError(f"{path}: cannot be accessed: {_reason(error)}") from error
 
 
 def _require_regular(path: Path, found: os.stat_result, prefix: str = "") -> None:
@@ -293,7 +293,4 @@ def _reason(error: Exception) -> str:
 
 
 def _elsewhere(path: Path) -> InputError:
-    return InputError(
-        f"{path}: is a symbolic link, and what is written would end elsewhere; "
-        "allowed is a file or folder of its own"
-    )
+    return InputError(f"{path}: is a symbolic link; give a file or folder that is not a link")

@@ -88,7 +88,7 @@ def parse_rows(
             column = next(k for k, field in enumerate(fields) if not is_number(field))
             found = quoted(fields[column].strip())
             raise InputError(
-                f"{path}: row {number}: column {columns[column]} is {found}; a number is wanted"
+                f"{path}: row {number}: column {columns[column]} is {found}; expected a number"
             ) from None
         numbers.append(number)
     table = np.array(values, dtype=np.float64).reshape(len(numbers), len(columns))
@@ -136,7 +136,7 @@ def check_finite(path: Path, values: Floats, columns: Sequence[str], row_numbers
         row, column = faults[0]
         value = "NaN" if np.isnan(values[row, column]) else "infinite"
         raise InputError(
-            f"{path}: row {row_numbers[row]}: column {columns[column]} is {value}; a finite number is wanted"
+            f"{path}: row {row_numbers[row]}: column {columns[column]} is {value}; expected a finite number"
         )
 
 

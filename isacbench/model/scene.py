@@ -185,8 +185,8 @@ class Scenario(Displayed):
         if min(self.array.shape) < 2:
             n_p, n_q = self.array.shape
             raise InputError(
-                f"array: its {n_p} x {n_q} virtual elements see no direction; "
-                "allowed are 2 and more along u and w"
+                f"array: its {n_p} x {n_q} virtual elements cannot measure both directions; "
+                "at least 2 along u and w are needed"
             )
         farthest_m = region.range_limits_m(self.base_station_m)[1]
         if farthest_m > system.unambiguous_range_m:

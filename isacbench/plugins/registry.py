@@ -322,7 +322,7 @@ def is_frozen_dataclass(plugin: object) -> bool:
 def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
     """Instance of a registered class with checked parameters."""
     if "[" in name:
-        raise InputError(f"{kind} {name!r}: allowed is a bare name; parameters are arguments of their own")
+        raise InputError(f"{kind} {name!r}: give the name only; pass parameters as keyword arguments")
     return construct(kind, name, _load(_registered(kind, name)), params)
 
 

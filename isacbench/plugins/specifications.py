@@ -68,8 +68,8 @@ def parse_spec(text: str) -> Spec:
     variants = spec_variants(text)
     if len(variants) > 1:
         raise InputError(
-            f"{text!r} stands for {len(variants)} variants, {variants[0].text!r} the first; "
-            "allowed here is one: give one value for each parameter"
+            f"{text!r} names {len(variants)} variants ({variants[0].text!r}, ...); "
+            "give one value for each parameter"
         )
     return variants[0].spec
 

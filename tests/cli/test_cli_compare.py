@@ -134,7 +134,7 @@ def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, 
     ("args", "fragment"),
     [
         (("old",), "only one run was given; give two runs"),
-        (("old", "--between", "fft4d"), "--between A and --and B: allowed are both or neither"),
+        (("old", "--between", "fft4d"), "--between and --and must be given together"),
         (("old", "new", "--between", "fft4d", "--and", "music2d"), "between needs exactly one run"),
         (("old", "new", "--map", "music2d"), "map 'music2d': allowed is OLD[param=value,...]=NEW"),
         (("old", "new", "--map", "music2d=musik2d"), "new: no estimator fits 'musik2d': did you mean"),
@@ -214,7 +214,7 @@ def test_nothing_but_figures_is_made_in_either_folder(cli, folders, tmp_path):
 @pytest.mark.parametrize(
     ("args", "told"),
     [
-        (("--junit", "same/results.parquet"), "is a table of a run, and is not overwritten"),
+        (("--junit", "same/results.parquet"), "is a table of a run and is not overwritten"),
         (("--markdown", "one.md", "--junit", "./one.md"), "is named by two options"),
     ],
 )

@@ -93,7 +93,7 @@ def test_a_plugin_file_that_is_none_ends_in_one_line_and_code_2(cli, command):
 def test_an_image_takes_one_estimator_and_no_grid(cli):
     result = cli("image", "-s", "tiny.toml", "-e", "blob[n=[1,2]]")
     assert result.exit_code == 2
-    assert "'blob[n=[1,2]]' stands for 2 variants" in result.stderr
+    assert "'blob[n=[1,2]]' names 2 variants" in result.stderr
 
 
 def suite(*estimators):

@@ -42,8 +42,11 @@ def test_a_signal_that_does_not_exist_is_refused_in_one_sentence(image):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--modulation", "16qam"], "--trial, --seed, --modulation and --waveform: allowed without --cube"),
-        (["--snr", "10"], "--snr: allowed with --cube where --division wiener takes it"),
+        (
+            ["--modulation", "16qam"],
+            "--trial, --seed, --modulation and --waveform cannot be combined with --cube",
+        ),
+        (["--snr", "10"], "with --cube, --snr needs --division wiener"),
     ],
 )
 def test_a_recorded_frame_has_its_data_and_its_noise_already(image, options, message):

@@ -139,9 +139,9 @@ def test_of_the_prs_alone_nobody_knows_the_data(small_street, noisy_cube):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"division": "matched"}, "'matched' takes the transmitted grid, which is missing"),
+        ({"division": "matched"}, "'matched' needs the transmitted grid"),
         ({"division": "wiener", "transmitted": np.ones((512, 56))}, "takes the SNR of the echo"),
-        ({"snr_db": 10.0}, "snr_db is allowed with division = 'wiener'"),
+        ({"snr_db": 10.0}, "snr_db needs division = 'wiener'"),
         ({"sensing": "some"}, "unknown sensing 'some'"),
         ({"division": "no"}, "unknown division 'no'"),
     ],

@@ -98,5 +98,5 @@ def test_arrays_are_copies_that_cannot_be_written_to(make_scenario):
 @pytest.mark.parametrize("rx_shape", [(8, 1), (1, 8), (1, 1)])
 def test_an_array_that_sees_no_direction_is_refused(rx_shape):
     street = load_scenario("street")
-    with pytest.raises(InputError, match="virtual elements see no direction; allowed are 2 and more"):
+    with pytest.raises(InputError, match="virtual elements cannot measure both directions; at least 2"):
         dataclasses.replace(street, array=VirtualArray((1, 1), rx_shape, 1, 1))

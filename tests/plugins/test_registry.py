@@ -82,7 +82,7 @@ def test_a_detector_parameter_takes_a_name_a_spec_or_a_detector(plugins):
         ("blop", "unknown estimator 'blop': did you mean 'blob'"),
         ("blob[mod=near]", "unknown parameter of estimator blob 'mod': did you mean 'mode'"),
         ("blob[mode=nearr]", "mode = 'nearr': should be 'near' or 'far'"),
-        ("blob[n=[1,2]]", "stands for 2 variants, 'blob[n=1]' the first; allowed here is one"),
+        ("blob[n=[1,2]]", "names 2 variants ('blob[n=1]', ...); give one value"),
         ("blob[n=1.5]", "n = 1.5: should be a valid integer"),
         ("blob[n=true]", "n = True: should be a valid integer"),
         ("blob[pfa=x]", "pfa = 'x': should be a valid number"),
@@ -110,7 +110,7 @@ def test_every_variant_of_a_grid_is_built_and_its_text_builds_it_alone(plugins):
 
 @pytest.mark.parametrize("get", [get_estimator, get_detector])
 def test_a_name_with_parameters_is_refused_where_they_are_given_beside_it(plugins, get):
-    with pytest.raises(InputError, match="a bare name"):
+    with pytest.raises(InputError, match="give the name only"):
         get("level[pfa=0.5]")
 
 

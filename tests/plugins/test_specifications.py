@@ -89,7 +89,7 @@ def test_a_grid_of_too_many_variants_is_refused_before_it_is_built():
 
 def test_one_specification_is_asked_for_where_a_grid_stands_for_more():
     assert parse_spec("a[n=[1]]") == Spec("a", {"n": 1})
-    with pytest.raises(InputError, match=r"stands for 2 variants, 'a\[n=1\]' the first"):
+    with pytest.raises(InputError, match=r"names 2 variants \('a\[n=1\]', \.\.\.\)"):
         parse_spec("a[n=[1,2]]")
 
 

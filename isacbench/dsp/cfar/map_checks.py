@@ -110,7 +110,9 @@ def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
     if not isinstance(axis, Integral) or axis < 0:
         raise InputError(f"{name} = {axis!r}: allowed are 0 (range) and above")
     if n_axes is not None and axis >= n_axes:
-        raise InputError(f"{name} = {axis}: a map of {n_axes} axes has none of that number")
+        raise InputError(
+            f"{name} = {axis}: a map of {n_axes} axes has no axis {axis}; allowed are 0 to {n_axes - 1}"
+        )
     return int(axis)
 
 

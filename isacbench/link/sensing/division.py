@@ -139,8 +139,8 @@ def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
     sensed = resource_elements(system, sensing)
     if not sensed.any():
         raise InputError(
-            f"sensing = {sensing!r}: a grid of {system.n_subcarriers} subcarriers and {system.n_symbols} "
-            "symbols has none of these resource elements; allowed are 3 symbols and more"
+            f"sensing = {sensing!r}: no PRS in a grid of {system.n_subcarriers} subcarriers and "
+            f"{system.n_symbols} symbols; at least 3 symbols are needed"
         )
     return sensed
 

@@ -121,9 +121,7 @@ def path_interference(
         np.asarray(doppler_hz, dtype=np.float64) / system.subcarrier_spacing_hz,
     )
     if not (np.isfinite(delays) & (delays >= 0) & np.isfinite(dopplers)).all():
-        raise InputError(
-            "range or delay, and speed or Doppler: allowed are finite numbers, no negative delay"
-        )
+        raise InputError("range (delay) and speed (Doppler) must be finite, and the delay not negative")
     of_path = partial(_path_interference, parts=layout(system), n_previous=n_previous)
     gain, power = np.vectorize(of_path, otypes=[np.complex128, np.float64])(delays, dopplers)
     return Interference(gain, power)

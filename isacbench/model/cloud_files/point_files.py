@@ -162,7 +162,7 @@ def _csv_lines(path: Path) -> list[TextLine]:
     """Lines of a csv file, one at least."""
     lines = read_lines(path)
     if not lines:
-        raise InputError(f"{path}: is empty; a header {','.join(_POINT)} is wanted at least")
+        raise InputError(f"{path}: is empty; at least the header {','.join(_POINT)} is required")
     return lines
 
 

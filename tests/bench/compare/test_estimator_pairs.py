@@ -82,7 +82,7 @@ def test_values_that_only_look_alike_do_not_fit(run, text):
         ("gone[size=3]", "no variant fits 'gone[size=3]'; allowed are gone[size=2.0]"),
         ("gome", "results/mine: no estimator fits 'gome': did you mean 'gone'? allowed are music2d, gone"),
         ("music2d[pfaa=1]", "no variant fits 'music2d[pfaa=1]'; allowed are music2d["),
-        ("music2d[pfa=[1e-3,1e-4]]", "stands for 2 variants"),
+        ("music2d[pfa=[1e-3,1e-4]]", "names 2 variants"),
     ],
 )
 def test_none_or_several_variants_are_refused_with_run_text_and_the_variants_that_there_are(

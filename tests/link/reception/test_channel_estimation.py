@@ -124,7 +124,7 @@ def test_a_flat_channel_is_known_whatever_the_frame(n_subcarriers, n_symbols, pr
 
 @pytest.mark.parametrize("n_symbols", [1, 2, 5])
 def test_a_frame_whose_prs_misses_subcarriers_is_refused(n_symbols):
-    with pytest.raises(InputError, match=f"n_symbols = {n_symbols}: too few"):
+    with pytest.raises(InputError, match=f"n_symbols = {n_symbols}: the PRS covers"):
         prs_estimator(System(n_subcarriers=64, n_symbols=n_symbols))
 
 

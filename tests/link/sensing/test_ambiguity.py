@@ -111,7 +111,7 @@ def test_the_masked_transform_is_the_merging_of_combs_at_the_speed_of_each_doppl
 
 
 def test_a_grid_without_prs_is_refused():
-    with pytest.raises(InputError, match="none of these resource elements"):
+    with pytest.raises(InputError, match="no PRS in a grid"):
         point_spread(System(n_subcarriers=8, n_symbols=2), "prs", 0, 0)
     with pytest.raises(InputError, match="unknown sensing 'pss'"):
         point_spread(PAPER, "pss", 0, 0)

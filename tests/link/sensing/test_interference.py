@@ -153,5 +153,5 @@ def test_many_paths_are_those_one_by_one():
 
 @pytest.mark.parametrize(("range_m", "velocity_mps"), [(-1.0, 0.0), (np.nan, 0.0), (1.0, np.inf)])
 def test_places_that_are_none_are_refused(range_m, velocity_mps):
-    with pytest.raises(InputError, match="allowed are finite numbers, no negative delay"):
+    with pytest.raises(InputError, match="must be finite, and the delay not negative"):
         echo_interference(SMALL, range_m, velocity_mps)

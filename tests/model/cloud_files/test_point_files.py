@@ -165,19 +165,19 @@ TAKES = "the file takes the columns x, y, z, v and optionally power"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is empty; a header x,y,z,v is wanted at least"),
-        (" \n\n", "is empty; a header x,y,z,v is wanted at least"),
+        ("", "is empty; at least the header x,y,z,v is required"),
+        (" \n\n", "is empty; at least the header x,y,z,v is required"),
         ("x,y,z,v,amplitude\n1,2,3,4,5\n", f"row 1: unknown column 'amplitude'; {TAKES}"),
         ("\nx,y,z,speed\n1,2,3,4\n", f"row 2: unknown column 'speed'; {TAKES}"),
         ("x,y,v,power\n", f"row 1: column z is missing; {TAKES}"),
         ("x,y,z,v,v\n", f"row 1: column v appears twice; {TAKES}"),
         ("x;y;z;v\n", f"row 1: unknown column 'x;y;z;v'; {TAKES}"),
-        ("x,y,z,v\n1,2,3,4\n1,2,3,nan\n", "row 3: column v is NaN; a finite number is wanted"),
-        ("x,y,z,v\n\n1,-inf,3,4\n", "row 3: column y is infinite; a finite number is wanted"),
+        ("x,y,z,v\n1,2,3,4\n1,2,3,nan\n", "row 3: column v is NaN; expected a finite number"),
+        ("x,y,z,v\n\n1,-inf,3,4\n", "row 3: column y is infinite; expected a finite number"),
         ("x,y,z,v\n1,2,3\n", "row 2: 3 fields instead of 4 (x, y, z, v)"),
-        ("x,y,z,v\n1,2,3,\n", "row 2: column v is ''; a number is wanted"),
-        ("x,y,z,v\n1,2, abc,4\n", "row 2: column z is 'abc'; a number is wanted"),
-        ("1,2,3,four\n", "row 1: column v is 'four'; a number is wanted"),
+        ("x,y,z,v\n1,2,3,\n", "row 2: column v is ''; expected a number"),
+        ("x,y,z,v\n1,2, abc,4\n", "row 2: column z is 'abc'; expected a number"),
+        ("1,2,3,four\n", "row 1: column v is 'four'; expected a number"),
         ("1,2,3,4\n1,2,3,4,5\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
         (
             "1,2,3\n",
@@ -216,14 +216,14 @@ TAKES_AMPLITUDE = "the file takes the columns x, y, z, v and optionally amplitud
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is empty; a header x,y,z,v is wanted at least"),
+        ("", "is empty; at least the header x,y,z,v is required"),
         ("x,y,z,v\n", "holds no points below its header"),
         ("x,y,z\n1,2,3\n", f"row 1: column v is missing; {TAKES_AMPLITUDE}"),
         ("x,y,z,v,power\n1,2,3,4,5\n", f"row 1: unknown column 'power'; {TAKES_AMPLITUDE}"),
         ("1,2,3,4\n", f"row 1: unknown column '1'; {TAKES_AMPLITUDE}"),
         (
             "x,y,z,v,amplitude\n1,2,3,4,5\n1,2,3,4,NaN\n",
-            "row 3: column amplitude is NaN; a finite number is wanted",
+            "row 3: column amplitude is NaN; expected a finite number",
         ),
     ],
 )
@@ -265,8 +265,8 @@ def test_an_npy_of_any_real_table_is_read(tmp_path: Path, array: np.ndarray) -> 
             "takes real numbers of shape (n, 4) or (n, 5), not complex128 of shape (2, 4)",
         ),
         (np.array([["a"] * 4]), "takes real numbers of shape (n, 4) or (n, 5), not <U1 of shape (1, 4)"),
-        (np.array([[0, 0, 0, 0], [0, 0, np.nan, 0]]), "row 2: column z is NaN; a finite number is wanted"),
-        (np.array([[0, 0, 0, 0, -np.inf]]), "row 1: column power is infinite; a finite number is wanted"),
+        (np.array([[0, 0, 0, 0], [0, 0, np.nan, 0]]), "row 2: column z is NaN; expected a finite number"),
+        (np.array([[0, 0, 0, 0, -np.inf]]), "row 1: column power is infinite; expected a finite number"),
     ],
 )
 def test_a_faulty_npy_is_refused(tmp_path: Path, array: np.ndarray, message: str) -> None:
@@ -361,7 +361,7 @@ ARRAYS = (
         ),
         (
             {"xyz": TABLE[:, :3], "velocity": [0, np.nan]},
-            "row 2: column v is NaN; a finite number is wanted",
+            "row 2: column v is NaN; expected a finite number",
         ),
     ],
 )
@@ -458,7 +458,7 @@ def test_nan_in_a_binary_ply_is_refused_by_vertex(tmp_path: Path) -> None:
     rows[1, 1] = np.nan
     path = tmp_path / "cloud.ply"
     path.write_bytes(ply_bytes("little", rows))
-    assert refusal(path) == "row 2: column y is NaN; a finite number is wanted"
+    assert refusal(path) == "row 2: column y is NaN; expected a finite number"
 
 
 def test_a_list_before_the_vertices_of_a_binary_ply_is_refused(tmp_path: Path) -> None:
@@ -503,11 +503,11 @@ WANTED = "element vertex: takes properties x, y, z and either v or velocity, opt
         ),
         (
             HEAD + PROPERTIES + "end_header\n1 2 3 4\n1 2 nan 3\n",
-            "row 10: column z is NaN; a finite number is wanted",
+            "row 10: column z is NaN; expected a finite number",
         ),
         (
             HEAD + PROPERTIES + "end_header\n1 2 3 4\n1 2 x 3\n",
-            "row 10: column z is 'x'; a number is wanted",
+            "row 10: column z is 'x'; expected a number",
         ),
     ],
 )

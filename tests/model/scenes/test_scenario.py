@@ -248,9 +248,9 @@ def test_a_mistake_in_a_scenario_is_answered_with_file_key_and_what_is_allowed(t
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("x,y,z,v\n1,2,3,0\n1,nan,3,0\n", "row 3: column y is NaN; a finite number is wanted"),
+        ("x,y,z,v\n1,2,3,0\n1,nan,3,0\n", "row 3: column y is NaN; expected a finite number"),
         ("x,y,v\n1,2,3\n", "row 1: column z is missing; the file takes the columns x, y, z, v"),
-        ("x,y,z,v\n1,2,three,0\n", "row 2: column z is 'three'; a number is wanted"),
+        ("x,y,z,v\n1,2,three,0\n", "row 2: column z is 'three'; expected a number"),
         ("x,y,z,v\n", "holds no points below its header"),
         (None, "does not exist"),
     ],

@@ -146,7 +146,10 @@ def solve_factor(rate: Callable[[float], float], pfa: float, near: float | None 
     """
     check_pfa(pfa)
     if not LEAST_PFA <= pfa <= MOST_PFA:
-        raise InputError(f"pfa = {pfa}: factors found as a root are exact from {LEAST_PFA} to {MOST_PFA}")
+        raise InputError(
+            f"pfa = {pfa}: pfa must be from {LEAST_PFA} to {MOST_PFA}, where the numerical threshold factor "
+            "is exact"
+        )
 
     @cache  # the root search begins with both ends of the bracket, which are already computed
     def excess(log_factor: float) -> float:

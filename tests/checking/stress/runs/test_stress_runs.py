@@ -187,7 +187,7 @@ def test_a_search_without_findings_says_so(cli):
         (["--case", "snt"], "unknown family of cases 'snt'"),
         (["-e", "oracle", "--case", "snr[snr_db=500]"], "allowed are numbers from -80 to 200"),
         (["--search", "3", "--case", "snr[snr_db=5]"], "a search draws from families; give snr"),
-        (["--search", "3", "-j", "2"], "--jobs 2: allowed with --search is 1"),
+        (["--search", "3", "-j", "2"], "--jobs 2: --search needs --jobs 1"),
     ],
 )
 def test_a_mistake_ends_with_code_2_and_one_line(cli, tmp_path, args, message):
