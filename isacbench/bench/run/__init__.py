@@ -1,3 +1,3 @@
-"""Runs: made, gone on with, joined, scored again."""
+"""Runs: made, resumed, merged, scored again."""
 
 __all__ = ["merging", "progress", "rescoring", "runner"]

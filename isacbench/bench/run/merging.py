@@ -105,7 +105,7 @@ class _Part:
 
 
 def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Merged:
-    """Merge runs into a new one that can be reported, compared and gone on with.
+    """Merge runs into a new one that can be reported, compared and resumed.
 
     Parameters
     ----------
