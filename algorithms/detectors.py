@@ -15,6 +15,7 @@ All take power maps of any rank and unit. The factor of each cell comes from
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
     """Noise estimates of cells under test, and the factors on them."""
 
 
-class _Cfar:
+class _Cfar(ABC):
     """Base class: the test that all detectors share."""
 
     pfa: float
@@ -142,18 +143,23 @@ class _Cfar:
             threshold[where] = self._factor(windows, looks) * noise[where]
         return noise, threshold
 
+    @abstractmethod
     def _noise(self, power: Floats, windows: Windows) -> Floats:
         """Noise around cells under test."""
-        raise NotImplementedError
 
     def _factor(self, windows: Windows, looks: int) -> float:
         """Factor on the noise estimate."""
         if self.threshold == "paper":
-            return paper_factor(self.pfa, windows.n_training)
+            return paper_factor(self.pfa, self._n_printed(windows))
         return self._exact_factor(windows, looks)
 
+    @abstractmethod
     def _exact_factor(self, windows: Windows, looks: int) -> float:
-        raise NotImplementedError
+        """Factor that keeps the false-alarm rate."""
+
+    def _n_printed(self, windows: Windows) -> int:
+        """Number of cells N in the printed factor."""
+        return windows.n_training
 
 
 @dataclass(frozen=True)
@@ -239,12 +245,13 @@ class _HalvedCfar(_Cfar):
     def _exact_factor(self, windows: Windows, looks: int) -> float:
         return self._half_factor((windows.n_leading, windows.n_training - windows.n_leading), looks)
 
+    @abstractmethod
     def _chosen(self, means: list[Floats]) -> Floats:
         """Choose the noise from the means of the halves that are not empty."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
-        raise NotImplementedError
+        """Factor for the numbers of leading and trailing training cells."""
 
 
 @dataclass(frozen=True)
@@ -574,10 +581,11 @@ class OscaCfar(_Cfar):
             orders.append(_orders(columns[..., kept, :][..., ~is_whole]))
         return _mean(np.concatenate(orders, axis=-1))
 
-    def _factor(self, windows: Windows, looks: int) -> float:
+    def _n_printed(self, windows: Windows) -> int:
+        return windows.axes[0].n_window
+
+    def _exact_factor(self, windows: Windows, looks: int) -> float:
         n_cells = windows.axes[0].n_window
-        if self.threshold == "paper":
-            return paper_factor(self.pfa, n_cells)
         n_columns = windows.n_window // n_cells
         if self.guard is None:
             # The column of the cell under test has one training cell less.
