@@ -218,5 +218,7 @@ def test_of_several_arrays_none_is_guessed(tmp_path, kind):
 def test_a_grid_that_does_not_fit_the_cube_beside_it_is_refused(tmp_path, kind):
     write, filename = FORMATS[kind]
     write(tmp_path / filename, cube=random_cube(), transmitted=GRID[:, :-1])
-    with pytest.raises(InputError, match=r"transmitted has shape \(24, 9\); the cube needs a grid of shape \(24, 10\)"):
+    with pytest.raises(
+        InputError, match=r"transmitted has shape \(24, 9\); the cube needs a grid of shape \(24, 10\)"
+    ):
         open_cube(tmp_path / filename)
