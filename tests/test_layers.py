@@ -18,23 +18,37 @@ ROOT = Path(__file__).parent.parent
 BASE = {"errors", "choices", "cores", "added_fields", "former_paths"}
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
+    "specifications": BASE,
     "files": BASE,
     "display": {*BASE, "files"},
     "instrument": BASE,
-    "model": {*BASE, "files", "display"},
+    "model": {*BASE, "specifications", "files", "display"},
     "metrics": {*BASE, "model"},
     "dsp": {*BASE, "files", "display", "instrument", "model"},
-    "plugins": {*BASE, "files", "display", "model", "dsp"},
+    "plugins": {*BASE, "specifications", "files", "display", "model", "dsp"},
     "link": {*BASE, "display", "model", "dsp"},
     "cubes": {*BASE, "files", "model", "dsp", "plugins", "link"},
-    "bench": {*BASE, "files", "display", "instrument", "model", "metrics", "dsp", "plugins", "link"},
+    "bench": {
+        *BASE,
+        "specifications",
+        "files",
+        "display",
+        "instrument",
+        "model",
+        "metrics",
+        "dsp",
+        "plugins",
+        "link",
+    },
     "checking": {
         *BASE,
-        *("files", "display", "instrument", "model", "metrics", "dsp", "plugins", "cubes", "bench"),
+        *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins"),
+        *("cubes", "bench"),
     },
     "report": {
         *BASE,
         *(
+            "specifications",
             "files",
             "display",
             "instrument",
@@ -50,6 +64,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     "cli": {
         *BASE,
         *(
+            "specifications",
             "files",
             "instrument",
             "model",
@@ -63,7 +78,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
         ),
     },
 }
-ALGORITHMS = {*BASE, "instrument", "model", "dsp", "plugins"}
+ALGORITHMS = {*BASE, "instrument", "model", "metrics", "dsp", "plugins"}
 
 MOST_MODULES = 14
 

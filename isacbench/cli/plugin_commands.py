@@ -15,7 +15,7 @@ from isacbench.cli.printing import print_json
 def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
     """List estimators, detectors, scenarios and suites."""
     from isacbench.bench.suites.catalogue import catalogue
-    from isacbench.plugins.specifications import spell_value
+    from isacbench.specifications import spell_value
 
     register(plugin)
     content = catalogue()

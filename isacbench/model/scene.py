@@ -139,6 +139,13 @@ class Scenario(Displayed):
     radius_m : float
         Distance in m within which a point counts as one of a scatterer: of
         precision, recall and GOSPA, and of the marks in pictures.
+    gain_error_db, phase_error_deg : float
+        Standard deviations of the gain and phase errors of the virtual elements,
+        which no estimator knows.
+    family : str
+        Family of a generated scenario, empty for others.
+    family_version : int
+        Version of the family, 0 for others.
 
     Raises
     ------
@@ -170,6 +177,10 @@ class Scenario(Displayed):
     region: Region
     scatterers: Scatterers
     radius_m: float = added_field(1.0, before=1.0)
+    gain_error_db: float = added_field(0.0, before=0.0)
+    phase_error_deg: float = added_field(0.0, before=0.0)
+    family: str = added_field("", before="")
+    family_version: int = added_field(0, before=0)
 
     def __post_init__(self) -> None:
         require(0 < self.radius_m < np.inf, "radius_m", self.radius_m, "a positive number of m")

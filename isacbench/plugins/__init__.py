@@ -7,5 +7,4 @@ __all__ = [
     "local_files",
     "plugin_versions",
     "registry",
-    "specifications",
 ]

@@ -22,7 +22,7 @@ from isacbench.errors import InputError
 from isacbench.plugins.import_closure import is_importable
 from isacbench.plugins.plugin_versions import plugin_parts
 from isacbench.plugins.registry import canonical_params, field_defaults, is_frozen_dataclass
-from isacbench.plugins.specifications import spell_spec
+from isacbench.specifications import spell_spec
 
 if TYPE_CHECKING:
     from isacbench.plugins.contracts import Estimator

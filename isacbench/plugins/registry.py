@@ -15,7 +15,7 @@ from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.contracts import Detector, Estimator
 from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries
 from isacbench.plugins.local_files import METHODS
-from isacbench.plugins.specifications import Spec, parse_spec, spec_variants
+from isacbench.specifications import Spec, parse_spec, spec_variants
 
 
 def estimator_names() -> list[str]:
@@ -117,7 +117,7 @@ def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
     ----------
     kind : {"estimator", "detector"}
     specs : iterable of str
-        Grids included, see `isacbench.plugins.specifications.spec_variants`.
+        Grids included, see `isacbench.specifications.spec_variants`.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def build_estimators_of(spec: str) -> list[tuple[str, Estimator]]:
     Parameters
     ----------
     spec : str
-        As `isacbench.plugins.specifications.spec_variants` takes it.
+        As `isacbench.specifications.spec_variants` takes it.
 
     Returns
     -------

@@ -11,7 +11,7 @@ import pandas as pd
 from isacbench.bench.plan.labels import Variant
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import shortened
-from isacbench.plugins.specifications import Spec, parse_spec, spell_spec
+from isacbench.specifications import Spec, parse_spec, spell_spec
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -82,7 +82,7 @@ def find_variant(run: RunTable, text: str) -> Variant:
     ----------
     run : RunTable
     text : str
-        As `isacbench.plugins.specifications.parse_spec` takes it.
+        As `isacbench.specifications.parse_spec` takes it.
 
     Returns
     -------

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import parameter_defaults
-from isacbench.plugins.specifications import spell_spec
+from isacbench.specifications import spell_spec
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -26,7 +26,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import local_plugins
-from isacbench.plugins.specifications import spec_variants
+from isacbench.specifications import spec_variants
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -8,6 +8,7 @@ __all__ = [
     "link_study",
     "medians",
     "power_maps",
+    "ratios",
     "resolution_study",
     "study",
 ]

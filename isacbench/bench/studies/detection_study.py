@@ -42,7 +42,7 @@ from isacbench.instrument.stages import stage
 from isacbench.model.numerology import System
 from isacbench.plugins.contracts import Detection, Detector, Diagnoser
 from isacbench.plugins.registry import get_detector, get_estimator
-from isacbench.plugins.specifications import spec_variants
+from isacbench.specifications import spec_variants
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from isacbench.choices import MapName
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Estimator
-    from isacbench.plugins.specifications import SpelledVariant
+    from isacbench.specifications import SpelledVariant
 
     Mask = NDArray[np.bool_]
 

@@ -21,7 +21,7 @@ from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
 from isacbench.model.echo import random_stream
 from isacbench.plugins.registry import canonical_params, construct
-from isacbench.plugins.specifications import parse_spec
+from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.record import Cell, Outcome

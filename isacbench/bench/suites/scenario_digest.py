@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 SIGNIFICANT = 10
 """Significant digits of a number in a digest: random places depend on sines, whose last digits vary."""
 
-ADDED = ("radius_m",)
-"""Fields of a scenario, plain numbers, that older descriptions lack."""
+ADDED = ("radius_m", "gain_error_db", "phase_error_deg", "family", "family_version")
+"""Fields of a scenario, plain values, that older descriptions lack."""
 
 DIGITS = 16
 """Hexadecimal digits of a digest: 64 bits distinguish far more contents than are ever stored."""

@@ -26,7 +26,7 @@ from isacbench.checking.stress.spaces import Space
 from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.contracts import Detector, Estimator
 from isacbench.plugins.discovery import PluginKind
-from isacbench.plugins.specifications import Spec
+from isacbench.specifications import Spec
 
 Subject = TypeVar("Subject")
 """A plugin together with the input of a case; the promises are measured on it."""

@@ -5,7 +5,7 @@ import pytest
 from isacbench.bench.compare.estimator_pairs import find_variant, parse_map
 from isacbench.bench.compare.matching import RunTable
 from isacbench.errors import InputError
-from isacbench.plugins.specifications import spell_spec
+from isacbench.specifications import spell_spec
 
 CA = {"guard": [0, 3], "name": "ca", "pfa": 0.001}
 STORED = [

@@ -9,7 +9,7 @@ from isacbench.checking.stress.case import Case
 from isacbench.checking.stress.cases import crowds, levels, map_cases, places, radios
 from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.discovery import PluginKind
-from isacbench.plugins.specifications import parse_spec
+from isacbench.specifications import parse_spec
 
 FAMILIES: dict[str, type[Case[Any]]] = {
     family.name: family

@@ -22,7 +22,7 @@ from isacbench.checking.stress.runs.families import find_cases, require_kind, ta
 from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 from isacbench.plugins.registry import build_estimators_of, canonical_params, get_detector
-from isacbench.plugins.specifications import parse_spec, spec_variants
+from isacbench.specifications import parse_spec, spec_variants
 
 TIMEOUT_S = 120.0
 """Longest time of a case in s; most take milliseconds, thousands of scatterers seconds."""

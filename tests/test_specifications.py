@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.plugins.specifications import MAX_VARIANTS, Spec, parse_spec, spec_variants
+from isacbench.specifications import MAX_VARIANTS, Spec, parse_spec, spec_variants
 
 
 @pytest.mark.parametrize(
