@@ -15,7 +15,7 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.frame import FrameName, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scene import ERRORS, MOST_ERRORS, Scatterers, Scenario
 from isacbench.model.scenes.object_tables import AnyObject, FileTable, Finite, Position, Positive
 from isacbench.model.scenes.scene_families import FamilySpec, family_specs, is_family_spec, scenario_file
 
@@ -85,6 +85,8 @@ MAX_NAME = 200
 
 Ratio = Annotated[Finite, Field(ge=0, le=1)]
 Count = Annotated[int, Field(strict=True, ge=1)]
+GainError = Annotated[Finite, Field(ge=0, le=MOST_ERRORS[0])]
+PhaseError = Annotated[Finite, Field(ge=0, le=MOST_ERRORS[1])]
 Limits = Annotated[tuple[Finite, Finite], AfterValidator(_ascending)]
 
 
@@ -106,6 +108,8 @@ class _ArrayTable(FileTable):
     rx_shape: tuple[Count, Count] = VirtualArray.rx_shape
     tx_spacing: Count = VirtualArray.tx_spacing
     rx_spacing: Count = VirtualArray.rx_spacing
+    gain_error_db: GainError = Scenario.gain_error_db
+    phase_error_deg: PhaseError = Scenario.phase_error_deg
 
 
 class _BaseStationTable(FileTable):
@@ -144,10 +148,12 @@ class _ScenarioTable(FileTable):
         return Scenario(
             name=self.name,
             system=System(**self.system.model_dump()),
-            array=VirtualArray(**self.array.model_dump(exclude={"frame", "yaw_deg", "tilt_deg"})),
+            array=VirtualArray(**self.array.model_dump(exclude={"frame", "yaw_deg", "tilt_deg", *ERRORS})),
             frame=get_frame(self.array.frame, self.array.yaw_deg, self.array.tilt_deg),
             base_station_m=base_station_m,
             region=Region(**self.region.model_dump()),
             scatterers=scatterers,
             radius_m=self.scoring.radius_m,
+            gain_error_db=self.array.gain_error_db,
+            phase_error_deg=self.array.phase_error_deg,
         )
