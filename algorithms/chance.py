@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from .oracle import Oracle
-from .references import N_REALISATIONS, Reference
 
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
+
+from .oracle import Oracle
+from .references import N_REALISATIONS, Reference
 
 if TYPE_CHECKING:
     from isacbench.plugins.contracts import Radio

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from .references import N_REALISATIONS, Reference
 
 from isacbench.added_fields import added_field
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
+
+from .references import N_REALISATIONS, Reference
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -83,8 +83,8 @@ def _sees_no_truth(subject: EstimatorSubject) -> str:
     sees = bool(getattr(subject.plugin_class, "needs_truth", False))
     if sees and subject.plugin_class.__module__ not in REFERENCES:
         raise BrokenPromiseError(
-            "needs_truth asks for the truth, which only the built-in oracle and chance may see: remove it, and "
-            "estimate from the observation"
+            "needs_truth asks for the truth, which only the built-in oracle and chance may see: remove it, "
+            "and estimate from the observation"
         )
     return ""
 
