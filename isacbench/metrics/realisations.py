@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from statistics import mean, pstdev
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.metrics.cloud_scores import RADIUS_M
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
+COUNTS = ("n_true", "n_estimated")
 HAUSDORFF_PARTS = ("hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m")
 
 SPREAD_COLUMNS = {
@@ -73,14 +74,14 @@ def score_realisations(
         score(truth, cloud, metric, region=region, velocity_bin_mps=velocity_bin_mps, radius_m=radius_m)
         for cloud in clouds
     ]
-    found = {name: _mean_and_spread([row[name] for row in rows]) for name in METRICS[metric]}
-    means: dict[str, Any] = {name: mean for name, (mean, _) in found.items()}
-    means |= {name: round(means[name]) for name in ("n_true", "n_estimated")}
-    spreads = {name: spread for name, (_, spread) in found.items() if name != "n_true"}
+    columns = {name: [row[name] for row in rows] for name in METRICS[metric]}
+    # Exact arithmetic: equal values have their own mean and no spread, on every machine.
+    means: dict[str, Any] = {name: mean(values) for name, values in columns.items()}
+    means |= {name: round(means[name]) for name in COUNTS}
     if metric == "paper":
-        sums_m = [sum(row[name] for name in HAUSDORFF_PARTS) for row in rows]
-        spreads = {"hausdorff_sum_m": _mean_and_spread(sums_m)[1], **spreads}
-    return RealisationScores(means, spreads, _nearest([row["deviation"] for row in rows]))
+        columns["hausdorff_sum_m"] = [sum(row[name] for name in HAUSDORFF_PARTS) for row in rows]
+    spreads = {name: pstdev(values) for name, values in columns.items() if name != "n_true"}
+    return RealisationScores(means, spreads, _nearest(columns["deviation"]))
 
 
 def nearest_to_mean(
@@ -106,11 +107,5 @@ def nearest_to_mean(
 
 def _nearest(values: Sequence[float]) -> int:
     """Index of the value nearest to the mean."""
-    mean, _ = _mean_and_spread(values)
-    return min(range(len(values)), key=lambda index: abs(values[index] - mean))
-
-
-def _mean_and_spread(values: Sequence[float]) -> tuple[float, float]:
-    """Mean and standard deviation; sums are rounded once, so that equal values have no spread."""
-    mean = math.fsum(values) / len(values)
-    return mean, math.sqrt(math.fsum((value - mean) ** 2 for value in values) / len(values))
+    centre = mean(values)
+    return min(range(len(values)), key=lambda index: abs(values[index] - centre))
