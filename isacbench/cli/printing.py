@@ -58,15 +58,18 @@ def print_grid(grid: Grid) -> None:
     Console(width=width).print(table)
 
 
-def print_scores(scores: Mapping[str, float]) -> None:
+def print_scores(scores: Mapping[str, float], spreads: Mapping[str, float] | None = None) -> None:
     """Print scores, a line each.
 
     Parameters
     ----------
     scores : mapping of str to float
+    spreads : mapping of str to float, optional
+        Spreads of some scores, by the same names.
     """
     for name, value in scores.items():
-        say(f"  {name:<16} {value:.6g}")
+        spread = f" ±{spreads[name]:.3g}" if spreads and name in spreads else ""
+        say(f"  {name:<16} {value:.6g}{spread}")
 
 
 def print_json(content: object) -> None:

@@ -16,6 +16,7 @@ from isacbench.bench.studies.study import (
     element_snrs_db,
     require_scatterers,
 )
+from isacbench.metrics.realisations import SPREAD_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -80,7 +81,8 @@ def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
         the counts ``n_cells``, ``n_no_detection`` and ``n_failed``; for every
         score ``<score>_mean`` and ``<score>_band``, the half width of the
         95 % confidence interval of the mean (Student's t), over the cells
-        that did not fail, the band over five or more of them; and
+        that did not fail, the band over five or more of them; of a reference
+        the band is the mean spread over its realisations; and
         ``time_estimate_s_median`` as `isacbench.bench.studies.medians.median_times`
         has it.
     """
@@ -94,6 +96,8 @@ def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
     groups = table.groupby(GROUP, sort=False)
     mean, deviation, count = (getattr(groups[AVERAGED], name)() for name in ("mean", "std", "count"))
     band = pd.DataFrame(student_band(deviation, count), index=mean.index, columns=AVERAGED)
+    spreads = {SPREAD_COLUMNS[name]: name for name in AVERAGED if SPREAD_COLUMNS[name] in records}
+    band = groups[list(spreads)].mean().rename(columns=spreads).combine_first(band)
     columns: dict[str, pd.Series[Any]] = {
         "n_cells": groups.size(),
         "n_no_detection": groups["no_detection"].sum(),

@@ -12,6 +12,7 @@ from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.studies.intervals import MIN_TRIALS
 from isacbench.bench.studies.medians import TIME, median_times
 from isacbench.files.escaping import in_markdown, visible
+from isacbench.metrics.realisations import SPREAD_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -29,6 +30,7 @@ SHOWN = {
 SPARE = ("gospa_m",), ("precision", "recall")
 """Scores that a terminal shows where there is room; the last ones are left out first."""
 
+DEVIATION_SPREAD = SPREAD_COLUMNS["deviation"]
 TERMINAL_WIDTH = 100
 ESTIMATORS_A_TABLE = 4
 LONGEST_LABEL = 24
@@ -142,9 +144,12 @@ def score_grids(records: pd.DataFrame) -> list[Grid]:
     summary = pd.concat([summary[["scenario", "snr_db", "estimator", "params", "n_cells"]], scores], axis=1)
     times_s = median_times(records, ["scenario", "estimator", "params"])[f"{TIME}_median"]
     labels = estimator_labels(variants_in(records))
+    told = "median time of an image"
+    if DEVIATION_SPREAD in records and records[DEVIATION_SPREAD].notna().any():
+        told += "; ± of references: spread over realisations"
     found = []
     for scenario, part in summary.groupby("scenario", sort=False):
-        title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; median time of an image"
+        title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; {told}"
         table = part.pivot(index="snr_db", columns=["estimator", "params"], values=names).fillna("")
         for batch in batched(variants_in(part), ESTIMATORS_A_TABLE):
             header, last = ["SNR [dB]"], ["time [ms]"]
