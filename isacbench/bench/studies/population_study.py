@@ -150,7 +150,10 @@ def scene_cells(records: pd.DataFrame) -> pd.DataFrame:
     cell = ["scenario", "snr_db", "trial"]
     # Failed cells do not know it.
     n_resolvable = records.groupby(cell)["n_resolvable"].transform("max")
-    is_clean, is_whole = ~broken & (records["n_false"] == 0), ~broken & (records["n_resolved"] == n_resolvable)
+    is_clean, is_whole = (
+        ~broken & (records["n_false"] == 0),
+        ~broken & (records["n_resolved"] == n_resolvable),
+    )
     targets = pd.DataFrame(
         {
             "n_false": records["n_false"].where(~broken),

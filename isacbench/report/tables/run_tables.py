@@ -48,12 +48,15 @@ class Grid(NamedTuple):
     spare : sequence of list of int
         Groups of columns that a terminal leaves out where the table is wider than 100 characters,
         the last group first.
+    is_detail : bool
+        True for a table that is written into files, and not printed.
     """
 
     title: str
     header: list[str]
     rows: list[list[str]]
     spare: Sequence[Sequence[int]] = ()
+    is_detail: bool = False
 
 
 def trials_and_band(n_trials: int, noun: str = "band") -> str:
