@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from isacbench.bench.suites.suite import Suite
 
 KINDS: dict[str, Kind] = {
-    kind.name: kind for kind in (IMAGING, POPULATION, EFFICIENCY, RESOLUTION, DETECTION, LINK)
+    kind.name: kind for kind in (IMAGING, EFFICIENCY, RESOLUTION, DETECTION, LINK, POPULATION)
 }
 """Kinds of suites by the value of the key ``kind``. A new one is entered here, and nowhere else."""
 
