@@ -97,10 +97,11 @@ def near_chance(part: pd.DataFrame) -> list[str]:
     list of str
         Columns of the summary.
     """
-    chance, middle = part[part["estimator"] == "chance"], part[~part["sees_truth"]]
+    is_chance = part["estimator"] == "chance"
     found = []
     for one in JUDGED:
-        guessed, typical = chance[one.column].mean(), middle[one.column].median()
+        guessed = part.loc[is_chance, one.column].mean()
+        typical = part.loc[~is_chance & ~part["sees_truth"], one.column].median()
         limit = (1 - NEAR if one.is_higher_better else 1 + NEAR) * typical
         # Without either number nothing is near.
         if guessed >= limit if one.is_higher_better else guessed <= limit:
