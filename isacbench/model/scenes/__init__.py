@@ -1,3 +1,3 @@
 """Scenario files and the objects that they name."""
 
-__all__ = ["scenario"]
+__all__ = ["motion", "raw_uniforms", "scenario", "scene_families"]
