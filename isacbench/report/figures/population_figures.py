@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -21,13 +20,13 @@ from isacbench.bench.studies.population_study import (
 from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
-from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines
+from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import drawable, file_stems, new_figure
 from isacbench.report.figures.cloud_figures import Image, draw_comparison
 from isacbench.report.figures.curves import nearest_values, variant_looks, write_plain_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
 
     import pandas as pd
     from matplotlib.axes import Axes
@@ -74,7 +73,7 @@ CURVES = (
     _Curve("precision", "precision_mean", "precision"),
     _Curve("recall", "recall_mean", "recall"),
     _Curve("GOSPA distance [m]", "gospa_m_mean", "gospa_m", "positive"),
-    _Curve("velocity NMSE", "velocity_nmse_median", "velocity_nmse", "log"),
+    _Curve("velocity NMSE (1e-8 or more)", "velocity_nmse_median", "velocity_nmse", "log"),
 )
 TARGETS = (
     _Curve("false points an image", "n_false_mean", "n_false", "positive"),
@@ -101,9 +100,10 @@ def population_figures(results: Results) -> Iterator[NamedFigure]:
     cells, summary = scene_cells(results.records), summarise_population(results.records)
     if cells["ratio"].notna().any():
         yield "ratios", draw_ratios(cells, looks)
-    yield "scores", draw_score_curves(summary, CURVES, looks)
-    if summary["n_false_mean"].notna().any():
-        yield "targets", draw_score_curves(summary, TARGETS, looks)
+    yield "scores", draw_score_curves(summary, looks)
+    lone = summary.loc[summary["n_false_mean"].notna(), "family"].unique()
+    for family, stem in file_stems(lone).items():
+        yield f"targets-{stem}", draw_targets(summary, family, looks)
     yield from _worst_images(results, cells, looks)
 
 
@@ -154,45 +154,81 @@ def draw_ratios(cells: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figur
     return figure
 
 
-def draw_score_curves(
-    summary: pd.DataFrame, curves: Sequence[_Curve], looks: Mapping[Variant, LineLook]
-) -> Figure:
+def draw_score_curves(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figure:
     """Draw scores over SNR, a row of panels for each score, a column for each family.
 
     Parameters
     ----------
     summary : DataFrame
         As `isacbench.bench.studies.population_study.summarise_population` returns it.
-    curves : sequence of _Curve
-        `CURVES` or `TARGETS`.
     looks : mapping of (str, str) to LineLook
 
     Returns
     -------
     Figure
     """
-    whole = summary[(summary["frame"] == ALL) & (summary["phases"] == ALL)].dropna(subset="snr_db")
-    has_any = whole.groupby("family", sort=False)[[curve.column for curve in curves]].count().any(axis=1)
-    families = list(has_any.index[has_any])
+    whole = _by_snr(summary)
+    families = list(whole["family"].unique())
     figure = new_figure(
         max(7.0, 0.6 + COLUMN_IN * len(families)),
-        0.8 + 1.85 * len(curves),
+        0.8 + 1.85 * len(CURVES),
         legend=legend_lines(looks.values()),
-        title="Means, and medians of ratio and NMSE, over scenes with 95 % confidence bands",
+        title=f"Means, and medians of ratio and NMSE, over scenes{_bands(whole)}",
     )
-    panels = figure.subplots(len(curves), len(families), squeeze=False, sharex=True, sharey="row")
-    for (row, curve), (column, family) in product(enumerate(curves), enumerate(families)):
+    panels = figure.subplots(len(CURVES), len(families), squeeze=False, sharex=True, sharey="row")
+    for (row, curve), (column, family) in product(enumerate(CURVES), enumerate(families)):
         axes, part = panels[row, column], whole[whole["family"] == family]
         _draw_curves(axes, curve, part, looks)
         if row == 0:
             axes.set_title("all scenes" if family == ALL else drawable(family))
         if column == 0:
             axes.set_ylabel(curve.axis)
-    for axes, curve in zip(panels[:, 0], curves, strict=True):
+    for axes, curve in zip(panels[:, 0], CURVES, strict=True):
         _scale(axes, curve)
     for axes in panels[-1]:
-        axes.set_xlabel("SNR [dB]")
+        axes.set_xlabel(_snr_axis(whole))
     return figure
+
+
+def draw_targets(summary: pd.DataFrame, family: str, looks: Mapping[Variant, LineLook]) -> Figure:
+    """Draw how far the absolute targets of a family of lone scatterers are met, over SNR.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `isacbench.bench.studies.population_study.summarise_population` returns it.
+    family : str
+    looks : mapping of (str, str) to LineLook
+
+    Returns
+    -------
+    Figure
+    """
+    whole = _by_snr(summary)
+    part = whole[whole["family"] == family]
+    title = f"{drawable(family)}: means over {counted(int(part['n_scenes'].max()), 'scene')}{_bands(part)}"
+    figure, panels = panel_grid(len(TARGETS), legend_lines(looks.values()), title)
+    for axes, curve in zip(panels, TARGETS, strict=True):
+        _draw_curves(axes, curve, part, looks)
+        _scale(axes, curve)
+        axes.set(xlabel=_snr_axis(part), ylabel=curve.axis)
+    return figure
+
+
+def _by_snr(summary: pd.DataFrame) -> pd.DataFrame:
+    """Rows over all frames and phases, at each SNR."""
+    return summary[(summary["frame"] == ALL) & (summary["phases"] == ALL)].dropna(subset="snr_db")
+
+
+def _bands(part: pd.DataFrame) -> str:
+    """Say that there are bands, if there are."""
+    return ", 95 % confidence bands" if part["recall_band"].notna().any() else ""
+
+
+def _snr_axis(part: pd.DataFrame) -> str:
+    """Name of the axis below; of a single SNR the SNR itself, at which estimators stand side by side."""
+    snrs_db = part["snr_db"].unique()
+    return "SNR [dB]" if len(snrs_db) > 1 else f"SNR {snrs_db[0]:g} dB"
 
 
 def _draw_strip(axes: Axes, place: int, part: pd.DataFrame, look: LineLook) -> None:
@@ -237,26 +273,32 @@ def _draw_curves(axes: Axes, curve: _Curve, part: pd.DataFrame, looks: Mapping[V
     if part[curve.column].isna().all():
         axes.set_axis_off()
         return
-    for variant, look in looks.items():
-        rows = rows_of(part, variant).sort_values("snr_db")
-        middle = rows[curve.column]
-        if f"{curve.stem}_band" in rows:
-            band = rows[f"{curve.stem}_band"]
-            low, high = middle - band, middle + band
-        else:
-            low, high = rows[f"{curve.stem}_low"], rows[f"{curve.stem}_high"]
-        shown = (
-            values if curve.scale != "log" else values.clip(lower=SMALLEST_NMSE)
-            for values in (middle, low, high)
-        )
-        # A reference at a single SNR has no line to show.
-        if look.is_bound and len(rows) == 1:
-            look = replace(look, marker="_")
-        draw_line(axes, look, rows["snr_db"], *shown, alpha=0.1)
     snrs_db = sorted(part["snr_db"].unique())
-    if len(snrs_db) <= MAX_SNR_TICKS:
+    for place, (variant, look) in enumerate(looks.items()):
+        rows = rows_of(part, variant).sort_values("snr_db")
+        middle, low, high = _with_ends(rows, curve)
+        if len(snrs_db) > 1:
+            draw_line(axes, look, rows["snr_db"], middle, low, high, alpha=0.1)
+        else:
+            marker = look.marker or "_"
+            axes.vlines([place] * len(rows), low, high, color=look.colour, alpha=0.4, linewidth=3)
+            axes.plot([place] * len(rows), middle, color=look.colour, marker=marker, linestyle="")
+    if len(snrs_db) == 1:
+        axes.set_xticks([])
+    elif len(snrs_db) <= MAX_SNR_TICKS:
         axes.set_xticks(snrs_db)
     axes.grid(True)
+
+
+def _with_ends(rows: pd.DataFrame, curve: _Curve) -> list[pd.Series[float]]:
+    """Score and both ends of its interval, as they are drawn."""
+    middle = rows[curve.column]
+    if f"{curve.stem}_band" in rows:
+        band = rows[f"{curve.stem}_band"]
+        found = [middle, middle - band, middle + band]
+    else:
+        found = [middle, rows[f"{curve.stem}_low"], rows[f"{curve.stem}_high"]]
+    return [values.clip(lower=SMALLEST_NMSE) if curve.scale == "log" else values for values in found]
 
 
 def _scale(axes: Axes, curve: _Curve) -> None:

@@ -74,7 +74,7 @@ def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
         the estimators are many, and of the 16 best alone where they are
         more; where the time counts ``pareto-*.png`` and, where stages were
         timed, ``stages-*.png``; of more than 12 scenarios only ``deviation.png``
-        with their mean. Of a population ``ratios.png``, ``scores.png``, ``targets.png``
+        with their mean. Of a population ``ratios.png``, ``scores.png``, ``targets-*.png``
         and ``worst-*.png``. Of another study, for each scenario that it has:
         ``efficiency-*.png``; ``resolution-*.png``; ``maps.png`` and
         ``roc.png``, and ``detection-*.png``; or ``link-*.png`` and

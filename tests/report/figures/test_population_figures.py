@@ -15,6 +15,7 @@ from isacbench.report.figures.population_figures import (
     TARGETS,
     draw_ratios,
     draw_score_curves,
+    draw_targets,
 )
 from isacbench.report.figures.run_figures import draw_run
 
@@ -66,7 +67,7 @@ def test_frames_and_phases_have_markers_that_the_legend_names(rows):
 
 
 def test_scores_have_a_row_each_and_families_a_column_on_one_scale(rows):
-    figure = draw_score_curves(summarise_population(rows), CURVES, LOOKS)
+    figure = draw_score_curves(summarise_population(rows), LOOKS)
     panels = np.reshape(figure.axes, (len(CURVES), 4))
     assert [axes.get_title() for axes in panels[0]] == ["all scenes", "town", "crowd", "sparse"]
     assert [axes.get_ylabel() for axes in panels[:, 0]] == [curve.axis for curve in CURVES]
@@ -77,9 +78,20 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(rows):
     assert len({axes.get_ylim() for axes in panels[1]}) == 1
 
 
-def test_targets_are_drawn_for_lone_scatterers_alone(rows):
-    figure = draw_score_curves(summarise_population(rows), TARGETS, LOOKS)
-    assert [axes.get_title() for axes in figure.axes if axes.get_title()] == ["sparse"]
+def test_at_a_single_snr_estimators_stand_side_by_side(population_rows):
+    rows = population_rows(["town"], snrs_db=[10.0], a=2.0, b=3.0, oracle=1.0)
+    figure = draw_score_curves(summarise_population(rows), LOOKS)
+    recall = figure.axes[4]  # the third row, of all scenes
+    assert [tuple(line.get_xydata()[0]) for line in recall.lines] == [(0, 2), (1, 3), (2, 1)]
+    assert figure.axes[-1].get_xlabel() == "SNR 10 dB"
+
+
+def test_targets_of_lone_scatterers_have_a_panel_each(rows):
+    rows.loc[rows["family"] == "sparse", "n_false"] = 2
+    figure = draw_targets(summarise_population(rows), "sparse", LOOKS)
+    assert [axes.get_ylabel() for axes in figure.axes] == [curve.axis for curve in TARGETS]
+    assert figure.axes[0].lines[0].get_ydata().tolist() == [2, 2]
+    assert figure.get_suptitle() == "sparse: means over 8 scenes, 95 % confidence bands"
 
 
 @pytest.fixture
@@ -115,11 +127,16 @@ def test_every_figure_of_a_population_is_written_with_the_worst_scene_of_each_es
     )
     run_suite(population(), tmp_path / "run")
     paths = draw_run(tmp_path / "run")
-    assert [path.name for path in paths] == ["ratios.png", "scores.png", "targets.png", "worst-blob.png"]
+    assert [path.name for path in paths] == [
+        "ratios.png",
+        "scores.png",
+        "targets-sparse.png",
+        "worst-blob.png",
+    ]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
     assert "the worst ratio of 2 scenes" in titles[-1]
 
 
 def test_without_an_oracle_there_are_no_ratios(population, tmp_path):
     run_suite(population(estimators=["blob"], snr_db=[0]), tmp_path / "run")
-    assert [path.name for path in draw_run(tmp_path / "run")] == ["scores.png", "targets.png"]
+    assert [path.name for path in draw_run(tmp_path / "run")] == ["scores.png", "targets-sparse.png"]
