@@ -22,7 +22,7 @@ MAX_TABLE_WIDTH = 1000
 
 
 def report_run(folder: Path, records: pd.DataFrame, kind: str) -> None:
-    """Write and print the tables of a run, and draw its figures.
+    """Write the tables of a run, print all but details, and draw its figures.
 
     Parameters
     ----------
@@ -37,7 +37,8 @@ def report_run(folder: Path, records: pd.DataFrame, kind: str) -> None:
     from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
     for grid in grids_of(records, kind):
-        print_grid(grid)
+        if not grid.is_detail:
+            print_grid(grid)
     written = [*write_run_tables(folder, records, kind), *draw_run_guarded(folder)]
     say(f"{folder}: {', '.join(path.name for path in written)}")
 

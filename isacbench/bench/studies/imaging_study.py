@@ -39,6 +39,9 @@ AVERAGED = [
     "recall",
 ]
 
+MANY_SCENARIOS = 12
+"""More scenarios are not shown one by one, but by their mean."""
+
 
 def imaging_scenes(suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
     """Plan one scene a scenario: the scenario as it is.
@@ -106,3 +109,35 @@ def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
     for name in AVERAGED:
         columns |= {f"{name}_mean": mean[name], f"{name}_band": band[name]}
     return pd.DataFrame(columns).join(median_times(records, GROUP)).reset_index()
+
+
+def average_scenarios(records: pd.DataFrame) -> pd.DataFrame:
+    """Average scores over scenarios, each of which counts once however many trials it has.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    DataFrame
+        As `summarise_scores` returns it, one row for each estimator (with its parameters) and SNR,
+        with means and bands over the scenarios' means. ``scenario`` says how many there are, and counts
+        are sums.
+    """
+    by = ["estimator", "params", "snr_db"]
+    summary = summarise_scores(records)
+    groups = summary.groupby(by, sort=False)
+    counts = [name for name in summary if name.startswith("n_") and not name.endswith(("_mean", "_band"))]
+    scores = [f"{name}_mean" for name in AVERAGED]
+    bands = student_band(groups[scores].std(), groups[scores].count())
+    found = [
+        groups[counts].sum(),
+        groups[scores].mean(),
+        pd.DataFrame(bands, columns=[f"{name}_band" for name in AVERAGED], index=groups.size().index),
+        median_times(records, by),
+    ]
+    table = pd.concat(found, axis=1).reset_index()
+    table.insert(0, "scenario", f"{records['scenario'].nunique()} scenarios")
+    return table
