@@ -93,7 +93,7 @@ def test_music2d_is_no_worse_than_fft4d_trial_by_trial(scenario, snr_db):
 
 
 class Means(NamedTuple):
-    """Scores of an estimator, means over trials."""
+    """Scores of an estimator, means over trials or realisations."""
 
     hausdorff_sum_m: float
     density: float
@@ -107,29 +107,27 @@ N_STREET_TRIALS = 5
 
 @cache
 def street_means(snr_db):
-    """Means of esprit2d and of the oracle on the same observations of the street."""
+    """Means of esprit2d over trials on the street, and of the oracle over its realisations."""
     scenario = load_scenario("street")
-    simulator, truth, region = Simulator(scenario), scenario.truth, scenario.region
-    rows = {"esprit2d": [], "oracle": []}
-    for trial in range(N_STREET_TRIALS):
-        observation = simulator.observe(snr_db, trial)
-        clouds = {
-            "esprit2d": Esprit2d().estimate(observation),
-            "oracle": Oracle().estimate(observation, truth),
-        }
-        for name, cloud in clouds.items():
-            found = paper_deviation(truth, cloud, region, scenario.system.velocity_bin_mps)
-            others = cloud_scores(truth, cloud, region)
-            rows[name].append(
-                Means(
-                    found.hausdorff_sum_m,
-                    found.density,
-                    found.velocity_nmse,
-                    others.gospa_m,
-                    others.precision,
-                )
-            )
-    return {name: Means(*np.mean(scores, axis=0)) for name, scores in rows.items()}
+    simulator, truth = Simulator(scenario), scenario.truth
+    clouds = {
+        "esprit2d": [
+            Esprit2d().estimate(simulator.observe(snr_db, trial)) for trial in range(N_STREET_TRIALS)
+        ],
+        "oracle": Oracle().realisations(scenario, truth),
+    }
+    return {
+        name: Means(*np.mean([scores(scenario, cloud) for cloud in found], axis=0))
+        for name, found in clouds.items()
+    }
+
+
+def scores(scenario, cloud):
+    """Scores of a cloud, in the order of `Means`."""
+    truth, region = scenario.truth, scenario.region
+    found = paper_deviation(truth, cloud, region, scenario.system.velocity_bin_mps)
+    others = cloud_scores(truth, cloud, region)
+    return found.hausdorff_sum_m, found.density, found.velocity_nmse, others.gospa_m, others.precision
 
 
 @pytest.mark.parametrize("score", ["hausdorff_sum_m", "gospa_m"])

@@ -5,6 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 import isacbench
+from isacbench.bench.cells.scored_images import image_reference
 from isacbench.cli import app
 from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.model.cloud import PointCloud
@@ -74,3 +75,15 @@ def test_the_echo_may_pass_as_a_waveform(image, tiny):
     observation = observe_waveform(load_scenario(tiny), 10.0, sensing="prs")
     expected = isacbench.get_estimator("music2d").estimate(observation)
     assert PointCloud.read("cloud.npy").to_array() == pytest.approx(expected.to_array())
+
+
+@pytest.mark.parametrize("spec", ["oracle", "chance"])
+def test_the_scores_of_a_reference_are_means_with_their_spreads(image, tiny, spec):
+    result = image("-e", spec)
+    assert result.exit_code == 0, result.output
+    scenario = load_scenario(tiny)
+    expected = image_reference(isacbench.get_estimator(spec), scenario)
+    assert "scores: mean ± spread over its realisations" in result.output
+    told = dict(line.split(maxsplit=1) for line in result.output.splitlines() if line.startswith("  "))
+    assert told["deviation"] == f"{expected.scores['deviation']:.6g} ±{expected.spreads['deviation']:.3g}"
+    assert told["n_true"] == str(len(scenario.truth))

@@ -251,7 +251,7 @@ def load_run(folder: str | Path) -> StoredRun:
     >>> import tempfile
     >>> from isacbench import run, score
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     records = run("quick", estimators=["oracle"], snr_db=[10], trials=1, out=folder)
+    ...     records = run("quick", estimators=["fft4d"], snr_db=[10], trials=1, out=folder)
     ...     stored = load_run(folder)
     ...     row = stored.rows.iloc[0]
     ...     scenario, cloud = stored.scenario(row), stored.cloud(row)
