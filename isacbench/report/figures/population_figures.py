@@ -312,7 +312,8 @@ def _scale(axes: Axes, curve: _Curve) -> None:
     elif curve.scale == "share":
         axes.set_ylim(-0.03, 1.03)
     else:
-        axes.set_ylim(bottom=0)
+        top = axes.get_ylim()[1]
+        axes.set_ylim(-0.03 * top, top)
 
 
 def _worst_images(
