@@ -129,7 +129,7 @@ def average_scenarios(records: pd.DataFrame) -> pd.DataFrame:
     by = ["estimator", "params", "snr_db"]
     summary = summarise_scores(records)
     groups = summary.groupby(by, sort=False)
-    counts = [name for name in summary if name.startswith("n_") and not name.endswith(("_mean", "_band"))]
+    counts = ["n_cells", "n_no_detection", "n_failed"]
     scores = [f"{name}_mean" for name in AVERAGED]
     bands = student_band(groups[scores].std(), groups[scores].count())
     found = [

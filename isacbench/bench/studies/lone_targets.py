@@ -53,10 +53,10 @@ def measure_lone_scatterers(shot: MeasuredImage) -> dict[str, Any]:
     """
     scenario = shot.scenario
     bound = scene_bound(scenario, shot.snr_db)
-    resolvable = (bound <= RESOLVABLE_CELLS * rayleigh_cells(scenario)).all(axis=1)
+    resolvable = np.all(bound <= RESOLVABLE_CELLS * rayleigh_cells(scenario), axis=1)
     error = radio_places(scenario, shot.cloud)[:, None] - radio_places(scenario, scenario.scatterers)
     points, scatterers = match_points(error / rayleigh_cells(scenario))
-    is_exact = (np.abs(error[points, scatterers]) <= MOST_DEVIATIONS * bound[scatterers]).all(axis=1)
+    is_exact = np.all(np.abs(error[points, scatterers]) <= MOST_DEVIATIONS * bound[scatterers], axis=1)
     return {
         "n_resolvable": int(resolvable.sum()),
         "n_resolved": int((is_exact & resolvable[scatterers]).sum()),
@@ -82,8 +82,8 @@ def scene_bound(scenario: Scenario, snr_db: float) -> Floats:
     """
     gain = echo_parameters(scenario).gain
     noise_power = float(np.sum(np.abs(gain) ** 2)) / 10 ** (snr_db / 10)
-    places = radio_places(scenario, scenario.scatterers).T
-    bound = joint_bound(scenario.system, scenario.array.shape, *places, gain, noise_power)
+    range_m, velocity_mps, u, w = radio_places(scenario, scenario.scatterers).T
+    bound = joint_bound(scenario.system, scenario.array.shape, range_m, velocity_mps, u, w, gain, noise_power)
     return np.stack([bound.range_m, bound.velocity_mps, bound.u, bound.w], axis=1)
 
 
@@ -100,7 +100,7 @@ def match_points(error_cells: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp
     points, scatterers : ndarray of int, shape (n,)
         Indices of the pairs.
     """
-    is_possible = (np.abs(error_cells) < 1).all(axis=2)
+    is_possible: NDArray[np.bool_] = np.asarray(np.all(np.abs(error_cells) < 1, axis=2))
     distance = np.linalg.norm(error_cells, axis=2)
     # A possible pair is at most 2 cells long: no sum of them is worth an impossible one.
     impossible = 2.0 * (1 + min(is_possible.shape))

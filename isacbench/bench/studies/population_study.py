@@ -122,8 +122,9 @@ def summarise_population(records: pd.DataFrame) -> pd.DataFrame:
     for name in MEDIANS:
         for share in (25, 75):
             found[f"{name}_q{share}"] = groups[name].quantile(share / 100)
-        ends = groups[name].agg(lambda values: median_interval(values.dropna().to_numpy(dtype=np.float64)))
-        found[[f"{name}_median", f"{name}_low", f"{name}_high"]] = np.stack(ends.to_list())
+        found[[f"{name}_median", f"{name}_low", f"{name}_high"]] = [
+            median_interval(values.dropna().to_numpy(dtype=np.float64)) for _, values in groups[name]
+        ]
     for name in [*MEANS, *TARGETS]:
         found[f"{name}_mean"] = groups[name].mean()
         found[f"{name}_band"] = student_band(groups[name].std(), groups[name].count())

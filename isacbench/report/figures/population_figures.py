@@ -122,7 +122,7 @@ def draw_ratios(cells: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figur
     Figure
     """
     keys = ["family", "snr_db", *VARIANT, "scenario", "frame", "phases"]
-    scenes = cells.dropna(subset="ratio").groupby(keys, sort=False, as_index=False)["ratio"].mean()
+    scenes = cells.dropna(subset="ratio").groupby(keys, sort=False)["ratio"].mean().reset_index()
     scenes["ratio"] = scenes["ratio"].clip(upper=LARGEST_RATIO)
     families, snrs_db = scenes["family"].unique(), sorted(scenes["snr_db"].unique())
     rows = {variant: look for variant, look in looks.items() if not look.is_bound} or dict(looks)
@@ -312,7 +312,8 @@ def _scale(axes: Axes, curve: _Curve) -> None:
     elif curve.scale == "share":
         axes.set_ylim(-0.03, 1.03)
     else:
-        axes.set_ylim(bottom=0)
+        top = axes.get_ylim()[1]
+        axes.set_ylim(-0.03 * top, top)
 
 
 def _worst_images(
@@ -327,7 +328,7 @@ def _worst_images(
         scenes = rows_of(rated, variant)
         if scenes.empty:
             continue
-        worst = scenes.loc[scenes["ratio"].idxmax()]
+        worst = scenes.iloc[scenes["ratio"].argmax()]
         cloud = _stored_cloud(results, worst)
         scene = results.scenarios[worst["scenario"]]
         title = f"{drawable(scene.name)} at {snr_db:g} dB: the worst ratio of {counted(len(scenes), 'scene')}"

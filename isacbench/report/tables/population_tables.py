@@ -16,11 +16,9 @@ from isacbench.report.tables.pareto import find_limits
 from isacbench.report.tables.run_tables import Grid, milliseconds, with_failures, written
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from isacbench.bench.plan.labels import Variant
-
-    Write = Callable[[pd.Series[Any]], str]
 
 NEAR = 0.2
 """Relative distance to the median estimator within which `chance` comes near it."""
@@ -126,44 +124,45 @@ def population_grids(records: pd.DataFrame) -> list[Grid]:
     labels = _row_labels(summary)
     snrs_db = sorted(summary["snr_db"].dropna().unique())
     over_snrs = f"mean over {', '.join(f'{snr_db:g}' for snr_db in snrs_db)} dB"
-    at = _Places(summary)
-    found = [_score_grid(at.rows(ALL), labels, f"All scenes, {over_snrs}")]
+    found = [_score_grid(_part(summary), labels, f"All scenes, {over_snrs}")]
     families = [name for name in summary["family"].unique() if name != ALL]
-    lone = [name for name in families if at.rows(name)[f"{TARGETS[0]}_mean"].notna().any()]
-    scattered = {name: at.rows(name) for name in families if name not in lone}
+    lone = [name for name in families if _part(summary, name)[f"{TARGETS[0]}_mean"].notna().any()]
+    scattered = {name: _part(summary, name) for name in families if name not in lone}
     found += _ratio_grid(scattered, labels, f"Median ratio by family, {over_snrs}")
     conditions = {
-        f"{frame}, {phases}": at.rows(ALL, frame, phases)
+        f"{frame}, {phases}": _part(summary, ALL, frame, phases)
         for frame, phases in product(("panel", "paper"), PHASES.values())
     }
     found += _ratio_grid(conditions, labels, f"Median ratio by frame and phases, {over_snrs}")
-    found += [_target_grid(at.rows(name), labels, f"{name}, {over_snrs}") for name in lone]
-    for name in (ALL, *families):
-        for snr_db in (math.nan, *snrs_db):
-            heading = over_snrs if math.isnan(snr_db) else f"{snr_db:g} dB"
-            part = at.rows(name, snr_db=snr_db)
-            title = f"{'All scenes' if name == ALL else name}, {heading}"
-            if (name, heading) != (ALL, over_snrs):
-                found.append(_score_grid(part, labels, title)._replace(is_detail=True))
-            if name in lone and heading != over_snrs:
-                found.append(_target_grid(part, labels, title)._replace(is_detail=True))
+    found += [_target_grid(_part(summary, name), labels, f"{name}, {over_snrs}") for name in lone]
+    for name, snr_db in product((ALL, *families), (math.nan, *snrs_db)):
+        part = _part(summary, name, snr_db=snr_db)
+        heading = over_snrs if math.isnan(snr_db) else f"{snr_db:g} dB"
+        title = f"{'All scenes' if name == ALL else name}, {heading}"
+        if (name, heading) != (ALL, over_snrs):
+            found.append(_score_grid(part, labels, title)._replace(is_detail=True))
+        if name in lone and heading != over_snrs:
+            found.append(_target_grid(part, labels, title)._replace(is_detail=True))
     return found
 
 
-class _Places:
-    """Parts of a summary."""
+def _part(
+    summary: pd.DataFrame,
+    family: str = ALL,
+    frame: str = ALL,
+    phases: str = ALL,
+    snr_db: float = math.nan,
+) -> pd.DataFrame:
+    """Rows of some scenes at one SNR, or over all SNRs."""
+    is_snr = summary["snr_db"].isna() if math.isnan(snr_db) else summary["snr_db"] == snr_db
+    chosen = (summary["family"] == family) & (summary["frame"] == frame) & (summary["phases"] == phases)
+    return summary[is_snr & chosen]
 
-    def __init__(self, summary: pd.DataFrame) -> None:
-        self._summary = summary
 
-    def rows(
-        self, family: str, frame: str = ALL, phases: str = ALL, snr_db: float = math.nan
-    ) -> pd.DataFrame:
-        """Rows of some scenes at one SNR, or over all SNRs, by estimator."""
-        table = self._summary
-        is_snr = table["snr_db"].isna() if math.isnan(snr_db) else table["snr_db"] == snr_db
-        chosen = (table["family"] == family) & (table["frame"] == frame) & (table["phases"] == phases)
-        return table[is_snr & chosen].set_index(["estimator", "params"], drop=False)
+def _entries(part: pd.DataFrame, labels: Mapping[Variant, str]) -> dict[Variant, pd.Series[Any]]:
+    """Rows of a part by estimator, in the order of the labels."""
+    found = {(entry["estimator"], entry["params"]): entry for _, entry in part.iterrows()}
+    return {variant: found[variant] for variant in labels if variant in found}
 
 
 def _row_labels(summary: pd.DataFrame) -> dict[Variant, str]:
@@ -174,48 +173,43 @@ def _row_labels(summary: pd.DataFrame) -> dict[Variant, str]:
     return {one: f"{labels[one]} (reference)" if one in references else labels[one] for one in ordered}
 
 
-def _score_grid(part: pd.DataFrame, labels: dict[Variant, str], title: str) -> Grid:
+def _score_grid(part: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Grid:
     """Scores of some scenes, a row an estimator."""
     shown = [one for one in SHOWN if part[one.column].notna().any()]
     marked = _marked(part)
     header = ["estimator", *(one.heading + _mark(one, marked) for one in shown), "time [ms]"]
     rows = []
-    for variant, label in labels.items():
-        if variant in part.index:
-            entry = part.loc[variant]
-            cells = [_number(entry, one) for one in shown]
-            cells[0] = with_failures(cells[0], int(entry["n_failed"]))
-            rows.append([label, *cells, milliseconds(entry["time_estimate_s_median"])])
+    for variant, entry in _entries(part, labels).items():
+        cells = [_number(entry, one) for one in shown]
+        cells[0] = with_failures(cells[0], int(entry["n_failed"]))
+        rows.append([labels[variant], *cells, milliseconds(entry["time_estimate_s_median"])])
     spare = [
         [place for place, one in enumerate(shown, start=1) if one.heading == name] for name in SPARE[::-1]
     ]
     return Grid(_titled(part, title, header), header, rows, spare)
 
 
-def _ratio_grid(parts: dict[str, pd.DataFrame], labels: dict[Variant, str], title: str) -> list[Grid]:
+def _ratio_grid(parts: dict[str, pd.DataFrame], labels: Mapping[Variant, str], title: str) -> list[Grid]:
     """Median ratios with quartiles, a column for each of some parts; nothing where there are none."""
     shown = {name: part for name, part in parts.items() if part["ratio_median"].notna().any()}
     if len(shown) < 2:
         return []
     header = ["estimator", *(f"{name}{_mark(RATIO, _marked(part))}" for name, part in shown.items())]
+    columns = [_entries(part, labels) for part in shown.values()]
     rows = [
-        [
-            label,
-            *(_ratio(part.loc[variant]) if variant in part.index else "" for part in shown.values()),
-        ]
+        [label, *(_ratio(column[variant]) if variant in column else "" for column in columns)]
         for variant, label in labels.items()
     ]
     return [Grid(_noted(f"{title} (quartiles)", header), header, rows)]
 
 
-def _target_grid(part: pd.DataFrame, labels: dict[Variant, str], title: str) -> Grid:
+def _target_grid(part: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Grid:
     """Absolute targets of lone scatterers, a row an estimator."""
     marked = _marked(part)
     header = ["estimator", *(f"{one.heading}{_mark(one, marked)}" for one in AIMED)]
     rows = [
-        [label, *(_number(part.loc[variant], one) for one in AIMED)]
-        for variant, label in labels.items()
-        if variant in part.index
+        [labels[variant], *(_number(entry, one) for one in AIMED)]
+        for variant, entry in _entries(part, labels).items()
     ]
     return Grid(_titled(part, f"Targets of {title}", header), header, rows)
 

@@ -167,9 +167,10 @@ def score_grids(records: pd.DataFrame) -> list[Grid]:
     n_scenarios, found = records["scenario"].nunique(), []
     is_detail = n_scenarios > MANY_SCENARIOS
     if is_detail:
-        times_s = median_times(records, VARIANT)[f"{TIME}_median"]
         title = f"{mean_of_scenarios(n_scenarios)}; median time of an image"
-        found += _estimators_over_snr(average_scenarios(records), title, labels, times_s.to_dict())
+        of_all_s = median_times(records, VARIANT)[f"{TIME}_median"]
+        all_s = {variant: of_all_s.get(variant, math.nan) for variant in labels}
+        found += _estimators_over_snr(average_scenarios(records), title, labels, all_s)
     times_s = median_times(records, ["scenario", *VARIANT])[f"{TIME}_median"]
     for scenario, part in summarise_scores(records).groupby("scenario", sort=False):
         title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; median time of an image"
@@ -195,7 +196,7 @@ def _estimators_over_snr(
         header, last = ["SNR [dB]"], ["time [ms]"]
         for variant in batch:
             header += [f"{labels[variant]}: deviation", *SHOWN.values()]
-            last += [milliseconds(times_s.get(variant, math.nan)), *[""] * len(SHOWN)]
+            last += [milliseconds(times_s[variant]), *[""] * len(SHOWN)]
         cells = table[[(score, *variant) for variant in batch for score in names]]
         rows = [[f"{snr_db:g}", *texts] for snr_db, *texts in cells.itertuples()]
         spare = [

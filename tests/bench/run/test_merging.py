@@ -12,6 +12,7 @@ from isacbench.bench.run.merging import merge
 from isacbench.bench.run.runner import run
 from isacbench.bench.store.run_store import read_manifest, read_results
 from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.bench.suites.suite import Suite
@@ -166,6 +167,35 @@ def test_runs_of_one_suite_are_united_and_the_whole_suite_completes_them(suite, 
     put_run(whole, tmp_path / "whole")
     run(whole, out=tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
+
+
+def population(tiny, **changes):
+    """Suite of a population with one scene."""
+    keys = {"name": "p", "version": 1, "scenarios": [str(tiny)], "snr_db": [0.0], "trials": 1}
+    return PopulationSuite(**{**keys, "estimators": ["blob", "seer"], **changes})
+
+
+def test_a_third_party_adds_its_estimator_to_a_population_and_nobody_else_needs_it(
+    plugins, tiny, put_run, tmp_path, monkeypatch
+):
+    put_run(population(tiny), tmp_path / "ours")
+    put_run(population(tiny, estimators=["blob[n=7]", "seer"]), tmp_path / "theirs")
+    put_run(population(tiny, estimators=["blob", "seer", "blob[n=7]"]), tmp_path / "whole")
+    forget_plugins(monkeypatch)
+    merged = merge([tmp_path / "ours", tmp_path / "theirs"], tmp_path / "merged")
+    assert merged.gaps == []
+    assert read_results(tmp_path / "merged").suite.estimators == ("blob", "seer", "blob[n=7]")
+    assert files(tmp_path / "merged") == files(tmp_path / "whole")
+    keys = ("estimators", "scenes", "suite")
+    both = [read_manifest(tmp_path / name) for name in ("merged", "whole")]
+    assert [both[0][key] for key in keys] == [both[1][key] for key in keys]
+
+
+def test_another_version_of_a_population_is_refused(plugins, tiny, put_run, tmp_path):
+    put_run(population(tiny), tmp_path / "1")
+    put_run(population(tiny, version=2, estimators=["seer"]), tmp_path / "2")
+    with pytest.raises(InputError, match=r"version of the population differs \(1, 2\)"):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
 
 
 def test_snrs_that_rise_in_each_part_rise_together(suite, put_run, tmp_path):

@@ -8,6 +8,7 @@ import pytest
 
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.suites.suite import Suite
+from isacbench.errors import InputWarning
 from isacbench.plugins.contracts import Diagnoser
 from isacbench.plugins.registry import get_estimator
 from isacbench.report.drawing.style import new_figure
@@ -102,6 +103,21 @@ def test_every_figure_of_a_run_is_written_where_it_is_said_to_be_with_named_axes
 def test_a_run_of_failures_with_one_snr_and_one_trial_is_drawn(plugins, tiny, tmp_path):
     folder = run_into(tmp_path / "run", tiny, ["trouble", "trouble[kind=empty]"], snr_db=[3], trials=1)
     assert len(draw_run(folder)) == 3
+
+
+def test_of_many_scenarios_only_their_mean_is_drawn_and_a_warning_says_so(
+    shower, tiny, tmp_path, drawn, monkeypatch
+):
+    monkeypatch.setattr(run_figures, "MANY_SCENARIOS", 1)
+    other = tiny.with_name("other.toml")
+    other.write_text(tiny.read_text().replace('"tiny"', '"other"'))
+    suite = Suite(
+        name="t", scenarios=[str(tiny), str(other)], estimators=["blob", "shower"], snr_db=[0], trials=1
+    )
+    run_suite(suite, tmp_path / "run")
+    with pytest.warns(InputWarning, match="of more than 1 scenarios only the mean deviation is drawn"):
+        draw_run(tmp_path / "run")
+    assert drawn["saved"] == ["deviation"]
 
 
 def test_a_run_without_cells_draws_nothing(plugins, tiny, tmp_path):

@@ -8,7 +8,8 @@ from rich.console import Console
 
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run.runner import run
-from isacbench.bench.studies.imaging_study import summarise_scores
+from isacbench.bench.studies.imaging_study import average_scenarios, summarise_scores
+from isacbench.bench.studies.intervals import mean_band
 from isacbench.bench.suites.suite import Suite
 from isacbench.report.tables.run_tables import SHOWN, rich_table, score_grids
 from isacbench.report.tables.tables_by_kind import write_run_tables
@@ -152,3 +153,33 @@ def test_tables_are_written_and_replaced(records, tmp_path):
     assert f"**{2 * N_TRIALS} of {8 * N_TRIALS} cells failed**" in lines
     assert "| ZeroDivisionError: no luck | error | trouble[kind=raise] | tiny | 10 |" in lines
     assert write_run_tables(tmp_path, records) == paths
+
+
+@pytest.fixture
+def many(population_rows):
+    """Rows of thirteen scenarios, one estimator with an error that rises with the scenario."""
+    return population_rows(["town"], n_scenes=13, a=np.arange(13.0), b=1.0)
+
+
+def test_scenarios_count_once_each_in_their_mean_however_many_trials_they_have(many):
+    errors = np.arange(13.0)
+    again = many[many["scenario"] == "town[seed=12]"]
+    found = average_scenarios(pd.concat([many, again.assign(trial=1), again.assign(trial=2)]))
+    assert found["scenario"].unique().tolist() == ["13 scenarios"]
+    row = found[(found["estimator"] == "a") & (found["snr_db"] == 10)].iloc[0]
+    assert (row["deviation_mean"], row["deviation_band"]) == pytest.approx(mean_band(errors))
+    assert row["hausdorff_sum_m_mean"] == pytest.approx(errors.mean())
+    assert (row["n_cells"], row["n_failed"]) == (15, 0)
+    assert {*found} == {*summarise_scores(many)}
+
+
+def test_of_many_scenarios_their_mean_is_printed_and_each_is_a_detail(many):
+    first, *others = score_grids(many)
+    assert first.title.startswith("mean over 13 scenarios, 95 % confidence band;")
+    assert not first.is_detail
+    assert first.rows[0][1] == "6.00 ±2.35"
+    assert len(others) == 13
+    assert all(grid.is_detail for grid in others)
+    few = score_grids(many[many["scenario"] != "town[seed=12]"])
+    assert len(few) == 12
+    assert not any(grid.is_detail for grid in few)

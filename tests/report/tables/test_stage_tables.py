@@ -100,3 +100,11 @@ def test_a_run_that_was_not_timed_has_no_tables_of_stages(records, tmp_path):
     assert not is_timed(ordinary)
     assert [path.name for path in write_run_tables(tmp_path, ordinary)] == ["summary.csv", "summary.md"]
     assert grids_of(ordinary) == score_grids(ordinary)
+
+
+def test_of_many_scenarios_all_together_are_printed_and_each_is_a_detail(records):
+    parts = [records.assign(scenario=f"town[seed={seed}]") for seed in range(13)]
+    first, *others = stage_grids(pd.concat(parts, ignore_index=True))
+    assert first.title.startswith("13 scenarios: median time")
+    assert first.rows[0][:3] == ["fft4d", str(13 * 18), "12.00"]
+    assert [grid.is_detail for grid in (first, *others)] == [False, *[True] * 13]
