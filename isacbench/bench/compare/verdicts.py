@@ -90,7 +90,7 @@ def point_scores(
             f"{metric}: {(in_base & ~in_new).sum()} cells that have one in {sides[0]} alone, and "
             f"{(~in_base & in_new).sum()} that have one in {sides[1]} alone, are left out"
         )
-    return PairedScores(keys, base, _without_rounding(base, new)), notes
+    return PairedScores(keys, base, without_rounding(base, new)), notes
 
 
 def curve_scores(points: PairedScores) -> PairedScores:
@@ -111,11 +111,22 @@ def curve_scores(points: PairedScores) -> PairedScores:
         pd.DataFrame(values.T).groupby(curves.ngroup()).mean().to_numpy().T
         for values in (points.base, points.new - points.base)
     )
-    return PairedScores(keys, base, _without_rounding(base, base + change))
+    return PairedScores(keys, base, without_rounding(base, base + change))
 
 
-def _without_rounding(base: Floats, new: Floats) -> Floats:
-    """New scores, made equal to the base's where only rounding parts them: zeros and ties are to be exact."""
+def without_rounding(base: Floats, new: Floats) -> Floats:
+    """Make scores equal to others where only rounding parts them: zeros and ties are to be exact.
+
+    Parameters
+    ----------
+    base, new : ndarray of float64
+        Of shapes that broadcast.
+
+    Returns
+    -------
+    ndarray of float64
+        New scores.
+    """
     is_rounding = np.abs(new - base) <= ROUNDING * (np.abs(base) + np.abs(new)) / 2
     return np.where(is_rounding, base, new)
 

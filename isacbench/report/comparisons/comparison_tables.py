@@ -173,13 +173,14 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         "between": comparison.between and [Wording(comparison).labels[one] for one in comparison.between],
         "alpha": comparison.alpha,
         "tolerances": [dataclasses.asdict(tolerance) for tolerance in comparison.tolerances],
-        "curves": _rows(comparison.curves),
-        "points": _rows(comparison.points),
+        "curves": json_rows(comparison.curves),
+        "points": json_rows(comparison.points),
         "cells": {
             "n_paired": cells.n_paired,
             "n_failed_both": cells.n_failed_both,
             **{
-                name: _rows(getattr(cells, name)) for name in ("new_failures", "missing", "repaired", "added")
+                name: json_rows(getattr(cells, name))
+                for name in ("new_failures", "missing", "repaired", "added")
             },
             "n_lost_scores": comparison.n_lost_scores,
         },
@@ -187,9 +188,19 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
-    """Rows with null for what is no number or not finite."""
-    return table.astype(object).replace([np.nan, np.inf, -np.inf], None).to_dict("records")
+def json_rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
+    """Convert a table to rows in terms of JSON, with null for what is missing or not finite.
+
+    Parameters
+    ----------
+    table : DataFrame
+
+    Returns
+    -------
+    list of dict
+    """
+    values = table.astype(object).replace([np.inf, -np.inf], None)
+    return values.where(values.notna(), None).to_dict("records")
 
 
 def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, said: Wording) -> Grid:
@@ -229,10 +240,10 @@ def change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]
     """
     name, scale = ("relative", 100.0) if tolerance.is_relative else ("change", 1.0)
     change, low, high = (scale * row[f"{name}{end}"] for end in ("", "_low", "_high"))
-    interval = "" if math.isnan(low) else f"{_signed(low)} to {_signed(high)}"
+    interval = "" if math.isnan(low) else f"{signed(low)} to {signed(high)}"
     p_value = min(row["p_worse"], row["p_better"])
     shown_p = "<0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
-    return [f"{row['base_mean']:.4g}", f"{row['new_mean']:.4g}", _signed(change), interval, shown_p]
+    return [f"{row['base_mean']:.4g}", f"{row['new_mean']:.4g}", signed(change), interval, shown_p]
 
 
 def verdict_text(row: Mapping[Hashable, Any], tolerance: Tolerance, said: Wording) -> str:
@@ -260,12 +271,20 @@ def verdict_text(row: Mapping[Hashable, Any], tolerance: Tolerance, said: Wordin
     return f"inconclusive: shows {100 * relative:.2g} %"
 
 
-def _signed(number: float) -> str:
-    """Three digits and a sign; zero has none.
+def signed(number: float) -> str:
+    """Write a number with three digits and a sign; zero has none.
+
+    Parameters
+    ----------
+    number : float
+
+    Returns
+    -------
+    str
 
     Examples
     --------
-    >>> _signed(1.2345), _signed(-0.0), _signed(123.4)
+    >>> signed(1.2345), signed(-0.0), signed(123.4)
     ('+1.23', '0', '+123')
     """
     return f"{number:+.3g}" if number else "0"
