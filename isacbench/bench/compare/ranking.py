@@ -20,12 +20,16 @@ from isacbench.bench.compare.scene_scores import (
     scene_groups,
     with_sums_and_ratios,
 )
-from isacbench.bench.compare.statistics import CHANGES, MIN_INTERVAL_TRIALS, bootstrap_changes
+from isacbench.bench.compare.statistics import (
+    CHANGES,
+    MIN_INTERVAL_TRIALS,
+    bootstrap_changes,
+    win_shares,
+)
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.compare.verdicts import without_rounding
 from isacbench.bench.compare.worst_scenes import worst_scenes
 from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
-from isacbench.bench.studies.intervals import exact_interval
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
@@ -260,9 +264,6 @@ def _win_rows(table: pd.DataFrame, better: str) -> pd.DataFrame:
     pairs = list(permutations(range(table.shape[1]), 2))
     first, second = (table.to_numpy()[:, [pair[side] for pair in pairs]] for side in (0, 1))
     first = without_rounding(second, first)
-    n_ties = (first == second).sum(axis=0)
-    n_wins = (first < second if better == "lower" else first > second).sum(axis=0) + n_ties / 2
-    limits = [exact_interval(float(number), len(table)) for number in n_wins]
     variants = list(table.columns)
     rows = pd.DataFrame(
         {
@@ -271,13 +272,9 @@ def _win_rows(table: pd.DataFrame, better: str) -> pd.DataFrame:
             "params": [variants[pair[0]][1] for pair in pairs],
             "other": [variants[pair[1]][0] for pair in pairs],
             "other_params": [variants[pair[1]][1] for pair in pairs],
-            "probability": n_wins / len(table),
-            "low": [low for low, _ in limits],
-            "high": [high for _, high in limits],
-            "n_ties": n_ties,
         }
     )
-    return rows.join(bootstrap_changes(second, first)[CHANGES[:3]])
+    return rows.join(win_shares(second, first, better)).join(bootstrap_changes(second, first)[CHANGES[:3]])
 
 
 def _rank_rows(

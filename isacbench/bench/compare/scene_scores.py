@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.statuses import failed
+from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
 from isacbench.bench.studies.imaging_study import HAUSDORFF_COLUMNS
 from isacbench.bench.studies.ratios import POINT_FAMILIES, hausdorff_ratios
 from isacbench.files.escaping import counted
@@ -23,6 +24,9 @@ MIN_FAMILY_SCENES = 20
 """Least number of scenes for which something is said of a family alone."""
 
 ALL_SCENES = "all scenes"
+
+SCENE_KINDS = ("imaging", "population")
+"""Kinds of suites whose scenarios are scenes."""
 
 SCENE_CELL = ["scenario", "snr_db", "trial"]
 VARIANT = ["estimator", "params"]
@@ -116,6 +120,53 @@ def scene_groups(scenes: Iterable[str], families: Mapping[str, str]) -> dict[str
             if family and MIN_FAMILY_SCENES <= len(part) < len(everything)
         },
     }
+
+
+def compared_scenes(manifest: Mapping[str, Any], scenes: Iterable[str]) -> dict[str, list[str]]:
+    """Group the scenes of a comparison, where it has enough of them to be the units.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+    scenes : iterable of str
+        Scenarios with paired cells.
+
+    Returns
+    -------
+    dict of str to list of str
+        As `scene_groups` returns it. Empty for fewer than six scenes, and for suites
+        whose scenarios are no population: steps of a parameter, maps, users.
+    """
+    names = list(dict.fromkeys(scenes))
+    if len(names) < MIN_INTERVAL_TRIALS or manifest["suite"].get("kind", "imaging") not in SCENE_KINDS:
+        return {}
+    return scene_groups(names, scene_families(manifest))
+
+
+def pool_scenes(rows: pd.DataFrame, groups: Mapping[str, Sequence[str]]) -> pd.DataFrame:
+    """Put groups in the place of scenarios, and scenes in the place of trials.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        With the columns ``scenario``, ``estimator``, ``params``, ``snr_db``, ``trial``, ``base``, ``new``;
+        the scores are NaN in both or in none.
+    groups : mapping of str to sequence of str
+        Scenes by the name of their group.
+
+    Returns
+    -------
+    DataFrame
+        A row for each group, estimator, SNR and scene: the means over the scene's trials.
+        ``scenario`` holds the group, ``trial`` the scene.
+    """
+    keys = ["scenario", *VARIANT, "snr_db"]
+    means = rows.groupby(keys, sort=False)[["base", "new"]].mean().reset_index()
+    parts = [
+        means[means["scenario"].isin(scenes)].assign(trial=lambda part: part["scenario"], scenario=group)
+        for group, scenes in groups.items()
+    ]
+    return pd.concat(parts, ignore_index=True)
 
 
 def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequence[Variant]) -> SceneScores:

@@ -6,9 +6,11 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from isacbench.bench.compare.scene_scores import SCENE_CELL, scene_families
+from isacbench.bench.compare.verdicts import ROUNDING
 from isacbench.bench.plan.labels import rows_of
 
 if TYPE_CHECKING:
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
 
 N_WORST = 3
 """Number of scenes that are listed for each estimator."""
+
+N_CHANGED = 5
+"""Number of scenes that are listed for each score of a comparison."""
 
 PICTURE = "image.png"
 
@@ -75,6 +80,68 @@ def worst_scenes(
                 }
             )
     return pd.DataFrame(found)
+
+
+def most_changed(
+    pairs: pd.DataFrame,
+    metric: str,
+    manifest: Mapping[str, Any],
+    partners: Mapping[Variant, Variant],
+    labels: Mapping[Variant, str],
+) -> pd.DataFrame:
+    """List the scenes in which a score changed most.
+
+    Parameters
+    ----------
+    pairs : DataFrame
+        As `isacbench.bench.compare.matching.pair_cells` returns it.
+    metric : str
+    manifest : mapping of str to Any
+        Of the new run.
+    partners : mapping of (str, str) to (str, str)
+        Variant of the new run for those of the base that have another name or other parameters.
+    labels : mapping of (str, str) to str
+        Names of estimators, which are specifications.
+
+    Returns
+    -------
+    DataFrame
+        At most five rows, the largest mean change of a scene first: ``metric``,
+        ``scenario``, ``family``, ``estimator``, ``params``, means ``base`` and
+        ``new``, ``change``; of the cell that changed most ``snr_db``,
+        ``trial``, and ``command``, which shows it in the new run.
+    """
+    keys, families = ["scenario", "estimator", "params"], scene_families(manifest)
+    rows = pairs[[*keys, "snr_db", "trial"]].assign(
+        base=pairs[f"{metric}_base"].astype(float), new=pairs[f"{metric}_new"].astype(float)
+    )
+    rows["change"] = rows["new"] - rows["base"]
+    rows = rows[np.isfinite(rows["change"])]
+    means = rows.groupby(keys, sort=False)[["base", "new", "change"]].mean().reset_index()
+    means = means[means["change"].abs() > ROUNDING * (means["base"].abs() + means["new"].abs())]
+    chosen = means.loc[means["change"].abs().sort_values(ascending=False, kind="stable").index[:N_CHANGED]]
+    found = []
+    for row in chosen.to_dict("records"):
+        cells = rows[(rows[keys] == [row[key] for key in keys]).all(axis=1)]
+        cell = cells.loc[cells["change"].abs().idxmax()]
+        variant = (row["estimator"], row["params"])
+        label = labels[partners.get(variant, variant)]
+        shown = command_to_show(manifest, row["scenario"], label, cell["snr_db"], cell["trial"])
+        place = {"snr_db": cell["snr_db"], "trial": cell["trial"], "command": shown}
+        found.append({"metric": metric, **row, "family": families.get(row["scenario"], ""), **place})
+    columns = [
+        "metric",
+        "scenario",
+        "family",
+        *keys[1:],
+        "base",
+        "new",
+        "change",
+        "snr_db",
+        "trial",
+        "command",
+    ]
+    return pd.DataFrame(found, columns=columns)
 
 
 def command_to_show(
