@@ -322,7 +322,10 @@ def compare_tables(
     pairs, cells = pair_cells(base, new, partners)
     notes = version_differences(base, new, partners) + left_out + _other_parameters(cells)
     groups, labels = compared_scenes(base.manifest, pairs["scenario"]), estimator_labels(variants)
-    points, curves, scenes, n_lost = [], [], [pd.DataFrame()], 0
+    points: list[pd.DataFrame] = []
+    curves: list[pd.DataFrame] = []
+    scenes: list[pd.DataFrame] = []
+    n_lost = 0
     for tolerance in asked:
         metric, chosen = tolerance.metric, pairs
         if metric.startswith("time_"):

@@ -305,7 +305,7 @@ def _rounded_to(others: Floats, values: Floats) -> Floats:
 
 
 def _reference_rows(
-    beside: Mapping[Variant, Mapping[str, pd.Series[float]]], metric: str, scenes: Sequence[str]
+    beside: Mapping[Variant, Mapping[str, pd.Series[float]]], metric: str, scenes: list[str]
 ) -> pd.DataFrame:
     """Mean and shares of every reference."""
     return pd.DataFrame(

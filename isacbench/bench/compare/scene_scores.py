@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.statuses import failed
+from isacbench.bench.compare.estimator_pairs import spell_apart
 from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
 from isacbench.bench.studies.imaging_study import HAUSDORFF_COLUMNS
 from isacbench.bench.studies.ratios import POINT_FAMILIES, hausdorff_ratios
@@ -212,11 +213,10 @@ def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequ
     cells = scores.dropna()
     scenes = cells.groupby("scenario").mean()
     scenes = scenes.reindex([name for name in rows["scenario"].unique() if name in scenes.index])
-    n_failed = is_failed.loc[cells.index].sum()
+    n_failed = is_failed.loc[cells.index].sum().tolist()
     notes = [
-        f"failed cells of {variant[0]}: {int(number)}, each counted as the worst {metric} of the run, "
-        f"{worst:.4g}"
-        for variant, number in n_failed.items()
+        f"failed cells of {name}: {number}, each counted as the worst {metric} of the run, {worst:.4g}"
+        for name, number in zip(spell_apart(ranked), n_failed, strict=True)
         if number
     ]
     if len(cells) < len(scores):

@@ -11,7 +11,7 @@ import pandas as pd
 
 from isacbench.bench.compare.scene_scores import SCENE_CELL, scene_families
 from isacbench.bench.compare.verdicts import ROUNDING
-from isacbench.bench.plan.labels import rows_of
+from isacbench.bench.plan.labels import rows_of, variants_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,27 +56,28 @@ def worst_scenes(
         and ``recall`` where the run has them; ``command``, which shows the cell.
     """
     families, found = scene_families(manifest), []
-    shares = [name for name in ("precision", "recall") if name in records]
-    for variant in scored.scenes.columns:
+    of_cell = ["snr_db", "trial", "cell_score", "status"]
+    of_cell += [name for name in ("precision", "recall") if name in records]
+    for variant in variants_in(scored.scenes.columns.to_frame()):
         own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
-        scores, cells = scored.scenes[variant], scored.cells[variant]
-        for scene in scores.sort_values(ascending=better == "higher", kind="stable").index[:N_WORST]:
-            of_scene = cells.loc[[scene]]
-            place = of_scene.idxmax() if better == "lower" else of_scene.idxmin()
-            row, (_, snr_db, trial) = own.loc[place], place
+        scores = scored.scenes[variant].sort_values(ascending=better == "higher", kind="stable")
+        cells = own.join(scored.cells[variant].rename("cell_score"), how="inner").reset_index()
+        cells = cells.sort_values("cell_score", ascending=better == "higher", kind="stable")
+        for scene, score in scores.head(N_WORST).items():
+            cell = cells[cells["scenario"] == scene].iloc[0]
+            name, at = str(scene), (cell["snr_db"], cell["trial"])
             found.append(
                 {
                     "estimator": variant[0],
                     "params": variant[1],
-                    "scenario": scene,
-                    "family": families.get(scene, ""),
-                    "score": scores[scene],
-                    "snr_db": snr_db,
-                    "trial": trial,
-                    "cell_score": cells[place],
-                    "status": row["status"],
-                    **{name: row[name] for name in shares},
-                    "command": command_to_show(manifest, scene, labels[variant], snr_db, trial),
+                    "scenario": name,
+                    "family": families.get(name, ""),
+                    "score": score,
+                    **{
+                        column: cell[column]
+                        for column in ("snr_db", "trial", "cell_score", "status", *shares)
+                    },
+                    "command": command_to_show(manifest, name, labels[variant], *at),
                 }
             )
     return pd.DataFrame(found)

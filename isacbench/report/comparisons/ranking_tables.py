@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from isacbench.bench.compare.ranking import SHARES, rank_text
-from isacbench.bench.compare.scene_scores import MIN_FAMILY_SCENES
+from isacbench.bench.compare.scene_scores import MIN_FAMILY_SCENES, VARIANT
 from isacbench.files.escaping import counted
 from isacbench.report.comparisons.comparison_tables import json_rows, signed
 from isacbench.report.tables.run_tables import Grid, written
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
-
-    import pandas as pd
 
     from isacbench.bench.compare.ranking import Ranking
 
@@ -68,11 +68,7 @@ def ranking_content(ranking: Ranking) -> dict[str, Any]:
         `isacbench.bench.compare.ranking.Ranking`, ``scores`` with a row for
         each scene and estimator.
     """
-    scores = (
-        ranking.scores.rename_axis("scenario")
-        .reset_index()
-        .melt(id_vars=[("scenario", "")], value_name="score", var_name=["estimator", "params"])
-    )
+    scores = ranking.scores.rename_axis("scenario").stack(VARIANT, future_stack=True)
     return {
         "run": {"folder": ranking.run, "version": ranking.version},
         "metric": ranking.metric,
@@ -80,7 +76,7 @@ def ranking_content(ranking: Ranking) -> dict[str, Any]:
         "ranks": json_rows(ranking.ranks),
         "wins": json_rows(ranking.wins),
         "worst": json_rows(ranking.worst),
-        "scores": json_rows(scores.rename(columns={("scenario", ""): "scenario"})),
+        "scores": json_rows(pd.DataFrame({"score": scores}).reset_index()),
         "notes": list(ranking.notes),
     }
 
