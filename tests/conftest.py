@@ -1,6 +1,7 @@
 """Shared fixtures: plugins that are really found through entry points, scenes, and a frame of a street."""
 
 import dataclasses
+import itertools
 import os
 import sys
 from pathlib import Path
@@ -347,3 +348,50 @@ def unknown_code():
     forget_code()
     yield
     forget_code()
+
+
+POPULATION_SCORES = ["density", "velocity_nmse", "deviation", "chamfer_m", "gospa_m", "precision", "recall"]
+
+
+@pytest.fixture
+def population_rows():
+    """Rows of a population: `population_rows(a=error, ...)` with a number, or one a scene, an estimator.
+
+    Eight scenes of a family by turns in both frames, and every second pair with carrier phases. The
+    error is a third of each Hausdorff distance's sum and every other score.
+    """
+    import pandas as pd
+
+    from isacbench.bench.cells.record import COLUMNS
+    from isacbench.bench.suites.population_kind import POPULATION
+
+    def rows(families=("town", "sparse"), n_scenes=8, snrs_db=(0.0, 10.0), **errors):
+        found = []
+        for family, number, snr_db in itertools.product(families, range(n_scenes), snrs_db):
+            for estimator, error in errors.items():
+                value = np.broadcast_to(error, n_scenes)[number]
+                found.append(
+                    {
+                        **dict.fromkeys(POPULATION_SCORES, value),
+                        **dict.fromkeys([f"hausdorff_{plane}_m" for plane in ("xy", "xz", "yz")], value / 3),
+                        "scenario": f"{family}[seed={number}]",
+                        "estimator": estimator,
+                        "params": "{}",
+                        "snr_db": snr_db,
+                        "trial": 0,
+                        "status": "ok",
+                        "reason": "",
+                        "n_true": 5,
+                        "n_estimated": 10,
+                        "time_estimate_s": 0.1,
+                        "timing": False,
+                        **POPULATION.columns,
+                        "family": family,
+                        "frame": ("panel", "paper")[number % 2],
+                        "coherent_phase": number % 4 >= 2,
+                        "n_resolvable": 5 if family == "sparse" else 0,
+                    }
+                )
+        return pd.DataFrame(found).reindex(columns=[*COLUMNS, *POPULATION.columns])
+
+    return rows

@@ -78,11 +78,13 @@ def image_command(
     from threadpoolctl import threadpool_limits
 
     from isacbench.bench.cells.cell import estimate_cloud, score_image
+    from isacbench.bench.cells.scored_images import image_reference
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.instrument.remarks import Remarks
     from isacbench.link.sensing.echo_waveform import observe_waveform
     from isacbench.link.sensing.observing import observe as observe_closed_form
     from isacbench.model.scenes.scenario import load_scenario
+    from isacbench.plugins.contracts import is_reference
     from isacbench.plugins.registry import build_estimator
 
     scene, imager = load_scenario(scenario), build_estimator(estimator)
@@ -118,7 +120,13 @@ def image_command(
     say(f"{title}: {counted(len(cloud), 'point')} in {_told_time(first_s, again_s, cube is not None)}")
     for sentence in remarks.sentences():
         typer.echo(sentence)
-    if len(scene.truth):  # a scene of noise alone can be looked at, not scored
+    if not len(scene.truth):  # a scene of noise alone can be looked at, not scored
+        return
+    if is_reference(imager):
+        image = image_reference(imager, scene)
+        say("scores: mean ± spread over its realisations; the cloud is the one nearest to the mean")
+        print_scores(image.scores, image.spreads)
+    else:
         print_scores(score_image(scene, cloud))
 
 

@@ -26,10 +26,14 @@ MixVersions = Annotated[
 OUT_HELP = "Folder, new or of the same run to go on with; default results/<suite>-<time>."
 SEED_HELP = "Seed of all noise."
 Seed = Annotated[int, Option(min=0, help=SEED_HELP)]
-ScenarioName = Annotated[str, Option("-s", "--scenario", metavar="SCENARIO", help="Name or .toml path.")]
+ScenarioName = Annotated[
+    str, Option("-s", "--scenario", metavar="SCENARIO", help="Name, .toml path or family[seed=7,...].")
+]
 ScenarioNames = Annotated[
     list[str] | None,
-    Option("-s", "--scenario", metavar="SCENARIO", help="Name or .toml path; repeats."),
+    Option(
+        "-s", "--scenario", metavar="SCENARIO", help="Name, .toml path or family[seed=0:99,...]; repeats."
+    ),
 ]
 
 
@@ -61,10 +65,10 @@ def require_names(
     InputError
         If one does not exist.
     """
-    from isacbench.files.toml_files import find_toml
+    from isacbench.model.scenes.scene_families import scenario_variants
     from isacbench.plugins.registry import require_plugins
 
     for scenario in scenarios:
-        find_toml(scenario, "scenario")
+        scenario_variants(scenario)
     require_plugins("estimator", estimators)
     require_plugins("detector", detectors)

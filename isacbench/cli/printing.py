@@ -22,7 +22,7 @@ MAX_TABLE_WIDTH = 1000
 
 
 def report_run(folder: Path, records: pd.DataFrame, kind: str) -> None:
-    """Write and print the tables of a run, and draw its figures.
+    """Write the tables of a run, print all but details, and draw its figures.
 
     Parameters
     ----------
@@ -37,7 +37,8 @@ def report_run(folder: Path, records: pd.DataFrame, kind: str) -> None:
     from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
     for grid in grids_of(records, kind):
-        print_grid(grid)
+        if not grid.is_detail:
+            print_grid(grid)
     written = [*write_run_tables(folder, records, kind), *draw_run_guarded(folder)]
     say(f"{folder}: {', '.join(path.name for path in written)}")
 
@@ -58,15 +59,18 @@ def print_grid(grid: Grid) -> None:
     Console(width=width).print(table)
 
 
-def print_scores(scores: Mapping[str, float]) -> None:
+def print_scores(scores: Mapping[str, float], spreads: Mapping[str, float] | None = None) -> None:
     """Print scores, a line each.
 
     Parameters
     ----------
     scores : mapping of str to float
+    spreads : mapping of str to float, optional
+        Spreads of some scores, by the same names.
     """
     for name, value in scores.items():
-        say(f"  {name:<16} {value:.6g}")
+        spread = f" ±{spreads[name]:.3g}" if spreads and name in spreads else ""
+        say(f"  {name:<16} {value:.6g}{spread}")
 
 
 def print_json(content: object) -> None:

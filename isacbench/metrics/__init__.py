@@ -1,3 +1,3 @@
 """Metrics: scores of a point cloud against the truth."""
 
-__all__ = ["cloud_scores", "geometry", "score"]
+__all__ = ["cloud_scores", "geometry", "realisations", "score"]

@@ -10,9 +10,10 @@ import numpy as np
 
 from isacbench.errors import InputError
 from isacbench.model.number_limits import require_count
+from isacbench.model.scenes.raw_uniforms import raw_uniforms
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 
 def rectangular_positions(shape: tuple[int, int], spacing: int) -> NDArray[np.int64]:
@@ -99,3 +100,43 @@ class VirtualArray:
         """Virtual elements (P, Q) along u and w."""
         n_p, n_q = self.positions.max(axis=0) + 1
         return int(n_p), int(n_q)
+
+
+def element_errors(
+    name: str, gain_error_db: float, phase_error_deg: float, elements: ArrayLike
+) -> NDArray[np.complex128]:
+    """Draw complex factors of virtual elements that are not calibrated.
+
+    The gain in dB and the phase of an element are normal, of mean 0. They
+    follow from the scenario's name and the element's place alone, and scale
+    with the standard deviations. They are the same on every machine.
+
+    Parameters
+    ----------
+    name : str
+        Name of the scenario.
+    gain_error_db, phase_error_deg : float
+        Standard deviations.
+    elements : array_like of int, shape (e, 2)
+        Places (p, q) in the virtual array.
+
+    Returns
+    -------
+    ndarray of complex128, shape (e,)
+        Exactly 1 where both standard deviations are 0.
+
+    Examples
+    --------
+    >>> element_errors("street", 0.0, 0.0, [[0, 0], [3, 1]]).tolist()
+    [(1+0j), (1+0j)]
+    """
+    places = np.asarray(elements, dtype=np.int64).reshape(-1, 2)
+    if not (gain_error_db or phase_error_deg):
+        return np.ones(len(places), dtype=np.complex128)
+    uniforms = np.array([raw_uniforms(f"element {p} {q} of {name}", 2) for p, q in places.tolist()])
+    # Box and Muller (1958); rounded, because logarithms and sines differ in the last digits.
+    radius, angle = np.sqrt(-2 * np.log1p(-uniforms[:, 0])), 2 * np.pi * uniforms[:, 1]
+    gain_db = gain_error_db * (radius * np.cos(angle)).round(9)
+    phase_rad = np.radians(phase_error_deg) * (radius * np.sin(angle)).round(9)
+    factors: NDArray[np.complex128] = 10 ** (gain_db / 20) * np.exp(1j * phase_rad)
+    return factors

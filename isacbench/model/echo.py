@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isacbench.errors import require
+from isacbench.model.array import element_errors
 from isacbench.model.gate import Gate, build_gate
 from isacbench.model.kernels import dirichlet
 from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
@@ -128,7 +129,7 @@ def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
     along_range = dirichlet(gate.range_bins, echo.range_bin, system.n_subcarriers)
     along_doppler = dirichlet(gate.doppler_bins, echo.doppler_bin, system.n_symbols).conj()
     n_p, n_q = scenario.array.shape
-    directions = element_responses(echo, scenario.array.positions)
+    directions = element_responses(scenario, echo, scenario.array.positions)
     cells = _superposed(along_range * echo.gain, along_doppler, directions, echo.doppler_bin)
     if is_dust(cells, echo, np.sqrt(system.processing_gain)):
         cells[:] = 0
@@ -156,7 +157,9 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
     m = np.arange(system.n_symbols)[:, None]
     delay = np.exp(-2j * np.pi * n * echo.range_bin / system.n_subcarriers)
     doppler = np.exp(2j * np.pi * m * echo.doppler_bin / system.n_symbols)
-    grid = _superposed(delay * echo.gain, doppler, element_responses(echo, elements), echo.doppler_bin)
+    grid = _superposed(
+        delay * echo.gain, doppler, element_responses(scenario, echo, elements), echo.doppler_bin
+    )
     if is_dust(grid, echo, 1.0):
         grid[:] = 0
     return grid
@@ -184,11 +187,12 @@ def is_dust(values: Complex, echo: EchoParameters, largest: float) -> bool:
     return all(float(np.abs(part).max(initial=0)) <= rounding for part in parts)
 
 
-def element_responses(echo: EchoParameters, elements: ArrayLike) -> Complex:
-    """Responses of elements of the virtual array to every echo.
+def element_responses(scenario: Scenario, echo: EchoParameters, elements: ArrayLike) -> Complex:
+    """Responses of elements of the virtual array to every echo, errors of gain and phase included.
 
     Parameters
     ----------
+    scenario : Scenario
     echo : EchoParameters
     elements : array_like of int, shape (e, 2)
         Places (p, q) in the virtual array.
@@ -199,6 +203,10 @@ def element_responses(echo: EchoParameters, elements: ArrayLike) -> Complex:
     """
     p, q = np.asarray(elements).T
     directions: Complex = np.exp(-1j * np.pi * (np.outer(echo.u, p) + np.outer(echo.w, q)))
+    if scenario.gain_error_db or scenario.phase_error_deg:
+        directions *= element_errors(
+            scenario.name, scenario.gain_error_db, scenario.phase_error_deg, np.asarray(elements)
+        )
     return directions
 
 

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 MOST_EXPONENT = 1000
 """Of a unit of amplitude, so that neither it nor its reciprocal overflows."""
 
+ERRORS = "gain_error_db", "phase_error_deg"
+MOST_ERRORS = 10.0, 180.0
+"""Largest standard deviations of the errors of gain and phase: beyond them nothing is left of a beam."""
+
 MOST_OF_A_NAME = 60
 """Characters of a scenario's name that its ``repr`` shows."""
 ROUNDING = 1e-9
@@ -184,6 +188,9 @@ class Scenario(Displayed):
 
     def __post_init__(self) -> None:
         require(0 < self.radius_m < np.inf, "radius_m", self.radius_m, "a positive number of m")
+        errors = self.gain_error_db, self.phase_error_deg
+        for name, error, most in zip(ERRORS, errors, MOST_ERRORS, strict=True):
+            require(0 <= error <= most, name, error, f"a number from 0 to {most:g}")
         freeze_arrays(self, "base_station_m")
         require_places("base_station_m", self.base_station_m)
         self._require_unambiguous_region()

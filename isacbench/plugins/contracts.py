@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, get_args, get_type_hints, runtime_checkable
+from typing import (
+    TYPE_CHECKING,
+    ClassVar,
+    Literal,
+    Protocol,
+    TypeGuard,
+    get_args,
+    get_type_hints,
+    runtime_checkable,
+)
 
 from isacbench.display import brief
 from isacbench.dsp.detection import Detection as Detection
@@ -11,10 +20,15 @@ from isacbench.dsp.detection import Detector as Detector
 from isacbench.errors import require
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
+    from isacbench.model.array import VirtualArray
     from isacbench.model.cloud import PointCloud
+    from isacbench.model.frame import Frame
+    from isacbench.model.numerology import System
     from isacbench.model.observation import Observation
 
 
@@ -98,6 +112,49 @@ class TruthEstimator(Estimator, Protocol):
         """
 
 
+class Radio(Protocol):
+    """Radio of a scenario or of an observation."""
+
+    @property
+    def system(self) -> System:
+        """Numerology."""
+
+    @property
+    def array(self) -> VirtualArray:
+        """Virtual array."""
+
+    @property
+    def frame(self) -> Frame:
+        """Map between directions and direction cosines."""
+
+    @property
+    def base_station_m(self) -> NDArray[np.float64]:
+        """Position (3,) of the base station in m."""
+
+
+@runtime_checkable
+class ReferenceEstimator(TruthEstimator, Protocol):
+    """An estimator that sees the truth and gives many clouds, over which scores are averaged.
+
+    Its ``estimate`` returns the realisation whose deviation is nearest to the mean.
+    """
+
+    def realisations(self, radio: Radio, truth: PointCloud) -> Sequence[PointCloud]:
+        """Make all realisations from a truth, the same in every call.
+
+        Parameters
+        ----------
+        radio : Radio
+            Scenario or observation.
+        truth : PointCloud
+
+        Returns
+        -------
+        sequence of PointCloud
+            At least one.
+        """
+
+
 @dataclass(frozen=True, eq=False)
 class Spectrum:
     """An angular spectrum of one range-Doppler cell, along one direction cosine.
@@ -174,6 +231,20 @@ class Diagnoser(Protocol):
         -------
         Diagnosis
         """
+
+
+def is_reference(plugin: object) -> TypeGuard[ReferenceEstimator]:
+    """Tell whether a plugin sees the truth and has realisations.
+
+    Parameters
+    ----------
+    plugin : object
+
+    Returns
+    -------
+    bool
+    """
+    return isinstance(plugin, ReferenceEstimator) and plugin.needs_truth
 
 
 def needs_of(estimator: Estimator) -> Needs:

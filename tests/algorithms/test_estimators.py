@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from isacbench_algorithms.detectors import CaCfar, OscaCfar
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
-from isacbench_algorithms.oracle import Oracle
 
 from isacbench.dsp.windows import Window
 from isacbench.errors import InputError
@@ -24,7 +23,7 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins.contracts import Diagnoser, Estimator, TruthEstimator
+from isacbench.plugins.contracts import Diagnoser, Estimator
 
 SYSTEM = System(n_subcarriers=256, n_symbols=64)
 BASE_M = np.array([15.0, 100.0, 20.0])
@@ -266,64 +265,6 @@ def test_a_diagnosis_of_an_empty_scene_has_a_map_and_no_cell(estimator):
     assert seen.cell is None
     assert seen.spectra == ()
     assert seen.power.shape == seen.detection.mask.shape
-
-
-def centroids(truth, observation):
-    """Rows of x, y, z, v and power of the cells' centroids, by a plain double loop."""
-    system, (n_p, n_q) = observation.system, observation.array.shape
-    cells = {}
-    for xyz, v, power in zip(truth.xyz, truth.velocity, truth.power, strict=True):
-        offset_m = xyz - observation.base_station_m
-        u, w = observation.frame.direction_cosines(offset_m[None])
-        key = (
-            np.floor(np.sqrt(offset_m @ offset_m) / system.range_bin_m),
-            np.floor(v / system.velocity_bin_mps),
-            np.floor(u[0] / (2 / n_p)),
-            np.floor(w[0] / (2 / n_q)),
-        )
-        cells.setdefault(key, []).append([*xyz, v, power])
-    return np.array([[*np.mean(rows, axis=0)[:4], np.sum(rows, axis=0)[4]] for rows in cells.values()])
-
-
-def by_rows(array):
-    """Rows in a fixed order."""
-    return array[np.lexsort(array.round(9).T)]
-
-
-@FRAMES
-@settings(deadline=None, max_examples=20)
-@given(n=st.integers(1, 40), spread=st.floats(0.01, 1), seed=st.integers(0, 9999))
-def test_the_oracle_is_the_centroid_of_every_cell_as_a_plain_loop_has_it(frame, n, spread, seed):
-    rng = np.random.default_rng(seed)
-    xyz = REGION.lower_m + REGION.size_m * (0.5 + spread * (rng.random((n, 3)) - 0.5))
-    scene = simulator(xyz, rng.uniform(-20, 20, n) * spread, rng.uniform(0.5, 2, n), frame)
-    observation, truth = scene.observe(0.0), scene.scenario.truth
-    cloud = Oracle().estimate(observation, truth)
-    expected = centroids(truth, observation)
-    assert len(cloud) == len(expected) <= n
-    np.testing.assert_allclose(by_rows(cloud.to_array()), by_rows(expected), atol=1e-9)
-    assert cloud.power.sum() == pytest.approx(truth.power.sum())
-
-
-def test_the_oracle_leaves_separate_scatterers_alone_and_merges_what_shares_a_cell():
-    scene = simulator()
-    truth = scene.scenario.truth
-    observation = scene.observe(0.0)
-    np.testing.assert_allclose(
-        by_rows(Oracle().estimate(observation, truth).to_array()), by_rows(truth.to_array())
-    )
-    middle = beside_the_bins(XYZ[2:3], 0.5)
-    step_m = np.array([0, 0.02, 0])
-    pair = simulator(np.concatenate([middle, middle + step_m]), [4.0, 4.2], [1.0, 2.0])
-    merged = Oracle().estimate(observation, pair.scenario.truth).to_array()
-    np.testing.assert_allclose(merged, [[*(middle[0] + step_m / 2), 4.1, 5.0]])
-
-
-def test_the_oracle_cannot_be_called_without_the_truth():
-    assert Oracle.needs_truth
-    assert isinstance(Oracle(), TruthEstimator)
-    with pytest.raises(InputError, match=r"needs the truth: call estimate\(observation, scenario"):
-        Oracle().estimate(simulator().observe(0.0))
 
 
 @pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 6.5), (Fft4d, 15.0)])

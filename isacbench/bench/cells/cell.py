@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.cells.record import Cell, Outcome, Record
+from isacbench.bench.cells.record import N_STORED, Cell, Outcome, Record
+from isacbench.bench.cells.scored_images import ScoredImage, image_reference
 from isacbench.metrics.score import score
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.contracts import TruthEstimator
+from isacbench.plugins.contracts import TruthEstimator, is_reference
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.record import CellStatus
@@ -74,27 +75,37 @@ def run_cell(
     -------
     Outcome
     """
-    truth = scenario.truth
     start = time.perf_counter()
     try:
-        cloud = estimate_cloud(estimator, observation, truth)
-        estimated = time.perf_counter()
-        scores = score_image(scenario, cloud)
-        shot = MeasuredImage(scenario, observation, estimator, cell.snr_db, cloud)
+        image = _imaged(estimator, scenario, observation)
+        scored = time.perf_counter()
+        shot = MeasuredImage(scenario, observation, estimator, cell.snr_db, image.cloud)
         extras = {} if measure is None else measure(shot)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        return failed_by(error, cell, len(truth), time.perf_counter() - start)
+        return failed_by(error, cell, len(scenario.truth), time.perf_counter() - start)
     record = Record(
         **vars(cell),
-        status="ok" if len(cloud) else "no_detection",
+        status="ok" if len(image.cloud) else "no_detection",
         reason="",
-        **scores,
-        time_estimate_s=estimated - start,
-        time_score_s=time.perf_counter() - estimated,
+        **image.scores,
+        time_estimate_s=image.time_estimate_s,
+        time_score_s=image.time_score_s + time.perf_counter() - scored,
     )
-    return Outcome(record, cloud, extras)
+    stored = {N_STORED: float(len(image.cloud))} if image.spreads else {}
+    return Outcome(record, image.cloud, {**image.spread_columns(), **stored, **extras})
+
+
+def _imaged(estimator: Estimator, scenario: Scenario, observation: Observation) -> ScoredImage:
+    """Image of an observation with its scores; of a reference, of the scenario."""
+    if is_reference(estimator):
+        return image_reference(estimator, scenario)
+    start = time.perf_counter()
+    cloud = estimate_cloud(estimator, observation, scenario.truth)
+    estimated = time.perf_counter()
+    scores = score_image(scenario, cloud)
+    return ScoredImage(cloud, scores, estimated - start, time.perf_counter() - estimated)
 
 
 def score_image(scenario: Scenario, cloud: PointCloud, metric: str = "paper") -> dict[str, Any]:

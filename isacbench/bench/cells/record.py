@@ -13,6 +13,7 @@ from isacbench.added_fields import values_before
 from isacbench.display import brief
 from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
+from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 
@@ -69,7 +70,8 @@ class Record(Cell):
     reason : str
         ``Type: message`` of a failure, else empty.
     n_true, n_estimated : int
-        Points of the truth and of the estimate; 0 estimated for a failure.
+        Points of the truth and of the estimate; 0 estimated for a failure. Of a
+        reference the rounded mean over its realisations.
     hausdorff_xy_m, ..., recall : float
         Scores of the metric ``paper``, NaN for a failure.
     time_estimate_s : float
@@ -119,6 +121,12 @@ TIMING_COLUMNS: dict[str, float] = dict.fromkeys(
     [*(f"time_{name}_s" for name in STAGES), "time_spread_s", "peak_memory_mib"], math.nan
 )
 """Further columns of a run with timing, each with its value for rows that were not timed."""
+
+N_STORED = "n_stored"
+"""Column with the points of the stored cloud, one realisation of a reference."""
+
+REFERENCE_COLUMNS: dict[str, float] = dict.fromkeys([*SPREAD_COLUMNS.values(), N_STORED], math.nan)
+"""Further columns of a run with references, each with its value for rows of other estimators."""
 
 TIMES = ["time_estimate_s", "time_score_s"]
 """Columns of every table that differ from one run to the next."""
@@ -225,16 +233,34 @@ def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     -------
     DataFrame
         Columns as in `COLUMNS`, then those of the study, and then those of
-        `TIMING_COLUMNS` that the records have.
+        `TIMING_COLUMNS` and `REFERENCE_COLUMNS` that the records have.
     """
     kinds = {name: KINDS[TYPES[name]] for name in COLUMNS}
-    timing = {name: default for name, default in TIMING_COLUMNS.items() if name in records}
-    kinds |= {name: KINDS[type(default).__name__] for name, default in {**columns, **timing}.items()}
+    optional = {**TIMING_COLUMNS, **REFERENCE_COLUMNS}
+    present = {name: default for name, default in optional.items() if name in records}
+    kinds |= {name: KINDS[type(default).__name__] for name, default in {**columns, **present}.items()}
     table = records.reindex(columns=list(kinds))
     for name, default in {**ADDED, **columns}.items():
         if name not in records:
             table[name] = default
     return table.astype(kinds)
+
+
+def stored_points(records: pd.DataFrame) -> pd.Series[Any]:
+    """Number of points of the cloud that is stored for each row.
+
+    Parameters
+    ----------
+    records : DataFrame
+
+    Returns
+    -------
+    Series
+        ``n_estimated``, or ``n_stored`` of the rows of references.
+    """
+    if N_STORED not in records:
+        return records["n_estimated"]
+    return records[N_STORED].fillna(records["n_estimated"])
 
 
 def require_sound_records(records: pd.DataFrame) -> None:

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from isacbench.bench.cells.record import REFERENCE_COLUMNS
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError, unknown_name
 from isacbench.metrics.score import METRICS
@@ -19,7 +20,7 @@ FORM = re.compile(
     r"\s*(?P<metric>\w+)\s*=\s*(?P<number>(\d+\.?\d*|\.\d+)(e[+-]?\d+)?)\s*(?P<percent>%?)\s*", re.IGNORECASE
 )
 
-NEITHER = "seed", "timing", "time_spread_s"
+NEITHER = "seed", "timing", "time_spread_s", *REFERENCE_COLUMNS
 """Columns of every run for which neither direction is better."""
 
 

@@ -73,10 +73,7 @@ def worst_scenes(
                     "scenario": name,
                     "family": families.get(name, ""),
                     "score": score,
-                    **{
-                        column: cell[column]
-                        for column in ("snr_db", "trial", "cell_score", "status", *shares)
-                    },
+                    **{column: cell[column] for column in of_cell},
                     "command": command_to_show(manifest, name, labels[variant], *at),
                 }
             )

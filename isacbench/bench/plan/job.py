@@ -14,6 +14,7 @@ from isacbench.bench.plan.run_plan import Plan
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.model.scenes.scene_families import scenario_variants
 from isacbench.plugins.discovery import local_plugins, register_plugin
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def load_job(suite: Suite) -> Job:
         If a scenario is unknown, wrong, or one of two with the same name.
     """
     loaded: dict[str, Scenario] = {}
-    for name_or_path in suite.scenarios:
+    for name_or_path in (name for listed in suite.scenarios for name in scenario_variants(listed)):
         scenario = load_scenario(name_or_path)
         if scenario.name in loaded:
             raise InputError(f"scenarios: {name_or_path!r} repeats the name {scenario.name!r}")

@@ -1,8 +1,8 @@
 """Merging of runs: shards of one run, or runs of one suite that differ in estimators, SNRs or trials.
 
-Parts with equal suites are merged by the plan that their manifests keep, so
-that no plugin has to be installed. If suites have to be united, their cells
-are planned anew, with their plugins.
+Parts whose suites are equal, or differ in their estimators alone, are merged by
+the plans that their manifests keep, so that no plugin has to be installed. If
+suites have to be united otherwise, their cells are planned anew, with their plugins.
 """
 
 from __future__ import annotations
@@ -17,11 +17,13 @@ import pandas as pd
 
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, Results, typed
 from isacbench.bench.plan.job import Job
-from isacbench.bench.plan.manifest_plan import restore_plan
+from isacbench.bench.plan.manifest_plan import ENTRIES, restore_plan
 from isacbench.bench.store import run_store
 from isacbench.bench.store.resume import differing_versions, has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
+from isacbench.bench.suites.population_kind import PopulationSuite
+from isacbench.bench.suites.scenario_digest import canonical_json
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.errors import InputError
@@ -110,7 +112,7 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     Parameters
     ----------
     folders : sequence of Path
-        Runs of the same suite: name, kind, seed, metric and contents of
+        Runs of the same suite: name, kind, seed, metric, version of a population and contents of
         scenarios are equal; its lists are united.
     out : Path
         A new folder.
@@ -171,6 +173,8 @@ def _require_one_suite(parts: Sequence[_Part]) -> None:
     for part in parts:
         suite, manifest = part.results.suite, part.manifest
         facts = {"suite": suite.name, "kind": suite.kind, "seed": suite.seed, "metric": manifest["metric"]}
+        if isinstance(suite, PopulationSuite):
+            facts["version of the population"] = suite.version
         for name, entry in manifest["scenarios"].items():
             facts[f"content of scenario {name!r}"] = entry["content"]
         for entry in manifest["scenes"]:
@@ -209,6 +213,8 @@ def _whole(parts: Sequence[_Part]) -> tuple[Plan, dict[str, Any]]:
                     "differ, because different versions wrote them"
                 )
         return restore_plan(first.manifest), {key: first.manifest[key] for key in run_store.RUN_KEYS}
+    if (joined := _with_all_estimators(parts)) is not None:
+        return restore_plan(joined), joined
     scenarios = _scenarios(parts)
     paths: dict[str, str] = {}
     for part in reversed(parts):
@@ -221,6 +227,39 @@ def _whole(parts: Sequence[_Part]) -> tuple[Plan, dict[str, Any]]:
         raise InputError(f"the suites of the parts cannot be united: {error}") from error
     described["suite"]["scenarios"] = [paths[name] for name in suite.scenarios]
     return job.plan, described
+
+
+def _with_all_estimators(parts: Sequence[_Part]) -> dict[str, Any] | None:
+    """Description of the first part with the estimators of all; None if parts differ in more than these."""
+    first = parts[0].manifest
+    entries: dict[tuple[str, str], Any] = {}
+    texts: dict[tuple[str, str], str] = {}
+    for part in parts:
+        own = part.manifest["estimators"]
+        spelled = [text for spec in part.results.suite.estimators for text, _ in spec_variants(spec)]
+        if len(spelled) != len(own) or not _differ_in_estimators_alone(part, parts[0]):
+            return None
+        for text, entry in zip(spelled, own, strict=True):
+            key = entry["name"], canonical_json(entry["params"])
+            entries.setdefault(key, entry)
+            texts.setdefault(key, text)
+    scenes = [{**scene, ENTRIES: [*range(len(entries))]} for scene in first["scenes"]]
+    suite = {**first["suite"], "estimators": [*texts.values()]}
+    shared = {key: first[key] for key in run_store.RUN_KEYS}
+    return {**shared, "suite": suite, "estimators": [*entries.values()], "scenes": scenes}
+
+
+def _differ_in_estimators_alone(one: _Part, other: _Part) -> bool:
+    """Tell whether two parts are equal up to their estimators, all of which meet every scene."""
+    facts = []
+    for part in (one, other):
+        every = [*range(len(part.manifest["estimators"]))]
+        scenes = part.manifest["scenes"]
+        if any(scene[ENTRIES] != every for scene in scenes):
+            return False
+        outline = [(scene["name"], scene["content"], scene["snr_db"]) for scene in scenes]
+        facts.append((_with_names(part).model_copy(update={"estimators": ()}), outline))
+    return facts[0] == facts[1]
 
 
 def _scenarios(parts: Sequence[_Part]) -> dict[str, Scenario]:

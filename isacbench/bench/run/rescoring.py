@@ -1,8 +1,12 @@
-"""Rescoring of a run from its stored clouds; it needs no new estimates and no plugins."""
+"""Rescoring of a run from its stored clouds; it needs no new estimates and no plugins.
+
+Rows of references are the exception: their scores are means over realisations, which are made again.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import time
 from dataclasses import dataclass
@@ -13,6 +17,8 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.cell import MeasuredImage, score_image
+from isacbench.bench.cells.record import N_STORED, stored_points
+from isacbench.bench.cells.scored_images import image_reference
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.store import run_store
 from isacbench.bench.store.rows import Rows
@@ -22,12 +28,18 @@ from isacbench.bench.studies.study import ImagedScene
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
+from isacbench.plugins.contracts import is_reference
+from isacbench.plugins.registry import get_estimator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from isacbench.bench.cells.record import Results
+    from isacbench.model.scene import Scenario
+    from isacbench.plugins.contracts import ReferenceEstimator
 
 
 class Change(NamedTuple):
@@ -81,7 +93,8 @@ class Rescored:
 def rescore(folder: Path) -> Rescored:
     """Score every stored cloud of a run again, and replace the old scores.
 
-    It computes anew the scores of the metric ``paper`` and the columns that the
+    The realisations of references are made again from the stored scenario; the
+    stored cloud stays. It computes anew the scores of the metric ``paper`` and the columns that the
     studies ``efficiency`` and ``resolution`` derive from a cloud. What needs
     more than the cloud stays as it is: times, and cells that detectors tested.
     Failed rows stay, too.
@@ -98,8 +111,8 @@ def rescore(folder: Path) -> Rescored:
     Raises
     ------
     InputError
-        If the folder holds no run, a damaged one, or not all of its clouds.
-        The folder is then unchanged.
+        If the folder holds no run, a damaged one, or not all of its clouds, or
+        if a reference is not installed. The folder is then unchanged.
     """
     started, tick = datetime.now().astimezone(), time.perf_counter()
     run_store.read_manifest(folder)  # before the lock: a folder without a run stays as it is
@@ -127,12 +140,13 @@ def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
     observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
     records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
     candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(observed.scenes)))
-    is_incomplete = (rows.n_points != records["n_estimated"].to_numpy())[candidates]
+    is_incomplete = (rows.n_points != stored_points(records).to_numpy())[candidates]
     if is_incomplete.any():
         raise InputError(
             f"{folder}: {is_incomplete.sum()} of {len(candidates)} clouds are missing or damaged; "
             "`isacbench run` into the folder makes them again"
         )
+    references = _references(folder, records.iloc[candidates], candidates)
     ends = np.cumsum(rows.n_points)
     scored: dict[int, Mapping[str, Any]] = {}
     for (name, trial), inside in rows_by_trial(records.iloc[candidates]).items():
@@ -141,8 +155,46 @@ def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
             cloud = PointCloud.from_array(rows.points[ends[row] - rows.n_points[row] : ends[row]])
             shot = MeasuredImage(scenario, None, None, records["snr_db"].iloc[row], cloud)
             measured = _measured(observed.scenes[name], shot, kind_of(results.suite).columns)
-            scored[row] = {**score_image(scenario, cloud), **measured}
+            reference = references.get(row)
+            scores = score_image(scenario, cloud) if reference is None else _means(reference, scenario)
+            scored[row] = {**scores, **measured}
     return pd.DataFrame(list(scored.values()), index=list(scored))
+
+
+def _references(
+    folder: Path, records: pd.DataFrame, positions: NDArray[np.intp]
+) -> dict[int, ReferenceEstimator]:
+    """References by the position of their rows, which have spreads."""
+    if N_STORED not in records:
+        return {}
+    variants: dict[tuple[str, str], ReferenceEstimator] = {}
+    found = {}
+    for row, (_, record) in zip(positions.tolist(), records.iterrows(), strict=True):
+        if pd.isna(record[N_STORED]):
+            continue
+        name, params = record["estimator"], record["params"]
+        if (name, params) not in variants:
+            variants[name, params] = _reference(folder, name, params)
+        found[row] = variants[name, params]
+    return found
+
+
+def _reference(folder: Path, name: str, params: str) -> ReferenceEstimator:
+    """Build the reference of a row."""
+    what = f"{folder}: the scores of {name!r} are means over its realisations, which have to be made again"
+    try:
+        plugin = get_estimator(name, **json.loads(params))
+    except InputError as error:
+        raise InputError(f"{what}; {error}") from error
+    if not is_reference(plugin):
+        raise InputError(f"{what}, but the installed estimator has no realisations")
+    return plugin
+
+
+def _means(reference: ReferenceEstimator, scenario: Scenario) -> dict[str, Any]:
+    """Scores of a reference with their spreads."""
+    image = image_reference(reference, scenario)
+    return {**image.scores, **image.spread_columns()}
 
 
 def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any]) -> dict[str, Any]:

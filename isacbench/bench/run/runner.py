@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import TIMING_COLUMNS, Results, typed
+from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Results, typed
 from isacbench.bench.cells.timing import repeats_wanted
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.plan.run_plan import Shard
@@ -28,6 +28,7 @@ from isacbench.bench.suites.suite_kinds import kind_of, load_suite
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
 from isacbench.bench.workers.local_workers import work_alone, work_guarded, work_here
 from isacbench.errors import InputError
+from isacbench.plugins.contracts import is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
 
 if TYPE_CHECKING:
@@ -273,7 +274,12 @@ def run_suite(
         with closing(_made(job, blocks, execution)) as outcomes:
             unfinished = [*sessions, run_store.describe_session(started, 0.0, True, options)]
             _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
-            further = {**columns, **(TIMING_COLUMNS if execution.is_timing else {})}
+            has_reference = any(is_reference(one.plugin) for one in job.plan.entries)
+            further = {
+                **columns,
+                **(TIMING_COLUMNS if execution.is_timing else {}),
+                **(REFERENCE_COLUMNS if has_reference else {}),
+            }
             with closing(Journal(folder / run_store.JOURNAL, further)) as journal:
                 n_cells = n_kept + sum(len(block.entries) for block in blocks)
                 interrupted = _work(outcomes, journal, n_kept, n_cells, progress)

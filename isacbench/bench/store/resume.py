@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pandas as pd
 
+from isacbench.bench.cells.record import stored_points
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.store.provenance import environment_id, environment_of
@@ -153,7 +154,7 @@ def has_its_cloud(stored: Rows) -> Mask:
         True also for rows without scores, which have no cloud.
     """
     scored = stored.records["deviation"].notna().to_numpy()
-    whole: Mask = ~scored | (stored.n_points == stored.records["n_estimated"].to_numpy())
+    whole: Mask = ~scored | (stored.n_points == stored_points(stored.records).to_numpy())
     return whole
 
 

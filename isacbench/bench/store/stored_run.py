@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS
+from isacbench.bench.cells.record import CLOUD_KEYS, stored_points
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store.run_store import read_manifest, read_scenes, read_sound_rows
 from isacbench.bench.studies.study import ImagedScene
@@ -360,7 +360,7 @@ class _Clouds(Mapping[CellKey, PointCloud]):
 
     def __init__(self, rows: Rows) -> None:
         records, ends = rows.records, np.cumsum(rows.n_points)
-        is_scored = records["deviation"].notna() & (rows.n_points == records["n_estimated"])
+        is_scored = records["deviation"].notna() & (rows.n_points == stored_points(records))
         keys = records.loc[is_scored, CLOUD_KEYS].itertuples(index=False)
         bounds = zip(ends - rows.n_points, ends, strict=True)
         self._bounds = dict(zip(map(CellKey._make, keys), compress(bounds, is_scored), strict=True))

@@ -7,6 +7,7 @@ __all__ = [
     "intervals",
     "link_study",
     "medians",
+    "population_study",
     "power_maps",
     "ratios",
     "resolution_study",

@@ -16,6 +16,7 @@ from isacbench.bench.studies.study import (
     element_snrs_db,
     require_scatterers,
 )
+from isacbench.metrics.realisations import SPREAD_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,6 +38,9 @@ AVERAGED = [
     "precision",
     "recall",
 ]
+
+MANY_SCENARIOS = 12
+"""More scenarios are not shown one by one, but by their mean."""
 
 
 def imaging_scenes(suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
@@ -80,7 +84,8 @@ def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
         the counts ``n_cells``, ``n_no_detection`` and ``n_failed``; for every
         score ``<score>_mean`` and ``<score>_band``, the half width of the
         95 % confidence interval of the mean (Student's t), over the cells
-        that did not fail, the band over five or more of them; and
+        that did not fail, the band over five or more of them; of a reference
+        the band is the mean spread over its realisations; and
         ``time_estimate_s_median`` as `isacbench.bench.studies.medians.median_times`
         has it.
     """
@@ -94,6 +99,8 @@ def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
     groups = table.groupby(GROUP, sort=False)
     mean, deviation, count = (getattr(groups[AVERAGED], name)() for name in ("mean", "std", "count"))
     band = pd.DataFrame(student_band(deviation, count), index=mean.index, columns=AVERAGED)
+    spreads = {SPREAD_COLUMNS[name]: name for name in AVERAGED if SPREAD_COLUMNS[name] in records}
+    band = groups[list(spreads)].mean().rename(columns=spreads).combine_first(band)
     columns: dict[str, pd.Series[Any]] = {
         "n_cells": groups.size(),
         "n_no_detection": groups["no_detection"].sum(),
@@ -102,3 +109,35 @@ def summarise_scores(records: pd.DataFrame) -> pd.DataFrame:
     for name in AVERAGED:
         columns |= {f"{name}_mean": mean[name], f"{name}_band": band[name]}
     return pd.DataFrame(columns).join(median_times(records, GROUP)).reset_index()
+
+
+def average_scenarios(records: pd.DataFrame) -> pd.DataFrame:
+    """Average scores over scenarios, each of which counts once however many trials it has.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    DataFrame
+        As `summarise_scores` returns it, one row for each estimator (with its parameters) and SNR,
+        with means and bands over the scenarios' means. ``scenario`` says how many there are, and counts
+        are sums.
+    """
+    by = ["estimator", "params", "snr_db"]
+    summary = summarise_scores(records)
+    groups = summary.groupby(by, sort=False)
+    counts = [name for name in summary if name.startswith("n_") and not name.endswith(("_mean", "_band"))]
+    scores = [f"{name}_mean" for name in AVERAGED]
+    bands = student_band(groups[scores].std(), groups[scores].count())
+    found = [
+        groups[counts].sum(),
+        groups[scores].mean(),
+        pd.DataFrame(bands, columns=[f"{name}_band" for name in AVERAGED], index=groups.size().index),
+        median_times(records, by),
+    ]
+    table = pd.concat(found, axis=1).reset_index()
+    table.insert(0, "scenario", f"{records['scenario'].nunique()} scenarios")
+    return table

@@ -6,6 +6,7 @@ __all__ = [
     "efficiency_kind",
     "kind",
     "link_kind",
+    "population_kind",
     "resolution_kind",
     "scenario_digest",
     "suite",

@@ -10,6 +10,7 @@ from isacbench.bench.suites.detection_kind import DETECTION
 from isacbench.bench.suites.efficiency_kind import EFFICIENCY
 from isacbench.bench.suites.imaging_kind import IMAGING
 from isacbench.bench.suites.link_kind import LINK
+from isacbench.bench.suites.population_kind import POPULATION
 from isacbench.bench.suites.resolution_kind import RESOLUTION
 from isacbench.bench.suites.suite import find_suite
 from isacbench.errors import InputError
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
     from isacbench.bench.suites.kind import Kind
     from isacbench.bench.suites.suite import Suite
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (IMAGING, EFFICIENCY, RESOLUTION, DETECTION, LINK)}
+KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (IMAGING, EFFICIENCY, RESOLUTION, DETECTION, LINK, POPULATION)
+}
 """Kinds of suites by the value of the key ``kind``. A new one is entered here, and nowhere else."""
 
 PLANNERS = tuple(kind.plan.partition(":")[0] for kind in KINDS.values())

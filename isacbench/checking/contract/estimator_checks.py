@@ -30,8 +30,8 @@ from isacbench.model.frame import FrameName
 from isacbench.model.observation import cross_elements
 from isacbench.plugins.contracts import needs_of
 
-BOUND = "isacbench_algorithms.oracle"
-"""Module of the one estimator that may see the truth: a bound, and no competitor."""
+REFERENCES = ("isacbench_algorithms.oracle", "isacbench_algorithms.chance")
+"""Modules of the estimators that may see the truth: references, which do not compete."""
 
 MISS_CELLS = 2.0
 """Rayleigh cells beyond which a lone strong echo counts as missed."""
@@ -81,10 +81,10 @@ class EstimatorSubject(PluginSubject):
 
 def _sees_no_truth(subject: EstimatorSubject) -> str:
     sees = bool(getattr(subject.plugin_class, "needs_truth", False))
-    if sees and subject.plugin_class.__module__ != BOUND:
+    if sees and subject.plugin_class.__module__ not in REFERENCES:
         raise BrokenPromiseError(
-            "needs_truth asks for the truth, which the built-in oracle alone may see: remove it, and "
-            "estimate from the observation"
+            "needs_truth asks for the truth, which only the built-in oracle and chance may see: remove it, "
+            "and estimate from the observation"
         )
     return ""
 

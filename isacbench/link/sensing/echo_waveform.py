@@ -76,7 +76,7 @@ def echo_paths(scenario: Scenario, elements: ArrayLike) -> Paths:
         raise InputError(f"elements {elements!r}: allowed are pairs from (0, 0) to ({n_p - 1}, {n_q - 1})")
     echo = echo_parameters(scenario)
     return Paths(
-        gain=echo.gain[:, None] * element_responses(echo, places),
+        gain=echo.gain[:, None] * element_responses(scenario, echo, places),
         delay_s=2 * scenario.range_m / SPEED_OF_LIGHT_MPS,
         doppler_hz=2 * scenario.scatterers.velocity * scenario.system.carrier_hz / SPEED_OF_LIGHT_MPS,
     )

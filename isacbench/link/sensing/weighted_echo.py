@@ -50,7 +50,7 @@ def weighted_echo(scenario: Scenario, gate: Gate, weight: NDArray[np.float64]) -
     ndarray of complex128, shape (n_range, n_doppler, P, Q)
     """
     echo, system = echo_parameters(scenario), scenario.system
-    coordinates, basis = _dimensions(element_responses(echo, scenario.array.positions))
+    coordinates, basis = _dimensions(element_responses(scenario, echo, scenario.array.positions))
     at_dimensions = _cells(echo, gate, weight, coordinates)
     # Explicit sizes, because -1 cannot be resolved where a scene is empty.
     n_cells, (n_dimensions, n_elements) = gate.shape[0] * gate.shape[1], basis.shape

@@ -1,3 +1,3 @@
-"""Scenario files and the objects that they name."""
+"""Scenario files, families of generated scenes, and the objects that both consist of."""
 
-__all__ = ["scenario"]
+__all__ = ["motion", "raw_uniforms", "scenario", "scene_families"]

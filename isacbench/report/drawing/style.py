@@ -41,6 +41,10 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKERS = "os^Dvp"
 LINES: tuple[LineStyle, ...] = ("-", "-.", ":")
 BOUND_COLOUR = "0.15"
+BOUND_LINES: tuple[LineStyle, ...] = ("--", ":", "-.")
+
+ROLES = {"oracle": "truth merged in cells ± spread", "chance": "zero skill ± spread"}
+"""Meaning of the built-in references in legends, with that of their band."""
 
 CONTEXT = "0.72"
 """Grey of the truth behind an estimate."""
@@ -123,7 +127,9 @@ def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict
     n_competitors = 0
     for variant, label in labels.items():
         if variant[0] in bounds:
-            found[variant] = LineLook(f"{drawable(label)} (sees the truth)", BOUND_COLOUR, "", "--", True)
+            role = ROLES.get(variant[0], "sees the truth")
+            line = BOUND_LINES[(len(found) - n_competitors) % len(BOUND_LINES)]
+            found[variant] = LineLook(f"{drawable(label)} ({role})", BOUND_COLOUR, "", line, True)
             continue
         turn, index = divmod(n_competitors, len(COLOURS))
         marker = MARKERS[(index + turn) % len(MARKERS)]

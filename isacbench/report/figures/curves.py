@@ -175,7 +175,9 @@ def draw_scores(
     return figure
 
 
-def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figure:
+def draw_deviations(
+    summary: pd.DataFrame, looks: Mapping[Variant, LineLook], subtitle: str | None = None
+) -> Figure:
     """Draw the deviation of every scenario, side by side on one scale.
 
     Parameters
@@ -183,13 +185,15 @@ def draw_deviations(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) ->
     summary : DataFrame
         As `isacbench.bench.studies.imaging_study.summarise_scores` returns it.
     looks : mapping of (str, str) to LineLook
+    subtitle : str, optional
+        Says what means are taken over; by default over trials.
 
     Returns
     -------
     Figure
     """
     scenarios = list(summary["scenario"].unique())
-    title = f"{DEVIATION.title}\n{mean_of_trials(int(summary['n_cells'].max()))}"
+    title = f"{DEVIATION.title}\n{subtitle or mean_of_trials(int(summary['n_cells'].max()))}"
     figure, panels = panel_grid(len(scenarios), _legend(looks, summary), title)
     for axes, scenario in zip(panels, scenarios, strict=True):
         _draw_panel(axes, DEVIATION, looks, summary[summary["scenario"] == scenario])

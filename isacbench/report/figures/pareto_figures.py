@@ -120,10 +120,8 @@ def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
         Of more than four SNRs, `shown_snrs`.
     """
     part = points[points["scenario"] == scenario]
-    looks = assign_looks(
-        {(name, ""): name for name in part["estimator"].unique()},
-        set(part.loc[part["is_limit"], "estimator"]),
-    )
+    labels = {_look_key(row): row["label"] if row["is_limit"] else row["estimator"] for row in _rows(part)}
+    looks = assign_looks(labels, set(part.loc[part["is_limit"], "estimator"]))
     is_numbered = bool(part.groupby("estimator")["number"].nunique().max() > 1)
     snrs_db = shown_snrs(part["snr_db"].tolist())
     legend, title = _legend(part, looks, is_numbered), f"{drawable(scenario)}: {_average(part)}"
@@ -200,8 +198,7 @@ def _average(part: pd.DataFrame) -> str:
 def _legend(part: pd.DataFrame, looks: Mapping[Variant, LineLook], is_numbered: bool) -> list[Line2D]:
     """Make entries of all estimators, by number if they have one, of the frontier, and of the marks."""
     entries = [
-        _entry(rows, looks[str(name), ""], is_numbered)
-        for (_, name), rows in part.groupby(["number", "estimator"])
+        _entry(rows, looks[_look_key(rows.iloc[0])], is_numbered) for _, rows in part.groupby("number")
     ]
     entries.append(Line2D([], [], color=FRONTIER_COLOUR, label="Pareto frontier"))
     mark: dict[str, Any] = {"color": FRONTIER_COLOUR, "linestyle": "", "markerfacecolor": "white"}
@@ -245,14 +242,23 @@ def _competitors(part: pd.DataFrame) -> pd.DataFrame:
 
 def _draw_points(axes: Axes, part: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> None:
     """Draw the limits and the points of one SNR."""
-    for row in part[part["is_limit"] & part["deviation_mean"].notna()].to_dict("records"):
-        look = looks[row["estimator"], ""]
+    for row in _rows(part[part["is_limit"] & part["deviation_mean"].notna()]):
+        look = looks[_look_key(row)]
         axes.axhline(row["deviation_mean"], color=look.colour, linestyle=look.line, linewidth=1.0)
         if math.isfinite(row["deviation_low"]):
             band = row["deviation_low"], row["deviation_high"]
             axes.axhspan(*band, color=look.colour, alpha=0.1, linewidth=0)
-    for row in _competitors(part).to_dict("records"):
-        _draw_point(axes, row, looks[row["estimator"], ""])
+    for row in _rows(_competitors(part)):
+        _draw_point(axes, row, looks[_look_key(row)])
+
+
+def _rows(part: pd.DataFrame) -> list[dict[Hashable, Any]]:
+    return part.to_dict("records")
+
+
+def _look_key(row: Mapping[Hashable, Any] | pd.Series[Any]) -> Variant:
+    """Key of the look of a point: limits differ by parameters, others share the look of their estimator."""
+    return row["estimator"], row["params"] if row["is_limit"] else ""
 
 
 def _draw_point(axes: Axes, row: Mapping[Hashable, Any], look: LineLook) -> None:

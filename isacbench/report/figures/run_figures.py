@@ -7,7 +7,12 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.store.run_store import read_results
-from isacbench.bench.studies.imaging_study import HAUSDORFF_COLUMNS, summarise_scores
+from isacbench.bench.studies.imaging_study import (
+    HAUSDORFF_COLUMNS,
+    MANY_SCENARIOS,
+    average_scenarios,
+    summarise_scores,
+)
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import make_own_folder
@@ -24,13 +29,14 @@ from isacbench.report.figures.map_figures import draw_map
 from isacbench.report.figures.pareto_figures import draw_pareto, draw_stages
 from isacbench.report.figures.spectrum_figures import draw_spectra
 from isacbench.report.tables.pareto import summarise_points, timed_rows
-from isacbench.report.tables.run_tables import batched
+from isacbench.report.tables.run_tables import batched, mean_of_scenarios
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence
     from pathlib import Path
 
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from isacbench.bench.cells.record import Results
     from isacbench.bench.plan.labels import Variant
@@ -67,7 +73,9 @@ def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
         ``curves-*.png`` and ``clouds-*.png``, more than one of these where
         the estimators are many, and of the 16 best alone where they are
         more; where the time counts ``pareto-*.png`` and, where stages were
-        timed, ``stages-*.png``. Of a study, for each scenario that it has:
+        timed, ``stages-*.png``; of more than 12 scenarios only ``deviation.png``
+        with their mean. Of a population ``ratios.png``, ``scores.png``, ``targets-*.png``
+        and ``worst-*.png``. Of another study, for each scenario that it has:
         ``efficiency-*.png``; ``resolution-*.png``; ``maps.png`` and
         ``roc.png``, and ``detection-*.png``; or ``link-*.png`` and
         ``trade-*.png``. Nothing where the run holds no cells.
@@ -140,6 +148,8 @@ def _built(specs: Sequence[str]) -> Iterator[tuple[str, Estimator]]:
 def imaging_figures(results: Results) -> Iterator[NamedFigure]:
     """Draw scores over SNR, run time against error where the time counts, and clouds.
 
+    Of more than 12 scenarios only their mean deviation is drawn.
+
     Parameters
     ----------
     results : Results
@@ -151,9 +161,29 @@ def imaging_figures(results: Results) -> Iterator[NamedFigure]:
     figure : Figure
     """
     looks = variant_looks(results.records)
+    if _is_crowded(results):
+        yield "deviation", _mean_deviation(results, looks)
+        return
     yield from _curves(results, looks)
     yield from _tradeoffs(results, looks)
     yield from _clouds(results, looks)
+
+
+def _is_crowded(results: Results) -> bool:
+    """Tell whether a run has too many scenarios for figures of each."""
+    return results.records["scenario"].nunique() > MANY_SCENARIOS
+
+
+def _mean_deviation(results: Results, looks: dict[Variant, LineLook]) -> Figure:
+    """Deviation over SNR as a mean over scenarios, and a warning that nothing else is drawn."""
+    n_scenarios = results.records["scenario"].nunique()
+    warnings.warn(
+        f"of more than {MANY_SCENARIOS} scenarios only the mean deviation is drawn; isacbench image -s "
+        "SCENARIO -e ESTIMATOR --plot draws one",
+        InputWarning,
+        stacklevel=2,
+    )
+    return draw_deviations(average_scenarios(results.records), looks, mean_of_scenarios(n_scenarios))
 
 
 def _tradeoffs(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
@@ -240,6 +270,8 @@ def _image(cloud: PointCloud, record: pd.Series[Any]) -> Image:
 def diagnosis_figures(results: Results) -> Iterator[NamedFigure]:
     """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial.
 
+    Of more than 12 scenarios nothing is drawn.
+
     Parameters
     ----------
     results : Results
@@ -250,6 +282,8 @@ def diagnosis_figures(results: Results) -> Iterator[NamedFigure]:
         Of the file.
     figure : Figure
     """
+    if _is_crowded(results):
+        return
     scenario = results.scenarios[results.records["scenario"].iloc[0]]
     diagnosers = _best_diagnosers(results, scenario.name)
     if not diagnosers:

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import pandas as pd
 
 from isacbench.bench.plan.labels import estimator_labels, variants_in
-from isacbench.bench.studies.imaging_study import summarise_scores
+from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, average_scenarios, summarise_scores
 from isacbench.bench.studies.intervals import MIN_TRIALS
 from isacbench.bench.studies.medians import TIME, median_times
 from isacbench.files.escaping import in_markdown, visible
+from isacbench.metrics.realisations import SPREAD_COLUMNS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rich.table import Table
+
+    from isacbench.bench.plan.labels import Variant
 
 SHOWN = {
     "hausdorff_sum_m": "Hausdorff [m]",
@@ -29,6 +32,8 @@ SHOWN = {
 SPARE = ("gospa_m",), ("precision", "recall")
 """Scores that a terminal shows where there is room; the last ones are left out first."""
 
+DEVIATION_SPREAD = SPREAD_COLUMNS["deviation"]
+VARIANT = ["estimator", "params"]
 TERMINAL_WIDTH = 100
 ESTIMATORS_A_TABLE = 4
 LONGEST_LABEL = 24
@@ -48,12 +53,15 @@ class Grid(NamedTuple):
     spare : sequence of list of int
         Groups of columns that a terminal leaves out where the table is wider than 100 characters,
         the last group first.
+    is_detail : bool
+        True for a table that is written into files, and not printed.
     """
 
     title: str
     header: list[str]
     rows: list[list[str]]
     spare: Sequence[Sequence[int]] = ()
+    is_detail: bool = False
 
 
 def trials_and_band(n_trials: int, noun: str = "band") -> str:
@@ -121,6 +129,26 @@ def milliseconds(time_s: float, digits: int = 1) -> str:
     return "" if math.isnan(time_s) else f"{1e3 * time_s:.{digits}f}"
 
 
+def mean_of_scenarios(n_scenarios: int) -> str:
+    """Say that something is a mean over scenarios, and whether it has a confidence band.
+
+    Parameters
+    ----------
+    n_scenarios : int
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> mean_of_scenarios(100)
+    'mean over 100 scenarios, 95 % confidence band'
+    """
+    band = "95 % confidence band" if n_scenarios >= MIN_TRIALS else f"no confidence band below {MIN_TRIALS}"
+    return f"mean over {n_scenarios} scenarios, {band}"
+
+
 def score_grids(records: pd.DataFrame) -> list[Grid]:
     """Lay out scores and times of a run, estimators over SNR.
 
@@ -133,31 +161,48 @@ def score_grids(records: pd.DataFrame) -> list[Grid]:
     -------
     list of Grid
         One a scenario, or more where the estimators are too many for the
-        width of a terminal.
+        width of a terminal. Of more than 12 scenarios first their mean; the others are details.
     """
-    summary = summarise_scores(records)
+    labels = estimator_labels(variants_in(records))
+    n_scenarios, found = records["scenario"].nunique(), []
+    is_detail = n_scenarios > MANY_SCENARIOS
+    if is_detail:
+        times_s = median_times(records, VARIANT)[f"{TIME}_median"]
+        title = f"{mean_of_scenarios(n_scenarios)}; median time of an image"
+        found += _estimators_over_snr(average_scenarios(records), title, labels, times_s.to_dict())
+    times_s = median_times(records, ["scenario", *VARIANT])[f"{TIME}_median"]
+    for scenario, part in summarise_scores(records).groupby("scenario", sort=False):
+        title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; median time of an image"
+        if DEVIATION_SPREAD in records and records[DEVIATION_SPREAD].notna().any():
+            title += "; ± of references: spread over realisations"
+        own_s = {variant: times_s.get((scenario, *variant), math.nan) for variant in labels}
+        grids = _estimators_over_snr(part, title, labels, own_s)
+        found += [grid._replace(is_detail=is_detail) for grid in grids]
+    return found
+
+
+def _estimators_over_snr(
+    summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], times_s: Mapping[Variant, float]
+) -> list[Grid]:
+    """Tables of one scenario, or of a mean over scenarios, a few estimators in each."""
     scores = summary[[f"{score}_mean" for score in SHOWN]].map(lambda mean: written(mean, "{:.2f}"))
     scores.insert(0, "deviation", [deviation_text(entry) for _, entry in summary.iterrows()])
     names = list(scores)
-    summary = pd.concat([summary[["scenario", "snr_db", "estimator", "params", "n_cells"]], scores], axis=1)
-    times_s = median_times(records, ["scenario", "estimator", "params"])[f"{TIME}_median"]
-    labels = estimator_labels(variants_in(records))
+    texts = pd.concat([summary[["snr_db", *VARIANT]], scores], axis=1)
+    table = texts.pivot(index="snr_db", columns=VARIANT, values=names).fillna("")
     found = []
-    for scenario, part in summary.groupby("scenario", sort=False):
-        title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; median time of an image"
-        table = part.pivot(index="snr_db", columns=["estimator", "params"], values=names).fillna("")
-        for batch in batched(variants_in(part), ESTIMATORS_A_TABLE):
-            header, last = ["SNR [dB]"], ["time [ms]"]
-            for variant in batch:
-                header += [f"{labels[variant]}: deviation", *SHOWN.values()]
-                last += [milliseconds(times_s.get((scenario, *variant), math.nan)), *[""] * len(SHOWN)]
-            cells = table[[(score, *variant) for variant in batch for score in names]]
-            rows = [[f"{snr_db:g}", *texts] for snr_db, *texts in cells.itertuples()]
-            spare = [
-                [place for place, name in enumerate(header) if name in [SHOWN[score] for score in group]]
-                for group in SPARE
-            ]
-            found.append(Grid(title, header, [*rows, last], spare))
+    for batch in batched(variants_in(summary), ESTIMATORS_A_TABLE):
+        header, last = ["SNR [dB]"], ["time [ms]"]
+        for variant in batch:
+            header += [f"{labels[variant]}: deviation", *SHOWN.values()]
+            last += [milliseconds(times_s.get(variant, math.nan)), *[""] * len(SHOWN)]
+        cells = table[[(score, *variant) for variant in batch for score in names]]
+        rows = [[f"{snr_db:g}", *texts] for snr_db, *texts in cells.itertuples()]
+        spare = [
+            [place for place, name in enumerate(header) if name in [SHOWN[score] for score in group]]
+            for group in SPARE
+        ]
+        found.append(Grid(title, header, [*rows, last], spare))
     return found
 
 

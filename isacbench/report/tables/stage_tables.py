@@ -8,16 +8,20 @@ import pandas as pd
 
 from isacbench.bench.cells.record import TIMING_COLUMNS
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.plan.labels import estimator_labels, variants_in
+from isacbench.bench.studies.imaging_study import MANY_SCENARIOS
 from isacbench.bench.studies.medians import TIME, median_times
 from isacbench.instrument.stages import STAGES
 from isacbench.report.tables.run_tables import Grid, milliseconds
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+
+    from isacbench.bench.plan.labels import Variant
 
 MEDIANS = [TIME, *TIMING_COLUMNS]
-POINT = ["scenario", "estimator", "params", "snr_db"]
+VARIANT = ["estimator", "params"]
+POINT = ["scenario", *VARIANT, "snr_db"]
 DIGITS = 2
 """Decimals of milliseconds: stages are short."""
 
@@ -70,18 +74,25 @@ def stage_grids(records: pd.DataFrame) -> list[Grid]:
     list of Grid
         One a scenario, or a template from which many scenes are made.
         Medians are over all SNRs and trials; stages that do not occur are
-        empty.
+        empty. Of more than 12 scenarios first all together; the others are details.
     """
     place = "template" if "template" in records else "scenario"
-    table = _medians(records, [place, "estimator", "params"])
-    labels = estimator_labels(zip(table["estimator"], table["params"], strict=True))
-    found = []
+    table = _medians(records, [place, *VARIANT])
+    labels = estimator_labels(variants_in(table))
+    n_places, found = table[place].nunique(), []
+    if n_places > MANY_SCENARIOS:
+        found.append(_stage_grid(f"{n_places} scenarios", _medians(records, VARIANT), labels))
     for name, part in table.groupby(place, sort=False):
-        title = f"{name}: median time of an estimate and its stages [ms], peak memory [MiB]"
-        header = ["estimator", "cells", "time", "spread", *STAGES, "memory"]
-        rows = [_row(labels[entry["estimator"], entry["params"]], entry) for _, entry in part.iterrows()]
-        found.append(Grid(title, header, rows))
+        found.append(_stage_grid(str(name), part, labels)._replace(is_detail=n_places > MANY_SCENARIOS))
     return found
+
+
+def _stage_grid(name: str, table: pd.DataFrame, labels: Mapping[Variant, str]) -> Grid:
+    """Times of some scenarios, a row an estimator."""
+    title = f"{name}: median time of an estimate and its stages [ms], peak memory [MiB]"
+    header = ["estimator", "cells", "time", "spread", *STAGES, "memory"]
+    rows = [_row(labels[entry["estimator"], entry["params"]], entry) for _, entry in table.iterrows()]
+    return Grid(title, header, rows)
 
 
 def _medians(records: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:

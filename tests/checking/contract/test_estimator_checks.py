@@ -97,7 +97,7 @@ BROKEN = [
             "def estimate(self, observation)",
             "needs_truth: ClassVar = True\n    def estimate(self, observation, truth)",
         ),
-        "which the built-in oracle alone may see",
+        "which only the built-in oracle and chance may see",
     ),
     (
         "image",

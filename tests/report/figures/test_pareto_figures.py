@@ -67,6 +67,22 @@ def test_the_frontier_is_a_step_line_from_the_fastest_to_the_edge(timed):
     assert alphas == {(10.0, 5.0): 1.0, (20.0, 4.0): 1.0, (30.0, 4.5): DOMINATED_ALPHA}
 
 
+def test_limits_of_one_name_have_lines_and_entries_of_their_own(timed):
+    rows = [
+        timed(oracle=(1e-6, 1.0), a=(0.01, 5.0)),
+        timed(params={"oracle": {"cell": 0.5}}, oracle=(1e-6, 0.5)),
+    ]
+    figure = draw_pareto(summarise_points(pd.concat(rows), {"oracle"}), "street")
+    levels = {
+        line.get_ydata()[0]: line.get_linestyle()
+        for line in figure.axes[0].lines
+        if len(set(line.get_ydata())) == 1
+    }
+    assert (levels[1.0], levels[0.5]) == ("--", ":")
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert entries[:2] == [f"oracle{cell} (truth merged in cells ± spread)" for cell in ("", "[cell=0.5]")]
+
+
 def test_a_limit_is_a_level_line_and_does_not_stretch_the_time(timed):
     points = summarise_points(timed(limit=(1e-6, noisy_level()), a=(0.01, 5.0)), {"limit"})
     (axes,) = draw_pareto(points, "street").axes

@@ -1,0 +1,332 @@
+"""The families of generated scenes: what is drawn, and where it stands.
+
+Every function takes the parameters of a family and the key of its uniforms,
+and returns the content of a scenario file without its name. Region and speeds
+are constants of the family. Frame, carrier phases and array errors do not
+change what is drawn. All lengths are decimal numbers, so that a scene can be
+written to a file and read again.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.scenes.motion import heading
+from isacbench.model.scenes.placement import MOST_TRIES, Draws, Ground
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from isacbench.model.scenes.scene_families import (
+        CrowdParameters,
+        DensityParameters,
+        FamilyParameters,
+        SparseParameters,
+    )
+
+Content = dict[str, Any]
+Place = tuple[float, float]
+Pose = tuple[float, float, float]
+
+SQUARE: Content = {
+    "base_station": {"position_m": [20.0, 100.0, 20.0]},
+    "region": {"x_m": [0.0, 40.0], "y_m": [0.0, 30.0], "z_m": [0.0, 20.0], "speed_mps": [-25.0, 25.0]},
+}
+"""Base station and region of all families."""
+
+FASTEST_MPS = 12.0
+"""Speed of vehicles: the highest point of a wheel has twice as much."""
+
+LONE_Z_M = 0.0, 15.0
+"""Heights of lone scatterers: at that of the base station the paper's frame has no direction."""
+
+RANGES: dict[str, dict[str, tuple[int, int]]] = {
+    "low": {"vehicle": (1, 1), "pedestrian": (1, 3), "pole": (1, 2), "rail": (0, 1), "hedge": (0, 1)},
+    "medium": {"vehicle": (1, 3), "pedestrian": (3, 6), "pole": (2, 4), "rail": (1, 2), "hedge": (1, 2)},
+    "high": {"vehicle": (4, 6), "pedestrian": (8, 14), "pole": (4, 6), "rail": (2, 3), "hedge": (2, 3)},
+}
+"""Least and largest number of each object of a town, by density."""
+
+
+def draw_street(parameters: FamilyParameters, key: str) -> Content:
+    """Draw the paper's objects elsewhere, mirrored and turned.
+
+    Two cars drive in opposite directions along a street, two pedestrians each
+    walk in either direction, and a green belt and two lamp posts stand.
+
+    Parameters
+    ----------
+    parameters : FamilyParameters
+    key : str
+
+    Returns
+    -------
+    dict
+    """
+    draws, ground = Draws(key), _ground()
+    along_deg = draws.between(-90.0, 90.0, 1)
+    speed_mps = draws.between(5.0, FASTEST_MPS, 1)
+    mirrored = draws.either()
+    place = _anywhere(draws)
+
+    def anywhere(yaw_deg: float) -> Callable[[], Pose]:
+        return lambda: _mirrored((*place(), yaw_deg), mirrored)
+
+    objects = [_placed(ground, {"kind": "green_belt"}, (1.0, 20.0), anywhere(along_deg))]
+    for turn_deg in (0.0, 180.0):
+        pose = anywhere(along_deg + turn_deg + draws.between(-5.0, 5.0, 1))
+        objects.append(_moving(_placed(ground, {"kind": "car"}, (2.0, 6.0), pose), speed_mps))
+    for _ in range(2):
+        post = {"kind": "lamp_post", "spacing_m": 0.5}
+        objects.append(_placed(ground, post, (2.0, 2.0), anywhere(0.0)))
+    for turn_deg in (0.0, 0.0, 180.0, 180.0):
+        pose = anywhere(along_deg + turn_deg + draws.between(-30.0, 30.0, 1))
+        placed = _placed(ground, {"kind": "pedestrian"}, (0.6, 0.7), pose)
+        objects.append(_moving(placed, draws.between(1.0, 2.0, 1)))
+    return _content(parameters, objects)
+
+
+def draw_town(parameters: DensityParameters, key: str) -> Content:
+    """Draw vehicles, pedestrians, posts, rails and hedges.
+
+    Parameters
+    ----------
+    parameters : DensityParameters
+    key : str
+
+    Returns
+    -------
+    dict
+    """
+    draws = Draws(key)
+    return _content(parameters, _mixed(draws, _ground(), parameters.density))
+
+
+def draw_weak(parameters: DensityParameters, key: str) -> Content:
+    """Draw a town whose objects have amplitudes from 0.01 to 1, uniform in dB.
+
+    Parameters
+    ----------
+    parameters : DensityParameters
+    key : str
+
+    Returns
+    -------
+    dict
+    """
+    draws = Draws(key)
+    objects = _mixed(draws, _ground(), parameters.density)
+    for entry in objects:
+        entry["amplitude"] = round(10 ** (-2 * draws.uniform()), 4)
+    return _content(parameters, objects)
+
+
+def draw_facade(parameters: DensityParameters, key: str) -> Content:
+    """Draw one or two house fronts, and vehicles and pedestrians between them and the base station.
+
+    Parameters
+    ----------
+    parameters : DensityParameters
+    key : str
+
+    Returns
+    -------
+    dict
+    """
+    draws, ground = Draws(key), _ground()
+    objects = []
+    for _ in range(2 if parameters.density == "high" else 1):
+        length_m, height_m = draws.between(10.0, 18.0, 1), draws.between(4.0, 8.0, 1)
+
+        def pose(half_m: float = length_m / 2) -> Pose:
+            yaw_deg = 90.0 + draws.between(-20.0, 20.0, 1)
+            return draws.between(half_m, 40.0 - half_m), draws.between(1.0, 8.0), yaw_deg
+
+        front = {"kind": "wall", "size_m": [length_m, height_m]}
+        objects.append(_placed(ground, front, (0.2, length_m), pose))
+
+    def before() -> tuple[float, float]:
+        return draws.between(0.0, 40.0), draws.between(12.0, 30.0)
+
+    ranges = RANGES[parameters.density]
+    objects += [_vehicle(draws, ground, before) for _ in range(draws.whole(*ranges["vehicle"]))]
+    objects += [_pedestrian(draws, ground, before) for _ in range(draws.whole(*ranges["pedestrian"]))]
+    return _content(parameters, objects)
+
+
+def draw_crowd(parameters: CrowdParameters, key: str) -> Content:
+    """Draw pedestrians who walk in all directions.
+
+    Parameters
+    ----------
+    parameters : CrowdParameters
+    key : str
+
+    Returns
+    -------
+    dict
+    """
+    draws, ground = Draws(key), _ground()
+    n = parameters.pedestrians or draws.whole(8, 16)
+    anywhere = _anywhere(draws)
+    return _content(parameters, [_pedestrian(draws, ground, anywhere) for _ in range(n)])
+
+
+def draw_sparse(parameters: SparseParameters, key: str) -> Content:
+    """Draw lone scatterers, each a Rayleigh cell from every other in range, velocity, u or w.
+
+    Directions differ by a cell in both frames. Scatterers move along the line of sight.
+
+    Parameters
+    ----------
+    parameters : SparseParameters
+    key : str
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If there is no room for so many.
+    """
+    draws = Draws(key)
+    n = parameters.scatterers or draws.whole(1, 20)
+    region = SQUARE["region"]
+    objects: list[Content] = []
+    cells = np.empty((0, 6))
+    tries = 0
+    while len(objects) < n:
+        tries += 1
+        if tries > MOST_TRIES:
+            raise InputError(f"no room for another scatterer beside {len(objects)}; allowed are fewer")
+        limits = region["x_m"], region["y_m"], LONE_Z_M
+        place = [draws.between(low, high, decimals=3) for low, high in limits]
+        speed_mps = draws.between(-15.0, 15.0, 3)
+        cell = _rayleigh_coordinates(place, speed_mps)
+        apart = np.abs(cells - cell) >= 1
+        # Range or velocity, or a direction in either frame.
+        if (apart[:, :2].any(axis=1) | (apart[:, 2:4].any(axis=1) & apart[:, 4:].any(axis=1))).all():
+            cells = np.vstack([cells, cell])
+            objects.append({"kind": "point", "position_m": place, "velocity_mps": speed_mps})
+            tries = 0
+    return _content(parameters, objects)
+
+
+def _rayleigh_coordinates(place: list[float], speed_mps: float) -> np.ndarray:
+    """Range, velocity, and u and w in both frames, in Rayleigh cells."""
+    system, (n_p, n_q) = System(), VirtualArray().shape
+    offset_m = np.array([place]) - SQUARE["base_station"]["position_m"]
+    directions = [get_frame(name).direction_cosines(offset_m) for name in ("panel", "paper")]
+    range_m = float(np.linalg.norm(offset_m))
+    cosines = [part for u, w in directions for part in (u[0] * n_p / 2, w[0] * n_q / 2)]
+    return np.array([range_m / system.range_bin_m, speed_mps / system.velocity_bin_mps, *cosines])
+
+
+def _content(parameters: FamilyParameters, objects: list[Content]) -> Content:
+    """Content of a scenario file."""
+    errors = {name: getattr(parameters, name) for name in ("gain_error_db", "phase_error_deg")}
+    return {
+        "system": {"coherent_phase": parameters.coherent_phase},
+        "array": {"frame": parameters.frame, **{name: error for name, error in errors.items() if error}},
+        **SQUARE,
+        "objects": objects,
+    }
+
+
+def _ground() -> Ground:
+    return Ground(SQUARE["region"]["x_m"], SQUARE["region"]["y_m"])
+
+
+def _anywhere(draws: Draws) -> Callable[[], Place]:
+    region = SQUARE["region"]
+    return lambda: (draws.between(*region["x_m"]), draws.between(*region["y_m"]))
+
+
+def _mirrored(pose: Pose, mirrored: bool) -> Pose:
+    """Pose on the other side of the region's middle."""
+    x, y, yaw_deg = pose
+    low, high = SQUARE["region"]["x_m"]
+    return (low + high - x, y, -yaw_deg) if mirrored else pose
+
+
+def _placed(
+    ground: Ground, entry: Content, footprint_m: tuple[float, float], pose: Callable[[], Pose]
+) -> Content:
+    """Entry of an object with its place and its heading."""
+    x, y, yaw_deg = ground.place(footprint_m, pose)
+    yaw_deg = round(math.remainder(yaw_deg, 360.0), 1)
+    return {**entry, "position_m": [round(x, 2), y, 0.0], "yaw_deg": yaw_deg, "velocity_mps": [0.0, 0.0, 0.0]}
+
+
+def _moving(entry: Content, speed_mps: float) -> Content:
+    """Entry of an object that moves forwards."""
+    velocity = (speed_mps * heading(entry["yaw_deg"])).round(6) + 0.0
+    return {**entry, "velocity_mps": velocity.tolist()}
+
+
+def _mixed(draws: Draws, ground: Ground, density: str) -> list[Content]:
+    """Objects of a town; the largest find their places first."""
+    ranges = RANGES[density]
+    numbers = {kind: draws.whole(*ranges[kind]) for kind in ranges}
+    anywhere = _anywhere(draws)
+    makers: dict[str, Callable[..., Content]] = {
+        "rail": _rail,
+        "hedge": _hedge,
+        "vehicle": _vehicle,
+        "pole": _pole,
+        "pedestrian": _pedestrian,
+    }
+    return [make(draws, ground, anywhere) for kind, make in makers.items() for _ in range(numbers[kind])]
+
+
+def _turned(draws: Draws, place: Callable[[], Place]) -> Callable[[], Pose]:
+    """Draws of a place and any heading."""
+    return lambda: (*place(), draws.between(-180.0, 180.0, 1))
+
+
+def _rail(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+    length_m = draws.between(5.0, 12.0, 1)
+    return _placed(ground, {"kind": "rail", "length_m": length_m}, (0.2, length_m), _turned(draws, place))
+
+
+def _hedge(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+    width_m, length_m = draws.between(0.8, 1.1, 1), draws.between(3.0, 8.0, 1)
+    entry = {"kind": "box", "size_m": [width_m, length_m, draws.between(0.8, 1.1, 1)]}
+    return _placed(ground, entry, (width_m, length_m), _turned(draws, place))
+
+
+def _pole(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+    entry = {"kind": "pole", "height_m": draws.between(3.0, 9.0, 1)}
+    return _placed(ground, entry, (0.3, 0.3), _turned(draws, place))
+
+
+def _vehicle(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+    """Vehicle that drives, every third one through a bend."""
+    # No height between: 0.7 m of a cabin cannot be divided into steps of 0.5 m ± 20 %.
+    height_m = draws.between(1.4, 1.5, 1) if draws.either() else draws.between(1.7, 1.9, 1)
+    size_m = [draws.between(1.6, 2.0, 1), draws.between(3.8, 5.6, 1), height_m]
+    speed_mps = draws.between(2.0, FASTEST_MPS, 1)
+    yaw_rate_dps = draws.between(-30.0, 30.0, 1) if draws.whole(1, 3) == 1 else 0.0
+    entry = {"kind": "vehicle", "size_m": size_m, "yaw_rate_dps": yaw_rate_dps}
+    placed = _placed(ground, entry, (size_m[0], size_m[1]), _turned(draws, place))
+    return _moving(placed, speed_mps)
+
+
+def _pedestrian(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+    """Pedestrian at some phase of the stride."""
+    entry = {
+        "kind": "pedestrian",
+        "height_m": draws.between(1.5, 1.9),
+        "stride_phase_deg": draws.between(0.0, 359.0, 0),
+    }
+    speed_mps = draws.between(0.5, 2.0, 1)
+    return _moving(_placed(ground, entry, (0.6, 0.7), _turned(draws, place)), speed_mps)

@@ -1,0 +1,328 @@
+"""Families of generated scenes: their parameters, and how a scene of one is spelled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from isacbench.errors import InputError, did_you_mean
+from isacbench.files.escaping import quoted
+from isacbench.files.toml_files import builtin_names, find_toml
+from isacbench.specifications import MAX_VARIANTS, Spec, spec_variants, spell_spec
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+MOST_SEED = 2**53
+Seed = Annotated[int, Field(strict=True, ge=0, le=MOST_SEED)]
+Count = Annotated[int, Field(strict=True, ge=0, le=1000)]
+
+
+class FamilyParameters(BaseModel):
+    """Parameters of every family.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of the objects. Those below 500 are for developing estimators,
+        500 to 999 for validating, 1000 and up for reporting.
+    frame : {"panel", "paper"}
+        Frame of the array.
+    coherent_phase : bool
+        True if every echo has the carrier's phase, false if all are in phase.
+    gain_error_db, phase_error_deg : float
+        Standard deviations of the gain and phase errors of the virtual elements.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seed: Seed
+    frame: Literal["panel", "paper"] = "panel"
+    coherent_phase: Annotated[bool, Field(strict=True)] = False
+    gain_error_db: Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)] = 0.0
+    phase_error_deg: Annotated[float, Field(ge=0, le=180, allow_inf_nan=False)] = 0.0
+
+
+class DensityParameters(FamilyParameters):
+    """Parameters of a family of mixed objects.
+
+    Attributes
+    ----------
+    density : {"low", "medium", "high"}
+        Number of objects.
+    """
+
+    density: Literal["low", "medium", "high"] = "medium"
+
+
+class CrowdParameters(FamilyParameters):
+    """Parameters of the family ``crowd``.
+
+    Attributes
+    ----------
+    pedestrians : int
+        Number of pedestrians; 0 draws 8 to 16.
+    """
+
+    pedestrians: Count = 0
+
+
+class SparseParameters(FamilyParameters):
+    """Parameters of the family ``sparse``.
+
+    Attributes
+    ----------
+    scatterers : int
+        Number of lone scatterers; 0 draws 1 to 20.
+    """
+
+    scatterers: Annotated[Count, Field(le=200)] = 0
+
+
+@dataclass(frozen=True)
+class Family:
+    """Family of generated scenes.
+
+    Attributes
+    ----------
+    name : str
+    version : int
+        Counted up when a seed gives other scenes than before.
+    description : str
+    draw : str
+        Function from `FamilyParameters` and a key of its uniforms to the content of a scenario
+        file, as ``module:function``.
+    parameters : type of FamilyParameters
+    """
+
+    name: str
+    version: int
+    description: str
+    draw: str
+    parameters: type[FamilyParameters] = FamilyParameters
+
+
+_DRAWN = "isacbench.model.scenes.generators"
+
+FAMILIES: dict[str, Family] = {
+    family.name: family
+    for family in (
+        Family("street", 1, "the paper's objects elsewhere, mirrored and turned", f"{_DRAWN}:draw_street"),
+        Family(
+            "town",
+            1,
+            "vehicles, pedestrians, posts, rails and hedges",
+            f"{_DRAWN}:draw_town",
+            DensityParameters,
+        ),
+        Family(
+            "facade", 1, "house fronts with movers before them", f"{_DRAWN}:draw_facade", DensityParameters
+        ),
+        Family("crowd", 1, "pedestrians whose limbs swing", f"{_DRAWN}:draw_crowd", CrowdParameters),
+        Family(
+            "weak",
+            1,
+            "a town whose objects differ by 40 dB in echo",
+            f"{_DRAWN}:draw_weak",
+            DensityParameters,
+        ),
+        Family(
+            "sparse",
+            1,
+            "lone scatterers, each a Rayleigh cell from the next in one coordinate",
+            f"{_DRAWN}:draw_sparse",
+            SparseParameters,
+        ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class FamilySpec:
+    """A scene of a family.
+
+    Attributes
+    ----------
+    family : Family
+    parameters : FamilyParameters
+    """
+
+    family: Family
+    parameters: FamilyParameters
+
+    @property
+    def name(self) -> str:
+        """Canonical spelling: the seed, then the parameters that differ from their defaults."""
+        fields = type(self.parameters).model_fields
+        values = self.parameters.model_dump()
+        told = {key: value for key, value in values.items() if value != fields[key].default}
+        return spell_spec(self.family.name, told)
+
+    def table(self) -> dict[str, Any]:
+        """Content of a scenario file.
+
+        Returns
+        -------
+        dict
+
+        Raises
+        ------
+        InputError
+            If there is no room for the objects.
+        """
+        key = f"{self.family.name} {self.family.version} {self.parameters.seed}"
+        try:
+            content: dict[str, Any] = resolve_name(self.family.draw)(self.parameters, key)
+        except InputError as error:
+            raise InputError(f"scenario {self.name}: {error}") from error
+        return {"name": self.name, **content}
+
+
+def is_family_spec(name_or_path: str | Path) -> bool:
+    """Tell whether a scenario is spelled as one of a family: with brackets, and not as a TOML file.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+
+    Returns
+    -------
+    bool
+    """
+    return "[" in str(name_or_path) and Path(name_or_path).suffix != ".toml"
+
+
+def scenario_file(name_or_path: str | Path) -> Path:
+    """Find the file of a scenario.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Built-in name, or path.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If there is no such name or file, or it is the name of a family.
+    """
+    name = str(name_or_path)
+    if name in FAMILIES and name not in builtin_names():
+        raise InputError(f"scenario {name!r} is a family of scenes; give a seed, such as {name}[seed=7]")
+    return find_toml(name_or_path, "scenario")
+
+
+def scenario_variants(name_or_path: str) -> list[str]:
+    """List the scenarios that a name stands for: several where it is a family with a range of seeds.
+
+    Parameters
+    ----------
+    name_or_path : str
+        As `isacbench.model.scenes.scenario.load_scenario` takes it; the seed may be
+        a range ``0:99`` with both ends, and any value a list of alternatives ``[a,b]``.
+
+    Returns
+    -------
+    list of str
+        One for each scenario.
+
+    Raises
+    ------
+    InputError
+        If there is no such name, file, family or parameter.
+
+    Examples
+    --------
+    >>> scenario_variants("town[seed=3:4]")
+    ['town[seed=3]', 'town[seed=4]']
+    """
+    if is_family_spec(name_or_path):
+        return [spec.name for spec in family_specs(name_or_path)]
+    scenario_file(name_or_path)
+    return [name_or_path]
+
+
+def family_specs(text: str) -> list[FamilySpec]:
+    """Parse ``family[seed=0:99,param=value,...]``.
+
+    Parameters
+    ----------
+    text : str
+        The seed may be a range with both ends, any value a list of
+        alternatives in brackets.
+
+    Returns
+    -------
+    list of FamilySpec
+        One for each scene, at most `isacbench.specifications.MAX_VARIANTS`.
+
+    Raises
+    ------
+    InputError
+        If the text is broken, or the family, a parameter or its value does not exist.
+
+    Examples
+    --------
+    >>> [spec.name for spec in family_specs("town[density=high,seed=0:1]")]
+    ['town[seed=0,density=high]', 'town[seed=1,density=high]']
+    """
+    found: dict[str, FamilySpec] = {}
+    for variant in spec_variants(text):
+        for spec in _seeded(variant.spec, text):
+            if spec.name in found:
+                raise InputError(f"scenario {text!r} names {spec.name} twice")
+            found[spec.name] = spec
+            if len(found) > MAX_VARIANTS:
+                raise InputError(f"scenario {text!r}: allowed are at most {MAX_VARIANTS} scenes")
+    return list(found.values())
+
+
+def _seeded(spec: Spec, text: str) -> Iterator[FamilySpec]:
+    """Scenes of a specification, one for each seed of its range."""
+    family = FAMILIES.get(spec.name)
+    if family is None:
+        raise InputError(
+            f"scenario {text!r}: unknown family {spec.name!r}; {did_you_mean(spec.name, FAMILIES)}"
+        )
+    if "seed" not in spec.params:
+        raise InputError(f"scenario {text!r}: a family needs a seed, such as {spec.name}[seed=7]")
+    for seed in _seeds(spec.params["seed"], text):
+        yield FamilySpec(family, _parameters(family, {**spec.params, "seed": seed}, text))
+
+
+def _seeds(value: Any, text: str) -> range | list[Any]:
+    """Seeds of a range ``first:last``, or the one that is given."""
+    if not isinstance(value, str) or ":" not in value:
+        return [value]
+    ends = value.split(":")
+    if len(ends) != 2 or not all(end.isdecimal() for end in ends) or int(ends[0]) > int(ends[1]):
+        raise InputError(f"scenario {text!r}: seed={value}: allowed is a range first:last such as 0:99")
+    seeds = range(int(ends[0]), int(ends[1]) + 1)
+    n = seeds[-1] - seeds[0] + 1
+    if n > MAX_VARIANTS:
+        raise InputError(f"scenario {text!r}: seed={value}: {n} scenes; allowed are at most {MAX_VARIANTS}")
+    return seeds
+
+
+def _parameters(family: Family, values: dict[str, Any], text: str) -> FamilyParameters:
+    """Check the parameters of a family."""
+    known = family.parameters.model_fields
+    for key in values:
+        if key not in known:
+            raise InputError(
+                f"scenario {text!r}: {family.name} has no parameter {key!r}; {did_you_mean(key, known)}"
+            )
+    try:
+        return family.parameters.model_validate(values)
+    except ValidationError as error:
+        mistake = error.errors(include_url=False)[0]
+        name, message = mistake["loc"][0], mistake["msg"]
+        value = quoted(mistake["input"])
+        raise InputError(f"scenario {text!r}: {name} = {value}: {message[0].lower()}{message[1:]}") from error

@@ -1,0 +1,64 @@
+"""Scores of realisations: means, spreads, and the cloud nearest to the mean."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench.metrics.realisations import SPREAD_COLUMNS, nearest_to_mean, score_realisations
+from isacbench.metrics.score import METRICS, score
+from isacbench.model.cloud import PointCloud
+from isacbench.model.region import Region
+
+REGION = Region((0.0, 9.0), (0.0, 9.0), (0.0, 9.0), (-5.0, 5.0))
+
+
+def cloud_of(seed, n):
+    rng = np.random.default_rng(seed)
+    return PointCloud(rng.uniform(0, 9, (n, 3)), rng.uniform(-5, 5, n), np.ones(n))
+
+
+def test_every_score_has_a_column_for_its_spread_and_the_true_number_has_none():
+    assert set(SPREAD_COLUMNS) == {"hausdorff_sum_m", *METRICS["paper"]} - {"n_true"}
+    assert SPREAD_COLUMNS["gospa_m"] == "gospa_m_spread"
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 999), sizes=st.lists(st.integers(0, 6), min_size=1, max_size=7))
+def test_means_and_spreads_are_those_of_single_scores(seed, sizes):
+    truth = cloud_of(seed, 5)
+    clouds = [cloud_of(seed + 1 + place, size) for place, size in enumerate(sizes)]
+    found = score_realisations(truth, clouds, region=REGION, velocity_bin_mps=1.5, radius_m=2.0)
+    rows = [score(truth, cloud, region=REGION, velocity_bin_mps=1.5, radius_m=2.0) for cloud in clouds]
+    for name in METRICS["paper"]:
+        values = np.array([row[name] for row in rows])
+        mean = found.means[name]
+        if name in ("n_true", "n_estimated"):
+            assert (type(mean), mean) == (int, round(values.mean()))
+        else:
+            assert mean == pytest.approx(values.mean(), rel=1e-12)
+        if name != "n_true":
+            assert found.spreads[name] == pytest.approx(values.std(), rel=1e-9, abs=1e-12)
+    sums_m = [row["hausdorff_xy_m"] + row["hausdorff_xz_m"] + row["hausdorff_yz_m"] for row in rows]
+    assert found.spreads["hausdorff_sum_m"] == pytest.approx(np.std(sums_m), rel=1e-9, abs=1e-12)
+    distances = np.abs(np.array([row["deviation"] for row in rows]) - found.means["deviation"])
+    assert distances[found.nearest] == distances.min()
+    assert nearest_to_mean(truth, clouds, REGION, 1.5) == found.nearest
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 999), n=st.integers(1, 6), copies=st.integers(1, 70))
+def test_equal_clouds_have_the_scores_of_one_and_no_spread(seed, n, copies):
+    truth, cloud = cloud_of(seed, 4), cloud_of(seed + 1, n)
+    found = score_realisations(truth, [cloud] * copies, region=REGION)
+    assert found.means == score(truth, cloud, region=REGION)
+    assert set(found.spreads.values()) == {0.0}
+    assert found.nearest == 0
+
+
+def test_the_metric_of_the_repository_is_averaged_too():
+    truth, clouds = cloud_of(0, 5), [cloud_of(1, 4), cloud_of(2, 5)]
+    found = score_realisations(truth, clouds, "repository", region=REGION)
+    positions = [score(truth, cloud, "repository", region=REGION)["position"] for cloud in clouds]
+    assert found.means["position"] == pytest.approx(np.mean(positions))
+    assert "hausdorff_sum_m" not in found.spreads

@@ -1,0 +1,212 @@
+"""Generated scenes: their spelling, their sameness, and what every family promises."""
+
+import hashlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from isacbench import load_scenario
+from isacbench.bench.suites.scenario_digest import scenario_digest
+from isacbench.errors import InputError
+from isacbench.model.scenes import objects as outlines
+from isacbench.model.scenes.generators import SQUARE
+from isacbench.model.scenes.raw_uniforms import raw_uniforms
+from isacbench.model.scenes.scene_families import FAMILIES, family_specs, scenario_variants
+
+SEEDS = range(12)
+
+
+def philox(key, n):
+    """Philox 4x64-10 word by word, after Salmon and others (2011)."""
+    mask, words = 2**64 - 1, []
+    for count in range(1, -(-n // 4) + 1):
+        counter, keys = [count, 0, 0, 0], [key & mask, key >> 64]
+        for _ in range(10):
+            first, second = counter[0] * 0xD2E7470EE14C6C93, counter[2] * 0xCA5A826395121157
+            counter = [
+                (second >> 64) ^ counter[1] ^ keys[0],
+                second & mask,
+                (first >> 64) ^ counter[3] ^ keys[1],
+                first & mask,
+            ]
+            keys = [(keys[0] + 0x9E3779B97F4A7C15) & mask, (keys[1] + 0xBB67AE8584CAA73B) & mask]
+        words += counter
+    return words[:n]
+
+
+@settings(max_examples=20)
+@given(st.text(max_size=20), st.integers(1, 30))
+def test_uniforms_are_the_words_of_philox(text, n):
+    key = int.from_bytes(hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()[:16], "little")
+    expected = [(word >> 11) / 2**53 for word in philox(key, n)]
+    assert raw_uniforms(text, n).tolist() == expected
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_scene_is_the_same_as_years_ago(family):
+    golden = {
+        "street": "b471824d24573d64",
+        "town": "2257f00136c9499e",
+        "facade": "86d5c156ef32f138",
+        "crowd": "77abde451ba741fb",
+        "weak": "bab9737606bc8635",
+        "sparse": "012b5bf3e300efdf",
+    }
+    scenario = load_scenario(f"{family}[seed=7]")
+    assert scenario_digest(scenario) == golden[family]
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    "parameters", ["frame=paper", "coherent_phase=true", "frame=paper,gain_error_db=0.5,phase_error_deg=5"]
+)
+def test_the_radio_does_not_change_the_objects(family, parameters):
+    plain, other = load_scenario(f"{family}[seed=11]"), load_scenario(f"{family}[seed=11,{parameters}]")
+    for name in ("xyz", "velocity", "amplitude"):
+        assert np.array_equal(getattr(plain.scatterers, name), getattr(other.scatterers, name))
+    assert scenario_digest(plain) != scenario_digest(other)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_region_and_speeds_are_constants_that_hold_every_scatterer(family):
+    drawn = [load_scenario(f"{family}[seed={seed},frame=paper]") for seed in SEEDS]
+    for scenario in drawn:
+        region = {name: list(getattr(scenario.region, name)) for name in SQUARE["region"]}
+        assert region == SQUARE["region"]
+        assert scenario.region.contains(scenario.scatterers.xyz, 0.0).all()
+        low, high = scenario.region.speed_mps
+        assert ((scenario.scatterers.velocity >= low) & (scenario.scatterers.velocity <= high)).all()
+        assert scenario.family == family
+    assert len({scenario_digest(scenario) for scenario in drawn}) == len(drawn)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_coordinates_and_speeds_have_six_decimals(family):
+    scatterers = load_scenario(f"{family}[seed=5]").scatterers
+    for values in (scatterers.xyz, scatterers.velocity):
+        assert np.array_equal(values, values.round(6))
+
+
+def objects(name):
+    """Entries of a scene, and their outlines in place."""
+    (spec,) = family_specs(name)
+    table = spec.table()
+    scatterers = load_scenario(name).scatterers
+    ends = np.cumsum([n_points(entry) for entry in table["objects"]])
+    assert ends[-1] == len(scatterers)
+    return table["objects"], np.split(scatterers.xyz, ends[:-1])
+
+
+def n_points(entry):
+    sizes = {
+        key: value
+        for key, value in entry.items()
+        if key.endswith(("size_m", "length_m", "height_m", "spacing_m"))
+    }
+    return 1 if entry["kind"] == "point" else len(getattr(outlines, entry["kind"])(**sizes))
+
+
+@pytest.mark.parametrize("family", ["street", "town", "facade", "crowd", "weak"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_objects_do_not_intersect(family, seed):
+    """Seen from above, the convex hulls of any two objects are apart by some direction."""
+    _, placed = objects(f"{family}[seed={seed}]")
+    directions = np.radians(np.arange(0, 180, 0.1))
+    axes = np.stack([np.cos(directions), np.sin(directions)])
+    for index, one in enumerate(placed):
+        for other in placed[:index]:
+            first, second = one[:, :2] @ axes, other[:, :2] @ axes
+            gap = np.maximum(first.min(0) - second.max(0), second.min(0) - first.max(0))
+            assert gap.max() > 0.2
+
+
+@pytest.mark.parametrize("family", ["town", "facade", "weak"])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_surfaces_are_sampled_every_half_metre_within_a_fifth(family, seed):
+    entries, placed = objects(f"{family}[seed={seed}]")
+    for entry, points in zip(entries, placed, strict=True):
+        if entry["kind"] == "pedestrian":
+            continue
+        surface = points[:-16] if entry["kind"] == "vehicle" else points
+        distance = cKDTree(surface).query(surface, 2)[0][:, 1]
+        assert distance.min() >= 0.4 - 1e-5, entry
+        assert distance.max() <= 0.6 + 1e-5, entry
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("frame", ["panel", "paper"])
+def test_lone_scatterers_are_a_rayleigh_cell_apart_in_one_coordinate(seed, frame):
+    scenario = load_scenario(f"sparse[seed={seed},frame={frame}]")
+    offset_m = scenario.scatterers.xyz - scenario.base_station_m
+    u, w = scenario.frame.direction_cosines(offset_m)
+    range_m = np.linalg.norm(offset_m, axis=1)
+    cells = np.column_stack([range_m / 0.30499, scenario.scatterers.velocity / 1.8352, 8 * u, 8 * w])
+    assert 1 <= len(cells) <= 20
+    for index, cell in enumerate(cells):
+        assert (np.abs(cells[:index] - cell).max(axis=1, initial=0) > 0.999).all()
+
+
+def test_speeds_differ_within_walkers_of_a_crowd_and_vehicles_of_a_town():
+    for family, kind in (("crowd", "pedestrian"), ("town", "vehicle")):
+        entries, placed = objects(f"{family}[seed=2]")
+        speeds = np.split(
+            load_scenario(f"{family}[seed=2]").scatterers.velocity, np.cumsum([*map(len, placed)])[:-1]
+        )
+        spreads = [np.ptp(part) for part, entry in zip(speeds, entries, strict=True) if entry["kind"] == kind]
+        assert max(spreads) > 1.0
+
+
+def test_weak_objects_span_most_of_40_db():
+    amplitudes = np.concatenate([load_scenario(f"weak[seed={seed}]").scatterers.amplitude for seed in SEEDS])
+    spread_db = 20 * np.log10(amplitudes.max() / amplitudes.min())
+    assert 35 < spread_db <= 40
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("town[density=high,seed=7]", ["town[seed=7,density=high]"]),
+        ("town[seed=7,density=medium,frame=panel]", ["town[seed=7]"]),
+        ("crowd[seed=2:4]", ["crowd[seed=2]", "crowd[seed=3]", "crowd[seed=4]"]),
+        ("sparse[seed=[1,5],frame=paper]", ["sparse[seed=1,frame=paper]", "sparse[seed=5,frame=paper]"]),
+        ("street", ["street"]),
+    ],
+)
+def test_a_scene_has_one_canonical_name(text, names):
+    assert scenario_variants(text) == names
+    for name in names:
+        assert load_scenario(name).name == name
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("twon[seed=7]", "unknown family 'twon'; did you mean 'town'?"),
+        ("town[seed=7,densty=high]", "town has no parameter 'densty'; did you mean 'density'?"),
+        ("town[seed=7,density=huge]", "density = 'huge'"),
+        ("town[seed=0:1000000]", "1000001 scenes; allowed are at most 1000"),
+        ("town[seed=[0:600,700:1300]]", "allowed are at most 1000 scenes"),
+        ("town[seed=5:1]", "seed=5:1: allowed is a range first:last"),
+        ("town[seed=-1]", "seed = -1"),
+        ("town[seed=1.5]", "seed = 1.5"),
+        ("town[density=high]", "a family needs a seed"),
+        ("town", "is a family of scenes; give a seed, such as town[seed=7]"),
+        ("town[seed=7", "expected"),
+        ("town[seed=[7,7]]", "twice"),
+        ("crowd[seed=1,pedestrians=1000]", "no room for another object"),
+        ("sparse[seed=1,scatterers=201]", "scatterers = 201"),
+    ],
+)
+def test_a_mistake_in_the_name_of_a_scene_is_told_in_one_line(text, told):
+    with pytest.raises(InputError) as error:
+        [load_scenario(name) for name in scenario_variants(text)]
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_one_scenario_is_no_range():
+    with pytest.raises(InputError, match="names 3 scenes"):
+        load_scenario("town[seed=0:2]")

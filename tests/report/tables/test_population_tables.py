@@ -1,0 +1,106 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.report.tables.population_tables import near_chance, population_grids, tabulate_population
+from isacbench.report.tables.run_tables import TERMINAL_WIDTH, rich_table
+
+
+@pytest.fixture
+def records(population_rows):
+    """Two families, two estimators and two references."""
+    rows = population_rows(
+        families=["town", "crowd", "sparse"], fft4d=4.0, music2d=3.0, oracle=2.0, chance=9.0
+    )
+    return rows
+
+
+def part(higher=(), **scores):
+    """Rows of a summary in which all is equal but what is given for fft4d, music2d, esprit2d and chance."""
+    names = ["fft4d", "music2d", "esprit2d", "chance"]
+    low = ["ratio_median", "hausdorff_sum_m_mean", "gospa_m_mean", "density_mean", "deviation_mean"]
+    high = ["precision_mean", "recall_mean", "share_clean_mean", "share_resolved_mean", "share_met_mean"]
+    table = pd.DataFrame({"estimator": names, "sees_truth": [False, False, False, True]})
+    for name in [*low, "velocity_nmse_median", "n_false_mean"]:
+        table[name] = [1.0, 2.0, 3.0, 100.0]
+    for name in high:
+        table[name] = [0.3, 0.5, 0.9, 0.0]
+    return table.assign(**scores)
+
+
+@pytest.mark.parametrize(
+    ("column", "chance", "is_near"),
+    [
+        ("gospa_m_mean", 0.5, True),
+        ("gospa_m_mean", 2.39, True),
+        ("gospa_m_mean", 2.41, False),
+        ("precision_mean", 0.95, True),
+        ("precision_mean", 0.41, True),
+        ("precision_mean", 0.39, False),
+    ],
+)
+def test_chance_is_near_from_a_fifth_worse_than_the_median_estimator_on(column, chance, is_near):
+    table = part()
+    assert near_chance(table) == []
+    table.loc[3, column] = chance
+    assert near_chance(table) == ([column] if is_near else [])
+
+
+def test_nothing_is_near_chance_without_chance_or_without_numbers():
+    assert near_chance(part().query("estimator != 'chance'")) == []
+    assert near_chance(part(ratio_median=np.nan)) == []
+
+
+def test_the_summary_marks_families_where_chance_comes_near(records):
+    in_crowd = (records["estimator"] == "chance") & (records["family"] == "crowd")
+    records.loc[in_crowd, "recall"] = 3.4  # the others: 4 and 3
+    records.loc[(records["estimator"] == "chance") & ~in_crowd, "recall"] = 0.1
+    summary = tabulate_population(records)
+    marked = {
+        family: set(part["near_chance"].map(json.loads).explode().dropna())
+        for family, part in summary.groupby("family")
+    }
+    assert "recall_mean" in marked["crowd"]
+    assert "recall_mean" not in marked["town"]
+    titles = {grid.title.partition(",")[0]: grid for grid in population_grids(records) if grid.is_detail}
+    assert "recall †" in titles["crowd"].header
+    assert "recall" in titles["town"].header
+    assert "chance comes near" in titles["crowd"].title
+
+
+def test_what_is_printed_is_short_and_fits_a_terminal_and_details_are_for_the_file(records):
+    grids = population_grids(records)
+    printed = [grid for grid in grids if not grid.is_detail]
+    assert [grid.title.partition(",")[0] for grid in printed] == [
+        "All scenes",
+        "Median ratio by family",
+        "Median ratio by frame and phases",
+        "Targets of sparse",
+    ]
+    assert all(rich_table(grid).title is not None for grid in printed)
+    assert all(max(map(len, grid.header)) < TERMINAL_WIDTH for grid in printed)
+    # Every family and all together at both SNRs, the families also over both; and the targets at each.
+    assert len(grids) - len(printed) == 4 * 2 + 3 + 2
+
+
+def test_references_stand_below_the_estimators_with_their_names(records):
+    grid, ratios, *_ = population_grids(records)
+    names = [row[0] for row in grid.rows]
+    assert names[:2] == ["fft4d", "music2d"]
+    assert set(names[2:]) >= {"oracle (reference)"}
+    assert grid.rows[1][1:3] == ["1.50", "3.00 ±0.00"]
+    assert ratios.header == ["estimator", "town", "crowd"]
+    assert ratios.rows[0] == ["fft4d", "2.00 (2.00-2.00)", "2.00 (2.00-2.00)"]
+
+
+def test_a_title_says_how_many_scenes_there_are_and_whether_they_are_enough_for_a_band(population_rows):
+    for n, band in ((4, "4 scenes, no confidence band below 5"), (5, "5 scenes, 95 % confidence band")):
+        grid = population_grids(population_rows(["town"], n_scenes=n, fft4d=1.0))[0]
+        assert grid.title == f"All scenes, mean over 0, 10 dB: {band}"
+
+
+def test_failed_cells_are_told(records):
+    records.loc[(records["estimator"] == "fft4d") & (records["family"] == "town"), "status"] = "timeout"
+    assert "(16 failed)" in population_grids(records)[0].rows[0][1]
