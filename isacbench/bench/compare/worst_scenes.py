@@ -151,7 +151,7 @@ def command_to_show(
     ----------
     manifest : mapping of str to Any
     scenario : str
-        Its name. The path of its file stands for it where the suite names one.
+        Its name. If the suite names a file of that name, its path is spelled.
     estimator : str
         Specification.
     snr_db : float
@@ -166,7 +166,8 @@ def command_to_show(
     >>> command_to_show({"seed": 0}, "town[seed=7]", "music2d", 10.0, 0)
     "isacbench image -s 'town[seed=7]' -e music2d --snr 10 --plot image.png"
     """
-    paths = {Path(name).stem: name for name in manifest.get("suite", {}).get("scenarios", ())}
+    named = manifest.get("suite", {}).get("scenarios", ())
+    paths = {Path(name).stem: name for name in named if name.endswith(".toml")}
     numbers = {"--trial": int(trial), "--seed": int(manifest["seed"])}
     words = ["isacbench", "image", "-s", paths.get(scenario, scenario), "-e", estimator]
     words += ["--snr", f"{snr_db:.10g}"]

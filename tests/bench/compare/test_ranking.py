@@ -6,35 +6,12 @@ import pandas as pd
 import pytest
 
 import isacbench
-from isacbench.bench.compare.matching import RunTable
 from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.scene_scores import scene_groups
 from isacbench.bench.compare.statistics import bootstrap_changes
 from isacbench.errors import InputError
 
-ESTIMATORS = ("fft4d", "music2d", "esprit2d", "oracle")
 ALL = "all scenes"
-
-
-@pytest.fixture
-def scenes_run(made_run):
-    """Return a function that makes up a run over scenes of families: `scenes_run(town=20, crowd=4)`."""
-
-    def make(change=lambda records: None, snr_db=(-10, 10), trials=1, estimators=ESTIMATORS, **families):
-        names = {f"{family}[seed={seed}]": family for family, n in families.items() for seed in range(n)}
-        records, manifest = made_run(tuple(names), estimators, snr_db, trials)
-        for name, family in names.items():
-            manifest["scenarios"][name]["family"] = family
-        rng = np.random.default_rng(3)
-        difficulty = pd.Series(np.exp(0.3 * rng.normal(size=len(names))), index=list(names))
-        records["deviation"] *= records["scenario"].map(difficulty).to_numpy()
-        records["precision"] = 1 / (1 + records["deviation"])
-        for plane in ("xy", "xz", "yz"):
-            records[f"hausdorff_{plane}_m"] = records["deviation"] / 4
-        change(records)
-        return RunTable("run", records, manifest)
-
-    return make
 
 
 def of(table, estimator, group=ALL, **equal):
