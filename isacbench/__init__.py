@@ -20,6 +20,7 @@ from isacbench.former_paths import FormerPaths
 if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison, compare
     from isacbench.bench.compare.matching import NotComparableError
+    from isacbench.bench.compare.ranking import Ranking, rank
     from isacbench.bench.run.runner import run
     from isacbench.bench.store.stored_run import load_run
     from isacbench.checking.contract import check
@@ -42,6 +43,7 @@ __all__ = [
     "NotComparableError",
     "Observation",
     "PointCloud",
+    "Ranking",
     "Scenario",
     "__version__",
     "check",
@@ -53,6 +55,7 @@ __all__ = [
     "observe",
     "observe_cube",
     "plot_clouds",
+    "rank",
     "run",
     "score",
 ]
@@ -64,6 +67,7 @@ _HOMES = {
     "NotComparableError": "isacbench.bench.compare.matching",
     "Observation": "isacbench.model.observation",
     "PointCloud": "isacbench.model.cloud",
+    "Ranking": "isacbench.bench.compare.ranking",
     "Scenario": "isacbench.model.scenes.scenario",
     "compare": "isacbench.bench.compare.comparison",
     "check": "isacbench.checking.contract",
@@ -74,6 +78,7 @@ _HOMES = {
     "observe": "isacbench.link.sensing.observing",
     "observe_cube": "isacbench.cubes.frame_observation",
     "plot_clouds": "isacbench.report.figures.plotting",
+    "rank": "isacbench.bench.compare.ranking",
     "run": "isacbench.bench.run.runner",
     "score": "isacbench.metrics.score",
 }

@@ -290,6 +290,33 @@ def made_run():
 
 
 @pytest.fixture
+def scenes_run(made_run):
+    """Return a function that makes up a run over scenes of families: `scenes_run(town=20, crowd=4)`."""
+    import numpy as np
+    import pandas as pd
+
+    from isacbench.bench.compare.matching import RunTable
+
+    four = ("fft4d", "music2d", "esprit2d", "oracle")
+
+    def make(change=lambda records: None, snr_db=(-10, 10), trials=1, estimators=four, **families):
+        names = {f"{family}[seed={seed}]": family for family, n in families.items() for seed in range(n)}
+        records, manifest = made_run(tuple(names), estimators, snr_db, trials)
+        for name, family in names.items():
+            manifest["scenarios"][name]["family"] = family
+        rng = np.random.default_rng(3)
+        difficulty = pd.Series(np.exp(0.3 * rng.normal(size=len(names))), index=list(names))
+        records["deviation"] *= records["scenario"].map(difficulty).to_numpy()
+        records["precision"] = 1 / (1 + records["deviation"])
+        for plane in ("xy", "xz", "yz"):
+            records[f"hausdorff_{plane}_m"] = records["deviation"] / 4
+        change(records)
+        return RunTable("run", records, manifest)
+
+    return make
+
+
+@pytest.fixture
 def written_run(tmp_path):
     """Return a function that writes records and manifest into a folder, as far as a comparison reads it."""
     import json

@@ -1,4 +1,4 @@
-"""Commands on the results of runs: report, merge, rescore, compare."""
+"""Commands on the results of runs: report, merge, rescore, compare, rank."""
 
 from __future__ import annotations
 
@@ -154,6 +154,30 @@ def compare_command(
         raise typer.Exit(EXIT_REGRESSION)
 
 
+@app.command("rank")
+def rank_command(
+    folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run of six scenes or more.")],
+    metric: Annotated[
+        str, Option(help="Score to rank by, such as deviation, gospa_m, hausdorff_sum_m or ratio.")
+    ] = "deviation",
+    as_json: AsJson = False,
+) -> None:
+    """Rank the estimators of a run over its scenes: rank sets, win probabilities, worst scenes."""
+    from isacbench.bench.compare.ranking import rank as rank_run
+    from isacbench.report.comparisons.ranking_figure import draw_ranking_file
+    from isacbench.report.comparisons.ranking_tables import ranking_content, ranking_grids, ranking_lines
+
+    found = rank_run(folder, metric)
+    if as_json:
+        print_json(ranking_content(found))
+        return
+    for grid in ranking_grids(found):
+        print_grid(grid)
+    for line in ranking_lines(found):
+        say(line)
+    _draw_into(folder, lambda: [draw_ranking_file(found, folder)])
+
+
 def _require_own_places(paths: list[Path]) -> None:
     """Refuse files that cannot be written, are the same, or are tables of a run."""
     from isacbench.bench.store.run_store import RUN_TABLES
@@ -168,7 +192,6 @@ def _require_own_places(paths: list[Path]) -> None:
 
 def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -> None:
     """Print a comparison and draw it, by default into the folder of the new run."""
-    from isacbench.bench.store.run_folder import require_unlocked
     from isacbench.report.comparisons.comparison_figure import draw_comparison_files
     from isacbench.report.comparisons.comparison_tables import (
         comparison_grids,
@@ -183,18 +206,29 @@ def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -
         print_grid(grid)
     for line in comparison_lines(comparison):
         say(line)
+    if plot is None:
+        _draw_into(folder, lambda: draw_comparison_files(comparison, folder))
+    else:
+        _say_figures(draw_comparison_files(comparison, folder, plot))
+    say(comparison_summary(comparison))
+
+
+def _draw_into(folder: Path, draw: Callable[[], list[Path]]) -> None:
+    """Draw figures into the folder of a run, or say why that cannot be."""
+    from isacbench.bench.store.run_folder import require_unlocked
+
     try:
-        if plot is None:
-            require_unlocked(folder)
-        figures = draw_comparison_files(comparison, folder, plot)
+        require_unlocked(folder)
+        figures = draw()
     except InputError as error:
-        if plot is not None:
-            raise
         say(f"no figures: {error}")
     else:
-        if figures:
-            say(f"figures: {', '.join(map(str, figures))}")
-    say(comparison_summary(comparison))
+        _say_figures(figures)
+
+
+def _say_figures(figures: list[Path]) -> None:
+    if figures:
+        say(f"figures: {', '.join(map(str, figures))}")
 
 
 def _write(path: Path | None, content: Callable[[], str]) -> None:

@@ -1,3 +1,3 @@
 """Comparison of runs and of estimators."""
 
-__all__ = ["comparison", "matching", "statistics", "tolerance", "verdicts"]
+__all__ = ["comparison", "matching", "ranking", "scene_scores", "statistics", "tolerance", "verdicts"]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
@@ -30,8 +30,18 @@ from isacbench.bench.compare.matching import (
     version_differences,
     with_partners,
 )
+from isacbench.bench.compare.scene_scores import compared_scenes
 from isacbench.bench.compare.tolerance import Tolerance, direction, merge_tolerances, parse_tolerance
-from isacbench.bench.compare.verdicts import VERDICTS, curve_scores, judge, measure, point_scores
+from isacbench.bench.compare.verdicts import (
+    VERDICTS,
+    curve_scores,
+    judge,
+    measure,
+    measure_wins,
+    point_scores,
+)
+from isacbench.bench.compare.worst_scenes import most_changed
+from isacbench.bench.plan.labels import estimator_labels
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -88,6 +98,17 @@ class Comparison:
         delivered.
     notes : tuple of str
         Parts that were not compared, each with the reason.
+    unit : {"trial", "scene"}
+        What is paired, resampled and counted. With six scenes or more it is the
+        scene: scores are averaged within it, ``scenario`` of `curves` and
+        `points` is a group of scenes (all, or a family of 20 or more),
+        ``n_pairs`` and ``trials_needed`` count scenes, and ``win_probability``,
+        ``win_low`` and ``win_high`` are the probability that the new side is
+        better on an unseen scene, ties counting half, and its 95 % interval.
+    scenes : DataFrame
+        Scenes that changed most, as
+        `isacbench.bench.compare.worst_scenes.most_changed` lists them; empty if
+        the unit is the trial.
     """
 
     base: str
@@ -103,6 +124,8 @@ class Comparison:
     cells: CellChanges
     n_lost_scores: int
     notes: tuple[str, ...]
+    unit: Literal["trial", "scene"] = "trial"
+    scenes: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     @property
     def is_worse(self) -> bool:
@@ -255,6 +278,10 @@ def compare_tables(
     95 % bootstrap interval within the tolerance on both sides is the same.
     Everything else is inconclusive.
 
+    With six scenes or more, the scene takes the place of the trial: the scores
+    of a scene are averaged over its trials, and tests and intervals are over
+    scenes, all of them and each family of 20 or more.
+
     Parameters
     ----------
     base, new : RunTable
@@ -294,17 +321,25 @@ def compare_tables(
     base, new, left_out = pair_variants(base, new, partners)
     pairs, cells = pair_cells(base, new, partners)
     notes = version_differences(base, new, partners) + left_out + _other_parameters(cells)
-    points, curves, n_lost = [], [], 0
+    groups, labels = compared_scenes(base.manifest, pairs["scenario"]), estimator_labels(variants)
+    points: list[pd.DataFrame] = []
+    curves: list[pd.DataFrame] = []
+    scenes: list[pd.DataFrame] = []
+    n_lost = 0
     for tolerance in asked:
         metric, chosen = tolerance.metric, pairs
         if metric.startswith("time_"):
             chosen, told = timed_alike(pairs, metric, base, new)
             notes += told
         n_lost += int((np.isfinite(chosen[f"{metric}_base"]) & ~np.isfinite(chosen[f"{metric}_new"])).sum())
-        scores, told = point_scores(chosen, metric, sides)
+        scores, told = point_scores(chosen, metric, sides, groups)
         notes += told if len(chosen) or not len(pairs) else []
-        points.append(measure(scores, tolerance, better[metric]))
-        curves.append(measure(curve_scores(scores), tolerance, better[metric]))
+        for found, paired in ((points, scores), (curves, curve_scores(scores))):
+            found.append(measure(paired, tolerance, better[metric]))
+            if groups:
+                found[-1] = found[-1].join(measure_wins(paired, better[metric]))
+        if groups:
+            scenes.append(most_changed(chosen, metric, new.manifest, partners, labels))
     curve_table, point_table = judge(_joined(curves), _joined(points), alpha)
     return Comparison(
         base=base.label,
@@ -320,6 +355,8 @@ def compare_tables(
         cells=cells,
         n_lost_scores=n_lost,
         notes=tuple(notes),
+        unit="scene" if groups else "trial",
+        scenes=with_partners(_joined(scenes), partners) if groups else pd.DataFrame(),
     )
 
 

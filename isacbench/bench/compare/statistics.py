@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr, ndtri, stdtrit
 
-from isacbench.bench.studies.intervals import CONFIDENCE
+from isacbench.bench.studies.intervals import CONFIDENCE, exact_interval
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -192,6 +192,39 @@ def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
             part = slice(start, start + COLUMNS_AT_ONCE)
             found[:, part] = _changes(base[:, part], new[:, part], weights)
     return pd.DataFrame(found.T, columns=CHANGES)
+
+
+def win_shares(base: Floats, new: Floats, better: str) -> pd.DataFrame:
+    """Estimate the probability that the new score of a pair is better, with its 95 % interval.
+
+    Parameters
+    ----------
+    base, new : ndarray of float64, shape (n_pairs, n_points)
+        Scores, NaN at the same places in both where a pair is missing.
+    better : {"lower", "higher"}
+
+    Returns
+    -------
+    DataFrame
+        A row for each point: ``probability``, the share of pairs in which the
+        new score is better, ties counting half; the limits ``low`` and
+        ``high`` of `isacbench.bench.studies.intervals.exact_interval`; and
+        the number of ties, ``n_ties``. NaN without pairs.
+
+    Examples
+    --------
+    >>> win_shares(np.array([[2.0], [2.0], [2.0]]), np.array([[1.0], [2.0], [3.0]]), "lower")["probability"]
+    0    0.5
+    Name: probability, dtype: float64
+    """
+    n_pairs = np.isfinite(new - base).sum(axis=0)
+    n_ties = (new == base).sum(axis=0)
+    n_wins = (new < base if better == "lower" else new > base).sum(axis=0) + n_ties / 2
+    limits = [exact_interval(float(wins), int(n)) for wins, n in zip(n_wins, n_pairs, strict=True)]
+    with np.errstate(invalid="ignore"):
+        found = pd.DataFrame({"probability": n_wins / n_pairs})
+    found[["low", "high"]] = np.reshape(limits, (-1, 2))
+    return found.assign(n_ties=n_ties)
 
 
 def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Floats:

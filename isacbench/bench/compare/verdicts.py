@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.compare.matching import CURVE
+from isacbench.bench.compare.scene_scores import pool_scenes
 from isacbench.bench.compare.statistics import (
     bootstrap_changes,
     holm,
     signed_rank_test,
     smallest_effect,
     trials_needed,
+    win_shares,
 )
 from isacbench.bench.studies.intervals import student_band
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
     from isacbench.bench.compare.tolerance import Tolerance
@@ -41,7 +46,8 @@ class PairedScores(NamedTuple):
         For each point or curve a row: metric, scenario, estimator, params,
         and the point's ``snr_db`` or the curve's number ``n_snr`` of them.
     base, new : ndarray of float64, shape (n_trials, n_keys)
-        NaN at the same places in both where a pair is missing.
+        NaN at the same places in both where a pair is missing. Of a comparison over scenes, shape
+        (n_scenes, n_keys).
     """
 
     keys: pd.DataFrame
@@ -50,7 +56,10 @@ class PairedScores(NamedTuple):
 
 
 def point_scores(
-    pairs: pd.DataFrame, metric: str, sides: tuple[str, str] = ("the base", "the new run")
+    pairs: pd.DataFrame,
+    metric: str,
+    sides: tuple[str, str] = ("the base", "the new run"),
+    groups: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> tuple[PairedScores, list[str]]:
     """Collect the scores of every point, sorted by curve and SNR, without points that have none.
 
@@ -61,6 +70,9 @@ def point_scores(
     metric : str
     sides : (str, str)
         Words for both sides in notes.
+    groups : mapping of str to sequence of str
+        Scenes by the name of their group, where scenes are the units: groups then take the place of
+        scenarios and scenes that of trials.
 
     Returns
     -------
@@ -74,6 +86,8 @@ def point_scores(
     in_base, in_new = np.isfinite(rows["base"]), np.isfinite(rows["new"])
     rows.loc[~(in_base & in_new), ["base", "new"]] = np.nan
     rows = rows[in_base | in_new]
+    if groups and len(rows):
+        rows = pool_scenes(rows, groups)
     rows["curve"] = rows.groupby(CURVE, sort=False).ngroup()
     rows = rows.sort_values(["curve", "snr_db"], kind="stable")
     keys = rows[[*CURVE, "snr_db"]].drop_duplicates(ignore_index=True)
@@ -90,7 +104,7 @@ def point_scores(
             f"{metric}: {(in_base & ~in_new).sum()} cells that have one in {sides[0]} alone, and "
             f"{(~in_base & in_new).sum()} that have one in {sides[1]} alone, are left out"
         )
-    return PairedScores(keys, base, _without_rounding(base, new)), notes
+    return PairedScores(keys, base, without_rounding(base, new)), notes
 
 
 def curve_scores(points: PairedScores) -> PairedScores:
@@ -111,11 +125,22 @@ def curve_scores(points: PairedScores) -> PairedScores:
         pd.DataFrame(values.T).groupby(curves.ngroup()).mean().to_numpy().T
         for values in (points.base, points.new - points.base)
     )
-    return PairedScores(keys, base, _without_rounding(base, base + change))
+    return PairedScores(keys, base, without_rounding(base, base + change))
 
 
-def _without_rounding(base: Floats, new: Floats) -> Floats:
-    """New scores, made equal to the base's where only rounding parts them: zeros and ties are to be exact."""
+def without_rounding(base: Floats, new: Floats) -> Floats:
+    """Make scores equal to others where only rounding parts them: zeros and ties are to be exact.
+
+    Parameters
+    ----------
+    base, new : ndarray of float64
+        Of shapes that broadcast.
+
+    Returns
+    -------
+    ndarray of float64
+        New scores.
+    """
     is_rounding = np.abs(new - base) <= ROUNDING * (np.abs(base) + np.abs(new)) / 2
     return np.where(is_rounding, base, new)
 
@@ -151,6 +176,24 @@ def measure(scores: PairedScores, tolerance: Tolerance, better: str) -> pd.DataF
     low, high = ("relative_low", "relative_high") if tolerance.is_relative else ("change_low", "change_high")
     table["is_within"] = (table[low] >= -tolerance.limit) & (table[high] <= tolerance.limit)
     return table
+
+
+def measure_wins(scores: PairedScores, better: str) -> pd.DataFrame:
+    """Estimate for all points or curves the probability that the new side is better on an unseen scene.
+
+    Parameters
+    ----------
+    scores : PairedScores
+        Of scenes.
+    better : {"lower", "higher"}
+
+    Returns
+    -------
+    DataFrame
+        A row for each key: ``win_probability``, ``win_low``, ``win_high``.
+    """
+    found = win_shares(scores.base, scores.new, better)
+    return found[["probability", "low", "high"]].add_prefix("win_")
 
 
 def judge(curves: pd.DataFrame, points: pd.DataFrame, alpha: float) -> tuple[pd.DataFrame, pd.DataFrame]:

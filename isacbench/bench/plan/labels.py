@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import PluginKind
-from isacbench.plugins.registry import parameter_defaults
+from isacbench.plugins.registry import parameter_defaults, sees_truth
 from isacbench.specifications import spell_spec
 
 if TYPE_CHECKING:
@@ -54,6 +55,26 @@ def rows_of(table: pd.DataFrame, variant: Variant) -> pd.DataFrame:
     DataFrame
     """
     return table[(table["estimator"] == variant[0]) & (table["params"] == variant[1])]
+
+
+def find_limits(records: pd.DataFrame) -> set[str]:
+    """Find the estimators of a run that see the truth.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    set of str
+        Their names. An estimator that is not installed counts as one that does not.
+    """
+    limits = set()
+    for name in records["estimator"].unique():
+        with suppress(InputError):  # a table can be made without the plugins that its rows are of
+            limits |= {name} if sees_truth(name) else set()
+    return limits
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:

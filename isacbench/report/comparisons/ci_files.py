@@ -14,7 +14,9 @@ from isacbench.report.comparisons.comparison_tables import (
     comparison_grids,
     comparison_lines,
     outcome_counts,
+    scene_lines,
     verdict_text,
+    win_text,
 )
 from isacbench.report.comparisons.words import Wording
 from isacbench.report.tables.run_tables import markdown
@@ -101,7 +103,7 @@ def comparison_junit(comparison: Comparison) -> str:
     n_lost, what = comparison.n_lost_scores, f"missing in {said.sides[1]}"
     text = f"{counted(n_lost, 'score')} {what}" if n_lost else ""
     _add_case(suite, f"no scores {what}", text, "failure" if text else "", kind)
-    return _xml(root, [*said.heading, *comparison_lines(comparison)])
+    return _xml(root, [*said.heading, *comparison_lines(comparison), *scene_lines(comparison)])
 
 
 def incomparable_junit(base: str, new: str, reasons: Sequence[str]) -> str:
@@ -163,7 +165,10 @@ def _add_rows(suite: ET.Element, table: pd.DataFrame, tolerance: Tolerance, said
         base, new, change, interval, p_value = change_cells(row, tolerance)
         numbers = [f"{said.heads[0]} {base}", f"{said.heads[1]} {new}", f"change {change}{unit}"]
         numbers += [f"95 % interval {interval}{unit}"] if interval else []
-        numbers += [f"p {p_value}", counted(row["n_pairs"], "trial")]
+        numbers += [f"p {p_value}", counted(row["n_pairs"], said.unit)]
+        numbers += (
+            [f"probability that {said.heads[1]} is better {win_text(row)}"] if said.unit == "scene" else []
+        )
         place = f"at {row['snr_db']:g} dB" if "snr_db" in row else "whole curve"
         outcome = f"{verdict_text(row, tolerance, said)}; {', '.join(numbers)}"
         problem = "failure" if row["verdict"] == "regression" else ""

@@ -123,7 +123,11 @@ def draw_changes(comparison: Comparison, metric: str) -> Figure:
     shown = _worst_first(curves, points) if len(curves) > MAX_PANELS else curves
     said = Wording(comparison)
     part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
-    title = f"{drawable(metric)} of paired cells: {mean_of_trials(int(curves['n_pairs'].max()))}{part}"
+    n_pairs = int(curves["n_pairs"].max())
+    mean = (
+        mean_of_trials(n_pairs) if said.unit == "trial" else f"mean of {n_pairs} scenes, 95 % confidence band"
+    )
+    title = f"{drawable(metric)} of paired cells: {mean}{part}"
     figure, panels = panel_grid(len(shown), _legend(said, points["verdict"].unique()), title, MAX_COLUMNS)
     of_curve = points.groupby(CURVE)
     for axes, curve in zip(panels, shown.to_dict("records"), strict=True):

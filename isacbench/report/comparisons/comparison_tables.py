@@ -27,6 +27,11 @@ MAX_ROWS = 40
 
 CELLS_NAMED = 3
 
+SCENE_LINE = (
+    "the scene is the unit: scores are averaged over its trials, and tests, intervals and probabilities are "
+    "over scenes"
+)
+
 
 def compared_rows(comparison: Comparison, tolerance: Tolerance) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Choose the curves of a score, and its points that got worse or better.
@@ -59,7 +64,8 @@ def comparison_grids(comparison: Comparison) -> list[Grid]:
     Returns
     -------
     list of Grid
-        For each score one of its curves and one of its changed points, without empty ones.
+        For each score one of its curves and one of its changed points, without empty ones; and one of
+        the scenes that changed most, where scenes were compared.
     """
     said = Wording(comparison)
     found = []
@@ -68,7 +74,7 @@ def comparison_grids(comparison: Comparison) -> list[Grid]:
         for table, title in ((curves, "curves, means over all SNRs"), (changed, "points that changed")):
             if len(table):
                 found.append(_grid(f"{tolerance}: {title}", table, tolerance, said))
-    return found
+    return [*found, _scene_grid(comparison.scenes, said)] if len(comparison.scenes) else found
 
 
 def comparison_lines(comparison: Comparison) -> list[str]:
@@ -83,7 +89,8 @@ def comparison_lines(comparison: Comparison) -> list[str]:
     list of str
     """
     said = Wording(comparison)
-    lines = [
+    lines = [SCENE_LINE] if comparison.unit == "scene" else []
+    lines += [
         line for cells, what in changed_cells(comparison, said) for line in cell_lines(cells, what, said)
     ]
     if comparison.cells.n_failed_both:
@@ -164,7 +171,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
     dict
         Numbers that are not finite are null.
     """
-    cells = comparison.cells
+    cells, over_scenes = comparison.cells, comparison.unit == "scene"
     return {
         "comparable": True,
         "regression": comparison.is_regression,
@@ -173,23 +180,35 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         "between": comparison.between and [Wording(comparison).labels[one] for one in comparison.between],
         "alpha": comparison.alpha,
         "tolerances": [dataclasses.asdict(tolerance) for tolerance in comparison.tolerances],
-        "curves": _rows(comparison.curves),
-        "points": _rows(comparison.points),
+        "curves": json_rows(comparison.curves),
+        "points": json_rows(comparison.points),
         "cells": {
             "n_paired": cells.n_paired,
             "n_failed_both": cells.n_failed_both,
             **{
-                name: _rows(getattr(cells, name)) for name in ("new_failures", "missing", "repaired", "added")
+                name: json_rows(getattr(cells, name))
+                for name in ("new_failures", "missing", "repaired", "added")
             },
             "n_lost_scores": comparison.n_lost_scores,
         },
         "notes": list(comparison.notes),
+        **({"unit": comparison.unit, "scenes": json_rows(comparison.scenes)} if over_scenes else {}),
     }
 
 
-def _rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
-    """Rows with null for what is no number or not finite."""
-    return table.astype(object).replace([np.nan, np.inf, -np.inf], None).to_dict("records")
+def json_rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
+    """Convert a table to rows in terms of JSON, with null for what is missing or not finite.
+
+    Parameters
+    ----------
+    table : DataFrame
+
+    Returns
+    -------
+    list of dict
+    """
+    values = table.astype(object).replace([np.inf, -np.inf], None)
+    return values.where(values.notna(), None).to_dict("records")
 
 
 def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, said: Wording) -> Grid:
@@ -200,18 +219,73 @@ def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, said: Wording) 
         table, title = table.iloc[worst_first[:MAX_ROWS]], f"{title} ({left_out} more not shown)"
     is_points = "snr_db" in table
     unit = " [%]" if tolerance.is_relative else ""
-    header = ["curve", *(["SNR [dB]"] if is_points else []), "trials", *said.heads]
+    header = ["curve", *(["SNR [dB]"] if is_points else []), f"{said.unit}s", *said.heads]
     rows = [
         [
             f"{row['scenario']}{said.name(row, before=', ')}",
             *([f"{row['snr_db']:g}"] if is_points else []),
             str(row["n_pairs"]),
             *change_cells(row, tolerance),
+            *([win_text(row)] if said.unit == "scene" else []),
             verdict_text(row, tolerance, said),
         ]
         for row in table.to_dict("records")
     ]
-    return Grid(title, [*header, f"change{unit}", "95 % interval", "p", "verdict"], rows)
+    wins = [f"P({said.heads[1]} better)"] if said.unit == "scene" else []
+    return Grid(title, [*header, f"change{unit}", "95 % interval", "p", *wins, "verdict"], rows)
+
+
+def _scene_grid(scenes: pd.DataFrame, said: Wording) -> Grid:
+    """One row each scene that changed most."""
+    rows = [
+        [
+            f"{row['scenario']}{said.name(row, before=', ')}",
+            row["metric"],
+            *(f"{row[side]:.4g}" for side in ("base", "new")),
+            signed(row["change"]),
+            row["command"],
+        ]
+        for row in scenes.to_dict("records")
+    ]
+    header = ["scene", "score", *said.heads, "change", f"command that shows {said.heads[1]}"]
+    return Grid("scenes that changed most", header, rows)
+
+
+def scene_lines(comparison: Comparison) -> list[str]:
+    """Write the scenes that changed most, one line each.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    list of str
+    """
+    if comparison.scenes.empty:
+        return []
+    grid = _scene_grid(comparison.scenes, Wording(comparison))
+    return [
+        f"changed most: {scene}: {score} {base} to {new}; {command}"
+        for scene, score, base, new, _, command in grid.rows
+    ]
+
+
+def win_text(row: Mapping[Hashable, Any]) -> str:
+    """Write the probability that the new side is better, with its interval.
+
+    Parameters
+    ----------
+    row : mapping
+        Curve or point over scenes.
+
+    Returns
+    -------
+    str
+    """
+    if math.isnan(row["win_probability"]):
+        return ""
+    return f"{row['win_probability']:.2f} ({row['win_low']:.2f} to {row['win_high']:.2f})"
 
 
 def change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]:
@@ -229,10 +303,10 @@ def change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]
     """
     name, scale = ("relative", 100.0) if tolerance.is_relative else ("change", 1.0)
     change, low, high = (scale * row[f"{name}{end}"] for end in ("", "_low", "_high"))
-    interval = "" if math.isnan(low) else f"{_signed(low)} to {_signed(high)}"
+    interval = "" if math.isnan(low) else f"{signed(low)} to {signed(high)}"
     p_value = min(row["p_worse"], row["p_better"])
     shown_p = "<0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
-    return [f"{row['base_mean']:.4g}", f"{row['new_mean']:.4g}", _signed(change), interval, shown_p]
+    return [f"{row['base_mean']:.4g}", f"{row['new_mean']:.4g}", signed(change), interval, shown_p]
 
 
 def verdict_text(row: Mapping[Hashable, Any], tolerance: Tolerance, said: Wording) -> str:
@@ -253,19 +327,27 @@ def verdict_text(row: Mapping[Hashable, Any], tolerance: Tolerance, said: Wordin
     if not row["n_pairs"]:
         return "inconclusive: no pairs"
     if not math.isfinite(row["smallest_effect"]):
-        return f"inconclusive: needs {row['trials_needed']} trials"
+        return f"inconclusive: needs {row['trials_needed']} {said.unit}s"
     if not tolerance.is_relative:
         return f"inconclusive: shows {row['smallest_effect']:.2g}"
     relative = row["smallest_effect"] / abs(row["base_mean"]) if row["base_mean"] else math.inf
     return f"inconclusive: shows {100 * relative:.2g} %"
 
 
-def _signed(number: float) -> str:
-    """Three digits and a sign; zero has none.
+def signed(number: float) -> str:
+    """Write a number with three digits and a sign; zero has none.
+
+    Parameters
+    ----------
+    number : float
+
+    Returns
+    -------
+    str
 
     Examples
     --------
-    >>> _signed(1.2345), _signed(-0.0), _signed(123.4)
+    >>> signed(1.2345), signed(-0.0), signed(123.4)
     ('+1.23', '0', '+123')
     """
     return f"{number:+.3g}" if number else "0"

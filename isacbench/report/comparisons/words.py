@@ -33,10 +33,13 @@ class Wording:
         Summary in one phrase: the new side is worse, lacks results, or neither.
     labels : mapping of (str, str) to str
         Names of estimators, by name and parameters.
+    unit : {"trial", "scene"}
+        Noun for what is paired.
     """
 
     def __init__(self, comparison: Comparison) -> None:
         self.labels = estimator_labels(comparison.variants)
+        self.unit = comparison.unit
         self._is_between = comparison.between is not None
         self._verdicts: dict[str, str] = {}
         versions = comparison.base_version, comparison.new_version

@@ -9,11 +9,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from isacbench.bench.plan.labels import estimator_labels, rows_of, variants_in
+from isacbench.bench.plan.labels import estimator_labels, find_limits, rows_of, variants_in
 from isacbench.metrics.score import METRICS
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, legend_lines, panel_grid
 from isacbench.report.drawing.style import assign_looks, drawable
-from isacbench.report.tables.pareto import find_limits
 from isacbench.report.tables.run_tables import mean_of_trials
 
 if TYPE_CHECKING:

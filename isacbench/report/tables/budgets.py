@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.compare.statistics import best_p_values, smallest_p_value, trials_needed
+from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.studies.imaging_study import MANY_SCENARIOS
-from isacbench.report.tables.pareto import find_limits, summarise_points, timed_rows
+from isacbench.report.tables.pareto import summarise_points, timed_rows
 from isacbench.report.tables.run_tables import Grid
 
 if TYPE_CHECKING:

@@ -5,18 +5,15 @@ What a point is: one estimator with its parameters, on one scenario at one SNR.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.studies.intervals import median_interval
-from isacbench.errors import InputError
-from isacbench.plugins.registry import sees_truth
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -56,26 +53,6 @@ def pareto_frontier(time_s: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
     is_better_in_one = (times[:, None] < times) | (errors[:, None] < errors)
     is_beaten: NDArray[np.bool_] = np.asarray(np.any(is_worse_in_neither & is_better_in_one, axis=0))
     return ~is_beaten
-
-
-def find_limits(records: pd.DataFrame) -> set[str]:
-    """Find the estimators of a run that see the truth.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a run.
-
-    Returns
-    -------
-    set of str
-        Their names. An estimator that is not installed counts as one that does not.
-    """
-    limits = set()
-    for name in records["estimator"].unique():
-        with suppress(InputError):  # a table can be made without the plugins that its rows are of
-            limits |= {name} if sees_truth(name) else set()
-    return limits
 
 
 def summarise_times(records: pd.DataFrame) -> pd.DataFrame:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from isacbench.bench.plan.labels import estimator_labels, variants_in
+from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
 from isacbench.bench.studies.intervals import MIN_TRIALS
 from isacbench.bench.studies.population_study import ALL, PART, PHASES, TARGETS, summarise_population
-from isacbench.report.tables.pareto import find_limits
 from isacbench.report.tables.run_tables import Grid, milliseconds, with_failures, written
 
 if TYPE_CHECKING:

@@ -2,9 +2,10 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import binom, chi2
+from scipy.stats import binom, binomtest, chi2, multinomial
 
 from isacbench.bench.studies.intervals import (
+    exact_interval,
     mean_band,
     median_interval,
     rms_interval,
@@ -97,3 +98,24 @@ def test_few_values_have_a_median_and_no_interval(n):
     assert math.isnan(low)
     assert math.isnan(high)
     assert math.isnan(middle) if n == 0 else middle == (n - 1) / 2
+
+
+@pytest.mark.parametrize("n", [6, 20])
+@pytest.mark.parametrize("ties", [0.0, 0.3, 1.0])
+def test_the_exact_interval_covers_every_win_probability_with_95_per_cent_whatever_the_ties(n, ties):
+    """All outcomes of n scenes are enumerated: wins, ties of which each counts half, losses."""
+    outcomes = np.array(
+        [(wins, even, n - wins - even) for wins in range(n + 1) for even in range(n + 1 - wins)]
+    )
+    low, high = np.array([exact_interval(wins + even / 2, n) for wins, even, _ in outcomes]).T
+    for win in np.linspace(0, 1, 201) * (1 - ties):
+        probability = win + ties / 2
+        chances = multinomial.pmf(outcomes, n, [win, ties, 1 - ties - win])
+        assert chances[(low <= probability) & (probability <= high)].sum() >= 0.95
+
+
+def test_the_exact_interval_is_that_of_scipy():
+    for k in range(11):
+        low, high = exact_interval(k, 10)
+        assert (low, high) == pytest.approx(binomtest(k, 10).proportion_ci(method="exact"))
+    assert all(math.isnan(limit) for limit in exact_interval(0, 0))

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isacbench.bench.plan.labels import find_limits
 from isacbench.report.tables.pareto import (
-    find_limits,
     pareto_frontier,
     summarise_points,
     summarise_times,

@@ -1,0 +1,324 @@
+"""Ranking of the estimators of a run over its scenes: rank sets, win probabilities, differences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.compare.matching import code_version, read_run
+from isacbench.bench.compare.ranks import rank_sets
+from isacbench.bench.compare.scene_scores import (
+    VARIANT,
+    average_reference,
+    average_scenes,
+    scene_families,
+    scene_groups,
+    with_sums_and_ratios,
+)
+from isacbench.bench.compare.statistics import (
+    CHANGES,
+    MIN_INTERVAL_TRIALS,
+    bootstrap_changes,
+    win_shares,
+)
+from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.compare.verdicts import without_rounding
+from isacbench.bench.compare.worst_scenes import worst_scenes
+from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
+from isacbench.errors import InputError
+from isacbench.files.escaping import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from isacbench.bench.compare.matching import RunTable
+    from isacbench.bench.compare.scene_scores import SceneScores
+    from isacbench.bench.plan.labels import Variant
+
+    Floats = NDArray[np.float64]
+
+DEFAULT_METRIC = "deviation"
+
+SHARES = ("precision", "recall")
+"""Columns that stand beside every rank: a Hausdorff distance alone is met by scattered points as well."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Ranking:
+    """Ranks of the estimators of a run, the scene being the unit.
+
+    `isacbench.rank` makes it. Groups are ``all scenes``, and each family of 20
+    scenes or more, ``town scenes``. Tables name an estimator by ``estimator``
+    and ``params`` (canonical JSON); `labels` has readable names.
+
+    Attributes
+    ----------
+    run : str
+        Folder of the run.
+    version : str
+        Of the code that made it.
+    metric : str
+    better : {"lower", "higher"}
+        Better direction of the metric.
+    labels : mapping of (str, str) to str
+        Readable names by name and params.
+    scores : DataFrame
+        A row for each scene and a column for each ranked estimator: its score,
+        averaged over the SNRs and trials at which all of them have one.
+    ranks : DataFrame
+        A row for each group and estimator, the best mean first, references
+        last: ``group``, ``n_scenes``, ``estimator``, ``params``,
+        ``is_reference``; ``mean`` of the metric, ``precision`` and ``recall``
+        over the scenes; ``rank_low`` and ``rank_high``, the set of ranks,
+        simultaneous over the estimators of a group with 95 % confidence;
+        ``change`` of the mean from the best one's, with ``change_low`` and
+        ``change_high``. References have no ranks.
+    wins : DataFrame
+        A row for each group and ordered pair of ranked estimators:
+        ``probability`` that the first one, ``estimator`` and ``params``, is
+        better than ``other`` and ``other_params`` on an unseen scene of this
+        kind, ties counting half, with the limits ``low`` and ``high`` of its
+        95 % interval; ``n_scenes``, ``n_ties``; ``change``, the first one's
+        mean less the other's, with ``change_low`` and ``change_high``.
+    worst : DataFrame
+        Scenes in which each estimator is worst, with the command that shows
+        each, as `isacbench.bench.compare.worst_scenes.worst_scenes` lists them.
+    notes : tuple of str
+        Cells that were left out, and failures that were counted as worst scores.
+    """
+
+    run: str
+    version: str
+    metric: str
+    better: str
+    labels: Mapping[Variant, str]
+    scores: pd.DataFrame
+    ranks: pd.DataFrame
+    wins: pd.DataFrame
+    worst: pd.DataFrame
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Show the metric, the number of scenes, and the rank set of every estimator over all scenes."""
+        first = self.ranks[(self.ranks["group"] == self.ranks["group"].iloc[0]) & ~self.ranks["is_reference"]]
+        lines = [
+            f" {self.labels[row['estimator'], row['params']]}: {rank_text(row['rank_low'], row['rank_high'])}"
+            for row in first.to_dict("records")
+        ]
+        return (
+            "\n".join(
+                [
+                    f"<Ranking of {self.run!r} by {self.metric} over {counted(len(self.scores), 'scene')}",
+                    *lines,
+                ]
+            )
+            + ">"
+        )
+
+
+def rank_text(low: float, high: float) -> str:
+    """Write a set of consecutive ranks.
+
+    Parameters
+    ----------
+    low, high : float
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> rank_text(1, 3), rank_text(2, 2)
+    ('1 to 3', '2')
+    """
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
+def rank(folder: str | Path, metric: str = DEFAULT_METRIC) -> Ranking:
+    """Rank the estimators of a run over its scenes, as ``isacbench rank`` does. Nothing is written.
+
+    Estimators that see the truth are references: they are shown, not ranked.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of a run, merged ones included.
+    metric : str
+        Column of the rows with a better direction, ``hausdorff_sum_m``, or
+        ``ratio``, the Hausdorff sum over that of the oracle.
+
+    Returns
+    -------
+    Ranking
+
+    Raises
+    ------
+    InputError
+        If the folder holds no run, or the run has not the metric, two
+        estimators, or six scenes in which all of them have a score.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from isacbench import run
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = run("quick", estimators=["fft4d", "oracle"], snr_db=[10], trials=1, out=folder)
+    ...     rank(folder)
+    Traceback (most recent call last):
+    isacbench.errors.InputError: ...: a ranking needs two estimators or more that do not see the truth; ...
+    """
+    return rank_table(read_run(Path(folder)), metric)
+
+
+def rank_table(run: RunTable, metric: str = DEFAULT_METRIC) -> Ranking:
+    """Rank the estimators of a run that was read.
+
+    Parameters
+    ----------
+    run : RunTable
+    metric : str
+
+    Returns
+    -------
+    Ranking
+
+    Raises
+    ------
+    InputError
+        As `rank` raises it.
+    """
+    records = with_sums_and_ratios(run)
+    numbers = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"])
+    better = direction(metric, run.manifest["metric"]["name"], numbers)
+    variants, limits = variants_in(records), find_limits(records)
+    ranked = [variant for variant in variants if variant[0] not in limits]
+    references = [variant for variant in variants if variant[0] in limits]
+    if len(ranked) < 2:
+        raise InputError(
+            f"{run.label}: a ranking needs two estimators or more that do not see the truth; the run has "
+            f"{', '.join(name for name, _ in ranked) or 'none'}"
+        )
+    scored = average_scenes(records, metric, better, ranked)
+    _require_scenes(run, scored, metric)
+    groups = scene_groups(scored.scenes.index, scene_families(run.manifest))
+    shares = {
+        name: average_scenes(records, name, "higher", ranked).scenes
+        for name in SHARES
+        if name in records and name != metric
+    }
+    beside = {
+        variant: {name: average_reference(records, name, variant, scored.cells) for name in (metric, *shares)}
+        for variant in references
+    }
+    ranks, wins = [], []
+    for group, scenes in groups.items():
+        table = scored.scenes.loc[scenes]
+        found = _win_rows(table, better).assign(group=group)
+        means = {name: share.reindex(scenes).mean() for name, share in shares.items()}
+        ranks += [_rank_rows(table, better, found, means), _reference_rows(beside, metric, scenes)]
+        ranks[-2:] = [part.assign(group=group, n_scenes=len(scenes)) for part in ranks[-2:]]
+        wins.append(found)
+    labels = estimator_labels(variants)
+    first = ["group", "n_scenes"]
+    rank_rows = pd.concat([part for part in ranks if len(part)], ignore_index=True)
+    rank_rows = rank_rows.astype({"rank_low": "Int64", "rank_high": "Int64"})
+    return Ranking(
+        run=run.label,
+        version=code_version(run),
+        metric=metric,
+        better=better,
+        labels=labels,
+        scores=scored.scenes,
+        ranks=_in_front(rank_rows, first),
+        wins=_in_front(pd.concat(wins, ignore_index=True), first),
+        worst=worst_scenes(records, run.manifest, scored, better, labels),
+        notes=tuple(scored.notes),
+    )
+
+
+def _require_scenes(run: RunTable, scored: SceneScores, metric: str) -> None:
+    n_scenes = len(scored.scenes)
+    if n_scenes < MIN_INTERVAL_TRIALS:
+        left_out = "".join(f"; {note}" for note in scored.notes)
+        raise InputError(
+            f"{run.label}: nothing can be said of unseen scenes: all estimators have a {metric} in "
+            f"{counted(n_scenes, 'scene')}; allowed are {MIN_INTERVAL_TRIALS} or more, because no interval "
+            f"over fewer has 95 % coverage; isacbench report shows the scores{left_out}"
+        )
+
+
+def _in_front(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
+    return table[[*columns, *(name for name in table if name not in columns)]]
+
+
+def _win_rows(table: pd.DataFrame, better: str) -> pd.DataFrame:
+    """Win probability and mean difference of every ordered pair of columns."""
+    pairs = list(permutations(range(table.shape[1]), 2))
+    first, second = (table.to_numpy()[:, [pair[side] for pair in pairs]] for side in (0, 1))
+    first = without_rounding(second, first)
+    variants = list(table.columns)
+    rows = pd.DataFrame(
+        {
+            "n_scenes": len(table),
+            "estimator": [variants[pair[0]][0] for pair in pairs],
+            "params": [variants[pair[0]][1] for pair in pairs],
+            "other": [variants[pair[1]][0] for pair in pairs],
+            "other_params": [variants[pair[1]][1] for pair in pairs],
+        }
+    )
+    return rows.join(win_shares(second, first, better)).join(bootstrap_changes(second, first)[CHANGES[:3]])
+
+
+def _rank_rows(
+    table: pd.DataFrame, better: str, wins: pd.DataFrame, shares: Mapping[str, pd.Series[float]]
+) -> pd.DataFrame:
+    """Mean, shares, rank set and difference from the best of every column, the best first."""
+    sign = 1.0 if better == "lower" else -1.0
+    # Differences by rounding alone are made exact zeros: those of all columns from the first of equal ones.
+    values = table.to_numpy(copy=True)
+    for column in range(1, values.shape[1]):
+        values[:, column] = _rounded_to(values[:, :column], values[:, column])
+    sets = rank_sets(sign * values)
+    means = table.mean()
+    best = means.index[int(np.argmin(sign * means.to_numpy()))]
+    from_best = wins[(wins["other"] == best[0]) & (wins["other_params"] == best[1])]
+    changes = from_best.set_index(VARIANT)[CHANGES[:3]].reindex(means.index)
+    changes.loc[best] = 0.0
+    rows = pd.DataFrame({"is_reference": False, "mean": means})
+    rows = rows.assign(**shares, rank_low=sets.low, rank_high=sets.high).join(changes)
+    return rows.sort_values("mean", ascending=better == "lower", kind="stable").reset_index()
+
+
+def _rounded_to(others: Floats, values: Floats) -> Floats:
+    """Make values equal to those of another column where only rounding parts them."""
+    for other in others.T:
+        values = without_rounding(other, values)
+    return values
+
+
+def _reference_rows(
+    beside: Mapping[Variant, Mapping[str, pd.Series[float]]], metric: str, scenes: list[str]
+) -> pd.DataFrame:
+    """Mean and shares of every reference."""
+    return pd.DataFrame(
+        [
+            {
+                "estimator": name,
+                "params": params,
+                "is_reference": True,
+                **{
+                    "mean" if column == metric else column: values.reindex(scenes).mean()
+                    for column, values in averages.items()
+                },
+            }
+            for (name, params), averages in beside.items()
+        ]
+    )

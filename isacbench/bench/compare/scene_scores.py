@@ -1,0 +1,253 @@
+"""Scores of whole scenes: averages over the SNRs and trials at which all estimators have a score."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.compare.estimator_pairs import spell_apart
+from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
+from isacbench.bench.studies.imaging_study import HAUSDORFF_COLUMNS
+from isacbench.bench.studies.ratios import POINT_FAMILIES, hausdorff_ratios
+from isacbench.files.escaping import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from typing import Any
+
+    from isacbench.bench.compare.matching import RunTable
+    from isacbench.bench.plan.labels import Variant
+
+MIN_FAMILY_SCENES = 20
+"""Least number of scenes for which something is said of a family alone."""
+
+ALL_SCENES = "all scenes"
+
+SCENE_KINDS = ("imaging", "population")
+"""Kinds of suites whose scenarios are scenes."""
+
+SCENE_CELL = ["scenario", "snr_db", "trial"]
+VARIANT = ["estimator", "params"]
+
+
+class SceneScores(NamedTuple):
+    """Scores of scenes by one metric.
+
+    Attributes
+    ----------
+    scenes : DataFrame
+        A row for each scene, in the order of the run, and a column for each variant: the mean over the
+        cells of `cells`.
+    cells : DataFrame
+        A row for each scenario, SNR and trial at which all ranked estimators have a score.
+    notes : list of str
+        Cells that were left out, and failed cells that count as the worst score.
+    """
+
+    scenes: pd.DataFrame
+    cells: pd.DataFrame
+    notes: list[str]
+
+
+def with_sums_and_ratios(run: RunTable) -> pd.DataFrame:
+    """Add the columns ``hausdorff_sum_m`` and ``ratio``, as far as the rows have what they need.
+
+    Parameters
+    ----------
+    run : RunTable
+
+    Returns
+    -------
+    DataFrame
+        ``ratio`` is that of `isacbench.bench.studies.ratios.hausdorff_ratios`.
+    """
+    records = run.records
+    if not set(HAUSDORFF_COLUMNS) <= set(records):
+        return records
+    without = [name for name, family in scene_families(run.manifest).items() if family in POINT_FAMILIES]
+    return records.assign(
+        hausdorff_sum_m=records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False),
+        ratio=hausdorff_ratios(records, without),
+    )
+
+
+def scene_families(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Look up the family of every scenario of a run.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+
+    Returns
+    -------
+    dict of str to str
+        Empty texts for scenarios that no family made.
+    """
+    return {name: str(told.get("family", "")) for name, told in manifest["scenarios"].items()}
+
+
+def scene_groups(scenes: Iterable[str], families: Mapping[str, str]) -> dict[str, list[str]]:
+    """Group scenes: all of them, and every family of 20 scenes or more that is not all.
+
+    Parameters
+    ----------
+    scenes : iterable of str
+    families : mapping of str to str
+        Of scenes; those that are missing have none.
+
+    Returns
+    -------
+    dict of str to list of str
+        Scenes by the name of their group.
+
+    Examples
+    --------
+    >>> names = [f"town[seed={seed}]" for seed in range(20)]
+    >>> {name: len(part) for name, part in scene_groups([*names, "a"], dict.fromkeys(names, "town")).items()}
+    {'all scenes': 21, 'town scenes': 20}
+    """
+    by_family: dict[str, list[str]] = {}
+    everything = list(dict.fromkeys(scenes))
+    for scene in everything:
+        by_family.setdefault(families.get(scene, ""), []).append(scene)
+    return {
+        ALL_SCENES: everything,
+        **{
+            f"{family} scenes": part
+            for family, part in by_family.items()
+            if family and MIN_FAMILY_SCENES <= len(part) < len(everything)
+        },
+    }
+
+
+def compared_scenes(manifest: Mapping[str, Any], scenes: Iterable[str]) -> dict[str, list[str]]:
+    """Group the scenes of a comparison, where it has enough of them to be the units.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+    scenes : iterable of str
+        Scenarios with paired cells.
+
+    Returns
+    -------
+    dict of str to list of str
+        As `scene_groups` returns it. Empty for fewer than six scenes, and for suites
+        whose scenarios are no population: steps of a parameter, maps, users.
+    """
+    names = list(dict.fromkeys(scenes))
+    if len(names) < MIN_INTERVAL_TRIALS or manifest["suite"].get("kind", "imaging") not in SCENE_KINDS:
+        return {}
+    return scene_groups(names, scene_families(manifest))
+
+
+def pool_scenes(rows: pd.DataFrame, groups: Mapping[str, Sequence[str]]) -> pd.DataFrame:
+    """Put groups in the place of scenarios, and scenes in the place of trials.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        With the columns ``scenario``, ``estimator``, ``params``, ``snr_db``, ``trial``, ``base``, ``new``;
+        the scores are NaN in both or in none.
+    groups : mapping of str to sequence of str
+        Scenes by the name of their group.
+
+    Returns
+    -------
+    DataFrame
+        A row for each group, estimator, SNR and scene: the means over the scene's trials.
+        ``scenario`` holds the group, ``trial`` the scene.
+    """
+    keys = ["scenario", *VARIANT, "snr_db"]
+    means = rows.groupby(keys, sort=False)[["base", "new"]].mean().reset_index()
+    parts = [
+        means[means["scenario"].isin(scenes)].assign(trial=lambda part: part["scenario"], scenario=group)
+        for group, scenes in groups.items()
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequence[Variant]) -> SceneScores:
+    """Average a score within every scene, over the SNRs and trials at which all estimators have one.
+
+    A cell that failed gets the worst score that any of the estimators has in
+    the run. Left out it would make its estimator look better than one that
+    tried and delivered a bad image.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+    metric : str
+        One of their columns.
+    better : {"lower", "higher"}
+    ranked : sequence of (str, str)
+        Name and params of the estimators that must all have a score.
+
+    Returns
+    -------
+    SceneScores
+    """
+    rows = records[[*SCENE_CELL, *VARIANT]].assign(
+        # Merged and stored rows may have categories, which would be grouped whether they occur or not.
+        scenario=records["scenario"].astype(object),
+        estimator=records["estimator"].astype(object),
+        params=records["params"].astype(object),
+        score=records[metric].astype(float).where(~failed(records)),
+        failed=failed(records),
+    )
+    rows["score"] = rows["score"].where(np.isfinite(rows["score"]))
+    columns = pd.MultiIndex.from_tuples(ranked, names=VARIANT)
+    scores, is_failed = (
+        rows.pivot(index=SCENE_CELL, columns=VARIANT, values=name).reindex(columns=columns)
+        for name in ("score", "failed")
+    )
+    is_failed = is_failed.eq(True)  # a missing row has not failed
+    # Where no estimator has a score, the metric is not defined or all failed.
+    is_failed &= scores.notna().any(axis=1).to_numpy()[:, None]
+    worst = float(scores.max().max() if better == "lower" else scores.min().min())
+    scores = scores.mask(is_failed, worst)
+    cells = scores.dropna()
+    scenes = cells.groupby("scenario").mean()
+    scenes = scenes.reindex([name for name in rows["scenario"].unique() if name in scenes.index])
+    n_failed = is_failed.loc[cells.index].sum().tolist()
+    notes = [
+        f"failed cells of {name}: {number}, each counted as the worst {metric} of the run, {worst:.4g}"
+        for name, number in zip(spell_apart(ranked), n_failed, strict=True)
+        if number
+    ]
+    if len(cells) < len(scores):
+        n_gone = scores.index.get_level_values("scenario").nunique() - len(scenes)
+        notes.append(
+            f"{metric}: {len(scores) - len(cells)} of {len(scores)} combinations of scene, SNR and trial are "
+            f"left out, {counted(n_gone, 'scene')} altogether: not all estimators have a score there"
+        )
+    return SceneScores(scenes, cells, notes)
+
+
+def average_reference(
+    records: pd.DataFrame, metric: str, variant: Variant, cells: pd.DataFrame
+) -> pd.Series[float]:
+    """Average a score of one estimator within every scene, as far as it has one at the compared cells.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+    metric : str
+    variant : (str, str)
+    cells : DataFrame
+        Of `SceneScores`.
+
+    Returns
+    -------
+    Series of float64
+        By scene; without scenes in which it has none.
+    """
+    own = records[(records["estimator"] == variant[0]) & (records["params"] == variant[1])]
+    own = own.astype({"scenario": object}).set_index(SCENE_CELL)
+    values: pd.Series[float] = own[metric].astype(float).where(~failed(own)).reindex(cells.index)
+    return values.where(np.isfinite(values)).groupby("scenario").mean().dropna()

@@ -1,0 +1,175 @@
+"""Scenes to look at: where an estimator does worst, and the command that shows its image there."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.compare.scene_scores import SCENE_CELL, scene_families
+from isacbench.bench.compare.verdicts import ROUNDING
+from isacbench.bench.plan.labels import rows_of, variants_in
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from isacbench.bench.compare.scene_scores import SceneScores
+    from isacbench.bench.plan.labels import Variant
+
+N_WORST = 3
+"""Number of scenes that are listed for each estimator."""
+
+N_CHANGED = 5
+"""Number of scenes that are listed for each score of a comparison."""
+
+PICTURE = "image.png"
+
+
+def worst_scenes(
+    records: pd.DataFrame,
+    manifest: Mapping[str, Any],
+    scored: SceneScores,
+    better: str,
+    labels: Mapping[Variant, str],
+) -> pd.DataFrame:
+    """List the scenes in which each estimator has its worst scores.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of the run.
+    manifest : mapping of str to Any
+    scored : SceneScores
+    better : {"lower", "higher"}
+    labels : mapping of (str, str) to str
+        Names of estimators, which are specifications.
+
+    Returns
+    -------
+    DataFrame
+        A row for each of three scenes of each estimator: ``estimator``,
+        ``params``, ``scenario``, ``family``, ``score`` of the scene; of its worst
+        cell ``snr_db``, ``trial``, ``cell_score``, ``status``, and ``precision``
+        and ``recall`` where the run has them; ``command``, which shows the cell.
+    """
+    families, found = scene_families(manifest), []
+    of_cell = ["snr_db", "trial", "cell_score", "status"]
+    of_cell += [name for name in ("precision", "recall") if name in records]
+    for variant in variants_in(scored.scenes.columns.to_frame()):
+        own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
+        scores = scored.scenes[variant].sort_values(ascending=better == "higher", kind="stable")
+        cells = own.join(scored.cells[variant].rename("cell_score"), how="inner").reset_index()
+        cells = cells.sort_values("cell_score", ascending=better == "higher", kind="stable")
+        for scene, score in scores.head(N_WORST).items():
+            cell = cells[cells["scenario"] == scene].iloc[0]
+            name, at = str(scene), (cell["snr_db"], cell["trial"])
+            found.append(
+                {
+                    "estimator": variant[0],
+                    "params": variant[1],
+                    "scenario": name,
+                    "family": families.get(name, ""),
+                    "score": score,
+                    **{column: cell[column] for column in of_cell},
+                    "command": command_to_show(manifest, name, labels[variant], *at),
+                }
+            )
+    return pd.DataFrame(found)
+
+
+def most_changed(
+    pairs: pd.DataFrame,
+    metric: str,
+    manifest: Mapping[str, Any],
+    partners: Mapping[Variant, Variant],
+    labels: Mapping[Variant, str],
+) -> pd.DataFrame:
+    """List the scenes in which a score changed most.
+
+    Parameters
+    ----------
+    pairs : DataFrame
+        As `isacbench.bench.compare.matching.pair_cells` returns it.
+    metric : str
+    manifest : mapping of str to Any
+        Of the new run.
+    partners : mapping of (str, str) to (str, str)
+        Variant of the new run for those of the base that have another name or other parameters.
+    labels : mapping of (str, str) to str
+        Names of estimators, which are specifications.
+
+    Returns
+    -------
+    DataFrame
+        At most five rows, the largest mean change of a scene first: ``metric``,
+        ``scenario``, ``family``, ``estimator``, ``params``, means ``base`` and
+        ``new``, ``change``; of the cell that changed most ``snr_db``,
+        ``trial``, and ``command``, which shows it in the new run.
+    """
+    keys, families = ["scenario", "estimator", "params"], scene_families(manifest)
+    rows = pairs[[*keys, "snr_db", "trial"]].assign(
+        base=pairs[f"{metric}_base"].astype(float), new=pairs[f"{metric}_new"].astype(float)
+    )
+    rows["change"] = rows["new"] - rows["base"]
+    rows = rows[np.isfinite(rows["change"])]
+    means = rows.groupby(keys, sort=False)[["base", "new", "change"]].mean().reset_index()
+    means = means[means["change"].abs() > ROUNDING * (means["base"].abs() + means["new"].abs())]
+    chosen = means.loc[means["change"].abs().sort_values(ascending=False, kind="stable").index[:N_CHANGED]]
+    found = []
+    for row in chosen.to_dict("records"):
+        cells = rows[(rows[keys] == [row[key] for key in keys]).all(axis=1)]
+        cell = cells.loc[cells["change"].abs().idxmax()]
+        variant = (row["estimator"], row["params"])
+        label = labels[partners.get(variant, variant)]
+        shown = command_to_show(manifest, row["scenario"], label, cell["snr_db"], cell["trial"])
+        place = {"snr_db": cell["snr_db"], "trial": cell["trial"], "command": shown}
+        found.append({"metric": metric, **row, "family": families.get(row["scenario"], ""), **place})
+    columns = [
+        "metric",
+        "scenario",
+        "family",
+        *keys[1:],
+        "base",
+        "new",
+        "change",
+        "snr_db",
+        "trial",
+        "command",
+    ]
+    return pd.DataFrame(found, columns=columns)
+
+
+def command_to_show(
+    manifest: Mapping[str, Any], scenario: str, estimator: str, snr_db: float, trial: int
+) -> str:
+    """Spell the command that takes the image of a cell and draws it.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+    scenario : str
+        Its name. If the suite names a file of that name, its path is spelled.
+    estimator : str
+        Specification.
+    snr_db : float
+    trial : int
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> command_to_show({"seed": 0}, "town[seed=7]", "music2d", 10.0, 0)
+    "isacbench image -s 'town[seed=7]' -e music2d --snr 10 --plot image.png"
+    """
+    named = manifest.get("suite", {}).get("scenarios", ())
+    paths = {Path(name).stem: name for name in named if name.endswith(".toml")}
+    numbers = {"--trial": int(trial), "--seed": int(manifest["seed"])}
+    words = ["isacbench", "image", "-s", paths.get(scenario, scenario), "-e", estimator]
+    words += ["--snr", f"{snr_db:.10g}"]
+    words += [word for name, number in numbers.items() if number for word in (name, str(number))]
+    return shlex.join([*words, "--plot", PICTURE])

@@ -1,0 +1,142 @@
+"""Tables and JSON of a ranking."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from isacbench.bench.compare.ranking import SHARES, rank_text
+from isacbench.bench.compare.scene_scores import MIN_FAMILY_SCENES, VARIANT
+from isacbench.files.escaping import counted
+from isacbench.report.comparisons.comparison_tables import json_rows, signed
+from isacbench.report.tables.run_tables import Grid, written
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping
+
+    from isacbench.bench.compare.ranking import Ranking
+
+
+def ranking_grids(ranking: Ranking) -> list[Grid]:
+    """Lay out the ranks and the win probabilities of every group, and the worst scenes.
+
+    Parameters
+    ----------
+    ranking : Ranking
+
+    Returns
+    -------
+    list of Grid
+    """
+    found = []
+    for group, ranks in ranking.ranks.groupby("group", sort=False):
+        wins = ranking.wins[ranking.wins["group"] == group]
+        found += [_rank_grid(ranking, str(group), ranks), _win_grid(ranking, str(group), ranks, wins)]
+    return [*found, _worst_grid(ranking)]
+
+
+def ranking_lines(ranking: Ranking) -> list[str]:
+    """Write what the tables do not show: what was left out, and what the sets are.
+
+    Parameters
+    ----------
+    ranking : Ranking
+
+    Returns
+    -------
+    list of str
+    """
+    return [
+        *ranking.notes,
+        "rank sets hold for all estimators of a table at once with 95 % confidence, other intervals each by "
+        f"itself; families with fewer than {MIN_FAMILY_SCENES} scenes have no table of their own",
+    ]
+
+
+def ranking_content(ranking: Ranking) -> dict[str, Any]:
+    """Describe a ranking in terms of JSON.
+
+    Parameters
+    ----------
+    ranking : Ranking
+
+    Returns
+    -------
+    dict
+        Numbers that are missing are null. Tables as in
+        `isacbench.bench.compare.ranking.Ranking`, ``scores`` with a row for
+        each scene and estimator.
+    """
+    scores = ranking.scores.rename_axis("scenario").stack(VARIANT, future_stack=True)
+    return {
+        "run": {"folder": ranking.run, "version": ranking.version},
+        "metric": ranking.metric,
+        "better": ranking.better,
+        "ranks": json_rows(ranking.ranks),
+        "wins": json_rows(ranking.wins),
+        "worst": json_rows(ranking.worst),
+        "scores": json_rows(pd.DataFrame({"score": scores}).reset_index()),
+        "notes": list(ranking.notes),
+    }
+
+
+def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Grid:
+    """One row an estimator, references last."""
+    shares = [name for name in SHARES if name in ranks]
+    n_scenes = counted(int(ranks["n_scenes"].iloc[0]), "scene")
+    title = f"{group}: ranks by {ranking.metric}, {ranking.better} is better, {n_scenes}"
+    header = ["estimator", "rank", f"mean {ranking.metric}", *shares, "from the best", "95 % interval"]
+    return Grid(title, header, [_rank_row(ranking, row, shares) for row in ranks.to_dict("records")])
+
+
+def _rank_row(ranking: Ranking, row: Mapping[Hashable, Any], shares: list[str]) -> list[str]:
+    is_reference = row["is_reference"]
+    interval = f"{signed(row['change_low'])} to {signed(row['change_high'])}"
+    return [
+        ranking.labels[row["estimator"], row["params"]],
+        "reference" if is_reference else rank_text(row["rank_low"], row["rank_high"]),
+        written(row["mean"], "{:.4g}"),
+        *(written(row[name], "{:.2f}") for name in shares),
+        "" if is_reference else signed(row["change"]),
+        "" if is_reference or not row["change"] else interval,
+    ]
+
+
+def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame, wins: pd.DataFrame) -> Grid:
+    """One row an estimator, one column each that it is compared with."""
+    variants = list(
+        ranks.loc[~ranks["is_reference"], ["estimator", "params"]].itertuples(index=False, name=None)
+    )
+    texts = {
+        (row["estimator"], row["params"], row["other"], row["other_params"]): (
+            f"{row['probability']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
+        )
+        for row in wins.to_dict("records")
+    }
+    return Grid(
+        f"{group}: probability that the row is better than the column on an unseen scene, 95 % interval",
+        ["better", *(ranking.labels[variant] for variant in variants)],
+        [
+            [ranking.labels[variant], *(texts.get((*variant, *other), "") for other in variants)]
+            for variant in variants
+        ],
+    )
+
+
+def _worst_grid(ranking: Ranking) -> Grid:
+    """One row each scene in which an estimator is worst."""
+    shares = [name for name in SHARES if name in ranking.worst]
+    rows = [
+        [
+            ranking.labels[row["estimator"], row["params"]],
+            row["scenario"],
+            f"{row['score']:.4g}",
+            f"{row['cell_score']:.4g}{'' if row['status'] == 'ok' else ' (' + row['status'] + ')'}",
+            *(written(row[name], "{:.2f}") for name in shares),
+            row["command"],
+        ]
+        for row in ranking.worst.to_dict("records")
+    ]
+    header = ["estimator", "scene", ranking.metric, "worst image", *shares, "command that shows it"]
+    return Grid(f"worst scenes by {ranking.metric}", header, rows)

@@ -1,0 +1,203 @@
+import dataclasses
+import shlex
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import isacbench
+from isacbench.bench.compare.ranking import rank_table
+from isacbench.bench.compare.scene_scores import scene_groups
+from isacbench.bench.compare.statistics import bootstrap_changes
+from isacbench.errors import InputError
+
+ALL = "all scenes"
+
+
+def of(table, estimator, group=ALL, **equal):
+    rows = table[(table["estimator"] == estimator) & (table["group"] == group)]
+    for name, value in equal.items():
+        rows = rows[rows[name] == value]
+    (row,) = rows.to_dict("records")
+    return row
+
+
+def fail(records, estimator, scenario, **equal):
+    """Make the cells of an estimator in a scene fail."""
+    chosen = (records["estimator"] == estimator) & (records["scenario"] == scenario)
+    for name, value in equal.items():
+        chosen &= records[name] == value
+    scores = ["deviation", "precision", "recall", "hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"]
+    records.loc[chosen, scores] = np.nan
+    records.loc[chosen, "status"] = "timeout"
+
+
+def test_the_score_of_a_scene_is_the_mean_over_its_snrs_and_trials(scenes_run):
+    run = scenes_run(town=8, trials=3)
+    found = rank_table(run)
+    for scene in found.scores.index:
+        rows = run.records[(run.records["scenario"] == scene) & (run.records["estimator"] == "music2d")]
+        assert found.scores.loc[scene, ("music2d", "{}")] == pytest.approx(rows["deviation"].mean())
+    assert of(found.ranks, "music2d")["mean"] == pytest.approx(found.scores["music2d", "{}"].mean())
+
+
+def test_more_trials_of_a_scene_are_no_more_scenes(scenes_run):
+    run = scenes_run(town=8)
+    copies = [run.records.assign(trial=trial) for trial in range(5)]
+    many = rank_table(dataclasses.replace(run, records=pd.concat(copies, ignore_index=True)))
+    once = rank_table(run)
+    pd.testing.assert_frame_equal(many.ranks, once.ranks)
+    pd.testing.assert_frame_equal(many.wins, once.wins)
+
+
+def test_estimators_are_sorted_best_first_and_references_stand_beside_without_a_rank(scenes_run):
+    ranks = rank_table(scenes_run(town=8)).ranks
+    assert ranks["estimator"].tolist() == ["fft4d", "music2d", "esprit2d", "oracle"]
+    assert ranks["is_reference"].tolist() == [False, False, False, True]
+    assert ranks["rank_low"].tolist()[:3] == [1, 2, 3]
+    assert ranks["rank_low"].isna().tolist() == [False, False, False, True]
+    oracle = of(ranks, "oracle")
+    assert oracle["mean"] > ranks["mean"].iloc[2]  # the made-up one is the worst
+    assert 0 < oracle["precision"] < 1
+
+
+def test_a_score_whose_better_direction_is_up_is_ranked_from_above(scenes_run):
+    found = rank_table(scenes_run(town=8), "precision")
+    assert found.better == "higher"
+    assert found.ranks["estimator"].tolist()[:3] == ["fft4d", "music2d", "esprit2d"]
+    assert of(found.ranks, "fft4d")["rank_high"] == 1
+    assert of(found.wins, "fft4d", other="esprit2d")["probability"] == 1
+
+
+def test_wins_are_the_shares_of_scenes_in_plain_loops_and_ties_count_half(scenes_run):
+    def tie(records):
+        chosen = (records["scenario"] == "town[seed=0]") & (records["estimator"] != "oracle")
+        records.loc[chosen, "deviation"] = 7.0
+
+    run = scenes_run(tie, town=10, estimators=("a", "b", "c"))
+    run.records["deviation"] += np.random.default_rng(0).normal(0, 3, len(run.records)) * (
+        run.records["scenario"] != "town[seed=0]"
+    )
+    found = rank_table(run)
+    for one, other in [("a", "b"), ("b", "a"), ("c", "a")]:
+        first, second = found.scores[one, "{}"], found.scores[other, "{}"]
+        wins = sum(1.0 if x < y else 0.5 if x == y else 0.0 for x, y in zip(first, second, strict=True))
+        row = of(found.wins, one, other=other)
+        assert row["probability"] == wins / 10
+        assert row["n_ties"] == 1
+        assert row["low"] < row["probability"] < row["high"]
+        expected = bootstrap_changes(second.to_numpy()[:, None], first.to_numpy()[:, None])
+        assert row["change"] == pytest.approx(expected["change"].iloc[0])
+        assert row["change_low"] == pytest.approx(expected["change_low"].iloc[0])
+
+
+def test_both_directions_of_a_pair_are_each_others_mirror(scenes_run):
+    wins = rank_table(scenes_run(town=9)).wins
+    one, other = of(wins, "fft4d", other="music2d"), of(wins, "music2d", other="fft4d")
+    assert one["probability"] + other["probability"] == 1
+    assert one["low"] + other["high"] == pytest.approx(1)
+    assert one["change"] == pytest.approx(-other["change"])
+
+
+def test_a_failed_cell_counts_as_the_worst_score_of_the_run_and_never_flatters(scenes_run):
+    hard = "town[seed=3]"
+    before = rank_table(scenes_run(town=8))
+    found = rank_table(scenes_run(lambda records: fail(records, "fft4d", hard, snr_db=10), town=8))
+    run = scenes_run(town=8).records
+    ranked = run[(run["estimator"] != "oracle")]
+    worst = ranked["deviation"].max()
+    left = ranked[(ranked["scenario"] == hard) & (ranked["estimator"] == "fft4d") & (ranked["snr_db"] == -10)]
+    assert found.scores.loc[hard, ("fft4d", "{}")] == pytest.approx((worst + left["deviation"].iloc[0]) / 2)
+    others = found.scores.drop(columns=[("fft4d", "{}")])
+    pd.testing.assert_frame_equal(others, before.scores[others.columns])
+    assert of(found.ranks, "fft4d")["mean"] > of(before.ranks, "fft4d")["mean"]
+    assert any("failed cells of fft4d: 1" in note for note in found.notes)
+
+
+def test_a_cell_at_which_an_estimator_has_no_row_is_left_out_for_all_and_told(scenes_run):
+    run = scenes_run(town=8)
+    gone = (run.records["estimator"] == "fft4d") & (run.records["scenario"] == "town[seed=1]")
+    found = rank_table(dataclasses.replace(run, records=run.records[~gone]))
+    assert "town[seed=1]" not in found.scores.index
+    assert len(found.scores) == 7
+    assert any("2 of 16 combinations" in note and "1 scene " in note for note in found.notes)
+
+
+def test_families_with_twenty_scenes_get_ranks_of_their_own(scenes_run):
+    found = rank_table(scenes_run(town=20, crowd=19))
+    assert found.ranks["group"].unique().tolist() == [ALL, "town scenes"]
+    assert set(found.ranks.loc[found.ranks["group"] == "town scenes", "n_scenes"]) == {20}
+    town = found.scores[[name.startswith("town") for name in found.scores.index]]
+    assert of(found.ranks, "fft4d", "town scenes")["mean"] == pytest.approx(town["fft4d", "{}"].mean())
+    assert scene_groups(["a"] * 3, {}) == {ALL: ["a"]}
+
+
+def test_the_ratio_is_to_the_oracle_and_not_formed_for_lone_scatterers(scenes_run):
+    found = rank_table(scenes_run(town=7, sparse=7), "ratio")
+    assert {name.partition("[")[0] for name in found.scores.index} == {"town"}
+    assert of(found.ranks, "oracle")["mean"] == 1
+    with pytest.raises(InputError, match="nothing can be said"):
+        rank_table(scenes_run(sparse=9), "ratio")
+
+
+def test_the_worst_scenes_are_listed_with_the_command_that_shows_the_worst_cell(scenes_run):
+    run = scenes_run(town=8, trials=2)
+    run.manifest["seed"] = 5
+    found = rank_table(run)
+    worst = found.worst[found.worst["estimator"] == "music2d"]
+    scores = found.scores["music2d", "{}"].sort_values(ascending=False)
+    assert worst["scenario"].tolist() == scores.index[:3].tolist()
+    row = worst.iloc[0]
+    cells = run.records[
+        (run.records["scenario"] == row["scenario"]) & (run.records["estimator"] == "music2d")
+    ]
+    place = cells.loc[cells["deviation"].idxmax()]
+    assert (row["snr_db"], row["trial"]) == (place["snr_db"], place["trial"])
+    words = shlex.split(row["command"])
+    options = dict(zip(words[2::2], words[3::2], strict=True))
+    trial = {"--trial": str(place["trial"])} if place["trial"] else {}
+    assert options == {
+        "-s": row["scenario"],
+        "-e": "music2d",
+        "--snr": f"{place['snr_db']:g}",
+        **trial,
+        "--seed": "5",
+        "--plot": "image.png",
+    }
+
+
+def test_variants_of_one_estimator_are_ranked_apart(scenes_run):
+    run = scenes_run(town=8, estimators=("blob", "fft4d"))
+    better = run.records[run.records["estimator"] == "blob"].assign(params='{"n":2}')
+    better["deviation"] -= 1
+    first = run.records.assign(params=np.where(run.records["estimator"] == "blob", '{"n":1}', "{}"))
+    found = rank_table(dataclasses.replace(run, records=pd.concat([first, better], ignore_index=True)))
+    assert [found.labels[key] for key in found.scores.columns] == ["blob[n=1]", "fft4d", "blob[n=2]"]
+    assert found.ranks["params"].tolist() == ['{"n":2}', '{"n":1}', "{}"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"town": 5}, "all estimators have a deviation in 5 scenes; allowed are 6 or more"),
+        ({"town": 8, "estimators": ("fft4d", "oracle")}, "two estimators or more .* the run has fft4d"),
+    ],
+)
+def test_too_few_scenes_or_estimators_are_refused_in_words(scenes_run, options, message):
+    with pytest.raises(InputError, match=message):
+        rank_table(scenes_run(**options))
+
+
+def test_a_metric_that_the_run_has_not_is_refused_with_those_it_has(scenes_run):
+    with pytest.raises(InputError, match=r"deviatoin.*deviation"):
+        rank_table(scenes_run(town=8), "deviatoin")
+    with pytest.raises(InputError, match="no better direction"):
+        rank_table(scenes_run(town=8), "n_estimated")
+
+
+def test_a_folder_is_ranked_as_its_table_is(scenes_run, written_run):
+    run = scenes_run(town=8)
+    folder = written_run("r", run.records, run.manifest)
+    found = isacbench.rank(folder)
+    pd.testing.assert_frame_equal(found.ranks, rank_table(run).ranks)
+    assert repr(found).splitlines()[1] == " fft4d: 1"

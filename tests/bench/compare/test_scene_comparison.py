@@ -1,0 +1,181 @@
+"""Comparisons over scenes: the scene is the unit, with six of them or more."""
+
+import copy
+import dataclasses
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import RunTable
+from isacbench.bench.compare.statistics import bootstrap_changes, signed_rank_test
+from isacbench.bench.compare.tolerance import Tolerance
+from isacbench.report.comparisons.ci_files import comparison_junit, comparison_markdown
+from isacbench.report.comparisons.comparison_figure import draw_changes
+from isacbench.report.comparisons.comparison_tables import (
+    comparison_content,
+    comparison_grids,
+    comparison_lines,
+)
+
+PAIR = ("fft4d", "music2d")
+
+
+@pytest.fixture
+def two_runs(scenes_run):
+    """Return a function that makes up a run over scenes, and a second one with a change to its records."""
+
+    def make(change=lambda records: None, **options):
+        base = scenes_run(estimators=PAIR, **options)
+        records = base.records.copy()
+        change(records)
+        return base, RunTable("new", records, copy.deepcopy(base.manifest))
+
+    return make
+
+
+def worse(factor, spread=0.05, estimator="music2d"):
+    def change(records):
+        chosen = records["estimator"] == estimator
+        records.loc[chosen, "deviation"] *= factor + np.random.default_rng(1).normal(0, spread, chosen.sum())
+
+    return change
+
+
+def test_a_curve_is_an_estimator_over_all_scenes_and_over_each_family_of_twenty(two_runs):
+    found = compare_tables(*two_runs(worse(1.2), town=20, crowd=19, snr_db=(-10, 0, 10)))
+    assert found.unit == "scene"
+    curves = found.curves[["scenario", "estimator", "n_pairs", "verdict"]].to_numpy().tolist()
+    assert sorted(curves) == [
+        ["all scenes", "fft4d", 39, "same"],
+        ["all scenes", "music2d", 39, "regression"],
+        ["town scenes", "fft4d", 20, "same"],
+        ["town scenes", "music2d", 20, "regression"],
+    ]
+    assert len(found.points) == 4 * 3
+
+
+def test_tests_and_intervals_are_those_of_the_means_of_scenes(two_runs):
+    base, new = two_runs(worse(1.05), town=8, trials=3)
+    found = compare_tables(base, new)
+    (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
+    sides = [
+        [
+            run.records[(run.records["scenario"] == scene) & (run.records["estimator"] == "music2d")][
+                "deviation"
+            ].mean()
+            for scene in base.records["scenario"].unique()
+        ]
+        for run in (base, new)
+    ]
+    before, after = np.array(sides)
+    assert row["change"] == pytest.approx((after - before).mean())
+    test = signed_rank_test(after - before)
+    assert row["p_worse"] == pytest.approx(min(test.greater, 1))  # the one curve that changed
+    expected = bootstrap_changes(before[:, None], after[:, None])
+    assert row["change_low"] == pytest.approx(expected["change_low"].iloc[0])
+    assert row["win_probability"] == np.mean(after < before)
+    assert row["win_low"] <= row["win_probability"] <= row["win_high"]
+
+
+def test_more_trials_of_the_same_scenes_show_no_more(two_runs):
+    base, new = two_runs(worse(1.05), town=8)
+    many = [
+        dataclasses.replace(
+            run, records=pd.concat([run.records.assign(trial=k) for k in range(4)], ignore_index=True)
+        )
+        for run in (base, new)
+    ]
+    once, again = compare_tables(base, new), compare_tables(*many)
+    pd.testing.assert_frame_equal(once.curves, again.curves)
+    pd.testing.assert_frame_equal(once.points, again.points)
+
+
+def test_below_six_scenes_and_for_other_kinds_the_trial_is_the_unit(two_runs):
+    found = compare_tables(*two_runs(worse(1.2), town=5, trials=8))
+    assert found.unit == "trial"
+    assert set(found.curves["scenario"]) == {f"town[seed={seed}]" for seed in range(5)}
+    assert "win_probability" not in found.curves
+    assert {"unit", "scenes"} & set(comparison_content(found)) == set()
+    runs = two_runs(worse(1.2), town=8, trials=8)
+    for run in runs:
+        run.manifest["suite"]["kind"] = "resolution"
+    assert compare_tables(*runs).unit == "trial"
+
+
+def test_estimators_of_one_run_are_compared_over_scenes(scenes_run):
+    run = scenes_run(town=9)
+    partners = {("fft4d", "{}"): ("music2d", "{}")}
+    found = compare_tables(run, run, partners=partners, is_between=True)
+    (row,) = found.curves.to_dict("records")
+    assert (row["scenario"], row["n_pairs"], row["verdict"]) == ("all scenes", 9, "regression")
+    (grid, *_) = comparison_grids(found)
+    assert "P(B better)" in grid.header
+    assert "scenes" in grid.header
+    assert "trials" not in grid.header
+
+
+def test_scenes_that_changed_most_are_listed_with_the_command_that_shows_them(two_runs):
+    def change(records):
+        chosen = (records["scenario"] == "town[seed=4]") & (records["snr_db"] == 10)
+        records.loc[chosen & (records["estimator"] == "fft4d"), "deviation"] += 9
+
+    found = compare_tables(*two_runs(change, town=8))
+    (row,) = found.scenes.to_dict("records")
+    assert (row["scenario"], row["family"], row["estimator"]) == ("town[seed=4]", "town", "fft4d")
+    assert row["change"] == pytest.approx(4.5)  # the mean over two SNRs
+    assert row["command"] == "isacbench image -s 'town[seed=4]' -e fft4d --snr 10 --plot image.png"
+    assert "changed most: town[seed=4], fft4d" in comparison_junit(found)
+    assert "8 scenes" in comparison_junit(found)
+    assert "isacbench image -s 'town[seed=4]'" in comparison_markdown(found)
+    assert comparison_lines(found)[0].startswith("the scene is the unit")
+    content = json.loads(json.dumps(comparison_content(found), allow_nan=False))
+    assert content["unit"] == "scene"
+    assert content["scenes"][0]["scenario"] == "town[seed=4]"
+
+
+def test_equal_runs_are_the_same_and_the_figure_speaks_of_scenes(two_runs):
+    found = compare_tables(*two_runs(town=8))
+    assert set(found.curves["verdict"]) == {"same"}
+    assert (found.curves["win_probability"] == 0.5).all()
+    assert found.scenes.empty
+    figure = draw_changes(found, "deviation")
+    assert "mean of 8 scenes" in figure.get_suptitle()
+
+
+def test_a_scene_that_one_side_lacks_is_left_out_and_a_failed_one_is_a_regression(two_runs):
+    def fail(records):
+        chosen = (records["scenario"] == "town[seed=1]") & (records["estimator"] == "fft4d")
+        records.loc[chosen, "deviation"] = np.nan
+        records.loc[chosen, "status"] = "timeout"
+
+    found = compare_tables(*two_runs(fail, town=8))
+    assert found.is_regression
+    assert len(found.cells.new_failures) == 2
+    assert found.curves.set_index("estimator")["n_pairs"].to_dict() == {"fft4d": 7, "music2d": 8}
+
+
+def test_two_estimators_that_are_equal_on_average_are_seldom_told_apart_however_many_trials(scenes_run):
+    """Their difference is a property of the scene, which trials repeat: were trials the units, most runs
+    would be regressions."""
+    n_runs, alpha, n_false, n_held = 40, 0.1, 0, 0
+    run = scenes_run(town=12, trials=5, estimators=PAIR, snr_db=(10,))
+    partners = {("fft4d", "{}"): ("music2d", "{}")}
+    names = run.records["scenario"].unique()
+    for seed in range(n_runs):
+        rng = np.random.default_rng(seed)
+        records = run.records.copy()
+        effects = pd.Series(rng.standard_t(4, len(names)), index=names)
+        records["deviation"] = 10 + rng.normal(0, 0.1, len(records))
+        of_second = records["estimator"] == "music2d"
+        records.loc[of_second, "deviation"] += records["scenario"].map(effects)[of_second]
+        made = dataclasses.replace(run, records=records)
+        exact = [Tolerance("deviation", 0.0, is_relative=False)]
+        found = compare_tables(made, made, exact, alpha, partners, is_between=True)
+        (row,) = found.curves.to_dict("records")
+        n_false += row["verdict"] == "regression"
+        n_held += row["change_low"] <= 0 <= row["change_high"]
+    assert n_false <= alpha * n_runs + 3 * np.sqrt(alpha * (1 - alpha) * n_runs)
+    assert n_held >= 0.95 * n_runs - 3 * np.sqrt(0.95 * 0.05 * n_runs)

@@ -1,0 +1,62 @@
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from isacbench.cli import app
+
+
+@pytest.fixture
+def cli(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *args: CliRunner().invoke(app, ["rank", *map(str, args)])
+
+
+@pytest.fixture
+def write(scenes_run, written_run):
+    """Return a function that writes a made-up run over scenes."""
+
+    def make(**families):
+        run = scenes_run(**families)
+        return written_run("r", run.records, run.manifest)
+
+    return make
+
+
+def test_ranks_wins_and_worst_scenes_are_printed_and_drawn(cli, write, tmp_path):
+    write(town=20, crowd=4)
+    result = cli("r")
+    assert result.exit_code == 0, result.output
+    for text in ("all scenes: ranks by deviation", "town scenes: ranks", "reference", "worst scenes by"):
+        assert text in result.stdout
+    assert "isacbench image -s 'town[seed=" in result.stdout
+    assert "precision" in result.stdout
+    assert (tmp_path / "r" / "figures" / "ranks-deviation.png").stat().st_size > 10_000
+
+
+def test_json_is_all_that_is_printed_and_nothing_is_drawn(cli, write, tmp_path):
+    write(town=8)
+    result = cli("r", "--json", "--metric", "recall")
+    content = json.loads(result.stdout)
+    assert (content["metric"], content["better"]) == ("recall", "higher")
+    assert len(content["scores"]) == 8 * 3
+    assert set(content["scores"][0]) == {"scenario", "estimator", "params", "score"}
+    ranked = [row for row in content["ranks"] if not row["is_reference"]]
+    assert all(isinstance(row["rank_low"], int) for row in ranked)
+    assert [row["rank_low"] for row in content["ranks"] if row["is_reference"]] == [None]
+    assert not (tmp_path / "r" / "figures").exists()
+
+
+@pytest.mark.parametrize(
+    ("families", "options", "message"),
+    [
+        ({"town": 3}, [], "nothing can be said of unseen scenes"),
+        ({"town": 8}, ["--metric", "gopsa_m"], "unknown score"),
+    ],
+)
+def test_what_cannot_be_ranked_ends_in_exit_code_2_with_one_message(cli, write, families, options, message):
+    write(**families)
+    result = cli("r", *options)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert message in result.stderr
+    assert len(result.stderr.splitlines()) == 1
