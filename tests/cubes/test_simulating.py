@@ -28,6 +28,15 @@ def test_the_frame_transforms_into_the_observation_of_the_same_trial(small_stree
     np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())
 
 
+def test_a_frame_has_the_errors_of_the_elements(small_street):
+    erring = dataclasses.replace(small_street, gain_error_db=0.5, phase_error_deg=5.0)
+    cells = observe_cube(frame_of(erring, 10.0), small_street).cells
+    expected, perfect = (observe(scenario, 10.0).cells for scenario in (erring, small_street))
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(cells, expected, atol=1e-11 * scale)
+    assert np.abs(cells - perfect).max() > 1e-2 * scale
+
+
 def test_noise_outside_the_gate_is_as_white_as_inside(small_street, clean_cube):
     frame = frame_of(small_street, 0.0, 1, 0)
     noise_power = np.sum(small_street.scatterers.amplitude**2)

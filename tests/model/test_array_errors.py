@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacbench import load_scenario, observe
+from isacbench import get_estimator, load_scenario, observe
 from isacbench.bench.suites.scenario_digest import (
     describe_scenario,
     restore_scenario,
@@ -113,3 +113,50 @@ def test_errors_are_part_of_a_scenario_s_identity_and_are_restored():
 def test_an_impossible_error_is_refused(key, value):
     with pytest.raises(InputError, match=key):
         erring(**{key: value})
+
+
+@pytest.fixture
+def file_with(tmp_path):
+    """File of a scene without objects whose array has further keys."""
+
+    def write(keys):
+        path = tmp_path / "scene.toml"
+        region = "x_m = [0, 10]\ny_m = [0, 10]\nz_m = [0, 5]\nspeed_mps = [-5, 5]"
+        station = "position_m = [5, 50, 10]"
+        array = f'frame = "panel"\n{keys}'
+        path.write_text(f'name = "scene"\n[array]\n{array}\n[base_station]\n{station}\n[region]\n{region}\n')
+        return path
+
+    return write
+
+
+def test_a_file_and_a_family_give_the_errors(file_with):
+    from_file = load_scenario(file_with("gain_error_db = 0.5\nphase_error_deg = 5"))
+    generated = load_scenario("town[seed=7,gain_error_db=0.5,phase_error_deg=5]")
+    for scenario in (from_file, generated):
+        assert (scenario.gain_error_db, scenario.phase_error_deg) == (0.5, 5.0)
+    perfect = load_scenario(file_with(""))
+    assert (perfect.gain_error_db, perfect.phase_error_deg) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    ["gain_error_db = -0.5", "gain_error_db = 10.1", "phase_error_deg = 181", "phase_error_deg = nan"],
+)
+def test_a_file_with_an_impossible_error_is_refused_by_file_key_and_value(file_with, keys):
+    path = file_with(keys)
+    with pytest.raises(InputError) as caught:
+        load_scenario(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert f"array.{keys}" in message
+
+
+def test_errors_change_the_image_of_an_estimator_little():
+    """A scatterer seen by 256 elements with errors of 0.5 dB and 5 degrees moves by centimetres."""
+    scenes = load_scenario("sparse[seed=3,scatterers=1]"), erring("sparse[seed=3,scatterers=1]")
+    clouds = [get_estimator("nomp4d").estimate(observe(scene, 25.0)).to_array() for scene in scenes]
+    assert len(clouds[0]) >= 1
+    assert not np.array_equal(*clouds)
+    strongest = [cloud[cloud[:, 4].argmax(), :4] for cloud in clouds]
+    np.testing.assert_allclose(*strongest, atol=0.1)
