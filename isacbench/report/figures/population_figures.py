@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -96,7 +97,11 @@ def population_figures(results: Results) -> Iterator[NamedFigure]:
         Of the file.
     figure : Figure
     """
-    looks = variant_looks(results.records)
+    # Bands are over scenes here, and not over the realisations of a reference.
+    looks = {
+        variant: replace(look, label=look.label.replace(" ± spread", ""))
+        for variant, look in variant_looks(results.records).items()
+    }
     cells, summary = scene_cells(results.records), summarise_population(results.records)
     if cells["ratio"].notna().any():
         yield "ratios", draw_ratios(cells, looks)

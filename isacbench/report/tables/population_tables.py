@@ -7,6 +7,7 @@ import math
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
@@ -94,16 +95,14 @@ def near_chance(part: pd.DataFrame) -> list[str]:
     list of str
         Columns of the summary.
     """
+    columns = [one.column for one in JUDGED]
     is_chance = part["estimator"] == "chance"
-    found = []
-    for one in JUDGED:
-        guessed = part.loc[is_chance, one.column].mean()
-        typical = part.loc[~is_chance & ~part["sees_truth"], one.column].median()
-        limit = (1 - NEAR if one.is_higher_better else 1 + NEAR) * typical
-        # Without either number nothing is near.
-        if guessed >= limit if one.is_higher_better else guessed <= limit:
-            found.append(one.column)
-    return found
+    guessed = part.loc[is_chance, columns].mean().to_numpy()
+    typical = part.loc[~is_chance & ~part["sees_truth"], columns].median().to_numpy()
+    higher = np.array([one.is_higher_better for one in JUDGED])
+    # Without either number nothing is near.
+    is_near = np.where(higher, guessed >= (1 - NEAR) * typical, guessed <= (1 + NEAR) * typical)
+    return [column for column, near in zip(columns, is_near, strict=True) if near]
 
 
 def population_grids(records: pd.DataFrame) -> list[Grid]:
@@ -169,7 +168,7 @@ def _row_labels(summary: pd.DataFrame) -> dict[Variant, str]:
     labels = estimator_labels(variants_in(summary))
     references = set(variants_in(summary[summary["sees_truth"]]))
     ordered = sorted(labels, key=lambda variant: variant in references)
-    return {one: f"{labels[one]} (reference)" if one in references else labels[one] for one in ordered}
+    return {one: f"{labels[one]} (ref.)" if one in references else labels[one] for one in ordered}
 
 
 def _score_grid(part: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Grid:

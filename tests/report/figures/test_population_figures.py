@@ -53,7 +53,7 @@ def test_frames_and_phases_have_markers_that_the_legend_names(rows):
     figure = draw_ratios(scene_cells(rows), LOOKS)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == [
-        "oracle (sees the truth)",
+        LOOKS["oracle", "{}"].label,
         "frame panel, carrier phases",
         "frame panel, in phase",
         "frame paper, carrier phases",
