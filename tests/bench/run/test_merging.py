@@ -83,10 +83,11 @@ def suites(tiny, room_file):
             pfa=[1e-2, 1e-3],
             snr_db=[-10],
         ),
+        PopulationSuite(**common, version=1, scenarios=[str(tiny)], snr_db=[0, -10]),
     ]
 
 
-@pytest.fixture(params=range(4), ids=["imaging", "efficiency", "resolution", "detection"])
+@pytest.fixture(params=range(5), ids=["imaging", "efficiency", "resolution", "detection", "population"])
 def any_suite(request, plugins, tiny, room_file):
     return suites(tiny, room_file)[request.param]
 

@@ -1,9 +1,16 @@
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.bench.run.rescoring import rescore
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.studies import lone_targets
 from isacbench.bench.studies.intervals import mean_band, median_interval
 from isacbench.bench.studies.population_study import ALL, scene_cells, spread_levels, summarise_population
+from isacbench.bench.suites.population_kind import PopulationSuite
+from isacbench.model.scenes.scenario import load_scenario
 
 
 def entry(summary, estimator="a", family=ALL, frame=ALL, phases=ALL, snr_db=None):
@@ -81,3 +88,25 @@ def test_a_failed_cell_of_lone_scatterers_meets_no_target(population_rows):
 def test_hand_made_scenes_have_a_family_of_their_own_name(population_rows):
     summary = summarise_population(population_rows(families=["", "town"], a=1.0))
     assert summary["family"].unique().tolist() == ["all", "hand-made", "town"]
+
+
+def test_targets_of_lone_scatterers_are_rescored_from_clouds(plugins, tiny, tmp_path, monkeypatch):
+    def load(name):
+        return dataclasses.replace(load_scenario(tiny), name=name, family="sparse", family_version=1)
+
+    monkeypatch.setattr("isacbench.bench.plan.job.load_scenario", load)
+    suite = PopulationSuite(
+        name="p",
+        version=1,
+        scenarios=["sparse[seed=1]"],
+        estimators=["seer", "trouble"],
+        snr_db=[20.0],
+        trials=1,
+    )
+    seen, broken = run_suite(suite, tmp_path / "run").records.to_dict("records")
+    assert [seen[name] for name in ("n_resolvable", "n_resolved", "n_false")] == [3, 3, 0]
+    assert [broken[name] for name in ("family", "frame", "coherent_phase")] == ["sparse", "panel", True]
+    assert rescore(tmp_path / "run").changes == []
+    monkeypatch.setattr(lone_targets, "RESOLVABLE_CELLS", 0.0)
+    changes = rescore(tmp_path / "run").changes
+    assert {change.column: change.n_rows for change in changes} == {"n_resolvable": 1, "n_resolved": 1}
