@@ -1,4 +1,4 @@
-"""Commands on one image: take, score, simulate, plan."""
+"""Commands on one scenario and its image: take, score, simulate, plan, write the scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from isacbench.bench.run.progress import progress_shown
-from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say, say_lines
 from isacbench.cli.options import (
     SEED_HELP,
     SPEC,
@@ -181,6 +181,22 @@ def plan_command(
     for grid in plan_grids(planned):
         print_grid(grid)
     say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
+
+
+@app.command("scene")
+def scene_command(
+    scenario: Annotated[str, Argument(metavar="SCENARIO", help="Name, .toml path or family[seed=7,...].")],
+    out: Annotated[Path | None, Option("-o", "--out", help="New .toml file; default: print.")] = None,
+) -> None:
+    """Write a scenario as a TOML file that can be edited."""
+    require_names([scenario])
+    from isacbench.model.scenes.editable_scenes import scene_toml, write_scene
+
+    if out is None:
+        say_lines(scene_toml(scenario))
+        return
+    write_scene(scenario, out)
+    say(f"{out}: scenario {out.stem!r}; the name seeds its noise and the errors of its array")
 
 
 @app.command("score")
