@@ -37,8 +37,8 @@ ROW_IN, GROUP_IN, WIDTH_IN = 0.27, 0.95, 8.0
 LABEL_WIDTH = 36
 
 FAR = 2.0
-"""References that are farther from the estimators, in widths of all intervals together, are named at the edge:
-drawn to scale they would leave no room for the differences."""
+"""Largest distance of a reference that is drawn, in widths of all intervals together. Farther ones are named
+at the edge: to scale they would leave no room for the differences."""
 
 
 def draw_ranking_file(ranking: Ranking, folder: Path) -> Path:
