@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -146,3 +147,11 @@ def test_families_are_listed_with_version_parameters_and_defaults(cli):
 def test_files_of_generated_scenes_have_readable_and_unique_stems():
     names = ["town[seed=7]", "town[seed=7,frame=paper]", "town-seed-7"]
     assert list(file_stems(names).values()) == ["town-seed-7", "town-seed-7-frame-paper", "town-seed-7-2"]
+
+
+@pytest.mark.parametrize("arguments", [["--plot", "-e", "fft4d"], ["-e", "fft4d", "--plot"]])
+def test_a_picture_without_a_file_is_named_after_scene_and_estimator(cli, arguments):
+    result = cli("image", "-s", "sparse[seed=3]", *arguments)
+    assert result.exit_code == 0, result.output
+    assert "picture: sparse-seed-3-fft4d.png" in result.output
+    assert Path("sparse-seed-3-fft4d.png").stat().st_size > 10_000
