@@ -1,4 +1,4 @@
-"""Commands on one image: take, score, simulate, plan."""
+"""Commands on one scenario and its image: take, score, simulate, plan, write the scene."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
+from typer.core import TyperCommand
 
 from isacbench.bench.run.progress import progress_shown
-from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say, say_lines
 from isacbench.cli.options import (
     SEED_HELP,
     SPEC,
@@ -43,7 +44,24 @@ REPEATED_S = 1.0
 """Longest first call that is repeated: of longer ones imports are a small part."""
 
 
-@app.command("image")
+OWN_PICTURE = Path("?")
+"""Value of ``--plot`` without a file: the picture is named after scenario and estimator."""
+
+
+class _OptionalPicture(TyperCommand):
+    """Command whose option ``--plot`` may stand without a file."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Give a lone ``--plot`` its value."""
+        followers = [*args[1:], "-"]
+        given = [
+            f"--plot={OWN_PICTURE}" if one == "--plot" and follower.startswith("-") else one
+            for one, follower in zip(args, followers, strict=False)
+        ]
+        return super().parse_args(ctx, given)
+
+
+@app.command("image", cls=_OptionalPicture)
 def image_command(
     scenario: ScenarioName = "street",
     estimator: EstimatorName = "music2d",
@@ -57,13 +75,15 @@ def image_command(
     division: Annotated[str | None, Option(help="reciprocal, matched or wiener.")] = None,
     waveform: Annotated[bool, Option("--waveform", help="Simulate the echo in the time domain.")] = False,
     out: Annotated[Path | None, Option("-o", "--out", help="Cloud: .csv, .ply, .mat or .npy.")] = None,
-    plot: Annotated[Path | None, Option(help="Picture of the cloud: .png, .pdf or .svg.")] = None,
+    plot: Annotated[
+        Path | None, Option(help="Picture: .png, .pdf or .svg; without a file it gets a name of its own.")
+    ] = None,
     plugin: PluginFiles = None,
 ) -> None:
     """Take one image of a simulated or a recorded frame, and score, write or draw its cloud."""
     from isacbench.files.checked_files import require_picture
 
-    if plot is not None:
+    if plot is not None and plot != OWN_PICTURE:
         require_picture(plot)
     if cube is None and transmitted is not None:
         raise InputError("--transmitted needs --cube FILE")
@@ -114,8 +134,14 @@ def image_command(
     if out is not None:
         cloud.write(out)
     if plot is not None:
+        from isacbench.report.drawing.style import file_stems
         from isacbench.report.figures.plotting import plot_clouds
 
+        if plot == OWN_PICTURE:
+            (stem,) = file_stems([f"{scene.name} {estimator}"]).values()
+            plot = Path(f"{stem}.png")
+            require_picture(plot)
+            say(f"picture: {plot}")
         plot_clouds(scene.truth, cloud, region=scene.region, radius_m=scene.radius_m, title=title, out=plot)
     say(f"{title}: {counted(len(cloud), 'point')} in {_told_time(first_s, again_s, cube is not None)}")
     for sentence in remarks.sentences():
@@ -181,6 +207,22 @@ def plan_command(
     for grid in plan_grids(planned):
         print_grid(grid)
     say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
+
+
+@app.command("scene")
+def scene_command(
+    scenario: Annotated[str, Argument(metavar="SCENARIO", help="Name, .toml path or family[seed=7,...].")],
+    out: Annotated[Path | None, Option("-o", "--out", help="New .toml file; default: print.")] = None,
+) -> None:
+    """Write a scenario as a TOML file that can be edited."""
+    require_names([scenario])
+    from isacbench.model.scenes.editable_scenes import scene_toml, write_scene
+
+    if out is None:
+        say_lines(scene_toml(scenario))
+        return
+    write_scene(scenario, out)
+    say(f"{out}: scenario {out.stem!r}; the name seeds its noise and the errors of its array")
 
 
 @app.command("score")

@@ -13,7 +13,7 @@ from isacbench.cli.printing import print_json
 
 @app.command("list")
 def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
-    """List estimators, detectors, scenarios and suites."""
+    """List estimators, detectors, scenarios, families of scenes and suites."""
     from isacbench.bench.suites.catalogue import catalogue
     from isacbench.specifications import spell_value
 
@@ -28,7 +28,8 @@ def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
             say(f"  {entry['name']:<16} {entry['description']}")
             for name, parameter in entry.get("parameters", {}).items():
                 default = f" = {spell_value(parameter['default'])}" if "default" in parameter else ""
-                say(f"      {name}: {parameter['type']}{default}")
+                allowed = f", {parameter['allowed']}" if "allowed" in parameter else ""
+                say(f"      {name}: {parameter['type']}{allowed}{default}")
 
 
 @app.command("check")

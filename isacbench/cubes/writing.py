@@ -14,7 +14,7 @@ import numpy as np
 from isacbench.cubes.cube import CUBE_NAME, ComplexArray, require_cube
 from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
 from isacbench.errors import InputError
-from isacbench.files.checked_files import is_there
+from isacbench.files.checked_files import require_new
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -139,7 +139,7 @@ def create_cube(
     create = _format_of(path)
     dtype = np.dtype(dtype).newbyteorder("=")
     checked_shape = require_cube(str(path), shape, dtype)
-    _require_new(path)
+    require_new(path)
     _require_room(path, checked_shape, dtype)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
@@ -156,7 +156,7 @@ def create_cube(
                 )
             with _writing(path):
                 file.close()
-                _require_new(path)
+                require_new(path)
                 part.rename(path)
     except BaseException:
         _remove(part)
@@ -254,14 +254,6 @@ def _format_of(path: Path) -> Callable[[Path, Shape, np.dtype[Any]], AbstractCon
     except KeyError:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
         raise InputError(f"{path}: has {found}; a cube is written as {', '.join(_FORMATS)}") from None
-
-
-def _require_new(path: Path) -> None:
-    """Refuse to overwrite, and to write where no folder is."""
-    if is_there(path):
-        raise InputError(f"{path}: exists already and is not overwritten")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: its folder {path.parent} does not exist")
 
 
 def _require_room(path: Path, shape: Shape, dtype: np.dtype[Any]) -> None:

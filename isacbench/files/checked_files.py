@@ -142,6 +142,24 @@ def require_replaceable(path: Path) -> None:
         raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
 
 
+def require_new(path: Path) -> None:
+    """Refuse to overwrite, and to write where no folder is.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    InputError
+        If the path exists, or its folder does not.
+    """
+    if is_there(path):
+        raise InputError(f"{path}: exists already and is not overwritten")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: its folder {path.parent} does not exist")
+
+
 def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> str:
     """Read a file of UTF-8 text, with or without a byte order mark, up to a limit.
 

@@ -42,7 +42,8 @@ def get_estimator(name: str, **params: Any) -> Estimator:
     Returns
     -------
     Estimator
-        ``oracle`` is a `isacbench.plugins.contracts.TruthEstimator`, and takes the truth as well.
+        ``oracle`` and ``chance`` are a `isacbench.plugins.contracts.ReferenceEstimator`, and take
+        the truth as well.
 
     Raises
     ------

@@ -167,9 +167,11 @@ def rank(folder: str | Path, metric: str = DEFAULT_METRIC) -> Ranking:
 
     Examples
     --------
+    One scene with one estimator cannot be ranked:
+
     >>> from tempfile import TemporaryDirectory
     >>> from isacbench import run
-    >>> with TemporaryDirectory() as folder:
+    >>> with TemporaryDirectory() as folder:  # doctest: +ELLIPSIS
     ...     _ = run("quick", estimators=["fft4d", "oracle"], snr_db=[10], trials=1, out=folder)
     ...     rank(folder)
     Traceback (most recent call last):

@@ -43,8 +43,8 @@ class FamilyParameters(BaseModel):
     seed: Seed
     frame: Literal["panel", "paper"] = "panel"
     coherent_phase: Annotated[bool, Field(strict=True)] = False
-    gain_error_db: Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)] = 0.0
-    phase_error_deg: Annotated[float, Field(ge=0, le=180, allow_inf_nan=False)] = 0.0
+    gain_error_db: Annotated[float, Field(strict=True, ge=0, le=10, allow_inf_nan=False)] = 0.0
+    phase_error_deg: Annotated[float, Field(strict=True, ge=0, le=180, allow_inf_nan=False)] = 0.0
 
 
 class DensityParameters(FamilyParameters):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from matplotlib.lines import Line2D
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Transform
 
     from isacbench.bench.compare.ranking import Ranking
     from isacbench.bench.plan.labels import Variant
@@ -33,6 +35,10 @@ if TYPE_CHECKING:
 
 ROW_IN, GROUP_IN, WIDTH_IN = 0.27, 0.95, 8.0
 LABEL_WIDTH = 36
+
+FAR = 2.0
+"""Largest distance of a reference that is drawn, in widths of all intervals together. Farther ones are named
+at the edge: to scale they would leave no room for the differences."""
 
 
 def draw_ranking_file(ranking: Ranking, folder: Path) -> Path:
@@ -91,7 +97,7 @@ def draw_ranking(ranking: Ranking) -> Figure:
         _draw_sets(left, own, looks)
         left.set_title(f"{drawable(str(group))}: {part['n_scenes'].iloc[0]} scenes")
         _draw_differences(right, own, looks)
-        _draw_references(right, part[part["is_reference"]], own["mean"].iloc[0], ranking.labels)
+        _draw_references(right, part[part["is_reference"]], own, ranking.labels)
         right.set_xlabel(f"mean {drawable(ranking.metric)} less that of the best")
     return figure
 
@@ -131,20 +137,37 @@ def _draw_differences(axes: Axes, own: pd.DataFrame, looks: Mapping[Variant, Lin
 
 
 def _draw_references(
-    axes: Axes, references: pd.DataFrame, best: float, labels: Mapping[Variant, str]
+    axes: Axes, references: pd.DataFrame, own: pd.DataFrame, labels: Mapping[Variant, str]
 ) -> None:
-    """Draw the mean of every reference as a line, named above the panel."""
+    """Draw the mean of every reference as a line, named above the panel; name far ones at the edge."""
+    best = own["mean"].iloc[0]
+    low, high = min(own["change_low"].min(), 0.0), max(own["change_high"].max(), 0.0)
+    reach = FAR * (high - low)
     for row in references.to_dict("records"):
         place = row["mean"] - best
-        axes.axvline(place, color=BOUND_COLOUR, linestyle="--", linewidth=1.0)
+        if math.isnan(place):
+            continue
         name = drawable(shortened(labels[row["estimator"], row["params"]], LABEL_WIDTH))
-        axes.annotate(
-            name,
-            (place, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 2),
-            textcoords="offset points",
-            rotation=20,
-            fontsize=7.0,
-            color=BOUND_COLOUR,
-        )
+        if low - reach <= place <= high + reach:
+            axes.axvline(place, color=BOUND_COLOUR, linestyle="--", linewidth=1.0)
+            _annotate(axes, name, (place, 1.0), axes.get_xaxis_transform(), rotation=35)
+        elif place > high:
+            _annotate(axes, f"{name} at {place:+.3g} →", (1.0, 1.0), axes.transAxes, ha="right")
+        else:
+            _annotate(axes, f"← {name} at {place:+.3g}", (0.0, 1.0), axes.transAxes, ha="left")
+
+
+def _annotate(
+    axes: Axes, name: str, place: tuple[float, float], coordinates: Transform, **options: Any
+) -> None:
+    """Write a name just above a place."""
+    axes.annotate(
+        name,
+        place,
+        xycoords=coordinates,
+        xytext=(0, 2),
+        textcoords="offset points",
+        fontsize=7.0,
+        color=BOUND_COLOUR,
+        **options,
+    )

@@ -30,9 +30,25 @@ def null_scores(rng, n_scenes):
 LAWS = {"normal": (normal_scores, MEANS), "scaled": (scaled_scores, MEANS), "null": (null_scores, 0 * MEANS)}
 
 
+def gamma_scores(rng, n_scenes):
+    """Unequally skewed scores of equal means."""
+    shapes = np.array([0.1, 0.5, 1, 2, 4])
+    return rng.normal(size=(n_scenes, 1)) + rng.gamma(shapes, 1 / shapes, (n_scenes, 5))
+
+
+def failing_scores(rng, n_scenes):
+    """Equal means, with failures in 5 to 50 % of scenes, the rarer the larger."""
+    share = np.array([0.05, 0.1, 0.2, 0.3, 0.5])
+    base = (5 + 3 * rng.gamma(2, 1, (n_scenes, 1))) * np.exp(0.1 * rng.normal(size=(n_scenes, 5)))
+    return base + (rng.random((n_scenes, 5)) < share) * rng.exponential(2 / share, (n_scenes, 5))
+
+
+SKEWED = {"gamma": (gamma_scores, 0 * MEANS), "failing": (failing_scores, 0 * MEANS)}
+
+
 def coverage(law, n_scenes, n_runs):
     """Share of runs in which the set of every estimator holds all ranks that ties allow it."""
-    draw, means = LAWS[law]
+    draw, means = (LAWS | SKEWED)[law]
     lowest = 1 + (means[:, None] > means).sum(axis=1)
     highest = (means[:, None] >= means).sum(axis=1)
     rng = np.random.default_rng(n_scenes)
@@ -58,8 +74,17 @@ def test_all_sets_together_hold_the_true_ranks_in_95_per_cent_of_all_runs(law):
 @pytest.mark.parametrize("n_scenes", [6, 20, 100])
 def test_they_do_so_with_few_and_with_many_scenes(law, n_scenes):
     found = coverage(law, n_scenes, 1000)
-    print(law, n_scenes, found)
+    print(law, n_scenes, found)  # docs/rank.md quotes them
     assert found >= below_nominal(1000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", SKEWED)
+@pytest.mark.parametrize("n_scenes", [6, 20, 100])
+def test_with_rare_large_failures_the_sets_miss_more_often_but_less_than_twenty_per_cent(law, n_scenes):
+    found = coverage(law, n_scenes, 1000)
+    print(law, n_scenes, found)  # docs/rank.md quotes them
+    assert found > 0.8
 
 
 @given(st.integers(0, 2**32 - 1), st.permutations(range(4)))

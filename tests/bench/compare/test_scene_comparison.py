@@ -160,7 +160,7 @@ def test_a_scene_that_one_side_lacks_is_left_out_and_a_failed_one_is_a_regressio
 def test_two_estimators_that_are_equal_on_average_are_seldom_told_apart_however_many_trials(scenes_run):
     """Their difference is a property of the scene, which trials repeat: were trials the units, most runs
     would be regressions."""
-    n_runs, alpha, n_false, n_held = 40, 0.1, 0, 0
+    n_runs, alpha, n_false, n_held = 20, 0.1, 0, 0
     run = scenes_run(town=12, trials=5, estimators=PAIR, snr_db=(10,))
     partners = {("fft4d", "{}"): ("music2d", "{}")}
     names = run.records["scenario"].unique()

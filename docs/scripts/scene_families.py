@@ -1,0 +1,56 @@
+"""Draw two scenes of every family from above into docs/images/scene-families.png.
+
+    python docs/scripts/scene_families.py
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.axes import Axes
+
+from isacbench import load_scenario
+from isacbench.model.scenes.scene_families import FAMILIES
+from isacbench.report.drawing.style import new_figure, save, styled, velocity_colours
+
+FIGURE = Path(__file__).resolve().parents[1] / "images" / "scene-families.png"
+SEEDS = 0, 2
+FASTEST_MPS = 12.0
+
+
+def draw_scene(axes: Axes, name: str) -> None:
+    """Draw the scatterers of a scene from above, coloured by their radial velocity.
+
+    Parameters
+    ----------
+    axes : Axes
+    name : str
+        Of the scenario.
+    """
+    scenario = load_scenario(name)
+    scatterers, region = scenario.scatterers, scenario.region
+    colours = velocity_colours(FASTEST_MPS)
+    x, y, _ = scatterers.xyz.T
+    axes.scatter(x, y, c=colours.to_rgba(scatterers.velocity), s=5, linewidths=0)
+    axes.set(title=name, xlim=region.x_m, ylim=region.y_m, aspect="equal")
+
+
+def main() -> None:
+    """Draw and save."""
+    with styled():
+        figure = new_figure(15, 4.4)
+        panels = figure.subplots(len(SEEDS), len(FAMILIES), sharex=True, sharey=True)
+        for row, seed in zip(panels, SEEDS, strict=True):
+            for axes, family in zip(row, FAMILIES, strict=True):
+                draw_scene(axes, f"{family}[seed={seed}]")
+        for axes in panels[-1]:
+            axes.set_xlabel("x [m]")
+        for axes in panels[:, 0]:
+            axes.set_ylabel("y [m]")
+        bar = figure.colorbar(velocity_colours(FASTEST_MPS), ax=panels)
+        bar.set_label("radial velocity [m/s], approaching > 0")
+        save(figure, FIGURE)
+
+
+if __name__ == "__main__":
+    main()
