@@ -1,6 +1,6 @@
 """Draw two scenes of every family from above into docs/images/scene-families.png.
 
-    python docs/scripts/scene_families.py
+python docs/scripts/scene_families.py
 """
 
 from __future__ import annotations
