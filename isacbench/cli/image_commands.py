@@ -283,8 +283,9 @@ def _scorer(name_or_path: str) -> Callable[..., dict[str, Any]]:
     from isacbench.bench.cells.cell import score_image
     from isacbench.metrics.score import score
     from isacbench.model.scenes.scenario import load_scenario
+    from isacbench.model.scenes.scene_families import is_family_spec
 
-    if Path(name_or_path).suffix in ("", ".toml"):
+    if is_family_spec(name_or_path) or Path(name_or_path).suffix in ("", ".toml"):
         scenario = load_scenario(name_or_path)
         truth, scorer = scenario.truth, partial(score_image, scenario)
     else:

@@ -40,6 +40,8 @@ REFUSED = {
     "twn[seed=1]": "town",
     "town[seed=1,densty=high]": "density",
     "town[seed=0:1000000]": "1000001 scenes",
+    "town[sed=1]": "did you mean 'seed'?",
+    f"town[seed=0:{'9' * 5000}]": "range first:last",
     "town[seed=5:1]": "range first:last",
     "town[seed=-1]": "seed",
     "town[seed=1.5]": "seed",

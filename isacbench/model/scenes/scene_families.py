@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from isacbench.errors import InputError, did_you_mean
-from isacbench.files.escaping import quoted
+from isacbench.files.escaping import quoted, shortened
 from isacbench.files.toml_files import builtin_names, find_toml
 from isacbench.specifications import MAX_VARIANTS, Spec, spec_variants, spell_spec
 
@@ -291,6 +291,12 @@ def _seeded(spec: Spec, text: str) -> Iterator[FamilySpec]:
         raise InputError(
             f"scenario {text!r}: unknown family {spec.name!r}; {did_you_mean(spec.name, FAMILIES)}"
         )
+    known = family.parameters.model_fields
+    for key in spec.params:
+        if key not in known:
+            raise InputError(
+                f"scenario {text!r}: {family.name} has no parameter {key!r}; {did_you_mean(key, known)}"
+            )
     if "seed" not in spec.params:
         raise InputError(f"scenario {text!r}: a family needs a seed, such as {spec.name}[seed=7]")
     for seed in _seeds(spec.params["seed"], text):
@@ -302,8 +308,10 @@ def _seeds(value: Any, text: str) -> range | list[Any]:
     if not isinstance(value, str) or ":" not in value:
         return [value]
     ends = value.split(":")
-    if len(ends) != 2 or not all(end.isdecimal() for end in ends) or int(ends[0]) > int(ends[1]):
-        raise InputError(f"scenario {text!r}: seed={value}: allowed is a range first:last such as 0:99")
+    if len(ends) != 2 or not all(map(_is_seed, ends)) or int(ends[0]) > int(ends[1]):
+        raise InputError(
+            f"scenario {text!r}: seed={shortened(value)}: allowed is a range first:last such as 0:99"
+        )
     seeds = range(int(ends[0]), int(ends[1]) + 1)
     n = seeds[-1] - seeds[0] + 1
     if n > MAX_VARIANTS:
@@ -311,14 +319,13 @@ def _seeds(value: Any, text: str) -> range | list[Any]:
     return seeds
 
 
+def _is_seed(text: str) -> bool:
+    """Tell whether a text has the digits of a seed, and no more than Python converts."""
+    return text.isdecimal() and len(text) <= len(str(MOST_SEED))
+
+
 def _parameters(family: Family, values: dict[str, Any], text: str) -> FamilyParameters:
-    """Check the parameters of a family."""
-    known = family.parameters.model_fields
-    for key in values:
-        if key not in known:
-            raise InputError(
-                f"scenario {text!r}: {family.name} has no parameter {key!r}; {did_you_mean(key, known)}"
-            )
+    """Check the values of a family's parameters."""
     try:
         return family.parameters.model_validate(values)
     except ValidationError as error:
