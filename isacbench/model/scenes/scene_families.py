@@ -277,10 +277,10 @@ def family_specs(text: str) -> list[FamilySpec]:
     for variant in spec_variants(text):
         for spec in _seeded(variant.spec, text):
             if spec.name in found:
-                raise InputError(f"scenario {text!r} names {spec.name} twice")
+                raise InputError(f"scenario {quoted(text)} names {spec.name} twice")
             found[spec.name] = spec
             if len(found) > MAX_VARIANTS:
-                raise InputError(f"scenario {text!r}: allowed are at most {MAX_VARIANTS} scenes")
+                raise InputError(f"scenario {quoted(text)}: allowed are at most {MAX_VARIANTS} scenes")
     return list(found.values())
 
 
@@ -289,16 +289,16 @@ def _seeded(spec: Spec, text: str) -> Iterator[FamilySpec]:
     family = FAMILIES.get(spec.name)
     if family is None:
         raise InputError(
-            f"scenario {text!r}: unknown family {spec.name!r}; {did_you_mean(spec.name, FAMILIES)}"
+            f"scenario {quoted(text)}: unknown family {spec.name!r}; {did_you_mean(spec.name, FAMILIES)}"
         )
     known = family.parameters.model_fields
     for key in spec.params:
         if key not in known:
             raise InputError(
-                f"scenario {text!r}: {family.name} has no parameter {key!r}; {did_you_mean(key, known)}"
+                f"scenario {quoted(text)}: {family.name} has no parameter {key!r}; {did_you_mean(key, known)}"
             )
     if "seed" not in spec.params:
-        raise InputError(f"scenario {text!r}: a family needs a seed, such as {spec.name}[seed=7]")
+        raise InputError(f"scenario {quoted(text)}: a family needs a seed, such as {spec.name}[seed=7]")
     for seed in _seeds(spec.params["seed"], text):
         yield FamilySpec(family, _parameters(family, {**spec.params, "seed": seed}, text))
 
@@ -310,12 +310,13 @@ def _seeds(value: Any, text: str) -> range | list[Any]:
     ends = value.split(":")
     if len(ends) != 2 or not all(map(_is_seed, ends)) or int(ends[0]) > int(ends[1]):
         raise InputError(
-            f"scenario {text!r}: seed={shortened(value)}: allowed is a range first:last such as 0:99"
+            f"scenario {quoted(text)}: seed={shortened(value)}: allowed is a range first:last such as 0:99"
         )
     seeds = range(int(ends[0]), int(ends[1]) + 1)
     n = seeds[-1] - seeds[0] + 1
     if n > MAX_VARIANTS:
-        raise InputError(f"scenario {text!r}: seed={value}: {n} scenes; allowed are at most {MAX_VARIANTS}")
+        told = f"seed={value}: {n} scenes; allowed are at most {MAX_VARIANTS}"
+        raise InputError(f"scenario {quoted(text)}: {told}")
     return seeds
 
 
@@ -332,4 +333,6 @@ def _parameters(family: Family, values: dict[str, Any], text: str) -> FamilyPara
         mistake = error.errors(include_url=False)[0]
         name, message = mistake["loc"][0], mistake["msg"]
         value = quoted(mistake["input"])
-        raise InputError(f"scenario {text!r}: {name} = {value}: {message[0].lower()}{message[1:]}") from error
+        raise InputError(
+            f"scenario {quoted(text)}: {name} = {value}: {message[0].lower()}{message[1:]}"
+        ) from error
