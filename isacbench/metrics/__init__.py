@@ -1,3 +1,3 @@
 """Metrics: scores of a point cloud against the truth."""
 
-__all__ = ["cloud_scores", "geometry", "realisations", "score"]
+__all__ = ["cloud_scores", "deviation", "geometry", "realisations", "score"]

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
 
+HAUSDORFF_COLUMNS = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"]
+"""Hausdorff distances of the three projections, by the names of their columns."""
+
 # Estimated points count as equally near if their distances differ by less than rounding may.
 TIE_M = 1e-9
 TIE_RATIO = 1e-12

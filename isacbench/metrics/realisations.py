@@ -6,7 +6,7 @@ from statistics import mean, pstdev
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.metrics.cloud_scores import RADIUS_M
-from isacbench.metrics.deviation import pair_deviation
+from isacbench.metrics.deviation import HAUSDORFF_COLUMNS, pair_deviation
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.score import METRICS, score
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from isacbench.model.region import Region
 
 COUNTS = ("n_true", "n_estimated")
-HAUSDORFF_PARTS = ("hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m")
 
 SPREAD_COLUMNS = {
     name: f"{name}_spread" for name in ("hausdorff_sum_m", *METRICS["paper"]) if name != "n_true"
@@ -79,7 +78,7 @@ def score_realisations(
     means: dict[str, Any] = {name: mean(values) for name, values in columns.items()}
     means |= {name: round(means[name]) for name in COUNTS}
     if metric == "paper":
-        columns["hausdorff_sum_m"] = [sum(row[name] for name in HAUSDORFF_PARTS) for row in rows]
+        columns["hausdorff_sum_m"] = [sum(row[name] for name in HAUSDORFF_COLUMNS) for row in rows]
     spreads = {name: pstdev(values) for name, values in columns.items() if name != "n_true"}
     return RealisationScores(means, spreads, _nearest(columns["deviation"]))
 

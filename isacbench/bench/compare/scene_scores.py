@@ -10,9 +10,9 @@ import pandas as pd
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.compare.estimator_pairs import spell_apart
 from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
-from isacbench.bench.studies.imaging_study import HAUSDORFF_COLUMNS
 from isacbench.bench.studies.ratios import POINT_FAMILIES, hausdorff_ratios
 from isacbench.files.escaping import counted
+from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -16,6 +16,7 @@ from isacbench.bench.studies.study import (
     element_snrs_db,
     require_scatterers,
 )
+from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from isacbench.model.scene import Scenario
 
 GROUP = ["scenario", "estimator", "params", "snr_db"]
-HAUSDORFF_COLUMNS = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"]
 AVERAGED = [
     "n_estimated",
     *HAUSDORFF_COLUMNS,

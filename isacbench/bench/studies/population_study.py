@@ -9,7 +9,7 @@ import pandas as pd
 
 from isacbench.bench.cells.radio_coordinates import gain_db
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.studies.imaging_study import AVERAGED, HAUSDORFF_COLUMNS
+from isacbench.bench.studies.imaging_study import AVERAGED
 from isacbench.bench.studies.intervals import median_interval, student_band
 from isacbench.bench.studies.lone_targets import measure_lone_scatterers
 from isacbench.bench.studies.medians import median_times
@@ -20,6 +20,7 @@ from isacbench.bench.studies.study import (
     element_snrs_db,
     require_scatterers,
 )
+from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.model.frame import PaperFrame
 
 if TYPE_CHECKING:

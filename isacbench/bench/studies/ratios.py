@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
+
 if TYPE_CHECKING:
     from collections.abc import Collection
 
@@ -15,8 +17,6 @@ SMALLEST_ORACLE_M = 0.3
 
 POINT_FAMILIES = ("sparse",)
 """Families without ratios: their targets are absolute."""
-
-HAUSDORFF_COLUMNS = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"]
 
 
 def hausdorff_ratios(records: pd.DataFrame, without: Collection[str] = ()) -> pd.Series[float]:

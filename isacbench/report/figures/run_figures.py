@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import (
-    HAUSDORFF_COLUMNS,
     MANY_SCENARIOS,
     average_scenarios,
     summarise_scores,
@@ -17,6 +16,7 @@ from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import make_own_folder
 from isacbench.files.escaping import counted
+from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.model.echo import Simulator
