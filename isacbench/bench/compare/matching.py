@@ -262,7 +262,7 @@ def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant
     base, new : RunTable
     partners : mapping of (str, str) to (str, str)
         As `pair_cells` takes them. Paired estimators with different names have
-        different plugins in any case: versions of plugins are left out for them.
+        different code in any case: its versions are left out for them.
 
     Returns
     -------
@@ -274,9 +274,15 @@ def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant
     for variant in [variant for variant in before if variant in after]:
         old, now = before[variant], after[variant]
         if partners.get(variant, variant)[0] != variant[0]:
-            old, now = ({**versions, "plugins": {}} for versions in (old, now))
+            old, now = (_without_own_code(versions) for versions in (old, now))
         told.update(differing_versions(now, old))
     return [f"made by other versions: {'; '.join(sorted(told))}"] if told else []
+
+
+def _without_own_code(versions: Mapping[str, Any]) -> dict[str, Any]:
+    """Versions without those of the plugin, and without the digest of what it imports of isacbench."""
+    release = {"version": versions.get("isacbench", {}).get("version")}
+    return {**versions, "plugins": {}, "isacbench": release}
 
 
 def _versions(run: RunTable) -> dict[tuple[str, str], dict[str, Any]]:

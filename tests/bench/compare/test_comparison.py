@@ -537,13 +537,13 @@ def test_one_run_is_compared_between_two_estimators_of_it(retuned):
         compare(retuned[0], between=("music2d", "music2d[n=1]"))
 
 
-def test_plugins_of_estimators_with_different_names_are_no_other_versions(made_run):
+def test_code_of_estimators_with_different_names_is_no_other_version(made_run):
     records, manifest = made_run()
     records.loc[records["estimator"] == "music2d", "environment"] = "e2"
     machine = manifest["environments"]["e1"]["machine"]
     for name, versions in (
-        ("e1", {"numpy": "2.0", "plugins": {"a": {"version": "1"}}}),
-        ("e2", {"numpy": "2.1", "plugins": {"b": {"version": "2"}}}),
+        ("e1", {"numpy": "2.0", "plugins": {"a": {"version": "1"}}, "isacbench": {"digest": "a"}}),
+        ("e2", {"numpy": "2.1", "plugins": {"b": {"version": "2"}}, "isacbench": {"digest": "b"}}),
     ):
         manifest["environments"][name] = {"machine": machine, "versions": versions}
     run = RunTable("run", records, manifest)
