@@ -207,7 +207,7 @@ def draw_sparse(parameters: SparseParameters, key: str) -> Content:
     while len(objects) < n:
         tries += 1
         if tries > MOST_TRIES:
-            raise InputError(f"no room for another scatterer beside {len(objects)}; allowed are fewer")
+            raise InputError(f"no room for more than {len(objects)} scatterers; allowed are fewer")
         limits = region["x_m"], region["y_m"], LONE_Z_M
         place = [draws.between(low, high, decimals=3) for low, high in limits]
         speed_mps = draws.between(-15.0, 15.0, 3)

@@ -122,7 +122,13 @@ FAMILIES: dict[str, Family] = {
         Family(
             "facade", 1, "house fronts with movers before them", f"{_DRAWN}:draw_facade", DensityParameters
         ),
-        Family("crowd", 1, "pedestrians whose limbs swing", f"{_DRAWN}:draw_crowd", CrowdParameters),
+        Family(
+            "crowd",
+            1,
+            "pedestrians whose limbs swing; 8 to 16 unless their number is given",
+            f"{_DRAWN}:draw_crowd",
+            CrowdParameters,
+        ),
         Family(
             "weak",
             1,
@@ -133,7 +139,7 @@ FAMILIES: dict[str, Family] = {
         Family(
             "sparse",
             1,
-            "lone scatterers, each a Rayleigh cell from the next in one coordinate",
+            "lone scatterers a Rayleigh cell apart; 1 to 20 unless their number is given",
             f"{_DRAWN}:draw_sparse",
             SparseParameters,
         ),

@@ -196,7 +196,7 @@ def test_a_scene_has_one_canonical_name(text, names):
         ("town", "is a family of scenes; give a seed, such as town[seed=7]"),
         ("town[seed=7", "expected"),
         ("town[seed=[7,7]]", "twice"),
-        ("crowd[seed=1,pedestrians=1000]", "no room for another object"),
+        ("crowd[seed=1,pedestrians=1000]", "no room for more than"),
         ("sparse[seed=1,scatterers=201]", "scatterers = 201"),
     ],
 )
