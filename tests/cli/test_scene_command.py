@@ -113,8 +113,10 @@ def test_a_copy_stays_with_the_csv_that_it_reads(cli, tmp_path):
     assert_same_scene(load_scenario(tmp_path / "copy.toml"), load_scenario(tmp_path / "mine.toml"))
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("spec", REFUSED)
+@pytest.mark.parametrize(
+    ("command", "spec"),
+    [*(("image", spec) for spec in REFUSED), *((command, "twn[seed=1]") for command in COMMANDS)],
+)
 def test_every_command_refuses_a_misspelt_scene_in_one_line(cli, tmp_path, command, spec):
     result = cli(*COMMANDS[command], spec)
     assert result.exit_code == 2, result.output
