@@ -233,7 +233,8 @@ def _other_versions(stored: Rows, plan: Plan) -> Mask:
 
 def _flat(versions: Mapping[str, Any]) -> dict[Any, Any]:
     """Versions by flat names: nested keys joined by spaces."""
-    return pd.json_normalize(dict(versions), sep=" ").to_dict("records")[0]
+    # pandas 2 makes no row of an empty dictionary.
+    return pd.json_normalize(dict(versions), sep=" ").to_dict("records")[0] if versions else {}
 
 
 def _told(version: str | None) -> str:
