@@ -286,10 +286,10 @@ def require_metric(manifest: Mapping[str, Any]) -> None:
     InputError
         If the version is not the present one.
     """
-    metric = manifest.get("metric", current_metric())
-    if metric != current_metric():
+    version = manifest.get("metric", current_metric()).get("version")
+    if version != METRIC_VERSION:
         raise InputError(
-            f"its cells were scored by version {metric.get('version')} of the metric, not {METRIC_VERSION}; "
+            f"its cells were scored by version {version} of the metric, not {METRIC_VERSION}; "
             "rescore it first (isacbench rescore), or use a new folder"
         )
 

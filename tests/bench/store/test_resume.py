@@ -16,6 +16,7 @@ from isacbench.bench.store.journal import Journal
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning
+from isacbench.metrics.score import METRIC_VERSION
 from isacbench.plugins import discovery
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
 
@@ -371,8 +372,30 @@ def test_damage_to_what_can_be_written_anew_costs_no_cell(
     for place in some(range((complete / name).stat().st_size), n_places, name + how):
         folder = shutil.copytree(complete, tmp_path / f"{place}")
         damage(folder / name, how, place)
-        assert go_despite_damage(suite, folder)[0] == 0
-        assert table(folder) == undisturbed
+        if name == "manifest.json" and (version := other_metric_version(folder)):
+            with pytest.raises(InputError, match=f"by version {version} of the metric, not 1; rescore"):
+                go_despite_damage(suite, folder)
+        else:
+            assert go_despite_damage(suite, folder)[0] == 0
+            assert table(folder) == undisturbed
+
+
+def other_metric_version(folder):
+    """Version of the metric in the manifest, if it can be read and is not the present one."""
+    try:
+        metric = json.loads((folder / "manifest.json").read_text())["metric"]
+        return None if metric["version"] == METRIC_VERSION else metric["version"]
+    except (ValueError, KeyError):
+        return None
+
+
+def test_only_the_version_of_the_metric_counts_for_going_on(suite, complete, tmp_path):
+    folder = shutil.copytree(complete, tmp_path / "run")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["metric"]["version"] == METRIC_VERSION
+    manifest["metric"]["name"] = "papep"
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    assert go(suite, folder)[1] == 0
 
 
 @pytest.mark.parametrize(
