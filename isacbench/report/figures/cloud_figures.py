@@ -28,8 +28,18 @@ if TYPE_CHECKING:
 
 PANEL_IN = 3.2, 2.7
 LONE_PANEL_IN = 5.6, 4.6
+COMPARISON_IN = 11.0
+SIDES_IN, MOST_HEIGHT_IN = 1.4, 3.4
+"""Room beside a box in perspective or a projection, and the largest height of either."""
+
+HEADING_IN, LABELS_IN = 1.0, 0.6
+"""Room above and below a box in perspective, and below a projection."""
+
 MAX_COLUMNS = 4
 ELEVATION_DEG, AZIMUTH_DEG, ZOOM = 27.0, -50.0, 0.95
+MOST_ZOOM = 1.4
+"""Zoom above which the labels of a very long box would leave its panel."""
+
 TICKS, TICKS_IN_PROJECTION = 4, 6
 SMALLEST_BOX_M = 2.0
 FLATTEST = 0.1
@@ -149,16 +159,39 @@ def draw_comparison(
     Figure
     """
     scene = _scene(truth, [_image_of_truth(truth), image], region, radius_m)
-    figure = new_figure(11.0, 7.9, legend=_legend(scene), title=title)
+    upper_in, zoom = _perspective_size(scene, COMPARISON_IN / 2)
+    lower_in = _projection_height_in(scene, COMPARISON_IN / 3)
+    figure = new_figure(COMPARISON_IN, upper_in + lower_in, legend=_legend(scene), title=title)
     places: list[Any] = [["truth"] * 3 + ["estimate"] * 3, ["xy"] * 2 + ["xz"] * 2 + ["yz"] * 2]
     in_perspective: Any = {("truth", "estimate"): {"projection": "3d"}}
-    panels = figure.subplot_mosaic(places, per_subplot_kw=in_perspective, height_ratios=[1.6, 1])
-    _draw_perspective(panels["truth"], scene, "truth", _image_of_truth(truth))
-    _draw_perspective(panels["estimate"], scene, drawable(heading), image)
+    panels = figure.subplot_mosaic(places, per_subplot_kw=in_perspective, height_ratios=[upper_in, lower_in])
+    _draw_perspective(panels["truth"], scene, "truth", _image_of_truth(truth), zoom)
+    _draw_perspective(panels["estimate"], scene, drawable(heading), image, zoom)
     for plane in ("xy", "xz", "yz"):
         _draw_projection(panels[plane], scene, image.cloud, plane)
-    velocity_bar(figure, scene.colours, [panels["estimate"]], BAR_LABEL)
+    velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]], BAR_LABEL)
     return figure
+
+
+def _perspective_size(scene: _Scene, width_in: float) -> tuple[float, float]:
+    """Choose height in inches and zoom of a panel of this width, so that the box fills it."""
+    elevation, azimuth = np.deg2rad([ELEVATION_DEG, AZIMUTH_DEG])
+    ahead = np.abs([np.cos(azimuth), np.sin(azimuth)])
+    size_m = scene.upper_m - scene.lower_m
+    across_m = ahead[::-1] @ size_m[:2]
+    up_m = np.sin(elevation) * (ahead @ size_m[:2]) + np.cos(elevation) * size_m[2]
+    inches_a_metre = min((width_in - SIDES_IN) / across_m, MOST_HEIGHT_IN / up_m)
+    height_in = inches_a_metre * up_m + HEADING_IN
+    # The axes are a square, in which a zoom of 1 makes the box's diagonal as long as a side.
+    zoom = inches_a_metre * np.linalg.norm(size_m) / min(width_in, height_in)
+    return float(height_in), min(float(zoom), MOST_ZOOM)
+
+
+def _projection_height_in(scene: _Scene, width_in: float) -> float:
+    """Height in inches of the row of projections, in which the highest one fills its width."""
+    x_m, y_m, z_m = scene.upper_m - scene.lower_m
+    highest_in = (width_in - SIDES_IN) * max(y_m / x_m, z_m / x_m, z_m / y_m)
+    return min(float(highest_in), MOST_HEIGHT_IN) + LABELS_IN
 
 
 def _image_of_truth(truth: PointCloud) -> Image:
@@ -203,9 +236,9 @@ def _perspectives(
     return figure, panels
 
 
-def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image) -> None:
+def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image, zoom: float = ZOOM) -> None:
     """Draw an image in perspective, the truth faintly behind it, false points marked."""
-    _draw_box(axes, scene)
+    _draw_box(axes, scene, zoom)
     centred: dict[str, Any] = {"transform": axes.transAxes, "ha": "center", "va": "top"}
     axes.text2D(0.5, 1.0, heading, weight="bold", **centred)
     axes.text2D(0.5, 0.94, image.note, size=8, color="0.25", **centred)
@@ -215,25 +248,31 @@ def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image) -
         axes.scatter(*points.xyz.T, c=scene.colours.to_rgba(points.velocity), **marks, **style)
 
 
-def _draw_box(axes: Axes3D, scene: _Scene) -> None:
+def _draw_box(axes: Axes3D, scene: _Scene, zoom: float) -> None:
     """Set up axes with one scale in all directions, a grid and a grey floor."""
     axes.computed_zorder = False
     axes.set_facecolor("none")
     axes.view_init(ELEVATION_DEG, AZIMUTH_DEG)
-    axes.set_box_aspect(scene.upper_m - scene.lower_m, zoom=ZOOM)
+    axes.set_box_aspect(scene.upper_m - scene.lower_m, zoom=zoom)
     x_m, y_m, z_m = zip(scene.lower_m, scene.upper_m, strict=True)
     axes.set(xlim=x_m, ylim=y_m, zlim=z_m)
     for name, axis in zip(AXES, (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
-        axis.set_major_locator(MultipleLocator(_tick_step_m(scene, TICKS)))
+        axis.set_major_locator(MultipleLocator(_tick_step_m(scene, name, TICKS)))
         axis.set_pane_color("0.95", alpha=1.0 if name == "z" else 0.0)
         axis.set_label_text(f"{name} [m]")
         axis.set_tick_params(pad=1 if name == "z" else -2, labelsize=7)
         axis.labelpad = -7 if name == "z" else -4
 
 
-def _tick_step_m(scene: _Scene, n_ticks: int) -> float:
-    """Distance of about so many ticks along the longest edge: 1, 2 or 5 times a power of ten."""
-    longest_m = float((scene.upper_m - scene.lower_m).max())
+def _tick_step_m(scene: _Scene, name: str, n_ticks: int) -> float:
+    """Distance of ticks along an edge: 1, 2 or 5 times a power of ten.
+
+    There are about so many along the longest edge, and at most three steps up a low box.
+    """
+    size_m = scene.upper_m - scene.lower_m
+    longest_m, height_m = float(size_m.max()), float(size_m[2])
+    if name == "z" and height_m < longest_m / 2:
+        longest_m, n_ticks = height_m, 3
     ticks_m = MaxNLocator(n_ticks, steps=[1, 2, 5, 10]).tick_values(0.0, longest_m)
     return float(ticks_m[1] - ticks_m[0])
 
@@ -264,8 +303,8 @@ def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -
     axes.set(xlim=(lower_m[across], upper_m[across]), ylim=(lower_m[up], upper_m[up]))
     axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]")
     axes.set_aspect("equal", anchor="S")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MultipleLocator(_tick_step_m(scene, TICKS_IN_PROJECTION)))
+    for name, axis in zip(plane, (axes.xaxis, axes.yaxis), strict=True):
+        axis.set_major_locator(MultipleLocator(_tick_step_m(scene, name, TICKS_IN_PROJECTION)))
     axes.grid(True)
 
 
