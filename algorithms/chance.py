@@ -25,7 +25,10 @@ NUMBERING = Oracle(cell=0.5)
 
 @dataclass(frozen=True)
 class Chance(Reference):
-    """Zero skill: random points in the truth's bounding box, as many as `oracle[cell=0.5]` has."""
+    """Zero skill: random points in the truth's bounding box, as many as `oracle[cell=0.5]` has.
+
+    A single scatterer has no box: its point is anywhere in the region.
+    """
 
     name: ClassVar[str] = "chance"
 
@@ -41,14 +44,17 @@ class Chance(Reference):
         Returns
         -------
         list of PointCloud
-            Points uniform in x, y, z and v between the least and the largest of the truth. They
-            share the truth's power equally.
+            Points uniform in x, y, z and v between the least and the largest of the truth, or in the
+            region if the truth is at one place. They share the truth's power equally.
         """
         if not len(truth):
             return [PointCloud.empty()] * N_REALISATIONS
         n_points = round(np.mean([len(cloud) for cloud in NUMBERING.realisations(radio, truth)]))
         values = truth.to_array()[:, :4]
         lowest, highest = values.min(axis=0), values.max(axis=0)
+        if (lowest == highest).all():
+            region = radio.region
+            lowest, highest = np.array([region.x_m, region.y_m, region.z_m, region.speed_mps]).T
         power = np.full(n_points, truth.power.sum() / n_points)
         clouds = []
         for number in range(N_REALISATIONS):

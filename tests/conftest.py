@@ -279,7 +279,7 @@ def made_run():
             "isacbench": "0.1.0",
             "git": {"commit": "0123456789abcdef", "dirty": False},
             "seed": 0,
-            "suite": {"name": "street", "kind": "imaging"},
+            "suite": {"name": "street", "kind": "imaging", "scenarios": list(scenarios)},
             "metric": {"name": "paper", "version": 1},
             "scenarios": {name: {"content": f"c-{name}"} for name in scenarios},
             "environments": {"e1": {"machine": {"processor": "P", "cores": 2}, "versions": {}}},

@@ -37,7 +37,7 @@ def builtin_names(folder: str = ".") -> list[str]:
     return sorted(path.stem for path in _builtin_folder(folder).glob("*.toml"))
 
 
-def find_toml(name_or_path: str | Path, what: str, folder: str = ".") -> Path:
+def find_toml(name_or_path: str | Path, what: str, folder: str = ".", others: str = "") -> Path:
     """Find a TOML file by its built-in name, or by path if it has the suffix ``.toml``.
 
     Parameters
@@ -47,6 +47,8 @@ def find_toml(name_or_path: str | Path, what: str, folder: str = ".") -> Path:
         Kind in messages: ``"scenario"`` or ``"suite"``.
     folder : str
         Folder of the scenario package that holds the built-in ones.
+    others : str
+        What else the caller allows, for the message about an unknown name.
 
     Returns
     -------
@@ -68,7 +70,7 @@ def find_toml(name_or_path: str | Path, what: str, folder: str = ".") -> Path:
     if str(name_or_path) in names:
         return _builtin_folder(folder) / f"{name_or_path}.toml"
     unknown = unknown_name(what, str(name_or_path), names)
-    raise InputError(f"{unknown}, or the path of a .toml file")
+    raise InputError(f"{unknown}, {others}or the path of a .toml file")
 
 
 def read_toml(path: Path, model: type[Table]) -> Table:

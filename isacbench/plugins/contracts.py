@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from isacbench.model.frame import Frame
     from isacbench.model.numerology import System
     from isacbench.model.observation import Observation
+    from isacbench.model.region import Region
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,10 @@ class Radio(Protocol):
     @property
     def base_station_m(self) -> NDArray[np.float64]:
         """Position (3,) of the base station in m."""
+
+    @property
+    def region(self) -> Region:
+        """Box and speeds in which scatterers may be."""
 
 
 @runtime_checkable

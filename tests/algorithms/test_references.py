@@ -250,7 +250,7 @@ def test_a_cell_has_a_positive_size(cell):
 
 
 @settings(deadline=None, max_examples=20)
-@given(seed=st.integers(0, 9999), n=st.integers(1, 40))
+@given(seed=st.integers(0, 9999), n=st.integers(2, 40))
 def test_chance_fills_the_box_of_the_truth_with_as_many_points_as_half_cells(seed, n):
     scenario = random_scenario(seed, n)
     truth = scenario.truth
@@ -271,6 +271,16 @@ def test_chance_is_uniform_in_the_box():
     expected = (np.arange(len(shares)) + 0.5) / len(shares)
     # Kolmogorov and Smirnov: exceeded once in a million uniform samples.
     assert np.abs(shares - expected[:, None]).max() < 2.7 / np.sqrt(len(shares))
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_chance_does_not_know_where_a_lone_place_is(n):
+    scenario = scenario_of([[3.0, 20.0, 1.0]] * n, [2.0] * n)
+    clouds = Chance().realisations(scenario, scenario.truth)
+    drawn = np.vstack([cloud.to_array()[:, :4] for cloud in clouds])
+    limits = np.array([REGION.x_m, REGION.y_m, REGION.z_m, REGION.speed_mps])
+    assert ((drawn >= limits[:, 0]) & (drawn <= limits[:, 1])).all()
+    assert (np.ptp(drawn, axis=0) > 0.8 * np.ptp(limits, axis=1)).all()
 
 
 def test_chance_draws_the_same_numbers_everywhere():

@@ -13,8 +13,9 @@ import pandas as pd
 from isacbench.bench.compare.matching import code_version, read_run
 from isacbench.bench.compare.ranks import rank_sets
 from isacbench.bench.compare.scene_scores import (
+    SCENE_KINDS,
     VARIANT,
-    average_reference,
+    average_alone,
     average_scenes,
     scene_families,
     scene_groups,
@@ -162,8 +163,8 @@ def rank(folder: str | Path, metric: str = DEFAULT_METRIC) -> Ranking:
     Raises
     ------
     InputError
-        If the folder holds no run, or the run has not the metric, two
-        estimators, or six scenes in which all of them have a score.
+        If the folder holds no run, its scenarios are no scenes, or it has
+        not the metric, two estimators, or six scenes in which all of them have a score.
 
     Examples
     --------
@@ -197,6 +198,12 @@ def rank_table(run: RunTable, metric: str = DEFAULT_METRIC) -> Ranking:
     InputError
         As `rank` raises it.
     """
+    kind = run.manifest["suite"].get("kind", "imaging")
+    if kind not in SCENE_KINDS:
+        raise InputError(
+            f"{run.label}: the scenarios of a suite of kind {kind!r} are no scenes to rank over; allowed are "
+            f"runs of the kinds {', '.join(SCENE_KINDS)}"
+        )
     records = with_sums_and_ratios(run)
     numbers = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"])
     better = direction(metric, run.manifest["metric"]["name"], numbers)
@@ -211,13 +218,16 @@ def rank_table(run: RunTable, metric: str = DEFAULT_METRIC) -> Ranking:
     scored = average_scenes(records, metric, better, ranked)
     _require_scenes(run, scored, metric)
     groups = scene_groups(scored.scenes.index, scene_families(run.manifest))
+    # Failed cells have no precision and recall: these are means over the images that there are.
     shares = {
-        name: average_scenes(records, name, "higher", ranked).scenes
+        name: pd.DataFrame(
+            {variant: average_alone(records, name, variant, scored.cells) for variant in ranked}
+        ).rename_axis(columns=VARIANT)
         for name in SHARES
         if name in records and name != metric
     }
     beside = {
-        variant: {name: average_reference(records, name, variant, scored.cells) for name in (metric, *shares)}
+        variant: {name: average_alone(records, name, variant, scored.cells) for name in (metric, *shares)}
         for variant in references
     }
     ranks, wins = [], []

@@ -29,6 +29,9 @@ ALL_SCENES = "all scenes"
 SCENE_KINDS = ("imaging", "population")
 """Kinds of suites whose scenarios are scenes."""
 
+LONE_COUNTS = ["n_resolvable", "n_resolved", "n_false"]
+"""Columns of a population that count something in families of lone scatterers alone."""
+
 SCENE_CELL = ["scenario", "snr_db", "trial"]
 VARIANT = ["estimator", "params"]
 
@@ -55,6 +58,8 @@ class SceneScores(NamedTuple):
 def with_sums_and_ratios(run: RunTable) -> pd.DataFrame:
     """Add the columns ``hausdorff_sum_m`` and ``ratio``, as far as the rows have what they need.
 
+    Counts of lone scatterers become NaN in scenes of other families.
+
     Parameters
     ----------
     run : RunTable
@@ -64,10 +69,14 @@ def with_sums_and_ratios(run: RunTable) -> pd.DataFrame:
     DataFrame
         ``ratio`` is that of `isacbench.bench.studies.ratios.hausdorff_ratios`.
     """
-    records = run.records
+    records, families = run.records, scene_families(run.manifest)
+    if "n_resolvable" in records:
+        # Measured where scatterers are lone; elsewhere 0 stands for nothing.
+        is_lone = records["scenario"].astype(object).map(families).isin(POINT_FAMILIES)
+        records = records.assign(**{name: records[name].where(is_lone) for name in LONE_COUNTS})
     if not set(HAUSDORFF_COLUMNS) <= set(records):
         return records
-    without = [name for name, family in scene_families(run.manifest).items() if family in POINT_FAMILIES]
+    without = [name for name, family in families.items() if family in POINT_FAMILIES]
     return records.assign(
         hausdorff_sum_m=records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False),
         ratio=hausdorff_ratios(records, without),
@@ -228,7 +237,7 @@ def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequ
     return SceneScores(scenes, cells, notes)
 
 
-def average_reference(
+def average_alone(
     records: pd.DataFrame, metric: str, variant: Variant, cells: pd.DataFrame
 ) -> pd.Series[float]:
     """Average a score of one estimator within every scene, as far as it has one at the compared cells.

@@ -134,7 +134,5 @@ def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lo
         raise unknown_name("score", column, scores)
     better = known.get(column, "lower")
     if better == "neither":
-        raise InputError(
-            f"tolerance of {column}: this column has no better direction; allowed are {', '.join(scores)}"
-        )
+        raise InputError(f"{column} has no better direction; allowed are {', '.join(scores)}")
     return better

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import pandas as pd
 from isacbench.bench.compare.scene_scores import SCENE_CELL, scene_families
 from isacbench.bench.compare.verdicts import ROUNDING
 from isacbench.bench.plan.labels import rows_of, variants_in
+from isacbench.bench.store.run_store import scenario_texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -151,7 +151,7 @@ def command_to_show(
     ----------
     manifest : mapping of str to Any
     scenario : str
-        Its name. If the suite names a file of that name, its path is spelled.
+        Its name. It is spelled as in the suite.
     estimator : str
         Specification.
     snr_db : float
@@ -163,13 +163,12 @@ def command_to_show(
 
     Examples
     --------
-    >>> command_to_show({"seed": 0}, "town[seed=7]", "music2d", 10.0, 0)
-    "isacbench image -s 'town[seed=7]' -e music2d --snr 10 --plot image.png"
+    >>> run = {"seed": 0, "scenarios": {"town": {}}, "suite": {"scenarios": ["made/town.toml"]}}
+    >>> command_to_show(run, "town", "music2d", 10.0, 0)
+    'isacbench image -s made/town.toml -e music2d --snr 10 --plot image.png'
     """
-    named = manifest.get("suite", {}).get("scenarios", ())
-    paths = {Path(name).stem: name for name in named if name.endswith(".toml")}
     numbers = {"--trial": int(trial), "--seed": int(manifest["seed"])}
-    words = ["isacbench", "image", "-s", paths.get(scenario, scenario), "-e", estimator]
+    words = ["isacbench", "image", "-s", scenario_texts(manifest)[scenario], "-e", estimator]
     words += ["--snr", f"{snr_db:.10g}"]
     words += [word for name, number in numbers.items() if number for word in (name, str(number))]
     return shlex.join([*words, "--plot", PICTURE])

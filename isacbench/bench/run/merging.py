@@ -218,7 +218,7 @@ def _whole(parts: Sequence[_Part]) -> tuple[Plan, dict[str, Any]]:
     scenarios = _scenarios(parts)
     paths: dict[str, str] = {}
     for part in reversed(parts):
-        paths |= zip(part.results.scenarios, part.results.suite.scenarios, strict=True)
+        paths |= run_store.scenario_texts(part.manifest)
     try:
         suite = _union(suites)
         job = Job(suite, {name: scenarios[name] for name in suite.scenarios}, local_plugins())

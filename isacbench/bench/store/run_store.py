@@ -44,6 +44,7 @@ from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, r
 from isacbench.files.escaping import quoted
 from isacbench.metrics.score import METRIC_VERSION
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.scenes.scene_families import spelled_scenarios
 from isacbench.plugins.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
@@ -128,6 +129,31 @@ def describe_run(job: Job) -> dict[str, Any]:
         },
         "scenes": outline(job.plan),
     }
+
+
+def scenario_texts(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Look up how the suite of a run spells each scenario: a name, a generated scene or a path.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+
+    Returns
+    -------
+    dict of str to str
+        By the scenarios' names.
+
+    Raises
+    ------
+    InputError
+        If the suite does not list the scenarios that are described.
+    """
+    names, texts = list(manifest["scenarios"]), spelled_scenarios(manifest["suite"]["scenarios"])
+    if len(names) != len(texts):
+        raise InputError(
+            f"{MANIFEST}: {len(names)} scenarios are described, but the suite lists {len(texts)}"
+        )
+    return dict(zip(names, texts, strict=True))
 
 
 def write_manifest(

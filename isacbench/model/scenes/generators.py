@@ -58,8 +58,9 @@ RANGES: dict[str, dict[str, tuple[int, int]]] = {
 def draw_street(parameters: FamilyParameters, key: str) -> Content:
     """Draw the paper's objects elsewhere, mirrored and turned.
 
-    Two cars drive in opposite directions along a street, two pedestrians each
-    walk in either direction, and a green belt and two lamp posts stand.
+    All have one heading, but stand anywhere: two cars drive in opposite
+    directions, two pedestrians each walk in either direction, and a green belt
+    and two lamp posts stand.
 
     Parameters
     ----------

@@ -138,7 +138,7 @@ class Ground:
                 return x, y, yaw_deg
         n = len(self._centres)
         raise InputError(
-            f"no room for more than {n} objects on the ground; allowed are fewer than were asked for"
+            f"no room for more than {n} objects on the ground; allowed are fewer (pedestrians, density)"
         )
 
     def _meets(self, centre: Floats, axes: Floats) -> bool:

@@ -15,7 +15,7 @@ from isacbench.files.toml_files import builtin_names, find_toml
 from isacbench.specifications import MAX_VARIANTS, Spec, spec_variants, spell_spec
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 MOST_SEED = 2**53
 Seed = Annotated[int, Field(strict=True, ge=0, le=MOST_SEED)]
@@ -222,7 +222,7 @@ def scenario_file(name_or_path: str | Path) -> Path:
     name = str(name_or_path)
     if name in FAMILIES and name not in builtin_names():
         raise InputError(f"scenario {name!r} is a family of scenes; give a seed, such as {name}[seed=7]")
-    return find_toml(name_or_path, "scenario")
+    return find_toml(name_or_path, "scenario", others="a generated scene such as town[seed=7], ")
 
 
 def scenario_variants(name_or_path: str) -> list[str]:
@@ -249,10 +249,34 @@ def scenario_variants(name_or_path: str) -> list[str]:
     >>> scenario_variants("town[seed=3:4]")
     ['town[seed=3]', 'town[seed=4]']
     """
-    if is_family_spec(name_or_path):
-        return [spec.name for spec in family_specs(name_or_path)]
-    scenario_file(name_or_path)
-    return [name_or_path]
+    if not is_family_spec(name_or_path):
+        scenario_file(name_or_path)
+    return spelled_scenarios([name_or_path])
+
+
+def spelled_scenarios(listed: Iterable[str]) -> list[str]:
+    """Spell every scenario of a list by itself; files need not be there.
+
+    Parameters
+    ----------
+    listed : iterable of str
+        Names, paths, and generated scenes with ranges or alternatives.
+
+    Returns
+    -------
+    list of str
+        One for each scenario.
+
+    Raises
+    ------
+    InputError
+        If there is no such family or parameter.
+    """
+    return [
+        text
+        for entry in listed
+        for text in ([spec.name for spec in family_specs(entry)] if is_family_spec(entry) else [entry])
+    ]
 
 
 def family_specs(text: str) -> list[FamilySpec]:
@@ -316,7 +340,8 @@ def _seeds(value: Any, text: str) -> range | list[Any]:
     ends = value.split(":")
     if len(ends) != 2 or not all(map(_is_seed, ends)) or int(ends[0]) > int(ends[1]):
         raise InputError(
-            f"scenario {quoted(text)}: seed={shortened(value)}: allowed is a range first:last such as 0:99"
+            f"scenario {quoted(text)}: seed={shortened(value)}: allowed is a range first:last such as 0:99, "
+            "the first not above the last"
         )
     seeds = range(int(ends[0]), int(ends[1]) + 1)
     n = seeds[-1] - seeds[0] + 1

@@ -36,9 +36,10 @@ class _Shown(NamedTuple):
 
 
 RATIO = _Shown("ratio", "ratio_median", "{:.2f}")
+HAUSDORFF = _Shown("Hausdorff [m]", "hausdorff_sum_m_mean", "{:.2f}")
 SHOWN = (
     RATIO,
-    _Shown("Hausdorff [m]", "hausdorff_sum_m_mean", "{:.2f}"),
+    HAUSDORFF,
     _Shown("precision", "precision_mean", "{:.2f}", is_higher_better=True),
     _Shown("recall", "recall_mean", "{:.2f}", is_higher_better=True),
     _Shown("GOSPA [m]", "gospa_m_mean", "{:.2f}"),
@@ -116,8 +117,10 @@ def population_grids(records: pd.DataFrame) -> list[Grid]:
     Returns
     -------
     list of Grid
-        Last, and not for the terminal, each family on its own, over all SNRs and at each.
+        Last, and not for the terminal, each family on its own, over all SNRs and at each. None without rows.
     """
+    if records.empty:
+        return []
     summary = tabulate_population(records)
     labels = _row_labels(summary)
     snrs_db = sorted(summary["snr_db"].dropna().unique())
@@ -135,6 +138,8 @@ def population_grids(records: pd.DataFrame) -> list[Grid]:
     found += [_target_grid(_part(summary, name), labels, f"{name}, {over_snrs}") for name in lone]
     for name, snr_db in product((ALL, *families), (math.nan, *snrs_db)):
         part = _part(summary, name, snr_db=snr_db)
+        if part.empty:  # the run was interrupted before
+            continue
         heading = over_snrs if math.isnan(snr_db) else f"{snr_db:g} dB"
         title = f"{'All scenes' if name == ALL else name}, {heading}"
         if (name, heading) != (ALL, over_snrs):
@@ -173,7 +178,8 @@ def _row_labels(summary: pd.DataFrame) -> dict[Variant, str]:
 
 def _score_grid(part: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Grid:
     """Scores of some scenes, a row an estimator."""
-    shown = [one for one in SHOWN if part[one.column].notna().any()]
+    # Where all cells failed, an empty column has their number.
+    shown = [one for one in SHOWN if part[one.column].notna().any()] or [HAUSDORFF]
     marked = _marked(part)
     header = ["estimator", *(one.heading + _mark(one, marked) for one in shown), "time [ms]"]
     rows = []

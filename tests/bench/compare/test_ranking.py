@@ -166,6 +166,48 @@ def test_the_worst_scenes_are_listed_with_the_command_that_shows_the_worst_cell(
     }
 
 
+def test_the_command_spells_a_scene_as_the_suite_does_whatever_the_name_of_its_file(scenes_run):
+    run = scenes_run(town=8)
+    texts = [f"made/scene{seed}.toml" for seed in range(8)]
+    run.manifest["suite"]["scenarios"] = texts
+    found = rank_table(run).worst
+    shown = {row["scenario"]: shlex.split(row["command"])[3] for row in found.to_dict("records")}
+    named = dict(zip(run.manifest["scenarios"], texts, strict=True))
+    assert shown == {name: named[name] for name in shown}
+
+
+def test_an_estimator_that_always_failed_has_neither_precision_nor_recall(scenes_run):
+    names = [f"town[seed={seed}]" for seed in range(8)]
+
+    def fail_all(records):
+        records["recall"] = 0.5
+        for name in names:
+            fail(records, "fft4d", name)
+
+    ranks = rank_table(scenes_run(fail_all, town=8)).ranks
+    assert np.isnan(of(ranks, "fft4d")["precision"])
+    assert np.isnan(of(ranks, "fft4d")["recall"])
+    assert of(ranks, "music2d")["recall"] == 0.5
+
+
+def test_counts_of_lone_scatterers_rank_over_scenes_of_lone_scatterers_alone(scenes_run):
+    def count(records):
+        lone = records["scenario"].str.startswith("sparse")
+        records["n_resolvable"] = records["n_resolved"] = records["n_false"] = np.where(lone, 3, 0)
+
+    found = rank_table(scenes_run(count, town=7, sparse=7), "n_false")
+    assert {name.partition("[")[0] for name in found.scores.index} == {"sparse"}
+
+
+def test_scenarios_that_are_no_scenes_are_not_ranked_over(scenes_run):
+    run = scenes_run(town=8)
+    run.manifest["suite"]["kind"] = "resolution"
+    with pytest.raises(
+        InputError, match=r"kind 'resolution' are no scenes to rank over; allowed are .* imaging"
+    ):
+        rank_table(run)
+
+
 def test_variants_of_one_estimator_are_ranked_apart(scenes_run):
     run = scenes_run(town=8, estimators=("blob", "fft4d"))
     better = run.records[run.records["estimator"] == "blob"].assign(params='{"n":2}')

@@ -218,6 +218,18 @@ def test_a_scenario_may_have_another_path_in_each_part(suite, tiny, put_run, tmp
     assert read_results(tmp_path / "merged").suite == suite
 
 
+def test_ranges_of_generated_scenes_are_united_scene_by_scene(suite, put_run, tmp_path):
+    scenes = ["sparse[seed=0:1,scatterers=2]"]
+    one = suite.replace(scenarios=scenes, estimators=["blob"], snr_db=[0], trials=1)
+    two = one.replace(scenarios=["sparse[seed=1:2,scatterers=2]"], snr_db=[10])
+    put_run(one, tmp_path / "1")
+    put_run(two, tmp_path / "2")
+    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    whole = read_results(tmp_path / "merged").suite
+    assert whole.scenarios == tuple(f"sparse[seed={seed},scatterers=2]" for seed in range(3))
+    assert whole.snr_db == (0, 10)
+
+
 def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(suite, put_run, tmp_path):
     for k in (1, 2):
         put_run(suite, tmp_path / str(k), f"{k}/2")

@@ -266,6 +266,9 @@ def test_a_mistake_in_a_points_file_is_answered_with_both_files_and_the_row(tiny
     assert str(error.value).startswith(f"{tiny}: {points}: {message}")
 
 
-def test_an_unknown_scenario_is_answered_with_the_nearest_one():
-    with pytest.raises(InputError, match=r"unknown scenario 'streat': did you mean 'street'\? allowed are"):
+def test_an_unknown_scenario_is_answered_with_the_nearest_one_and_with_all_that_is_allowed():
+    with pytest.raises(
+        InputError, match=r"unknown scenario 'streat': did you mean 'street'\? allowed are"
+    ) as error:
         load_scenario("streat")
+    assert "a generated scene such as town[seed=7], or the path of a .toml file" in str(error.value)

@@ -101,6 +101,22 @@ def test_a_title_says_how_many_scenes_there_are_and_whether_they_are_enough_for_
         assert grid.title == f"All scenes, mean over 0, 10 dB: {band}"
 
 
+def test_a_population_in_which_all_cells_failed_is_told_without_numbers(records):
+    scores = records.select_dtypes("float").columns.difference(["snr_db"])
+    records[scores] = np.nan
+    records["status"] = "error"
+    grids = population_grids(records)
+    assert grids[0].header[:2] == ["estimator", "Hausdorff [m]"]
+    assert all("failed" in row[1] for row in grids[0].rows)
+
+
+def test_a_population_that_was_interrupted_has_tables_of_what_there_is(records):
+    lost = (records["family"] == "crowd") & (records["snr_db"] == records["snr_db"].max())
+    titles = [grid.title for grid in population_grids(records[~lost])]
+    assert f"crowd, {records['snr_db'].max():g} dB" not in [title.partition(":")[0] for title in titles]
+    assert population_grids(records.iloc[:0]) == []
+
+
 def test_failed_cells_are_told(records):
     records.loc[(records["estimator"] == "fft4d") & (records["family"] == "town"), "status"] = "timeout"
     assert "(16 failed)" in population_grids(records)[0].rows[0][1]
