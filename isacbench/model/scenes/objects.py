@@ -17,21 +17,42 @@ from numpy.typing import NDArray
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
 Offsets = NDArray[np.float64]
 
+MOST_STEPS, MOST_POINTS = 2000, 100_000
+"""Largest numbers of steps along a length, and of points of a surface."""
 
-def _grid(x: Iterable[float], y: Iterable[float], z: Iterable[float]) -> Offsets:
+
+def _grid(
+    x: Sequence[float] | Offsets, y: Sequence[float] | Offsets, z: Sequence[float] | Offsets
+) -> Offsets:
     """Every combination of the given coordinates."""
-    axes = np.meshgrid(np.array([*x]), np.array([*y]), np.array([*z]), indexing="ij")
+    n_points = len(x) * len(y) * len(z)
+    if n_points > MOST_POINTS:
+        raise InputError(
+            f"its spacing_m makes {n_points} scatterers of one surface; allowed are at most {MOST_POINTS}"
+        )
+    axes = np.meshgrid(x, y, z, indexing="ij")
     return np.stack([axis.ravel() for axis in axes], axis=1)
 
 
 def _steps(length_m: float, spacing_m: float) -> Offsets:
     """Coordinates centred on 0 that span a length in equal steps of about the spacing."""
-    n_steps = max(1, round(length_m / spacing_m))
-    return np.linspace(-length_m / 2, length_m / 2, n_steps + 1)
+    return np.linspace(-length_m / 2, length_m / 2, _n_steps(length_m, spacing_m) + 1)
+
+
+def _n_steps(length_m: float, spacing_m: float) -> int:
+    """Number of equal steps of about the spacing in a length."""
+    # The quotient may be too large for an integer.
+    n_steps = max(1.0, np.round(length_m / spacing_m))
+    if n_steps > MOST_STEPS:
+        raise InputError(
+            f"spacing_m = {spacing_m:g} divides {length_m:g} m into {n_steps:.6g} steps; "
+            f"allowed are at most {MOST_STEPS}"
+        )
+    return int(n_steps)
 
 
 def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Offsets:
@@ -157,7 +178,7 @@ def lamp_post(
     """
     if foot_m >= height_m:
         raise InputError(f"lamp_post: foot_m = {foot_m:g} must lie below height_m = {height_m:g}")
-    n_steps = max(1, round((height_m - foot_m) / spacing_m))
+    n_steps = _n_steps(height_m - foot_m, spacing_m)
     mast = _grid([0.0], [0.0], np.linspace(foot_m, height_m, n_steps + 1))
     arms = arm_m * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     return np.concatenate([mast, arms + np.array([0.0, 0.0, height_m])])

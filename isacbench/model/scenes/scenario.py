@@ -138,8 +138,7 @@ class _ScenarioTable(FileTable):
 
     def scenario(self, source: Path) -> Scenario:
         """Build the scenario; `source` is its file."""
-        base_station_m = np.array(self.base_station.position_m)
-        parts = [entry.scatterers(source, base_station_m) for entry in self.objects]
+        parts = [self._scatterers(number, source) for number in range(len(self.objects))]
         scatterers = Scatterers(
             np.concatenate([np.empty((0, 3)), *(part.xyz for part in parts)]),
             np.concatenate([np.empty(0), *(part.velocity for part in parts)]),
@@ -150,10 +149,17 @@ class _ScenarioTable(FileTable):
             system=System(**self.system.model_dump()),
             array=VirtualArray(**self.array.model_dump(exclude={"frame", "yaw_deg", "tilt_deg", *ERRORS})),
             frame=get_frame(self.array.frame, self.array.yaw_deg, self.array.tilt_deg),
-            base_station_m=base_station_m,
+            base_station_m=np.array(self.base_station.position_m),
             region=Region(**self.region.model_dump()),
             scatterers=scatterers,
             radius_m=self.scoring.radius_m,
             gain_error_db=self.array.gain_error_db,
             phase_error_deg=self.array.phase_error_deg,
         )
+
+    def _scatterers(self, number: int, source: Path) -> Scatterers:
+        """Place the scatterers of one object; errors name it."""
+        try:
+            return self.objects[number].scatterers(source, np.array(self.base_station.position_m))
+        except InputError as error:
+            raise InputError(f"objects[{number}]: {error}") from error

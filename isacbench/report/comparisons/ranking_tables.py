@@ -37,7 +37,7 @@ def ranking_grids(ranking: Ranking) -> list[Grid]:
 
 
 def ranking_lines(ranking: Ranking) -> list[str]:
-    """Write what the tables do not show: what was left out, and what the sets are.
+    """Write what the tables do not show: commands for the worst images, what was left out, what sets are.
 
     Parameters
     ----------
@@ -48,6 +48,8 @@ def ranking_lines(ranking: Ranking) -> list[str]:
     list of str
     """
     return [
+        "commands that show these images:",
+        *(f"  {command}" for command in ranking.worst["command"]),
         *ranking.notes,
         "rank sets hold for all estimators of a table at once with 95 % confidence, other intervals each by "
         f"itself; families with fewer than {MIN_FAMILY_SCENES} scenes have no table of their own",
@@ -110,7 +112,7 @@ def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame, wins: pd.DataFr
     )
     texts = {
         (row["estimator"], row["params"], row["other"], row["other_params"]): (
-            f"{row['probability']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
+            f"{row['probability']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
         )
         for row in wins.to_dict("records")
     }
@@ -134,9 +136,8 @@ def _worst_grid(ranking: Ranking) -> Grid:
             f"{row['score']:.4g}",
             f"{row['cell_score']:.4g}{'' if row['status'] == 'ok' else ' (' + row['status'] + ')'}",
             *(written(row[name], "{:.2f}") for name in shares),
-            row["command"],
         ]
         for row in ranking.worst.to_dict("records")
     ]
-    header = ["estimator", "scene", ranking.metric, "worst image", *shares, "command that shows it"]
+    header = ["estimator", "scene", ranking.metric, "worst image", *shares]
     return Grid(f"worst scenes by {ranking.metric}", header, rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 from matplotlib.lines import Line2D
 
 from isacbench.report.drawing.style import new_figure
@@ -85,7 +86,7 @@ def draw_line(
     high: ArrayLike,
     alpha: float = 0.15,
 ) -> None:
-    """Draw a curve inside its confidence band.
+    """Draw a curve inside its confidence band; a single point stands on a bar.
 
     Parameters
     ----------
@@ -98,4 +99,7 @@ def draw_line(
         Opacity of the band.
     """
     axes.plot(x, y, color=look.colour, linestyle=look.line, marker=look.marker)
-    axes.fill_between(x, low, high, color=look.colour, alpha=alpha, linewidth=0.0)
+    if np.size(x) == 1:
+        axes.vlines(x, low, high, color=look.colour, alpha=0.4, linewidth=3)
+    else:
+        axes.fill_between(x, low, high, color=look.colour, alpha=alpha, linewidth=0.0)

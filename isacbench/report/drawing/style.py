@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.plan.labels import Variant
 
-LineStyle = Literal["-", "-.", ":", "--"]
+LineStyle = Literal["-", "-.", ":", "--", ""]
 
 DPI = 150
 FONT = "DejaVu Sans"
@@ -42,6 +42,7 @@ MARKERS = "os^Dvp"
 LINES: tuple[LineStyle, ...] = ("-", "-.", ":")
 BOUND_COLOUR = "0.15"
 BOUND_LINES: tuple[LineStyle, ...] = ("--", ":", "-.")
+BOUND_MARKERS = "_x+"
 
 ROLES = {"oracle": "truth merged in cells ± spread", "chance": "zero skill ± spread"}
 """Meaning of the built-in references in legends, with that of their band."""
@@ -89,7 +90,7 @@ class LineLook:
         Name in legends.
     colour, marker : str
         As matplotlib writes them.
-    line : {"-", "-.", ":", "--"}
+    line : {"-", "-.", ":", "--", ""}
         Line style.
     is_bound : bool
         True for an estimator that sees the truth.
@@ -136,6 +137,32 @@ def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict
         found[variant] = LineLook(drawable(label), COLOURS[index], marker, LINES[turn % len(LINES)], False)
         n_competitors += 1
     return found
+
+
+def without_lines(looks: Mapping[Variant, LineLook]) -> dict[Variant, LineLook]:
+    """Make looks of points, for figures with a single point of every estimator.
+
+    Parameters
+    ----------
+    looks : mapping of (str, str) to LineLook
+
+    Returns
+    -------
+    dict of (str, str) to LineLook
+        Estimators that see the truth have markers, too.
+
+    Examples
+    --------
+    >>> looks = without_lines(assign_looks({("a", "{}"): "a", ("limit", "{}"): "limit"}, bounds={"limit"}))
+    >>> [(look.line, look.marker) for look in looks.values()]
+    [('', 'o'), ('', '_')]
+    """
+    bounds = [variant for variant, look in looks.items() if look.is_bound]
+    markers = {variant: BOUND_MARKERS[place % len(BOUND_MARKERS)] for place, variant in enumerate(bounds)}
+    return {
+        variant: replace(look, line="", marker=markers.get(variant, look.marker))
+        for variant, look in looks.items()
+    }
 
 
 def styled() -> AbstractContextManager[None]:

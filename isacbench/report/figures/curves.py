@@ -11,8 +11,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from isacbench.bench.plan.labels import estimator_labels, find_limits, rows_of, variants_in
 from isacbench.metrics.score import METRICS
-from isacbench.report.drawing.panels import MAX_SNR_TICKS, legend_lines, panel_grid
-from isacbench.report.drawing.style import assign_looks, drawable
+from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
+from isacbench.report.drawing.style import assign_looks, drawable, without_lines
 from isacbench.report.tables.run_tables import mean_of_trials
 
 if TYPE_CHECKING:
@@ -167,6 +167,7 @@ def draw_scores(
     Figure
     """
     part = summary[summary["scenario"] == scenario]
+    looks = looks if part["snr_db"].nunique() > 1 else without_lines(looks)
     title = f"{drawable(scenario)}: {mean_of_trials(int(part['n_cells'].max()))}"
     figure, panels = panel_grid(len(PANELS), _legend(looks, part), title)
     for axes, panel in zip(panels, PANELS, strict=True):
@@ -193,6 +194,7 @@ def draw_deviations(
     Figure
     """
     scenarios = list(summary["scenario"].unique())
+    looks = looks if summary["snr_db"].nunique() > 1 else without_lines(looks)
     title = f"{DEVIATION.title}\n{subtitle or mean_of_trials(int(summary['n_cells'].max()))}"
     figure, panels = panel_grid(len(scenarios), _legend(looks, summary), title)
     for axes, scenario in zip(panels, scenarios, strict=True):
@@ -231,12 +233,7 @@ def _draw_panel(axes: Axes, panel: _Panel, looks: Mapping[Variant, LineLook], pa
     drawn = part[["estimator", "params", "snr_db"]].join(drawn).sort_values("snr_db")
     for variant, look in looks.items():
         rows = rows_of(drawn, variant)
-        # A limit with a single SNR has no line to show.
-        marker = "_" if look.is_bound and len(rows) == 1 else look.marker
-        axes.plot(rows["snr_db"], rows["mean"], color=look.colour, linestyle=look.line, marker=marker)
-        axes.fill_between(
-            rows["snr_db"], rows["low"], rows["high"], color=look.colour, alpha=alpha, linewidth=0.8
-        )
+        draw_line(axes, look, rows["snr_db"], rows["mean"], rows["low"], rows["high"], alpha)
 
 
 def _scale_decades(axes: Axes, means: pd.Series[float]) -> float:

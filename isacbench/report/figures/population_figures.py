@@ -22,7 +22,7 @@ from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
-from isacbench.report.drawing.style import drawable, file_stems, new_figure
+from isacbench.report.drawing.style import drawable, file_stems, new_figure, without_lines
 from isacbench.report.figures.cloud_figures import Image, draw_comparison
 from isacbench.report.figures.curves import nearest_values, variant_looks, write_plain_numbers
 
@@ -173,6 +173,7 @@ def draw_score_curves(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) 
     Figure
     """
     whole = _by_snr(summary)
+    looks = _looks_over_snr(looks, whole)
     families = list(whole["family"].unique())
     figure = new_figure(
         max(7.0, 0.6 + COLUMN_IN * len(families)),
@@ -211,6 +212,7 @@ def draw_targets(summary: pd.DataFrame, family: str, looks: Mapping[Variant, Lin
     """
     whole = _by_snr(summary)
     part = whole[whole["family"] == family]
+    looks = _looks_over_snr(looks, part)
     title = f"{drawable(family)}: means over {counted(int(part['n_scenes'].max()), 'scene')}{_bands(part)}"
     figure, panels = panel_grid(len(TARGETS), legend_lines(looks.values()), title)
     for axes, curve in zip(panels, TARGETS, strict=True):
@@ -230,6 +232,11 @@ def _bands(part: pd.DataFrame) -> str:
     return ", 95 % confidence bands" if part["recall_band"].notna().any() else ""
 
 
+def _looks_over_snr(looks: Mapping[Variant, LineLook], part: pd.DataFrame) -> Mapping[Variant, LineLook]:
+    """Looks of curves, or of points at a single SNR."""
+    return looks if part["snr_db"].nunique() > 1 else without_lines(looks)
+
+
 def _snr_axis(part: pd.DataFrame) -> str:
     """Name of the axis below; of a single SNR the SNR itself, at which estimators stand side by side."""
     snrs_db = part["snr_db"].unique()
@@ -241,7 +248,9 @@ def _draw_strip(axes: Axes, place: int, part: pd.DataFrame, look: LineLook) -> N
     if part.empty:
         return
     quartiles = part["ratio"].quantile([0.25, 0.5, 0.75]).to_numpy()
-    axes.plot(quartiles[[0, 2]], [place, place], color=look.colour, alpha=0.3, linewidth=7)
+    axes.plot(
+        quartiles[[0, 2]], [place, place], color=look.colour, alpha=0.3, linewidth=7, solid_capstyle="butt"
+    )
     axes.plot(quartiles[[1, 1]], [place - SPREAD, place + SPREAD], color="0.15", linewidth=1.6)
     # Neighbours in ratio at different heights, the same in every run.
     heights = place + SPREAD * (np.arange(len(part)) * 0.618 % 1 * 2 - 1)
@@ -285,9 +294,8 @@ def _draw_curves(axes: Axes, curve: _Curve, part: pd.DataFrame, looks: Mapping[V
         if len(snrs_db) > 1:
             draw_line(axes, look, rows["snr_db"], middle, low, high, alpha=0.1)
         else:
-            marker = look.marker or "_"
             axes.vlines([place] * len(rows), low, high, color=look.colour, alpha=0.4, linewidth=3)
-            axes.plot([place] * len(rows), middle, color=look.colour, marker=marker, linestyle="")
+            axes.plot([place] * len(rows), middle, color=look.colour, marker=look.marker, linestyle="")
     if len(snrs_db) == 1:
         axes.set_xticks([])
     elif len(snrs_db) <= MAX_SNR_TICKS:

@@ -35,7 +35,7 @@ class _Shown(NamedTuple):
     is_higher_better: bool = False
 
 
-RATIO = _Shown("ratio", "ratio_median", "{:.2f}")
+RATIO = _Shown("median: ratio", "ratio_median", "{:.2f}")
 HAUSDORFF = _Shown("Hausdorff [m]", "hausdorff_sum_m_mean", "{:.2f}")
 SHOWN = (
     RATIO,
@@ -44,7 +44,7 @@ SHOWN = (
     _Shown("recall", "recall_mean", "{:.2f}", is_higher_better=True),
     _Shown("GOSPA [m]", "gospa_m_mean", "{:.2f}"),
     _Shown("density", "density_mean", "{:.2f}"),
-    _Shown("velocity NMSE", "velocity_nmse_median", "{:.1e}"),
+    _Shown("median: NMSE", "velocity_nmse_median", "{:.1e}"),
 )
 AIMED = (
     _Shown("false points: an image", "n_false_mean", "{:.2f}"),
@@ -54,7 +54,7 @@ AIMED = (
 )
 FURTHER = _Shown("deviation", "deviation_mean", "{:.2f}")
 JUDGED = (*SHOWN, FURTHER, *AIMED)
-SPARE = ["velocity NMSE", "density"]
+SPARE = ["median: NMSE", "density"]
 """Columns that a terminal shows where there is room."""
 
 
@@ -124,7 +124,8 @@ def population_grids(records: pd.DataFrame) -> list[Grid]:
     summary = tabulate_population(records)
     labels = _row_labels(summary)
     snrs_db = sorted(summary["snr_db"].dropna().unique())
-    over_snrs = f"mean over {', '.join(f'{snr_db:g}' for snr_db in snrs_db)} dB"
+    over_snrs = f"{', '.join(f'{snr_db:g}' for snr_db in snrs_db)} dB"
+    over_snrs = f"mean over {over_snrs}" if len(snrs_db) > 1 else f"at {over_snrs}"
     found = [_score_grid(_part(summary), labels, f"All scenes, {over_snrs}")]
     families = [name for name in summary["family"].unique() if name != ALL]
     lone = [name for name in families if _part(summary, name)[f"{TARGETS[0]}_mean"].notna().any()]

@@ -228,7 +228,17 @@ def test_the_command_line_shows_such_a_warning_as_one_line_without_source(tiny):
         (
             CAR,
             '[[objects]]\nkind = "lamp_post"\nposition_m = [5, 5, 0]\nfoot_m = 12.0\n',
-            "lamp_post: foot_m = 12 must lie below height_m = 10",
+            "objects[1]: lamp_post: foot_m = 12 must lie below height_m = 10",
+        ),
+        (
+            CAR,
+            '[[objects]]\nkind = "wall"\nposition_m = [5, 5, 0]\nspacing_m = 1e-9\n',
+            "objects[1]: spacing_m = 1e-09 divides 12 m into 1.2e+10 steps; allowed are at most 2000",
+        ),
+        (
+            CAR,
+            '[[objects]]\nkind = "wall"\nposition_m = [5, 5, 0]\nsize_m = [900.0, 600.0]\n',
+            "objects[1]: its spacing_m makes 2163001 scatterers of one surface; allowed are at most 100000",
         ),
         ("amplitude = 1.0", "amplitude = 0.0", "objects[1].amplitude = 0.0: input should be greater than 0"),
         ("[array]", "[array", "not valid TOML: "),
@@ -263,7 +273,7 @@ def test_a_mistake_in_a_points_file_is_answered_with_both_files_and_the_row(tiny
         points.write_text(content)
     with pytest.raises(InputError) as error:
         load_scenario(tiny)
-    assert str(error.value).startswith(f"{tiny}: {points}: {message}")
+    assert str(error.value).startswith(f"{tiny}: objects[0]: {points}: {message}")
 
 
 def test_an_unknown_scenario_is_answered_with_the_nearest_one_and_with_all_that_is_allowed():
