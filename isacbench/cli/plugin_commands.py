@@ -25,7 +25,7 @@ def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
     for section, entries in content.items():
         say(f"{section}:")
         for entry in entries:
-            say(f"  {entry['name']:<16} {entry['description']}")
+            say(f"  {entry['name']:<17} {entry['description']}")
             for name, parameter in entry.get("parameters", {}).items():
                 default = f" = {spell_value(parameter['default'])}" if "default" in parameter else ""
                 allowed = f", {parameter['allowed']}" if "allowed" in parameter else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -55,6 +56,23 @@ def _script_hidden() -> Iterator[None]:
         main.update(hidden)
 
 
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let Python processes that are started import nothing from the working folder.
+
+    It may hold another ``isacbench``: a checkout. Workers have the caller's path all the same.
+    """
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
 @cache
 def _context() -> ForkServerContext:
     """Context whose server has imported what workers need."""
@@ -85,7 +103,8 @@ def start_process_server() -> ForkServerContext:
     # from it. What sends them to all processes would else leave nothing to make the report with.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
-        ensure_running()
+        with _safe_path():
+            ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return context

@@ -57,7 +57,7 @@ class Wording:
             self.legend = f"A: {first}", f"B: {second}"
             self.heading = [f"A {first}", f"B {second}", f"in {comparison.base}: isacbench {versions[0]}"]
             self._verdicts = {"regression": "worse", "improvement": "better"}
-            worse, fine = f"{second} is worse than {first}", f"{second} is not worse than {first}"
+            worse, fine = f"{second} is worse than {first}", f"{second} is not shown to be worse than {first}"
         lost = ", but results are missing" if comparison.is_regression else ""
         self.outcome = worse if comparison.is_worse else f"{fine}{lost}"
 
