@@ -36,7 +36,7 @@ HEADING_IN, LABELS_IN = 1.0, 0.6
 """Room above and below a box in perspective, and below a projection."""
 
 MAX_COLUMNS = 4
-ELEVATION_DEG, AZIMUTH_DEG, ZOOM = 27.0, -50.0, 0.95
+ELEVATION_DEG, AZIMUTH_DEG, ZOOM = 27.0, -50.0, 0.85
 MOST_ZOOM = 1.4
 """Zoom above which the labels of a very long box would leave its panel."""
 
@@ -261,7 +261,7 @@ def _draw_box(axes: Axes3D, scene: _Scene, zoom: float) -> None:
         axis.set_pane_color("0.95", alpha=1.0 if name == "z" else 0.0)
         axis.set_label_text(f"{name} [m]")
         axis.set_tick_params(pad=1 if name == "z" else -2, labelsize=7)
-        axis.labelpad = -7 if name == "z" else -4
+        axis.labelpad = -6 if name == "z" else -4
 
 
 def _tick_step_m(scene: _Scene, name: str, n_ticks: int) -> float:
