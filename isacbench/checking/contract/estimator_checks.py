@@ -95,6 +95,8 @@ def _returns_a_cloud(subject: EstimatorSubject) -> str:
 
 
 def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
+    if getattr(subject.plugin_class, "needs_truth", False):
+        return "not asked of what sees the truth"
     return ", ".join(
         f"{_miss_m(subject, name):.2g} m off in the {name} frame" for name in small_scenes.LONE_VIEWS
     )

@@ -229,7 +229,7 @@ def test_the_band_of_a_reference_is_its_spread_whatever_the_number_of_trials(sui
 
 
 def test_spreads_have_no_better_direction():
-    with pytest.raises(InputError, match="deviation_spread: this column has no better direction"):
+    with pytest.raises(InputError, match="deviation_spread has no better direction"):
         direction("deviation_spread", "paper", ["deviation", "deviation_spread"])
 
 
