@@ -40,7 +40,7 @@ def report_run(folder: Path, records: pd.DataFrame, kind: str) -> None:
         if not grid.is_detail:
             print_grid(grid)
     written = [*write_run_tables(folder, records, kind), *draw_run_guarded(folder)]
-    say(f"{folder}: {', '.join(path.name for path in written)}")
+    say(f"{folder}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")
 
 
 def print_grid(grid: Grid) -> None:

@@ -45,6 +45,11 @@ POWER_FACTOR = 10.0
 class EstimatorSubject(PluginSubject):
     """An estimator under check."""
 
+    @property
+    def sees_truth(self) -> bool:
+        """True for a reference, which returns what it makes of the truth."""
+        return bool(getattr(self.plugin_class, "needs_truth", False))
+
     def imaging(self, shot: Shot, plugin: Any = None) -> Imaging:
         """Image a scene.
 
@@ -80,8 +85,7 @@ class EstimatorSubject(PluginSubject):
 
 
 def _sees_no_truth(subject: EstimatorSubject) -> str:
-    sees = bool(getattr(subject.plugin_class, "needs_truth", False))
-    if sees and subject.plugin_class.__module__ not in REFERENCES:
+    if subject.sees_truth and subject.plugin_class.__module__ not in REFERENCES:
         raise BrokenPromiseError(
             "needs_truth asks for the truth, which only the built-in oracle and chance may see: remove it, "
             "and estimate from the observation"
@@ -95,7 +99,7 @@ def _returns_a_cloud(subject: EstimatorSubject) -> str:
 
 
 def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
-    if getattr(subject.plugin_class, "needs_truth", False):
+    if subject.sees_truth:
         return "not asked of what sees the truth"
     return ", ".join(
         f"{_miss_m(subject, name):.2g} m off in the {name} frame" for name in small_scenes.LONE_VIEWS

@@ -139,24 +139,31 @@ def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict
     return found
 
 
-def without_lines(looks: Mapping[Variant, LineLook]) -> dict[Variant, LineLook]:
-    """Make looks of points, for figures with a single point of every estimator.
+def looks_over(x: Iterable[float], looks: Mapping[Variant, LineLook]) -> Mapping[Variant, LineLook]:
+    """Select looks of curves, or of points where all stand at one place.
 
     Parameters
     ----------
+    x : iterable of float
+        Places of points.
     looks : mapping of (str, str) to LineLook
 
     Returns
     -------
-    dict of (str, str) to LineLook
-        Estimators that see the truth have markers, too.
+    mapping of (str, str) to LineLook
+        As given for several places. For a single one without lines, and with markers of
+        estimators that see the truth, too.
 
     Examples
     --------
-    >>> looks = without_lines(assign_looks({("a", "{}"): "a", ("limit", "{}"): "limit"}, bounds={"limit"}))
-    >>> [(look.line, look.marker) for look in looks.values()]
+    >>> looks = assign_looks({("a", "{}"): "a", ("limit", "{}"): "limit"}, bounds={"limit"})
+    >>> [(look.line, look.marker) for look in looks_over([10.0, 10.0], looks).values()]
     [('', 'o'), ('', '_')]
+    >>> [(look.line, look.marker) for look in looks_over([-10.0, 10.0], looks).values()]
+    [('-', 'o'), ('--', '')]
     """
+    if len(set(x)) > 1:
+        return looks
     bounds = [variant for variant, look in looks.items() if look.is_bound]
     markers = {variant: BOUND_MARKERS[place % len(BOUND_MARKERS)] for place, variant in enumerate(bounds)}
     return {

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from isacbench.bench.plan.labels import estimator_labels, find_limits, rows_of, variants_in
 from isacbench.metrics.score import METRICS
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
-from isacbench.report.drawing.style import assign_looks, drawable, without_lines
+from isacbench.report.drawing.style import assign_looks, drawable, looks_over
 from isacbench.report.tables.run_tables import mean_of_trials
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ def draw_scores(
     Figure
     """
     part = summary[summary["scenario"] == scenario]
-    looks = looks if part["snr_db"].nunique() > 1 else without_lines(looks)
+    looks = looks_over(part["snr_db"], looks)
     title = f"{drawable(scenario)}: {mean_of_trials(int(part['n_cells'].max()))}"
     figure, panels = panel_grid(len(PANELS), _legend(looks, part), title)
     for axes, panel in zip(panels, PANELS, strict=True):
@@ -194,7 +194,7 @@ def draw_deviations(
     Figure
     """
     scenarios = list(summary["scenario"].unique())
-    looks = looks if summary["snr_db"].nunique() > 1 else without_lines(looks)
+    looks = looks_over(summary["snr_db"], looks)
     title = f"{DEVIATION.title}\n{subtitle or mean_of_trials(int(summary['n_cells'].max()))}"
     figure, panels = panel_grid(len(scenarios), _legend(looks, summary), title)
     for axes, scenario in zip(panels, scenarios, strict=True):

@@ -22,7 +22,7 @@ from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
-from isacbench.report.drawing.style import drawable, file_stems, new_figure, without_lines
+from isacbench.report.drawing.style import drawable, file_stems, looks_over, new_figure
 from isacbench.report.figures.cloud_figures import Image, draw_comparison
 from isacbench.report.figures.curves import nearest_values, variant_looks, write_plain_numbers
 
@@ -173,7 +173,7 @@ def draw_score_curves(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) 
     Figure
     """
     whole = _by_snr(summary)
-    looks = _looks_over_snr(looks, whole)
+    looks = looks_over(whole["snr_db"], looks)
     families = list(whole["family"].unique())
     figure = new_figure(
         max(7.0, 0.6 + COLUMN_IN * len(families)),
@@ -212,7 +212,7 @@ def draw_targets(summary: pd.DataFrame, family: str, looks: Mapping[Variant, Lin
     """
     whole = _by_snr(summary)
     part = whole[whole["family"] == family]
-    looks = _looks_over_snr(looks, part)
+    looks = looks_over(part["snr_db"], looks)
     title = f"{drawable(family)}: means over {counted(int(part['n_scenes'].max()), 'scene')}{_bands(part)}"
     figure, panels = panel_grid(len(TARGETS), legend_lines(looks.values()), title)
     for axes, curve in zip(panels, TARGETS, strict=True):
@@ -230,11 +230,6 @@ def _by_snr(summary: pd.DataFrame) -> pd.DataFrame:
 def _bands(part: pd.DataFrame) -> str:
     """Say that there are bands, if there are."""
     return ", 95 % confidence bands" if part["recall_band"].notna().any() else ""
-
-
-def _looks_over_snr(looks: Mapping[Variant, LineLook], part: pd.DataFrame) -> Mapping[Variant, LineLook]:
-    """Looks of curves, or of points at a single SNR."""
-    return looks if part["snr_db"].nunique() > 1 else without_lines(looks)
 
 
 def _snr_axis(part: pd.DataFrame) -> str:
@@ -291,11 +286,9 @@ def _draw_curves(axes: Axes, curve: _Curve, part: pd.DataFrame, looks: Mapping[V
     for place, (variant, look) in enumerate(looks.items()):
         rows = rows_of(part, variant).sort_values("snr_db")
         middle, low, high = _with_ends(rows, curve)
-        if len(snrs_db) > 1:
-            draw_line(axes, look, rows["snr_db"], middle, low, high, alpha=0.1)
-        else:
-            axes.vlines([place] * len(rows), low, high, color=look.colour, alpha=0.4, linewidth=3)
-            axes.plot([place] * len(rows), middle, color=look.colour, marker=look.marker, linestyle="")
+        # At a single SNR, estimators stand side by side.
+        x = rows["snr_db"] if len(snrs_db) > 1 else [place] * len(rows)
+        draw_line(axes, look, x, middle, low, high, alpha=0.1)
     if len(snrs_db) == 1:
         axes.set_xticks([])
     elif len(snrs_db) <= MAX_SNR_TICKS:

@@ -117,10 +117,8 @@ def population_grids(records: pd.DataFrame) -> list[Grid]:
     Returns
     -------
     list of Grid
-        Last, and not for the terminal, each family on its own, over all SNRs and at each. None without rows.
+        Last, and not for the terminal, each family on its own, over all SNRs and at each.
     """
-    if records.empty:
-        return []
     summary = tabulate_population(records)
     labels = _row_labels(summary)
     snrs_db = sorted(summary["snr_db"].dropna().unique())

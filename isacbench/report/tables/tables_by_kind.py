@@ -74,7 +74,9 @@ def write_run_tables(folder: Path, records: pd.DataFrame, kind: str = "imaging")
 
 
 def _by_stem(records: pd.DataFrame, kind: str) -> dict[str, Tables]:
-    """Tables that the records have, by the stem of their files."""
+    """Tables that the records have, by the stem of their files; none without records."""
+    if records.empty:
+        return {}
     return {"summary": KINDS[kind].tables, **(KINDS[kind].timed_tables if is_timed(records) else {})}
 
 
