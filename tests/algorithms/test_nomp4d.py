@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from isacbench_algorithms.nomp4d import Nomp4d
 
+from isacbench import load_scenario, score
 from isacbench.bench.cells.radio_coordinates import (
     DIMENSIONS,
     gain_db,
@@ -253,6 +254,22 @@ def test_pairs_a_quarter_of_a_cell_apart_are_two_in_nine_of_ten_images(dimension
             found = (np.abs(errors(scenario, image(scenario, 60.0, trial))) < limits).all(axis=2)
             resolved.append(found.any(axis=0).all())
     assert np.mean(resolved) >= 0.9
+
+
+def test_scatterers_of_which_two_rounds_explain_less_than_half_are_sought_to_the_end():
+    scenario = load_scenario("town[seed=200]")
+    cloud = Nomp4d().estimate(Simulator(scenario).observe(10.0))
+    scores = score(scenario.truth, cloud, region=scenario.region)
+    assert scores["recall"] > 0.75
+    assert scores["precision"] > 0.75
+
+
+def test_no_atom_of_a_crowd_is_left_on_the_grid_where_it_began():
+    scenario = load_scenario("facade[seed=218,frame=paper]")
+    cloud = Nomp4d().estimate(Simulator(scenario).observe(10.0))
+    halves = 2 * radio_places(scenario, cloud) / rayleigh_cells(scenario)
+    assert len(cloud) > 20
+    assert not np.all(np.abs(halves - np.rint(halves)) < 1e-6, axis=1).any()
 
 
 def test_a_weak_mover_beside_a_strong_scatterer_is_found():

@@ -1,4 +1,4 @@
-"""Stress cases that matching pursuit once failed, and what ends it where a map is no sum of echoes."""
+"""Stress cases that matching pursuit once failed, and that it ends where a map is no sum of echoes."""
 
 import numpy as np
 import pytest
@@ -32,9 +32,9 @@ def rounds(monkeypatch):
     """Number of atoms that each joint refinement of a pursuit starts from."""
     started = []
 
-    def counted(atom_map, places, n_steps):
+    def counted(atom_map, places, n_steps, limits):
         started.append(len(places))
-        return refine(atom_map, places, n_steps)
+        return refine(atom_map, places, n_steps, limits)
 
     refine = nomp4d.refine_atoms
     monkeypatch.setattr(nomp4d, "refine_atoms", counted)
@@ -76,13 +76,13 @@ def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(
     assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
 
 
-def test_a_map_that_two_rounds_leave_mostly_unexplained_gets_no_third(rounds):
+def test_a_map_that_is_no_sum_of_echoes_gets_few_atoms_and_ends(rounds):
     Nomp4d().estimate(only("map[filled=constant,exponent=0.0]").shot(0).observation())
-    # Two rounds, and two refinements at the end.
-    assert len(rounds) == 4
+    assert len(rounds) <= 12 + 2
+    assert max(rounds) < 100
 
 
-def test_a_crowd_that_is_mostly_explained_gets_all_its_rounds(rounds):
+def test_a_crowd_gets_all_its_rounds(rounds):
     observation = only("crowd[n_echoes=100,where=one_cell,snr_db=200.0]").shot(0).observation()
     Nomp4d(max_rounds=6).estimate(observation)
     assert len(rounds) == 6 + 2
@@ -97,9 +97,9 @@ def test_noise_that_hides_most_of_the_echoes_does_not_end_a_pursuit(rounds):
 def test_the_round_that_reaches_the_most_scatterers_is_the_last(rounds):
     observation = only("crowd[n_echoes=5000,where=one_cell,snr_db=20.0]").shot(0).observation()
     Nomp4d(max_scatterers=26).estimate(observation)
-    # Two refinements follow, of atoms some of which were dropped.
+    # Two refinements follow, of no more atoms.
     assert rounds.index(26) == len(rounds) - 3
-    assert rounds[-2] < 26
+    assert max(rounds) == 26
 
 
 def test_one_subcarrier_tells_no_range_and_no_image_follows():

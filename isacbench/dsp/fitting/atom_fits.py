@@ -60,6 +60,9 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
 LONGEST_STEP_CELLS = 0.3
 """Longest step: beyond it the quadratic model of a kernel is wrong."""
 
+UNLIMITED = np.array(-np.inf), np.array(np.inf)
+"""Limits of places that may be anywhere."""
+
 
 @dataclass(frozen=True, eq=False)
 class AtomFit:
@@ -100,6 +103,15 @@ class AtomFit:
     def power(self) -> Floats:
         """Energies |amplitude|² of the atoms, shape (n,)."""
         return self.amplitude.real**2 + self.amplitude.imag**2
+
+    @property
+    def shown(self) -> Floats:
+        """Energies of the atoms, but at most those of lone atoms that the map would show there, shape (n,).
+
+        Two atoms that nearly cancel can have any energies, of which the map shows only their sum.
+        """
+        lone = self.correlations.value / self.gram.diagonal()
+        return np.minimum(self.power, lone.real**2 + lone.imag**2)
 
     @cached_property
     def score(self) -> Floats:
@@ -255,7 +267,9 @@ def _fit(atom_map: AtomMap, places: Floats, lines: Lines, correlations: Correlat
     return AtomFit(places, amplitude, energy, correlations, products, gram, atom_map.periods)
 
 
-def refine_atoms(atom_map: AtomMap, places: Floats, n_steps: int) -> AtomFit:
+def refine_atoms(
+    atom_map: AtomMap, places: Floats, n_steps: int, limits: tuple[Floats, Floats] = UNLIMITED
+) -> AtomFit:
     """Move all atoms together towards the least-squares fit of the map (Levenberg-Marquardt).
 
     Parameters
@@ -265,6 +279,8 @@ def refine_atoms(atom_map: AtomMap, places: Floats, n_steps: int) -> AtomFit:
         In Rayleigh cells, n at least 1.
     n_steps : int
         Steps to try; one that explains less, beyond rounding, is taken back.
+    limits : (ndarray of float64, ndarray of float64), shapes (n, 4)
+        Lowest and highest places that a step may lead to.
 
     Returns
     -------
@@ -274,7 +290,7 @@ def refine_atoms(atom_map: AtomMap, places: Floats, n_steps: int) -> AtomFit:
     best = fit_atoms(atom_map, places)
     damping = FIRST_DAMPING
     for _ in range(n_steps):
-        tried = fit_atoms(atom_map, best.places + _step(best, damping))
+        tried = fit_atoms(atom_map, np.clip(best.places + _step(best, damping), *limits))
         # At the optimum rounding decides which of two explains more; it must not decide about a step.
         if tried.energy >= (1 - NOT_LESS) * best.energy:
             best, damping = tried, max(damping / 3, LEAST_DAMPING)

@@ -364,7 +364,8 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
 
     The larger of two: sidelobes of an atom anywhere, and all of the energy of
     one within two bins in range and Doppler, whose misfit has every direction.
-    Atoms do not count at their own place.
+    The energy of an atom is what the map shows of it (`AtomFit.shown`). Atoms do
+    not count at their own place.
 
     Parameters
     ----------
@@ -389,7 +390,7 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
     itself = near & (along_range == 0) & (along_doppler == 0)
     itself[itself] = (distance[itself] == 0).all(axis=1)
     share[itself] = 0
-    strongest: Floats = (share * fit.power).max(axis=1, initial=0)
+    strongest: Floats = (share * fit.shown).max(axis=1, initial=0)
     return strongest
 
 

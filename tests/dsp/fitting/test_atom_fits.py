@@ -109,12 +109,34 @@ def test_steps_never_explain_less(seed, n_steps):
     assert energies[0] == fit_atoms(atom_map, starts).energy
 
 
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.01, 0.5))
+def test_steps_within_limits_stay_there_and_never_explain_less(seed, width):
+    rng = np.random.default_rng(seed)
+    atom_map = noisy(PART, PLACES, AMPLITUDE, 0.5, seed)
+    starts = PLACES[0] + rng.uniform(-1, 1, (3, 4))
+    limits = starts - width, starts + width
+    fits = [refine_atoms(atom_map, starts, steps, limits) for steps in range(6)]
+    assert all(np.all((limits[0] <= fit.places) & (fit.places <= limits[1])) for fit in fits)
+    energies = np.array([fit.energy for fit in fits])
+    assert np.all(np.diff(energies) >= -1e-11 * energies[:-1])
+
+
 def test_steps_lead_to_the_exact_places_without_noise():
     atom_map = noisy(PART, PLACES, AMPLITUDE, 0.0)
     start = PLACES + np.array([[0.1, -0.1, 0.1, 0.1], [0.1, 0.1, -0.1, 0.1], [-0.1, 0.1, 0.1, -0.1]])
     fit = refine_atoms(atom_map, start, 25)
     np.testing.assert_allclose(fit.places, PLACES, atol=1e-7)
     np.testing.assert_allclose(fit.amplitude, AMPLITUDE, rtol=1e-5)
+
+
+def test_of_two_atoms_that_nearly_cancel_little_is_shown_and_all_of_a_lone_one():
+    places = PLACES[0] + np.array([[0, 0, 0, 0], [0, 0.1, 0, 0], [6, 0, 0, 0]])
+    fit = fit_atoms(noisy(PART, places, np.array([5.0, -5.0, 2.0]), 0.0), places)
+    np.testing.assert_allclose(fit.power, [25, 25, 4], rtol=1e-6)
+    # The product of two atoms a tenth of a cell apart is 1 - (π/10)² / 6.
+    assert np.all(fit.shown[:2] < 25 * 0.03**2)
+    np.testing.assert_allclose(fit.shown[2], 4, rtol=0.02)
 
 
 def test_two_atoms_in_one_place_share_an_amplitude():

@@ -264,6 +264,12 @@ def test_the_strongest_around_is_the_loudest_sidelobe_or_neighbour_and_never_its
     )
 
 
+def test_two_atoms_that_nearly_cancel_hardly_count_as_neighbours():
+    places = PLACE + np.array([[0, 0, 0, 0], [0.1, 0, 0, 0]])
+    _, fit = fitted(places, [5.0, -5.0], noise=0.0)
+    assert strongest_around(PLACE + np.array([[0, 1, 0, 0]]), fit)[0] < 0.01 * fit.power.min()
+
+
 def test_two_bins_apart_is_near_however_it_is_rounded():
     _, fit = fitted(PLACE[None], [4.0], noise=0.0)
     apart = np.array([[2.0, 0, 0, 0]]) * (1 + np.array([[-1e-13], [1e-13]]))
