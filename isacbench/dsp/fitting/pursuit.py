@@ -44,7 +44,7 @@ SPLIT_OFFSETS_CELLS = (0.15, 0.5)
 SPLIT_STANDOUT = 25.0
 """Gain of a split over the mean residual around it."""
 
-SPLIT_CALM = 1e-2
+SPLIT_CALM = 0.1
 """Residual around an atom, relative to it, above which a crowd is there and not a second echo."""
 
 LEAST_FREE = 1e-6
