@@ -49,7 +49,7 @@ import numpy as np
 
 from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import white_noise
-from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, refit_atoms
+from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, refit_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import (
@@ -100,6 +100,9 @@ STEPS = 4
 
 LAST_ROUNDS = 2
 """Rounds without moves at the end."""
+
+FINISHING_STEPS = 3
+"""Steps on the misfit at the end, for the last digits of atoms that almost coincide."""
 
 
 class _Moves(NamedTuple):
@@ -200,6 +203,14 @@ class _Pursuit:
         moved = places[best_lobes(scale * atom_map.correlate(lines).value, gram, owner)]
         self.places, self.origins = moved, self.origins + moved - self.places
 
+    def finish(self) -> None:
+        """Give settled atoms their last digits; those of a crowd would only move on."""
+        if self.fit is not None:
+            with stage("refinement"):
+                finished = settle_atoms(self.space.atom_map, self.fit, FINISHING_STEPS)
+            if np.abs(finished.places - self.fit.places).max() < MOVING_CELLS:
+                self.places, self.fit = finished.places, finished
+
     def remember(self, moves: _Moves, n_before: int) -> None:
         """Note the moves of a round that failed."""
         is_pair = became_pairs(moves.centres, self.places)
@@ -278,6 +289,7 @@ class Nomp4d:
                 break
         for _ in range(LAST_ROUNDS):
             self._pursue(pursuit, pursuit.residual(), NO_MOVES)
+        pursuit.finish()
         return _to_cloud(pursuit)
 
     def _moves(self, pursuit: _Pursuit, residual: Complex) -> _Moves:

@@ -76,6 +76,13 @@ def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(
     assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
 
 
+@pytest.mark.parametrize("along", ["range", "doppler", "u"])
+def test_a_pair_a_tenth_of_a_cell_apart_is_known_to_the_last_digits(along):
+    imaging = Imaging(Nomp4d(), only(f"close[exponent=-1.0,along={along}]").shot(0))
+    assert len(imaging.cloud) == 2
+    assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
+
+
 def test_a_map_that_is_no_sum_of_echoes_gets_few_atoms_and_ends(rounds):
     Nomp4d().estimate(only("map[filled=constant,exponent=0.0]").shot(0).observation())
     assert len(rounds) <= 12 + 2
