@@ -4,7 +4,8 @@
 2. `detect` finds the cells that hold echoes, on a map tapered for low
    sidelobes, by a CFAR detector on one element or on the array's average power.
 3. `read_cells` takes the snapshots of those cells, less tapered, for
-   resolution. In them the estimator finds plane waves by its own method.
+   resolution, and each Doppler line of a cell apart if the reading says so. In
+   them the estimator finds plane waves by its own method.
 4. `locate` places plane waves in range and Doppler.
 5. `own_cell_test` drops those that are stronger in a neighbouring Doppler
    cell, or much stronger in a neighbouring range cell.
@@ -39,11 +40,18 @@ from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Complex, Integers
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
+from isacbench.dsp.doppler_lines import doppler_layers
 from isacbench.dsp.fitting.joint_selection import refine_jointly, select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scaling import in_unit
-from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
-from isacbench.dsp.windows import Window
+from isacbench.dsp.scatterers import (
+    LocatedScatterers,
+    ScatterersInCells,
+    locate_waves,
+    merge_duplicates,
+    surroundings,
+)
+from isacbench.dsp.windows import Window, reach
 from isacbench.errors import require
 from isacbench.instrument.remarks import Remarks, remark
 from isacbench.instrument.stages import stage
@@ -145,6 +153,9 @@ class Reading:
         the noise.
     one_doppler : bool
         Whether plane waves must look like one echo along Doppler.
+    demix : bool
+        Whether the Doppler lines of a cell are read apart, each without the
+        echoes of the others; for single range cells.
     """
 
     range_window: Window
@@ -152,6 +163,7 @@ class Reading:
     range_cells: int = 1
     resolved_only: bool = False
     one_doppler: bool = False
+    demix: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,12 +175,17 @@ class CellSnapshots:
     reading : Reading
         Tapers and neighbours.
     bins : (ndarray of int64, ndarray of int64), each shape (n,)
-        Absolute range and Doppler bins.
+        Absolute range and Doppler bins; repeated if several Doppler lines of a
+        cell are read apart.
     tapered : GatedMap
         Map after the tapers of the reading.
     snapshots : ndarray of complex, shape (n, s, *elements)
         Samples of each cell and its neighbours in range, the cell in the middle.
     levels : Levels
+    surroundings : ndarray of complex, shape (5, n, *elements), optional
+        Samples of each cell and of its four neighbours
+        (`isacbench.dsp.scatterers.surroundings`), if they are not those of
+        `tapered`.
     """
 
     reading: Reading
@@ -176,6 +193,7 @@ class CellSnapshots:
     tapered: GatedMap
     snapshots: Complex
     levels: Levels
+    surroundings: Complex | None = None
 
     def __len__(self) -> int:
         return len(self.snapshots)
@@ -241,7 +259,7 @@ def detect(rdm: ReadMap, estimator: CellwiseEstimator) -> Detected:
         )
         last_digit = float(np.finfo(rdm.directions.cells.dtype).eps)
         rounding = max(LAST_DIGITS_LOST * last_digit, LEAST_NOISE) ** 2 * float(cells.power.max())
-        white = min(max(white_noise(gated), rounding), cells.floor)
+        white = min(max(white_noise(rdm.directions), rounding), cells.floor)
         min_power = -np.log(estimator.angle_pfa) * cells.floor / rdm.selection.n_elements
         return Detected(cells, Levels(white, cells.floor, min_power))
 
@@ -270,7 +288,33 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
         rows, columns = tapered.index(bins)
         steps = np.arange(reading.range_cells) - reading.range_cells // 2
         snapshots = tapered.cells[rows[:, None] + steps, columns[:, None]]
-        return CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
+        cells = CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
+        # Between grating lobes, noise is not white along Doppler, nor do lines have a bin of their own.
+        return _demixed(cells, rdm) if reading.demix and not gated.sees_lobes else cells
+
+
+def _demixed(cells: CellSnapshots, rdm: ReadMap) -> CellSnapshots:
+    """Read each Doppler line of a cell apart, from the map less the echoes of all other lines.
+
+    Cells that no line peaks in stay as they are.
+    """
+    gated, reading = rdm.directions, cells.reading
+    layers = doppler_layers(gated, rdm.observation.system.n_symbols, cells.levels.white)
+    n_side = reach(reading.doppler_window) + 1
+    source = [np.nonzero(~np.isin(cells.bins[1], layers.home))[0]]
+    read = [surroundings(cells.tapered, cells.bins)[:, source[0]]]
+    for line, home in enumerate(layers.home):
+        mine = np.nonzero(cells.bins[1] == home)[0]
+        if mine.size:
+            alone = layers.alone(gated, line, n_side)
+            tapered = alone.tapered(reading.range_window, reading.doppler_window, neighbours=1)
+            source.append(mine)
+            read.append(surroundings(tapered, (cells.bins[0][mine], cells.bins[1][mine])))
+    index, around = np.concatenate(source), np.concatenate(read, axis=1)
+    in_order = np.argsort(index, kind="stable")
+    index, around = index[in_order], around[:, in_order]
+    bins = cells.bins[0][index], cells.bins[1][index]
+    return replace(cells, bins=bins, snapshots=around[0][:, None], surroundings=around)
 
 
 def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
@@ -321,6 +365,7 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
             estimator.local_dynamic_range_db,
             # Grating lobes put echoes of all speeds into every bin: hardly any then looks like one echo.
             reading.one_doppler and not tapered.sees_lobes,
+            cells.surroundings,
         )
 
 

@@ -35,6 +35,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from isacbench.added_fields import added_field
 from isacbench.dsp.angles.aperture import Cross
 from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
@@ -48,7 +49,7 @@ from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
 from . import chain
-from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, Reading
 from .detectors import CaCfar
 
 
@@ -86,6 +87,9 @@ class Fft4d(CellwiseEstimator):
         another that its training cells hold.
     angle_dynamic_range_db : float
         Range below the strongest source of a cell; weaker maxima count as its sidelobes.
+    demix : bool
+        Whether the Doppler lines of a cell are read apart
+        (`isacbench.dsp.doppler_lines`).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
@@ -107,12 +111,17 @@ class Fft4d(CellwiseEstimator):
     )
     line_detector: Detector = field(default_factory=lambda: CaCfar(pfa=0.5, training=(0, 12), guard=(0, 3)))
     angle_dynamic_range_db: float = 12.0
+    demix: bool = added_field(True, before=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.angle_points >= 3, "angle_points", self.angle_points, "3 and more")
         limit_db = self.angle_dynamic_range_db
         require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
+
+    def readings(self) -> tuple[Reading, ...]:
+        """One reading of the cells, their Doppler lines apart with `demix`."""
+        return (Reading(self.range_window, self.doppler_window, demix=self.demix),)
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.

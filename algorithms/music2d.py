@@ -40,6 +40,7 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from isacbench.added_fields import added_field
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
     SMALLEST_NULL,
@@ -60,7 +61,7 @@ from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
 from . import chain
-from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, Reading
 from .detectors import CaCfar
 
 MIN_GRID_POINTS = 65
@@ -129,6 +130,9 @@ class Music2d(CellwiseEstimator):
         Most sources along u, and along w.
     spectrum_detector : Detector
         Of peaks in a stack of spectra (cells, grid).
+    demix : bool
+        Whether the Doppler lines of a cell are read apart
+        (`isacbench.dsp.doppler_lines`).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
@@ -158,6 +162,7 @@ class Music2d(CellwiseEstimator):
     spectrum_detector: Detector = field(
         default_factory=lambda: CaCfar(pfa=0.3, training=(0, 24), guard=(0, 8))
     )
+    demix: bool = added_field(True, before=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -168,6 +173,10 @@ class Music2d(CellwiseEstimator):
         points = self.grid_points
         require(points >= MIN_GRID_POINTS, "grid_points", points, f"{MIN_GRID_POINTS} and more")
         require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
+
+    def readings(self) -> tuple[Reading, ...]:
+        """One reading of the cells, their Doppler lines apart with `demix`."""
+        return (Reading(self.range_window, self.doppler_window, demix=self.demix),)
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.

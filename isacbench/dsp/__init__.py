@@ -8,6 +8,7 @@ __all__ = [
     "cell_detection",
     "cfar",
     "detection",
+    "doppler_lines",
     "fitting",
     "partial_dft",
     "rangedoppler",

@@ -155,6 +155,26 @@ class ScatterersInCells(NamedTuple):
         return self.scatterers.select(home)
 
 
+def surroundings(tapered: GatedMap, bins: Bins) -> Complex:
+    """Read cells and their four neighbours.
+
+    Parameters
+    ----------
+    tapered : GatedMap
+    bins : (ndarray of int64, ndarray of int64)
+        Absolute range and Doppler bin of each cell, shape (n,), none at the
+        map's edge.
+
+    Returns
+    -------
+    ndarray of complex, shape (5, n, *elements)
+        The cells; the next nearer, farther, slower and faster ones.
+    """
+    rows, columns = tapered.index(bins)
+    steps = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
+    return np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
+
+
 def locate_waves(
     waves: PlaneWaves,
     tapered: GatedMap,
@@ -162,6 +182,7 @@ def locate_waves(
     windows: tuple[Window, Window],
     dynamic_range_db: float,
     one_doppler: bool = False,
+    around: Complex | None = None,
 ) -> ScatterersInCells:
     """Locate plane waves in range and Doppler by their amplitudes in the neighbouring cells.
 
@@ -177,7 +198,7 @@ def locate_waves(
     tapered : GatedMap
     bins : (ndarray of int64, ndarray of int64)
         Absolute range and Doppler bin of each cell, shape (n,), none at the
-        map's edge.
+        map's edge. A cell that is read in several ways is there several times.
     windows : (Window, Window)
         Tapers of the map along range and along Doppler.
     dynamic_range_db : float
@@ -186,18 +207,20 @@ def locate_waves(
     one_doppler : bool, default False
         Keep only plane waves that look like one echo along Doppler. This drops
         waves between two movers, which have the direction of neither.
+    around : ndarray of complex, shape (5, n, *elements), optional
+        Samples of each cell and of its four neighbours, if they are not those
+        that `surroundings` reads.
 
     Returns
     -------
     ScatterersInCells
     """
-    rows, columns = index = tapered.index(bins)
-    steps = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
-    snapshots = np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
+    index = tapered.index(bins)
+    snapshots = surroundings(tapered, bins) if around is None else around
     amplitudes = waves.amplitudes(snapshots, tapered.aperture)
     own, nearer, farther, slower, faster = levels = np.abs(amplitudes)
     strongest = np.zeros(tapered.gate.shape)
-    strongest[index] = own.max(axis=1, initial=0)
+    np.maximum.at(strongest, index, own.max(axis=1, initial=0))
     weakest = maximum_filter(strongest, size=5)[index][:, None] * 10 ** (-dynamic_range_db / 20)
     kept = waves.found & (own > 0) & (own >= weakest)
     range_offset = _offset(own, farther, nearer, windows[0])
