@@ -300,16 +300,19 @@ def _demixed(cells: CellSnapshots, rdm: ReadMap) -> CellSnapshots:
     """
     gated, reading = rdm.directions, cells.reading
     layers = doppler_layers(gated, rdm.observation.system.n_symbols, cells.levels.white)
-    n_side = reach(reading.doppler_window) + 1
-    source = [np.nonzero(~np.isin(cells.bins[1], layers.home))[0]]
+    n_side, (rows, columns) = reach(reading.doppler_window) + 1, cells.bins
+    # One column a line: the cells that it peaks in.
+    peaks = layers.counts[rows - gated.gate.range_bins[0]]
+    peaks &= layers.home[rows - gated.gate.range_bins[0]] == columns[:, None]
+    source = [np.nonzero(~peaks.any(axis=1))[0]]
     read = [surroundings(cells.tapered, cells.bins)[:, source[0]]]
-    for line, home in enumerate(layers.home):
-        mine = np.nonzero(cells.bins[1] == home)[0]
-        if mine.size:
-            alone = layers.alone(gated, line, n_side)
+    for line, peak in enumerate(peaks.T):
+        for home in np.unique(columns[peak]):
+            mine = np.nonzero(peak & (columns == home))[0]
+            alone = layers.alone(gated, line, int(home), n_side)
             tapered = alone.tapered(reading.range_window, reading.doppler_window, neighbours=1)
             source.append(mine)
-            read.append(surroundings(tapered, (cells.bins[0][mine], cells.bins[1][mine])))
+            read.append(surroundings(tapered, (rows[mine], columns[mine])))
     index, around = np.concatenate(source), np.concatenate(read, axis=1)
     in_order = np.argsort(index, kind="stable")
     index, around = index[in_order], around[:, in_order]

@@ -8,9 +8,11 @@ their bins. Cells, which show one bin, mix the echoes of neighbouring speeds.
 1. MUSIC along Doppler on a few neighbouring range bins, with all elements as
    snapshots. All lines are referred to the middle of the symbols: they are
    real, and so are their covariances.
-2. Places that several range bins agree on are lines, the strongest first.
-3. The map is fitted by all lines in each range bin. Each has a power there,
-   found by expectation maximisation: a line that is absent takes nothing.
+2. Places that several range bins agree on are lines, the strongest first. In
+   range bins that show a line, it has the place that is seen there.
+3. In each range bin the map is fitted by all lines that can be told apart,
+   first by those that the bin shows itself. Each has a power there, found by
+   expectation maximisation: a line that is absent takes nothing.
 
 Cost of R range bins, D Doppler bins, M elements and k lines: R D² M for the
 covariances, R D³ for their eigenvectors, R k³ for the powers.
@@ -95,25 +97,28 @@ class DopplerLayers:
 
     Attributes
     ----------
-    lines : ndarray of float64, shape (k,)
-        Fractional Doppler bins, ascending.
-    kernels : ndarray of complex, shape (k, n_doppler)
+    lines : ndarray of float64, shape (n_range, k)
+        Fractional Doppler bin of each line in every range bin.
+    counts : ndarray of bool, shape (n_range, k)
+        Mask of the lines that a range bin is separated into.
+    kernels : ndarray of complex, shape (n_range, k, n_doppler)
         Unit echo of each line in the Doppler bins of the map.
     layers : ndarray of complex, shape (n_range, k, n_elements)
         Amplitudes of the lines.
     """
 
     lines: Floats
+    counts: Mask
     kernels: Complex
     layers: Complex
 
     @property
     def home(self) -> Integers:
-        """Doppler bins in which the lines peak, shape (k,)."""
+        """Doppler bins in which the lines peak, shape (n_range, k)."""
         return np.rint(self.lines).astype(np.int64)
 
-    def alone(self, gated: GatedMap, line: int, n_side: int) -> GatedMap:
-        """Take the echoes of all other lines from the bins around one line.
+    def alone(self, gated: GatedMap, line: int, home: int, n_side: int) -> GatedMap:
+        """Take the echoes of all lines but one from the map around a Doppler bin.
 
         Parameters
         ----------
@@ -121,8 +126,8 @@ class DopplerLayers:
             The map that the layers are of.
         line : int
             Index of the line that stays.
-        n_side : int
-            Doppler bins to either side of its own that are wanted.
+        home, n_side : int
+            Doppler bin, and bins to either side of it that are wanted.
 
         Returns
         -------
@@ -130,16 +135,16 @@ class DopplerLayers:
             Without the bins that the map lacks. Where its last Doppler bin is
             next to its first, it lacks none.
         """
-        gate, home = gated.gate, int(self.home[line])
+        gate = gated.gate
         bins = np.arange(home - n_side, home + n_side + 1)
         if gate.wraps[1]:
             columns = (bins - gate.doppler_bins[0]) % gate.shape[1]
         else:
             bins = bins[np.isin(bins, gate.doppler_bins)]
             columns = bins - gate.doppler_bins[0]
-        other = np.arange(self.lines.size) != line
+        other = np.arange(self.lines.shape[1]) != line
         seen = gated.cells[:, columns]
-        echoes = self.kernels[np.ix_(other, columns)].T @ self.layers[:, other]
+        echoes = self.kernels[:, other][:, :, columns].transpose(0, 2, 1) @ self.layers[:, other]
         around = replace(
             gate, doppler_bins=bins, reachable_doppler=slice(0, bins.size), wraps=(gate.wraps[0], False)
         )
@@ -170,15 +175,15 @@ def doppler_layers(gated: GatedMap, n_symbols: int, noise: float) -> DopplerLaye
     phase = np.exp(1j * np.pi * (n_symbols - 1) / n_symbols * bins)
     covariance = cells @ cells.conj().transpose(0, 2, 1) / gated.n_elements
     real_covariance = (phase[:, None] * covariance * phase.conj()).real.astype(np.float64)
-    lines = doppler_lines(gated, real_covariance, n_symbols, noise)
+    lines, counts = doppler_lines(gated, real_covariance, n_symbols, noise)
     kernels = _kernels(bins, lines, n_symbols)
-    filters = _separating_filters(kernels, real_covariance, noise) * phase
+    filters = _separating_filters(kernels * counts[:, :, None], real_covariance, noise) * phase
     layers = filters.astype(cells.dtype) @ cells
-    return DopplerLayers(lines, (kernels * phase.conj()).astype(cells.dtype), layers)
+    return DopplerLayers(lines, counts, (kernels * phase.conj()).astype(cells.dtype), layers)
 
 
-def doppler_lines(gated: GatedMap, covariance: Floats, n_symbols: int, noise: float) -> Floats:
-    """Find the lines that several range bins agree on.
+def doppler_lines(gated: GatedMap, covariance: Floats, n_symbols: int, noise: float) -> tuple[Floats, Mask]:
+    """Find the lines that several range bins agree on, and those that each range bin is separated into.
 
     Parameters
     ----------
@@ -194,26 +199,43 @@ def doppler_lines(gated: GatedMap, covariance: Floats, n_symbols: int, noise: fl
 
     Returns
     -------
-    ndarray of float64, shape (k,)
-        Fractional Doppler bins among the reachable ones, ascending, at least
-        `RESOLVED_BINS` apart.
+    lines : ndarray of float64, shape (n_range, k)
+        Fractional Doppler bins, strongest line first.
+    counts : ndarray of bool, shape (n_range, k)
+        Lines that count in a range bin: at least `RESOLVED_BINS` apart, first
+        those that it shows itself, the strongest first.
     """
     places = _local_places(gated, covariance, n_symbols, noise)
-    if not places.power.size:
-        return np.empty(0)
-    weakest = places.power.max() * 10 ** (-DYNAMIC_RANGE_DB / 10)
+    n_range = gated.gate.shape[0]
+    weakest = places.power.max(initial=0) * 10 ** (-DYNAMIC_RANGE_DB / 10)
     free = places.power > weakest
-    found: list[float] = []
+    lines, power = [np.empty((n_range, 0))], [np.empty((n_range, 0))]
     while free.any():
         first = int(np.argmax(np.where(free, places.power, 0)))
         line = _settled(places, free, places.doppler_bin[first])
         mine = free & (np.abs(places.doppler_bin - line) < ONE_LINE_BINS)
         mine[first] = True
         free &= ~mine
-        is_apart = all(abs(line - other) >= RESOLVED_BINS for other in found)
-        if is_apart and np.unique(places.row[mine]).size >= LEAST_RANGES:
-            found.append(line)
-    return np.sort(np.array(found))
+        seen = np.nonzero(mine)[0]
+        if np.unique(places.row[seen]).size >= LEAST_RANGES:
+            along, shown = np.full((n_range, 1), line), np.zeros((n_range, 1))
+            weakest_first = seen[np.argsort(places.power[seen], kind="stable")]
+            along[places.row[weakest_first], 0] = places.doppler_bin[weakest_first]
+            shown[places.row[weakest_first], 0] = places.power[weakest_first]
+            lines.append(along)
+            power.append(shown)
+    every = np.concatenate(lines, axis=1)
+    return every, _told_apart(every, np.concatenate(power, axis=1))
+
+
+def _told_apart(lines: Floats, power: Floats) -> Mask:
+    """Lines (n_range, k) of each range bin that are far enough from all that are stronger there."""
+    counts = np.zeros(lines.shape, dtype=np.bool_)
+    every_row = np.arange(len(lines))
+    for line in np.argsort(-power, axis=1, kind="stable").T:
+        near = np.abs(lines - lines[every_row, line][:, None]) < RESOLVED_BINS
+        counts[every_row, line] = ~(counts & near).any(axis=1)
+    return counts
 
 
 def _local_places(gated: GatedMap, covariance: Floats, n_symbols: int, noise: float) -> _Places:
@@ -264,10 +286,12 @@ def _separating_filters(kernels: Floats, covariance: Floats, noise: float) -> Fl
     """Linear estimators (n_range, k, n_doppler) of least error of the lines' amplitudes in each range bin.
 
     Every line has a power of its own in a range bin, found by expectation
-    maximisation from the powers that least squares would give.
+    maximisation from the powers of its matched filter. Lines whose kernel is 0
+    get nothing.
     """
-    gram, identity = kernels @ kernels.T, np.eye(len(kernels))
-    matched = kernels @ covariance @ kernels.T
+    adjoint = kernels.transpose(0, 2, 1)
+    gram, identity = kernels @ adjoint, np.eye(kernels.shape[1])
+    matched = kernels @ covariance @ adjoint
     power = np.maximum(np.diagonal(matched, axis1=1, axis2=2), LEAST_POWER * noise)
     for _ in range(POWER_STEPS):
         inverse = np.linalg.inv(gram + noise / power[:, :, None] * identity)
@@ -278,5 +302,5 @@ def _separating_filters(kernels: Floats, covariance: Floats, noise: float) -> Fl
 
 
 def _kernels(bins: Integers, lines: Floats, n_symbols: int) -> Floats:
-    """Real kernels (k, n_doppler) of lines, 1 at the line itself."""
-    return dirichlet_slopes(bins - lines[:, None], n_symbols)[0]
+    """Real kernels (..., n_doppler) of lines (...), 1 at the line itself."""
+    return dirichlet_slopes(bins - lines[..., None], n_symbols)[0]

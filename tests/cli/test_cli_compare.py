@@ -107,10 +107,12 @@ def test_a_pair_that_is_mapped_is_shown_under_both_names(cli, retuned, monkeypat
     assert result.exit_code == 4, result.output
     lines = result.stdout.splitlines()
     place = next(
-        number for number, line in enumerate(lines) if line.startswith(" street, music2d[pfa=0.001]")
+        number
+        for number, line in enumerate(lines)
+        if line.startswith(" street, music2d[pfa=0.001,demix=false]")
     )
     assert lines[place].endswith("regression ")
-    assert lines[place + 1].startswith("   → music2d[pfa=0.0001] ")
+    assert lines[place + 1].startswith("   → music2d[pfa=0.0001,demix=false] ")
     assert max(len(line) for line in lines[: place + 2]) <= 100
     assert "missing" not in result.stdout
     content = json.loads(cli("old", "new", "--match", "music2d", "--json").stdout)
@@ -122,12 +124,17 @@ def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, 
     result = cli("old", "--between", "fft4d", "--and", "music2d[pfa=1e-3]")
     assert result.exit_code == 4
     lines = result.stdout.splitlines()
-    assert lines[:3] == ["A fft4d", "B music2d[pfa=0.001]", "in old: isacbench 0.1.0 (0123456789)"]
-    assert lines[-1] == "music2d[pfa=0.001] is worse than fft4d: of 1 curve 1 worse; of 3 points 3 worse"
+    assert lines[:3] == [
+        "A fft4d[demix=false]",
+        "B music2d[pfa=0.001,demix=false]",
+        "in old: isacbench 0.1.0 (0123456789)",
+    ]
+    verdict = "music2d[pfa=0.001,demix=false] is worse than fft4d[demix=false]"
+    assert lines[-1] == f"{verdict}: of 1 curve 1 worse; of 3 points 3 worse"
     assert (tmp_path / "old" / "figures" / "between-deviation.png").is_file()
     back = cli("old", "--between", "music2d", "--and", "fft4d", "--json")
     assert back.exit_code == 0
-    assert json.loads(back.stdout)["between"] == ["music2d[pfa=0.001]", "fft4d"]
+    assert json.loads(back.stdout)["between"] == ["music2d[pfa=0.001,demix=false]", "fft4d[demix=false]"]
 
 
 @pytest.mark.parametrize(
