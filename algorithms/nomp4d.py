@@ -49,7 +49,13 @@ import numpy as np
 
 from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import white_noise
-from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, refit_atoms, settle_atoms
+from isacbench.dsp.fitting.atom_fits import (
+    LEAST_DAMPING,
+    AtomFit,
+    refine_atoms,
+    refit_atoms,
+    settle_atoms,
+)
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import (
@@ -92,9 +98,6 @@ BOX_CELLS = 0.5
 CALM, CALM_NOISE = 1e-3, 3.0
 """Residual around an atom, relative to its power or to the noise, below which it gets a new box."""
 
-MOVING_CELLS, PLACE_CELLS = 0.01, 2.0**-12
-"""Move in a round above which an atom has not settled, and the lattice to which it is then rounded."""
-
 STEPS = 4
 """Newton steps that are tried in each round; in crowds some explain less and are taken back."""
 
@@ -102,7 +105,10 @@ LAST_ROUNDS = 2
 """Rounds without moves at the end."""
 
 FINISHING_STEPS = 3
-"""Steps on the misfit at the end, for the last digits of atoms that almost coincide."""
+"""Steps with hardly any damping at the end, and then on the misfit: the last digits of atoms that almost coincide."""
+
+SETTLED_CELLS = 0.01
+"""Largest move by the undamped steps of atoms that have settled; those of a crowd would only move on."""
 
 
 class _Moves(NamedTuple):
@@ -204,12 +210,15 @@ class _Pursuit:
         self.places, self.origins = moved, self.origins + moved - self.places
 
     def finish(self) -> None:
-        """Give settled atoms their last digits; those of a crowd would only move on."""
-        if self.fit is not None:
-            with stage("refinement"):
-                finished = settle_atoms(self.space.atom_map, self.fit, FINISHING_STEPS)
-            if np.abs(finished.places - self.fit.places).max() < MOVING_CELLS:
-                self.places, self.fit = finished.places, finished
+        """Give atoms that have all settled their last digits."""
+        if self.fit is None:
+            return
+        with stage("refinement"):
+            atom_map = self.space.atom_map
+            fit = refine_atoms(atom_map, self.places, FINISHING_STEPS, damping=LEAST_DAMPING)
+            if np.abs(fit.places - self.places).max() < SETTLED_CELLS:
+                self.fit = settle_atoms(atom_map, fit, FINISHING_STEPS)
+                self.places = self.fit.places
 
     def remember(self, moves: _Moves, n_before: int) -> None:
         """Note the moves of a round that failed."""
@@ -336,8 +345,7 @@ class Nomp4d:
             pursuit.move_to_best_lobes()
         box = pursuit.origins - BOX_CELLS, pursuit.origins + BOX_CELLS
         fit = refine_atoms(atom_map, pursuit.places, STEPS, box)
-        places = np.clip(_without_last_digits(fit.places, pursuit.places), *box)
-        stays = np.ones(len(places), dtype=np.bool_)
+        places, stays = fit.places, np.ones(len(fit), dtype=np.bool_)
         while True:
             fit = refit_atoms(atom_map, fit, stays, places)
             places = fit.places
@@ -394,14 +402,3 @@ def _to_cloud(pursuit: _Pursuit) -> PointCloud:
         # Unit by unit: its square may overflow where the power does not.
         unit_power = fit.power / gain * pursuit.unit * pursuit.unit
         return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
-
-
-def _without_last_digits(places: Floats, starts: Floats) -> Floats:
-    """Round the places (n, 4) of atoms that still move to a lattice.
-
-    In a crowd steps never settle, and each step magnifies the last digits of
-    the one before. Results of two processors would differ, even in the number
-    of atoms.
-    """
-    moves = np.abs(places - starts).max(axis=1, keepdims=True) > MOVING_CELLS
-    return np.where(moves, np.rint(places / PLACE_CELLS) * PLACE_CELLS, places)

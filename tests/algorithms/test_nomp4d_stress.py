@@ -29,12 +29,13 @@ def only(spec):
 
 @pytest.fixture
 def rounds(monkeypatch):
-    """Number of atoms that each joint refinement of a pursuit starts from."""
+    """Number of atoms that each joint refinement within boxes starts from."""
     started = []
 
-    def counted(atom_map, places, n_steps, limits):
-        started.append(len(places))
-        return refine(atom_map, places, n_steps, limits)
+    def counted(atom_map, places, n_steps, *limits, **damping):
+        if limits:
+            started.append(len(places))
+        return refine(atom_map, places, n_steps, *limits, **damping)
 
     refine = nomp4d.refine_atoms
     monkeypatch.setattr(nomp4d, "refine_atoms", counted)
@@ -70,16 +71,26 @@ def test_every_promise_is_kept(spec):
 
 
 @pytest.mark.parametrize("filled", ["constant", "checkers"])
-def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(filled):
+@pytest.mark.parametrize("n_steps", [3, nomp4d.STEPS, 7])
+def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(filled, n_steps, monkeypatch):
+    monkeypatch.setattr(nomp4d, "STEPS", n_steps)
     imaging = Imaging(Nomp4d(), only(f"map[filled={filled},exponent=0.0]").shot(0))
     assert len(imaging.cloud)
     assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
 
 
-@pytest.mark.parametrize("along", ["range", "doppler", "u"])
-def test_a_pair_a_tenth_of_a_cell_apart_is_known_to_the_last_digits(along):
-    imaging = Imaging(Nomp4d(), only(f"close[exponent=-1.0,along={along}]").shot(0))
-    assert len(imaging.cloud) == 2
+@pytest.mark.parametrize(
+    ("spec", "n_echoes"),
+    [
+        ("close[exponent=-1.0,along=range]", 2),
+        ("close[exponent=-1.0,along=doppler]", 2),
+        ("close[exponent=-1.0,along=u]", 2),
+        ("coherent[n_echoes=3,separation=0.3]", 3),
+    ],
+)
+def test_echoes_that_almost_coincide_are_known_to_the_last_digits(spec, n_echoes):
+    imaging = Imaging(Nomp4d(), only(spec).shot(0))
+    assert len(imaging.cloud) == n_echoes
     assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
 
 

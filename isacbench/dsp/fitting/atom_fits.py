@@ -38,6 +38,7 @@ from isacbench.dsp.fitting.atoms import (
     Lines,
     product_matrix,
 )
+from isacbench.dsp.stable_order import stepped
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Error of the product of two unit atoms, which is one of four products along the coordinates."""
@@ -54,7 +55,10 @@ BLURRED = 0.01
 NOT_LESS = 1e-12
 """Of the explained energy: a step that loses no more may as well gain."""
 
-FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
+LEAST_OWN = 1e-10
+"""Least energy of a unit atom that the others do not explain: about 1e-5 cells from another, steps are rounding."""
+
+FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-12
 """Levenberg-Marquardt damping, relative to the diagonal of the information."""
 
 LONGEST_STEP_CELLS = 0.3
@@ -113,6 +117,11 @@ class AtomFit:
         lone = self.correlations.value / self.gram.diagonal()
         return np.minimum(self.power, lone.real**2 + lone.imag**2)
 
+    @property
+    def own(self) -> Floats:
+        """Energy of each unit atom that the other atoms do not explain, shape (n,)."""
+        return 1 / np.maximum(self._eliminated.diagonal(), 1)
+
     @cached_property
     def score(self) -> Floats:
         """Half the slope of the energy along all coordinates, coordinate by coordinate, shape (4 n,)."""
@@ -133,9 +142,8 @@ class AtomFit:
     def rounding(self) -> Floats:
         """Error of the information's diagonal by rounding, shape (4 n,)."""
         # The elimination divides by the part of an atom that the others do not explain.
-        own = 1 / np.maximum(self._eliminated.diagonal(), 1)
         slopes = np.maximum(self._slopes.diagonal(), LEAST_SLOPE)
-        rounding: Floats = slopes * np.tile(self.power / own, N_COORDINATES)
+        rounding: Floats = slopes * np.tile(self.power / self.own, N_COORDINATES)
         return LEVERAGE * ROUNDING * rounding
 
     def covariance(self, noise: float) -> Floats:
@@ -268,9 +276,16 @@ def _fit(atom_map: AtomMap, places: Floats, lines: Lines, correlations: Correlat
 
 
 def refine_atoms(
-    atom_map: AtomMap, places: Floats, n_steps: int, limits: tuple[Floats, Floats] = UNLIMITED
+    atom_map: AtomMap,
+    places: Floats,
+    n_steps: int,
+    limits: tuple[Floats, Floats] = UNLIMITED,
+    damping: float = FIRST_DAMPING,
 ) -> AtomFit:
     """Move all atoms together towards the least-squares fit of the map (Levenberg-Marquardt).
+
+    Places keep the digits that a step determines (`isacbench.dsp.stable_order.stepped`).
+    In a crowd steps never end, and each would magnify the last digits of the one before.
 
     Parameters
     ----------
@@ -278,9 +293,12 @@ def refine_atoms(
     places : ndarray of float64, shape (n, 4)
         In Rayleigh cells, n at least 1.
     n_steps : int
-        Steps to try; one that explains less, beyond rounding, is taken back.
+        Steps to try; one that explains less, beyond rounding, or that leads atoms
+        to one place, is taken back.
     limits : (ndarray of float64, ndarray of float64), shapes (n, 4)
         Lowest and highest places that a step may lead to.
+    damping : float
+        Of the first step; less is better nearer to the optimum.
 
     Returns
     -------
@@ -288,12 +306,12 @@ def refine_atoms(
         The best one seen.
     """
     best = fit_atoms(atom_map, places)
-    damping = FIRST_DAMPING
     for _ in range(n_steps):
-        tried = fit_atoms(atom_map, np.clip(best.places + _step(best, damping), *limits))
+        step = _step(best, damping)
+        tried = fit_atoms(atom_map, np.clip(stepped(best.places + step, step), *limits))
         # At the optimum rounding decides which of two explains more; it must not decide about a step.
-        if tried.energy >= (1 - NOT_LESS) * best.energy:
-            best, damping = tried, max(damping / 3, LEAST_DAMPING)
+        if tried.energy >= (1 - NOT_LESS) * best.energy and tried.own.min() > LEAST_OWN:
+            best, damping = tried, max(damping / 10, LEAST_DAMPING)
         else:
             damping *= 10
     return best

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.dsp.bounds import joint_bound, single_bound
-from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms, refit_atoms, settle_atoms
+from isacbench.dsp.fitting.atom_fits import LEAST_OWN, fit_atoms, refine_atoms, refit_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
@@ -128,6 +128,15 @@ def test_steps_lead_to_the_exact_places_without_noise():
     fit = refine_atoms(atom_map, start, 25)
     np.testing.assert_allclose(fit.places, PLACES, atol=1e-7)
     np.testing.assert_allclose(fit.amplitude, AMPLITUDE, rtol=1e-5)
+
+
+def test_steps_that_lead_two_atoms_to_one_place_are_taken_back_whatever_they_explain():
+    atom_map = noisy(PART, PLACES[:1], AMPLITUDE[:1], 0.0)
+    starts = PLACES[0] + np.array([[0, 0.3, 0, 0], [0, 0.5, 0, 0]])
+    fit = refine_atoms(atom_map, starts, 4, (PLACES[0], PLACES[0]))
+    np.testing.assert_array_equal(fit.places, starts)
+    assert fit.energy < fit_atoms(atom_map, PLACES[:1]).energy
+    assert fit.own.min() > LEAST_OWN > fit_atoms(atom_map, PLACES[[0, 0]]).own.max()
 
 
 def test_of_two_atoms_that_nearly_cancel_little_is_shown_and_all_of_a_lone_one():
