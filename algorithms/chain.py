@@ -41,7 +41,7 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Complex, Integers
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.doppler_lines import doppler_layers
-from isacbench.dsp.fitting.joint_selection import refine_jointly, select_jointly
+from isacbench.dsp.fitting.joint_selection import clear_of_misfit, refine_jointly, select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scaling import in_unit
 from isacbench.dsp.scatterers import (
@@ -503,6 +503,9 @@ class CellwiseEstimator(ABC):
     local_dynamic_range_db : float
         Range below the strongest scatterer nearby in which others can be
         distinguished from its leakage.
+    far_dynamic_range_db : float or None
+        Range below the sidelobes of all scatterers in other range bins in which
+        others can be distinguished from their misfit; None for any.
     precision : {"double", "single"}
         Precision of the cells. "single" applies to the stages whose effect on
         the curves is below 0.1 % (``docs/precision.md``): subspaces and joint
@@ -538,6 +541,7 @@ class CellwiseEstimator(ABC):
     precision: CellPrecision = "double"
     explain: Literal["joint", "none"] = added_field("joint", before="joint")
     detection_window: Window = added_field("hann", before="hann")  # noqa: RUF009, a field
+    far_dynamic_range_db: float | None = added_field(16.0, before=None)
 
     own_cell_test = staticmethod(own_cell_test)
     merge = staticmethod(merge_scatterers)
@@ -548,6 +552,8 @@ class CellwiseEstimator(ABC):
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")
         for name in ("dynamic_range_db", "local_dynamic_range_db"):
             require(getattr(self, name) > 0, name, getattr(self, name), "above 0")
+        far_db = self.far_dynamic_range_db
+        require(far_db is None or far_db > 0, "far_dynamic_range_db", far_db, "above 0, or none")
         require(self.precision in ("double", "single"), "precision", self.precision, "single or double")
         require(self.explain in get_args(Explanation), "explain", self.explain, "joint or none")
         windows, window = get_args(Window), self.detection_window
@@ -672,7 +678,7 @@ class CellwiseEstimator(ABC):
         )
 
     def refine(self, rdm: ReadMap, levels: Levels, chosen: LocatedScatterers) -> LocatedScatterers:
-        """Refine the selected scatterers together.
+        """Refine the selected scatterers together, and drop what the misfit of the others explains.
 
         Parameters
         ----------
@@ -683,9 +689,12 @@ class CellwiseEstimator(ABC):
         Returns
         -------
         LocatedScatterers
-            See `isacbench.dsp.fitting.joint_selection.refine_jointly`.
+            See `isacbench.dsp.fitting.joint_selection.refine_jointly`, and
+            `clear_of_misfit` there.
         """
-        return refine_jointly(chosen, rdm.selection, rdm.observation.system)
+        gated, system, far_db = rdm.selection, rdm.observation.system, self.far_dynamic_range_db
+        refined = refine_jointly(chosen, gated, system)
+        return refined if far_db is None else clear_of_misfit(refined, gated, system, far_db)
 
     def diagnose(self, observation: Observation) -> Diagnosis:
         """Show the range-Doppler map, its test, and the spectra of the strongest detected cell.

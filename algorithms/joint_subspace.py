@@ -36,7 +36,7 @@ from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, so
 from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Complex, Floats, Integers
-from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly, select_jointly
+from isacbench.dsp.fitting.joint_selection import explain_map, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.errors import require
@@ -109,7 +109,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`. `max_sources` is
         also the largest dimension of a signal subspace.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -228,7 +228,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         for _ in range(INTERLEAVINGS):
             dense = self.merge(chosen.interleaved(INTERLEAVED_BINS))
             chosen = select_jointly(dense, gated, system, levels.min_power, dynamic_range_db)
-        return self.merge(refine_jointly(chosen, gated, system))
+        return self.merge(super().refine(rdm, levels, chosen))
 
     @abstractmethod
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:

@@ -135,7 +135,7 @@ class Music2d(CellwiseEstimator):
         (`isacbench.dsp.doppler_lines`).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises

@@ -105,7 +105,7 @@ LAST_ROUNDS = 2
 """Rounds without moves at the end."""
 
 FINISHING_STEPS = 3
-"""Steps with hardly any damping at the end, and then on the misfit: the last digits of atoms that almost coincide."""
+"""Steps at the end with hardly any damping, and as many on the misfit, for the last digits."""
 
 SETTLED_CELLS = 0.01
 """Largest move by the undamped steps of atoms that have settled; those of a crowd would only move on."""

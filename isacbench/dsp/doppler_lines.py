@@ -68,7 +68,7 @@ RESOLVED_BINS = 0.35
 """Least distance of two lines: nearer ones would be told apart by their noise and misfit alone."""
 
 LEAST_RANGES = N_JOINED
-"""Range bins that must agree on a line: so many share their snapshots."""
+"""Range bins that must agree on a line: as many as share their snapshots."""
 
 DYNAMIC_RANGE_DB = 33.0
 """Range below the strongest line in which others are no misfit of it."""
@@ -175,61 +175,45 @@ def doppler_layers(gated: GatedMap, n_symbols: int, noise: float) -> DopplerLaye
     phase = np.exp(1j * np.pi * (n_symbols - 1) / n_symbols * bins)
     covariance = cells @ cells.conj().transpose(0, 2, 1) / gated.n_elements
     real_covariance = (phase[:, None] * covariance * phase.conj()).real.astype(np.float64)
-    lines, counts = doppler_lines(gated, real_covariance, n_symbols, noise)
+    lines, counts = _find_lines(gated, real_covariance, n_symbols, noise)
     kernels = _kernels(bins, lines, n_symbols)
     filters = _separating_filters(kernels * counts[:, :, None], real_covariance, noise) * phase
     layers = filters.astype(cells.dtype) @ cells
     return DopplerLayers(lines, counts, (kernels * phase.conj()).astype(cells.dtype), layers)
 
 
-def doppler_lines(gated: GatedMap, covariance: Floats, n_symbols: int, noise: float) -> tuple[Floats, Mask]:
-    """Find the lines that several range bins agree on, and those that each range bin is separated into.
+def _find_lines(gated: GatedMap, covariance: Floats, n_symbols: int, noise: float) -> tuple[Floats, Mask]:
+    """Lines (n_range, k) that several range bins agree on, and the mask of those that count in each.
 
-    Parameters
-    ----------
-    gated : GatedMap
-        Its gate and its number of elements are used.
-    covariance : ndarray of float64, shape (n_range, n_doppler, n_doppler)
-        Of the Doppler bins of each range bin over all elements, referred to
-        the middle of the symbols: real.
-    n_symbols : int
-        Symbols of the frame.
-    noise : float
-        Power of white noise per cell and element, above 0.
-
-    Returns
-    -------
-    lines : ndarray of float64, shape (n_range, k)
-        Fractional Doppler bins, strongest line first.
-    counts : ndarray of bool, shape (n_range, k)
-        Lines that count in a range bin: at least `RESOLVED_BINS` apart, first
-        those that it shows itself, the strongest first.
+    The covariances (n_range, n_doppler, n_doppler) are those of the Doppler bins over all elements,
+    referred to the middle of the symbols.
     """
-    places = _local_places(gated, covariance, n_symbols, noise)
-    n_range = gated.gate.shape[0]
-    weakest = places.power.max(initial=0) * 10 ** (-DYNAMIC_RANGE_DB / 10)
-    free = places.power > weakest
-    lines, power = [np.empty((n_range, 0))], [np.empty((n_range, 0))]
+    places, n_range = _local_places(gated, covariance, n_symbols, noise), gated.gate.shape[0]
+    free = places.power > places.power.max(initial=0) * 10 ** (-DYNAMIC_RANGE_DB / 10)
+    lines, powers = [], []
     while free.any():
         first = int(np.argmax(np.where(free, places.power, 0)))
         line = _settled(places, free, places.doppler_bin[first])
         mine = free & (np.abs(places.doppler_bin - line) < ONE_LINE_BINS)
         mine[first] = True
         free &= ~mine
-        seen = np.nonzero(mine)[0]
-        if np.unique(places.row[seen]).size >= LEAST_RANGES:
-            along, shown = np.full((n_range, 1), line), np.zeros((n_range, 1))
-            weakest_first = seen[np.argsort(places.power[seen], kind="stable")]
-            along[places.row[weakest_first], 0] = places.doppler_bin[weakest_first]
-            shown[places.row[weakest_first], 0] = places.power[weakest_first]
-            lines.append(along)
-            power.append(shown)
-    every = np.concatenate(lines, axis=1)
-    return every, _told_apart(every, np.concatenate(power, axis=1))
+        if np.unique(places.row[mine]).size < LEAST_RANGES:
+            continue
+        doppler_bin, power = np.full(n_range, line), np.zeros(n_range)
+        # Of several places in a range bin the strongest is written last.
+        seen = np.flatnonzero(mine)[np.argsort(places.power[mine], kind="stable")]
+        doppler_bin[places.row[seen]], power[places.row[seen]] = places.doppler_bin[seen], places.power[seen]
+        lines.append(doppler_bin)
+        powers.append(power)
+    every, shown = (np.array(columns).reshape(-1, n_range).T for columns in (lines, powers))
+    return every, _told_apart(every, shown)
 
 
 def _told_apart(lines: Floats, power: Floats) -> Mask:
-    """Lines (n_range, k) of each range bin that are far enough from all that are stronger there."""
+    """Mask (n_range, k) of the lines that count in each range bin.
+
+    They are at least `RESOLVED_BINS` apart, first those that the range bin shows itself, the strongest first.
+    """
     counts = np.zeros(lines.shape, dtype=np.bool_)
     every_row = np.arange(len(lines))
     for line in np.argsort(-power, axis=1, kind="stable").T:

@@ -64,6 +64,7 @@ def test_a_single_speed_is_read_as_it_is(estimator):
 
 
 @BOTH
-def test_without_demixing_it_is_the_estimator_of_older_rows(estimator):
-    assert "demix" not in identity_fields(estimator(demix=False))
-    assert identity_fields(estimator())["demix"] is True
+def test_without_demixing_and_with_any_far_range_it_is_the_estimator_of_older_rows(estimator):
+    older = identity_fields(estimator(demix=False, far_dynamic_range_db=None))
+    assert not {"demix", "far_dynamic_range_db"} & older.keys()
+    assert identity_fields(estimator()) == {**older, "demix": True, "far_dynamic_range_db": 16.0}

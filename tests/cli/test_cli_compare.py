@@ -92,9 +92,9 @@ def test_a_mistake_ends_in_one_line_and_exit_code_2(cli, folders, tmp_path, args
 
 @pytest.fixture
 def retuned(made_run, written_run):
-    """Write two runs whose music2d has other parameters, and is worse in the second one."""
-    records, manifest = made_run(trials=12)
-    chosen = records["estimator"] == "music2d"
+    """Write two runs whose nomp4d has other parameters, and is worse in the second one."""
+    records, manifest = made_run(estimators=("chance", "nomp4d"), trials=12)
+    chosen = records["estimator"] == "nomp4d"
     for name, pfa, factor in (("old", 0.001, 1.0), ("new", 0.0001, 1.2)):
         params = records["params"].where(~chosen, f'{{"pfa":{pfa}}}')
         deviation = records["deviation"].where(~chosen, factor * records["deviation"])
@@ -103,48 +103,39 @@ def retuned(made_run, written_run):
 
 def test_a_pair_that_is_mapped_is_shown_under_both_names(cli, retuned, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
-    result = cli("old", "new", "--map", "music2d[pfa=1e-3]=music2d[pfa=1e-4]")
+    result = cli("old", "new", "--map", "nomp4d[pfa=1e-3]=nomp4d[pfa=1e-4]")
     assert result.exit_code == 4, result.output
     lines = result.stdout.splitlines()
-    place = next(
-        number
-        for number, line in enumerate(lines)
-        if line.startswith(" street, music2d[pfa=0.001,demix=false]")
-    )
+    place = next(number for number, line in enumerate(lines) if line.startswith(" street, nomp4d[pfa=0.001]"))
     assert lines[place].endswith("regression ")
-    assert lines[place + 1].startswith("   → music2d[pfa=0.0001,demix=false] ")
+    assert lines[place + 1].startswith("   → nomp4d[pfa=0.0001] ")
     assert max(len(line) for line in lines[: place + 2]) <= 100
     assert "missing" not in result.stdout
-    content = json.loads(cli("old", "new", "--match", "music2d", "--json").stdout)
-    (row,) = [row for row in content["curves"] if row["estimator"] == "music2d"]
+    content = json.loads(cli("old", "new", "--match", "nomp4d", "--json").stdout)
+    (row,) = [row for row in content["curves"] if row["estimator"] == "nomp4d"]
     assert (row["params"], row["new_params"]) == ('{"pfa":0.001}', '{"pfa":0.0001}')
 
 
 def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, retuned, tmp_path):
-    result = cli("old", "--between", "fft4d", "--and", "music2d[pfa=1e-3]")
+    result = cli("old", "--between", "chance", "--and", "nomp4d[pfa=1e-3]")
     assert result.exit_code == 4
     lines = result.stdout.splitlines()
-    assert lines[:3] == [
-        "A fft4d[demix=false]",
-        "B music2d[pfa=0.001,demix=false]",
-        "in old: isacbench 0.1.0 (0123456789)",
-    ]
-    verdict = "music2d[pfa=0.001,demix=false] is worse than fft4d[demix=false]"
-    assert lines[-1] == f"{verdict}: of 1 curve 1 worse; of 3 points 3 worse"
+    assert lines[:3] == ["A chance", "B nomp4d[pfa=0.001]", "in old: isacbench 0.1.0 (0123456789)"]
+    assert lines[-1] == "nomp4d[pfa=0.001] is worse than chance: of 1 curve 1 worse; of 3 points 3 worse"
     assert (tmp_path / "old" / "figures" / "between-deviation.png").is_file()
-    back = cli("old", "--between", "music2d", "--and", "fft4d", "--json")
+    back = cli("old", "--between", "nomp4d", "--and", "chance", "--json")
     assert back.exit_code == 0
-    assert json.loads(back.stdout)["between"] == ["music2d[pfa=0.001,demix=false]", "fft4d[demix=false]"]
+    assert json.loads(back.stdout)["between"] == ["nomp4d[pfa=0.001]", "chance"]
 
 
 @pytest.mark.parametrize(
     ("args", "fragment"),
     [
         (("old",), "only one run was given; give two runs"),
-        (("old", "--between", "fft4d"), "--between and --and must be given together"),
-        (("old", "new", "--between", "fft4d", "--and", "music2d"), "between needs exactly one run"),
-        (("old", "new", "--map", "music2d"), "map 'music2d': allowed is OLD[param=value,...]=NEW"),
-        (("old", "new", "--map", "music2d=musik2d"), "new: no estimator fits 'musik2d': did you mean"),
+        (("old", "--between", "chance"), "--between and --and must be given together"),
+        (("old", "new", "--between", "chance", "--and", "nomp4d"), "between needs exactly one run"),
+        (("old", "new", "--map", "nomp4d"), "map 'nomp4d': allowed is OLD[param=value,...]=NEW"),
+        (("old", "new", "--map", "nomp4d=nomb4d"), "new: no estimator fits 'nomb4d': did you mean"),
         (("old", "new", "--markdown", "nowhere/x.md"), "x.md: cannot be written: there is no folder nowhere"),
         (("old", "new", "--junit", "old"), "old: cannot be written: is a folder, not a file"),
         (("old", "new", "--junit", "link"), "link: is a symbolic link"),

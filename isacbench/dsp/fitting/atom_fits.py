@@ -56,7 +56,7 @@ NOT_LESS = 1e-12
 """Of the explained energy: a step that loses no more may as well gain."""
 
 LEAST_OWN = 1e-10
-"""Least energy of a unit atom that the others do not explain: about 1e-5 cells from another, steps are rounding."""
+"""Least energy of a unit atom that others do not explain: 1e-5 cells from another, steps are rounding."""
 
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-12
 """Levenberg-Marquardt damping, relative to the diagonal of the information."""

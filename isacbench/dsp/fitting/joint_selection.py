@@ -19,7 +19,7 @@ from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
-from isacbench.dsp.fitting.pursuit import redundant
+from isacbench.dsp.fitting.pursuit import redundant, sidelobe_energy
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.kernels import dirichlet
@@ -30,6 +30,9 @@ PATCH = (3, 1)
 
 NEIGHBOURHOOD_BINS = 2.0
 """Range and Doppler bins in which weaker scatterers are compared with the strongest."""
+
+OTHER_RANGE_BINS = 3.0
+"""Range bins between scatterers of different objects; nearer ones are told apart by the joint selection."""
 
 COMPETING_RESPONSE = 0.3
 """Response above which two candidates compete: only the stronger joins in a round."""
@@ -273,6 +276,35 @@ def refine_jointly(scatterers: LocatedScatterers, gated: GatedMap, system: Syste
         filters.place(*places)
     power = np.abs(filters.amplitudes()) ** 2
     return replace(scatterers, range_bin=places[0], doppler_bin=places[1], power=power)
+
+
+def clear_of_misfit(
+    scatterers: LocatedScatterers, gated: GatedMap, system: System, dynamic_range_db: float
+) -> LocatedScatterers:
+    """Keep the scatterers that are stronger than the misfit of those in other ranges may look.
+
+    Few scatterers that stand for a crowd leave a share of its sidelobes
+    unexplained, which looks like weak scatterers where there are none. At most
+    all of these sidelobes are in phase (`isacbench.dsp.fitting.pursuit.sidelobe_energy`).
+
+    Parameters
+    ----------
+    scatterers : LocatedScatterers
+        With the powers of a joint fit.
+    gated : GatedMap
+    system : System
+    dynamic_range_db : float
+        Scatterers further below that sum are left out.
+
+    Returns
+    -------
+    LocatedScatterers
+    """
+    bursts = gated.doppler_kernel(system.n_symbols)
+    along_u, along_w = scatterers.u * gated.aperture.n_p / 2, scatterers.w * gated.aperture.n_q / 2
+    places = np.stack([scatterers.range_bin, scatterers.doppler_bin, along_u, along_w], axis=1)
+    shown = sidelobe_energy(places, places, scatterers.power, bursts, OTHER_RANGE_BINS)
+    return scatterers.select(scatterers.power > shown * 10 ** (-dynamic_range_db / 10))
 
 
 def explain_map(

@@ -339,7 +339,11 @@ def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floa
 
 
 def sidelobe_energy(
-    places: Floats, others: Floats, energy: Floats, bursts: SymbolBursts = UNGAPPED
+    places: Floats,
+    others: Floats,
+    energy: Floats,
+    bursts: SymbolBursts = UNGAPPED,
+    least_range: float = 0.0,
 ) -> Floats:
     """Most that echoes at other places show of their sidelobes, all in phase.
 
@@ -350,12 +354,21 @@ def sidelobe_energy(
     others : ndarray of float64, shape (m, 4)
     energy : ndarray of float64, shape (m,)
         Of the echoes at the other places.
+    bursts : SymbolBursts
+        Symbols that are sensed with.
+    least_range : float
+        Distance along range below which an echo does not count.
 
     Returns
     -------
     ndarray of float64, shape (n,)
     """
-    amplitude = sidelobe_envelope(places[:, None, :] - others, bursts) @ np.sqrt(energy)
+    if len(places) > (most := MOST_PAIRS // max(len(others), 1)):
+        parts = np.split(places, range(most, len(places), most))
+        return np.concatenate([sidelobe_energy(part, others, energy, bursts, least_range) for part in parts])
+    distance = places[:, None, :] - others
+    envelope = np.where(np.abs(distance[..., 0]) >= least_range, sidelobe_envelope(distance, bursts), 0)
+    amplitude: Floats = envelope @ np.sqrt(energy)
     return amplitude**2
 
 

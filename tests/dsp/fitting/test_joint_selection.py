@@ -1,5 +1,7 @@
 """Joint selection and refinement: sidelobes explained, families kept together, places between the bins."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +13,8 @@ from isacbench.dsp.fitting.joint_selection import (
     FEW,
     LOADING,
     MAX_SHIFT_BINS,
+    OTHER_RANGE_BINS,
+    clear_of_misfit,
     explain_map,
     refine_jointly,
     select_jointly,
@@ -231,6 +235,21 @@ def test_beside_a_strong_neighbour_the_dynamic_range_decides(dynamic_range_db, n
     apart[1, 0] = 35.0
     found = select_jointly(scatterers(apart), gated_map(apart), SYSTEM, MIN_POWER, dynamic_range_db)
     assert len(found) == 2
+
+
+@pytest.mark.parametrize(("dynamic_range_db", "n_kept"), [(8.0, 2), (10.0, 3)])
+def test_below_the_sidelobes_of_those_in_other_ranges_the_dynamic_range_decides(dynamic_range_db, n_kept):
+    # Two of amplitude 1 show 2/(4π) four bins farther, 0.16: a scatterer there of 0.055 is 9.2 dB weaker.
+    rows = np.array([[32.0, 0, 0, 0.1, 1.0], [32.0, 0, 0, 0.1, 1.0], [36.0, 0, 0, 0.1, 0.055]])
+    gated = gated_map(rows)
+    seen = dataclasses.replace(scatterers(rows), power=rows[:, 4] ** 2)
+    assert len(clear_of_misfit(seen, gated, SYSTEM, dynamic_range_db)) == n_kept
+    seen.range_bin[2] = 32 + OTHER_RANGE_BINS - 0.1
+    assert len(clear_of_misfit(seen, gated, SYSTEM, dynamic_range_db)) == 3
+
+
+def test_nothing_is_clear_of_the_misfit_of_nothing():
+    assert len(clear_of_misfit(LocatedScatterers.empty(), gated_map(TRUE), SYSTEM, 16.0)) == 0
 
 
 def test_what_is_weaker_than_noise_may_be_is_not_selected():

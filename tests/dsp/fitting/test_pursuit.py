@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from isacbench.dsp.fitting import pursuit
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import (
@@ -16,6 +17,7 @@ from isacbench.dsp.fitting.pursuit import (
     descending,
     noise_maximum,
     redundant,
+    sidelobe_energy,
     sidelobe_envelope,
     split_gains,
     strongest_around,
@@ -268,6 +270,20 @@ def test_two_atoms_that_nearly_cancel_hardly_count_as_neighbours():
     places = PLACE + np.array([[0, 0, 0, 0], [0.1, 0, 0, 0]])
     _, fit = fitted(places, [5.0, -5.0], noise=0.0)
     assert strongest_around(PLACE + np.array([[0, 1, 0, 0]]), fit)[0] < 0.01 * fit.power.min()
+
+
+def test_sidelobes_of_many_places_are_summed_in_parts_of_bounded_size(monkeypatch):
+    rng = np.random.default_rng(0)
+    places, energy = rng.uniform(-9, 9, (50, N_COORDINATES)), rng.uniform(0, 1, 50)
+    whole = sidelobe_energy(places, places, energy, least_range=3.0)
+    monkeypatch.setattr(pursuit, "MOST_PAIRS", 150)
+    np.testing.assert_allclose(sidelobe_energy(places, places, energy, least_range=3.0), whole, rtol=1e-12)
+    amplitude = sum(
+        np.sqrt(energy[k]) * sidelobe_envelope(places[7] - places[k])
+        for k in range(50)
+        if abs(places[7, 0] - places[k, 0]) >= 3
+    )
+    assert whole[7] == pytest.approx(amplitude**2)
 
 
 def test_two_bins_apart_is_near_however_it_is_rounded():
