@@ -27,7 +27,7 @@ def compared(made_run):
     """Return a function that compares a made-up run with a changed one."""
 
     def make(change=lambda records: None, tolerances=(), **options):
-        records, manifest = made_run(**options)
+        records, manifest = made_run(**{"estimators": ("blob", "nomp4d"), **options})
         changed = records.copy()
         change(changed)
         new = RunTable("new", changed, copy.deepcopy(manifest))
@@ -37,7 +37,7 @@ def compared(made_run):
 
 
 def worse_at_10_db(records):
-    chosen = (records["estimator"] == "music2d") & (records["snr_db"] == 10)
+    chosen = (records["estimator"] == "nomp4d") & (records["snr_db"] == 10)
     records.loc[chosen, "deviation"] *= 1.3
 
 
@@ -47,10 +47,10 @@ def failing(records):
 
 def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
     curves, points = comparison_grids(compared(worse_at_10_db, trials=12))
-    assert [row[0] for row in curves.rows] == ["street, fft4d", "street, music2d"]
+    assert [row[0] for row in curves.rows] == ["street, blob", "street, nomp4d"]
     (row,) = points.rows
     assert dict(zip(points.header, row, strict=True)) | {"p": "", "95 % interval": ""} == {
-        "curve": "street, music2d",
+        "curve": "street, nomp4d",
         "SNR [dB]": "10",
         "trials": "12",
         "base": row[3],
@@ -101,7 +101,7 @@ def test_of_many_curves_the_worst_are_shown_and_the_others_counted(compared):
 def test_failures_missing_and_repaired_cells_are_counted_and_the_first_named(compared):
     (line,) = comparison_lines(compared(failing))
     assert line.startswith(
-        "5 cells failed in the new run alone: fft4d on street at -20 dB, trial 0 (timeout: TimeoutError: 9 s)"
+        "5 cells failed in the new run alone: blob on street at -20 dB, trial 0 (timeout: TimeoutError: 9 s)"
     )
     assert line.endswith("; ...")
 
@@ -109,8 +109,8 @@ def test_failures_missing_and_repaired_cells_are_counted_and_the_first_named(com
         records.loc[0, "trial"] = 99
 
     assert comparison_lines(compared(renumber)) == [
-        "1 cell missing in the new run: fft4d on street at -20 dB, trial 0",
-        "1 cell missing in the base: fft4d on street at -20 dB, trial 99",
+        "1 cell missing in the new run: blob on street at -20 dB, trial 0",
+        "1 cell missing in the base: blob on street at -20 dB, trial 99",
     ]
 
 
@@ -145,13 +145,13 @@ def ringed(axes):
 def test_a_panel_has_both_curves_and_a_ring_where_they_part(compared):
     figure = draw_changes(compared(worse_at_10_db, trials=12), "deviation")
     calm, worse = figure.axes
-    assert worse.get_title().startswith("street, music2d\nwhole curve: regression (+")
+    assert worse.get_title().startswith("street, nomp4d\nwhole curve: regression (+")
     assert [line.get_xdata().tolist() for line in worse.lines[:2]] == [[-20, -5, 10]] * 2
     base, new = (np.asarray(line.get_ydata()) for line in worse.lines[:2])
     np.testing.assert_allclose(new / base, [1, 1, 1.3])
     assert ringed(worse) == [[10]]
     assert ringed(calm) == []
-    assert calm.get_title() == "street, fft4d\nwhole curve: same"
+    assert calm.get_title() == "street, blob\nwhole curve: same"
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "base: 0.1.0 (0123456789)",
         "new: 0.1.0 (0123456789)",
@@ -160,15 +160,15 @@ def test_a_panel_has_both_curves_and_a_ring_where_they_part(compared):
 
 
 def test_a_panel_of_a_pair_is_headed_by_both_and_of_two_estimators_the_legend_names_them(made_run):
-    records, manifest = made_run(trials=12)
+    records, manifest = made_run(trials=12, estimators=("blob", "nomp4d"))
     run = RunTable("run", records, manifest)
-    partners = {("fft4d", "{}"): ("music2d", "{}")}
+    partners = {("blob", "{}"): ("nomp4d", "{}")}
     (axes,) = draw_changes(compare_tables(run, run, partners=partners), "deviation").axes
-    assert axes.get_title().startswith("street, fft4d\n→ music2d\nwhole curve: regression (+")
+    assert axes.get_title().startswith("street, blob\n→ nomp4d\nwhole curve: regression (+")
     figure = draw_changes(compare_tables(run, run, partners=partners, is_between=True), "deviation")
     assert figure.axes[0].get_title().startswith("street\nwhole curve: worse (+")
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["A: fft4d", "B: music2d", "worse"]
+    assert labels == ["A: blob", "B: nomp4d", "worse"]
 
 
 def test_the_axis_holds_all_means_and_does_not_blow_up_what_hardly_varies(compared):
@@ -188,7 +188,7 @@ def test_fewer_than_five_pairs_have_no_band_and_the_title_says_so(compared):
 
 
 def test_of_many_curves_those_with_a_regression_are_drawn_and_titles_do_not_overlap(compared):
-    names = [f"music2d_with_a_{'very_' * 9}long_name_{n:02d}" for n in range(30)]
+    names = [f"nomp4d_with_a_{'very_' * 9}long_name_{n:02d}" for n in range(30)]
 
     def change(records):
         chosen = (records["estimator"] == names[-1]) & (records["snr_db"] == 10)

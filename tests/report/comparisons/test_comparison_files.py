@@ -22,19 +22,19 @@ def compared(made_run):
     """Return a function that compares a made-up run with a changed one."""
 
     def make(change=lambda records: None, is_between=False, **options):
-        records, manifest = made_run(trials=12, **options)
+        records, manifest = made_run(**{"trials": 12, "estimators": ("blob", "nomp4d"), **options})
         changed = records.copy()
         change(changed)
         base, new = RunTable("base", records, manifest), RunTable("new", changed, copy.deepcopy(manifest))
         if is_between:
-            return compare_tables(new, new, partners={("fft4d", "{}"): ("music2d", "{}")}, is_between=True)
+            return compare_tables(new, new, partners={("blob", "{}"): ("nomp4d", "{}")}, is_between=True)
         return compare_tables(base, new)
 
     return make
 
 
 def worse_at_10_db(records):
-    chosen = (records["estimator"] == "music2d") & (records["snr_db"] == 10)
+    chosen = (records["estimator"] == "nomp4d") & (records["snr_db"] == 10)
     records.loc[chosen, "deviation"] *= 1.5
     records.loc[:1, ["status", "reason"]] = ["error", "ValueError: no"]
 
@@ -54,18 +54,18 @@ def cases(text):
 def test_a_case_is_a_curve_a_changed_point_or_lost_cells_and_fails_where_it_is_worse(compared):
     found = cases(comparison_junit(compared(worse_at_10_db)))
     suite = "deviation=5%: street"
-    point = found.pop(f"{suite}: music2d, at 10 dB")
+    point = found.pop(f"{suite}: nomp4d, at 10 dB")
     assert point[0] == "failure"
     assert point[1].startswith("regression; base 8.403, new 12.6, change +50 %, 95 % interval +50 to +50 %")
-    assert found.pop(f"{suite}: music2d, whole curve")[0] == "failure"
+    assert found.pop(f"{suite}: nomp4d, whole curve")[0] == "failure"
     tag, message = found.pop("cells: no cells failed in the new run alone")
     assert tag == "failure"
     assert message.startswith(
-        "2 cells failed in the new run alone: fft4d on street at -20 dB, trial 0 (error: ValueError: no)"
+        "2 cells failed in the new run alone: blob on street at -20 dB, trial 0 (error: ValueError: no)"
     )
     assert found == dict.fromkeys(
         [
-            f"{suite}: fft4d, whole curve",
+            f"{suite}: blob, whole curve",
             "cells: no cells missing in the new run",
             "cells: no scores missing in the new run",
         ]
@@ -85,9 +85,9 @@ def test_of_two_estimators_cases_and_tables_say_worse_and_better(compared):
     curve = cases(comparison_junit(found))["deviation=5%: street: whole curve"]
     assert curve[1].startswith("worse; A ")
     text = comparison_markdown(found)
-    assert text.startswith("### isacbench compare: music2d is worse than fft4d\n")
+    assert text.startswith("### isacbench compare: nomp4d is worse than blob\n")
     assert "| curve | trials | A | B |" in text
-    assert "\n- A fft4d\n- B music2d\n" in text
+    assert "\n- A blob\n- B nomp4d\n" in text
     assert "regression" not in text + comparison_junit(found)
 
 
@@ -95,7 +95,7 @@ def test_any_text_makes_valid_xml_and_harmless_markdown(compared):
     def change(records):
         records.loc[0, ["status", "reason"]] = ["error", HOSTILE]
 
-    found = compared(change, scenarios=(HOSTILE,), estimators=("music2d", HOSTILE))
+    found = compared(change, scenarios=(HOSTILE,), estimators=("nomp4d", HOSTILE))
     xml, text = comparison_junit(found), comparison_markdown(found)
     assert any(r"<b>&\x00\x1b[31m" in name for name in cases(xml))
     halved = f"{HOSTILE}\ud800"
@@ -113,7 +113,7 @@ def test_markdown_begins_with_the_verdict_and_has_tables_cells_and_notes(compare
     assert lines[2].startswith("of 2 curves ")
     assert "- new new: isacbench 0.1.0 (0123456789)" in [" ".join(line.split()) for line in lines]
     assert "**deviation=5%: points that changed**" in lines
-    assert lines[-1].startswith("- 2 cells failed in the new run alone: fft4d on street at -20 dB")
+    assert lines[-1].startswith("- 2 cells failed in the new run alone: blob on street at -20 dB")
 
 
 def test_markdown_fits_into_a_comment_and_says_that_something_is_left_out(compared):

@@ -11,15 +11,13 @@ from isacbench.report.tables.run_tables import TERMINAL_WIDTH, rich_table
 @pytest.fixture
 def records(population_rows):
     """Two families, two estimators and two references."""
-    rows = population_rows(
-        families=["town", "crowd", "sparse"], fft4d=4.0, music2d=3.0, oracle=2.0, chance=9.0
-    )
+    rows = population_rows(families=["town", "crowd", "sparse"], blob=4.0, nomp4d=3.0, oracle=2.0, chance=9.0)
     return rows
 
 
 def part(higher=(), **scores):
-    """Rows of a summary in which all is equal but what is given for fft4d, music2d, esprit2d and chance."""
-    names = ["fft4d", "music2d", "esprit2d", "chance"]
+    """Rows of a summary in which all is equal but what is given for blob, nomp4d, esprit2d and chance."""
+    names = ["blob", "nomp4d", "esprit2d", "chance"]
     low = ["ratio_median", "hausdorff_sum_m_mean", "gospa_m_mean", "density_mean", "deviation_mean"]
     high = ["precision_mean", "recall_mean", "share_clean_mean", "share_resolved_mean", "share_met_mean"]
     table = pd.DataFrame({"estimator": names, "sees_truth": [False, False, False, True]})
@@ -88,16 +86,16 @@ def test_what_is_printed_is_short_and_fits_a_terminal_and_details_are_for_the_fi
 def test_references_stand_below_the_estimators_with_their_names(records):
     grid, ratios, *_ = population_grids(records)
     names = [row[0] for row in grid.rows]
-    assert names[:2] == ["fft4d", "music2d"]
+    assert names[:2] == ["blob", "nomp4d"]
     assert set(names[2:]) >= {"oracle (ref.)"}
     assert grid.rows[1][1:3] == ["1.50", "3.00 ±0.00"]
     assert ratios.header == ["estimator", "town", "crowd"]
-    assert ratios.rows[0] == ["fft4d", "2.00 (2.00-2.00)", "2.00 (2.00-2.00)"]
+    assert ratios.rows[0] == ["blob", "2.00 (2.00-2.00)", "2.00 (2.00-2.00)"]
 
 
 def test_a_title_says_how_many_scenes_there_are_and_whether_they_are_enough_for_a_band(population_rows):
     for n, band in ((4, "4 scenes, no confidence band below 5"), (5, "5 scenes, 95 % confidence band")):
-        grid = population_grids(population_rows(["town"], n_scenes=n, fft4d=1.0))[0]
+        grid = population_grids(population_rows(["town"], n_scenes=n, blob=1.0))[0]
         assert grid.title == f"All scenes, mean over 0, 10 dB: {band}"
 
 
@@ -117,5 +115,5 @@ def test_a_population_that_was_interrupted_has_tables_of_what_there_is(records):
 
 
 def test_failed_cells_are_told(records):
-    records.loc[(records["estimator"] == "fft4d") & (records["family"] == "town"), "status"] = "timeout"
+    records.loc[(records["estimator"] == "blob") & (records["family"] == "town"), "status"] = "timeout"
     assert "(16 failed)" in population_grids(records)[0].rows[0][1]
