@@ -139,7 +139,7 @@ NO_MOVES = _Moves(NO_PLACES, np.empty(0, dtype=np.int64), NO_PLACES, NO_PLACES)
 
 
 @dataclass
-class _Pursuit:
+class Pursuit:
     """State of a pursuit; places are in Rayleigh cells.
 
     Attributes
@@ -220,6 +220,20 @@ class _Pursuit:
                 self.fit = settle_atoms(atom_map, fit, FINISHING_STEPS)
                 self.places = self.fit.places
 
+    @property
+    def explains_all(self) -> bool:
+        """True if what the atoms leave is noise: no beam shows more than noise does."""
+        rest = self.residual()
+        return bool((rest.real**2 + rest.imag**2).max(initial=0) < self.highest_noise)
+
+    def to_cloud(self) -> PointCloud:
+        """Points at the places of the atoms, with their powers."""
+        fit, observation = self.fit, self.observation
+        if fit is None:
+            return PointCloud.empty()
+        with stage("peaks"):
+            return atoms_as_cloud(observation, self.space.atom_map, fit, self.unit)
+
     def remember(self, moves: _Moves, n_before: int) -> None:
         """Note the moves of a round that failed."""
         is_pair = became_pairs(moves.centres, self.places)
@@ -286,6 +300,20 @@ class Nomp4d:
         -------
         PointCloud
         """
+        return self.pursue(observation).to_cloud()
+
+    def pursue(self, observation: Observation) -> Pursuit:
+        """Explain one observation by atoms.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        Pursuit
+            At its end.
+        """
         pursuit = _begin(observation, self.pfa)  # 2D-FFT, beams towards the region, noise outside its speeds
         for _ in range(self.max_rounds):
             residual = pursuit.residual()
@@ -293,15 +321,15 @@ class Nomp4d:
             if not moves.number:
                 break
             n_sought = len(pursuit.places) + moves.number
-            self._pursue(pursuit, residual, moves)  # joint Newton steps, pruning
+            self._round(pursuit, residual, moves)  # joint Newton steps, pruning
             if n_sought >= self.max_scatterers:
                 break
         for _ in range(LAST_ROUNDS):
-            self._pursue(pursuit, pursuit.residual(), NO_MOVES)
+            self._round(pursuit, pursuit.residual(), NO_MOVES)
         pursuit.finish()
-        return _to_cloud(pursuit)
+        return pursuit
 
-    def _moves(self, pursuit: _Pursuit, residual: Complex) -> _Moves:
+    def _moves(self, pursuit: Pursuit, residual: Complex) -> _Moves:
         """Choose the best moves, one per neighbourhood, without those that failed before."""
         with stage("peaks"):
             new_places, new_gain = self._new_atoms(pursuit, residual)
@@ -314,7 +342,7 @@ class Nomp4d:
             split = chosen[~is_new[chosen]] - len(new_places)
             return _Moves(places[chosen[is_new[chosen]]], split, pursuit.places[split], offsets[split])
 
-    def _new_atoms(self, pursuit: _Pursuit, residual: Complex) -> tuple[Floats, Floats]:
+    def _new_atoms(self, pursuit: Pursuit, residual: Complex) -> tuple[Floats, Floats]:
         """Places (n, 4) and gains (n,) of new atoms: peaks of the residual that are not sidelobes."""
         bursts = pursuit.space.atom_map.bursts
         places, gain = pursuit.space.peaks(residual, pursuit.threshold)
@@ -328,7 +356,7 @@ class Nomp4d:
         clear = clear_of_sidelobes(places, gain, candidates, left, bursts)
         return places[clear], gain[clear]
 
-    def _pursue(self, pursuit: _Pursuit, residual: Complex, moves: _Moves) -> None:
+    def _round(self, pursuit: Pursuit, residual: Complex, moves: _Moves) -> None:
         """Make the moves of a round (possibly none), settle all atoms, and remember the moves that failed."""
         with stage("refinement"):
             n_before = len(pursuit.places)
@@ -338,7 +366,7 @@ class Nomp4d:
                 self._settle(pursuit)
             pursuit.remember(moves, n_before)
 
-    def _settle(self, pursuit: _Pursuit) -> None:
+    def _settle(self, pursuit: Pursuit) -> None:
         """Move all atoms, each within its box, and drop weak and redundant ones."""
         atom_map = pursuit.space.atom_map
         if not atom_map.bursts.is_whole_frame:
@@ -365,7 +393,7 @@ class Nomp4d:
         return strongest * 10 ** (-self.local_dynamic_range_db / 10)
 
 
-def _begin(observation: Observation, pfa: float) -> _Pursuit:
+def _begin(observation: Observation, pfa: float) -> Pursuit:
     """Read the range-Doppler map, form its beams, measure the noise, and derive the levels from it."""
     with stage("rdm"):
         cells, unit = in_unit(observation.cells)
@@ -376,12 +404,12 @@ def _begin(observation: Observation, pfa: float) -> _Pursuit:
     with stage("detection"):
         noise = white_noise(gated)
     threshold = noise * np.log(space.n_independent / pfa)
-    return _Pursuit(
+    return Pursuit(
         observation, space, unit, noise, threshold, noise * noise_maximum(space.n_independent, pfa)
     )
 
 
-def _splits(pursuit: _Pursuit, residual: Complex) -> tuple[Floats, Floats]:
+def _splits(pursuit: Pursuit, residual: Complex) -> tuple[Floats, Floats]:
     """Offsets (n, 4) of the two parts of each atom, and the energy (n,) that each split gains."""
     space, fit = pursuit.space, pursuit.fit
     if fit is None:
@@ -391,14 +419,23 @@ def _splits(pursuit: _Pursuit, residual: Complex) -> tuple[Floats, Floats]:
     return offsets, np.where(are_near(fit.places, pursuit.unsplit, TABOO_CELLS), 0, gain)
 
 
-def _to_cloud(pursuit: _Pursuit) -> PointCloud:
-    """Points at the places of the atoms, with their powers."""
-    fit, observation = pursuit.fit, pursuit.observation
-    if fit is None:
-        return PointCloud.empty()
-    with stage("peaks"):
-        range_bin, doppler_bin, u, w = (fit.places * pursuit.space.atom_map.cell_size).T
-        gain = prod(observation.array.shape) * observation.system.processing_gain
-        # Unit by unit: its square may overflow where the power does not.
-        unit_power = fit.power / gain * pursuit.unit * pursuit.unit
-        return observation.cloud(range_bin, doppler_bin, u, w, unit_power)
+def atoms_as_cloud(observation: Observation, atom_map: AtomMap, fit: AtomFit, unit: float) -> PointCloud:
+    """Points at the places of atoms, with their powers.
+
+    Parameters
+    ----------
+    observation : Observation
+    atom_map : AtomMap
+        Of the observation.
+    fit : AtomFit
+    unit : float
+        Amplitude in the observation that is 1 in the map.
+
+    Returns
+    -------
+    PointCloud
+    """
+    range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
+    gain = prod(observation.array.shape) * observation.system.processing_gain
+    # Unit by unit: its square may overflow where the power does not.
+    return observation.cloud(range_bin, doppler_bin, u, w, fit.power / gain * unit * unit)

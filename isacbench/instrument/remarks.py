@@ -19,19 +19,27 @@ from typing import Literal, NamedTuple, Self, get_args
 
 from isacbench.errors import unknown_name
 
-Remark = Literal["unseparated"]
+Remark = Literal["unseparated", "crowded", "unexplained"]
 """Known remarks.
 
 unseparated
     Subspaces that rounding decides about: at the order asked for, signal and
     noise are not separated (`isacbench.dsp.angles.eigenpairs`).
     Directions come from the dimensions that are determined, if any.
+crowded
+    Atoms beyond the largest number that an estimator fits together: the weakest
+    ones, left out.
+unexplained
+    Maps of whose energy an estimator's model leaves a large share: the image is
+    made in another way, which the estimator's page names.
 """
 
 REMARKS: tuple[Remark, ...] = get_args(Remark)
 
 _SENTENCES: dict[Remark, str] = {
-    "unseparated": "subspaces: signal and noise not separated, no direction taken from them"
+    "unseparated": "subspaces: signal and noise not separated, no direction taken from them",
+    "crowded": "atoms: beyond the limit of those fitted together, left out",
+    "unexplained": "maps: not explained by atoms, imaged in another way",
 }
 
 _current: ContextVar[Remarks | None] = ContextVar("current", default=None)

@@ -125,14 +125,33 @@ class Observation(Displayed):
         PointCloud
             Points at most 0.5 m outside the region.
         """
-        system, range_limits_m = self.system, self.region.range_limits_m(self.base_station_m)
-        range_m = _unfolded(range_bin, range_limits_m, system.range_bin_m, system.n_subcarriers)
+        system = self.system
+        xyz = self.positions_m(range_bin, u, w)
         velocity = _unfolded(doppler_bin, self.region.speed_mps, system.velocity_bin_mps, system.n_symbols)
-        # Down to half a bin below 0 a range is an estimation error; further below it is impossible.
-        ahead = range_m >= -system.range_bin_m / 2
-        xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), u, w)
-        keep = ahead & self.region.contains(xyz, REGION_TOLERANCE_M)
+        keep = self.region.contains(xyz, REGION_TOLERANCE_M)
         return PointCloud(xyz[keep], velocity[keep], np.asarray(power, dtype=np.float64)[keep])
+
+    def positions_m(self, range_bin: ArrayLike, u: ArrayLike, w: ArrayLike) -> NDArray[np.float64]:
+        """Place ranges and directions in space.
+
+        Parameters
+        ----------
+        range_bin : array_like, shape (n,)
+            As in `cloud`.
+        u, w : array_like, shape (n,)
+            Direction cosines.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 3)
+            In metres; NaN where no echo can come from: outside the visible
+            region, and at ranges below 0 by more than an error of estimation.
+        """
+        system, limits_m = self.system, self.region.range_limits_m(self.base_station_m)
+        range_m = _unfolded(range_bin, limits_m, system.range_bin_m, system.n_subcarriers)
+        xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), u, w)
+        xyz[range_m < -system.range_bin_m / 2] = np.nan
+        return xyz
 
 
 def _samples(

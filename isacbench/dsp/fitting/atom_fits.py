@@ -86,8 +86,8 @@ class AtomFit:
     products : tuple of LineProducts
         Of the atoms with each other.
     gram : ndarray of float64, shape (n, n)
-        Products of the atoms, loaded by their rounding, so that two atoms that
-        coincide share their amplitude.
+        Products of the atoms, loaded by the ridge of the fit and by their
+        rounding, so that two atoms that coincide share their amplitude.
     periods : ndarray of float64, shape (4,)
         Rayleigh cells after which an atom is the same (`AtomMap.periods`).
     """
@@ -223,7 +223,7 @@ class AtomFit:
         return np.linalg.inv(loaded) * scale[:, None] * scale
 
 
-def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
+def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0) -> AtomFit:
     """Fit the amplitudes of atoms, and prepare a step of their places.
 
     Parameters
@@ -231,16 +231,22 @@ def fit_atoms(atom_map: AtomMap, places: Floats) -> AtomFit:
     atom_map : AtomMap
     places : ndarray of float64, shape (n, 4)
         In Rayleigh cells, n at least 1.
+    ridge : float
+        Weight of the energies |amplitude|² against that of the misfit. Above 0
+        atoms that nearly coincide share an amplitude instead of cancelling.
 
     Returns
     -------
     AtomFit
+        Its energy is what the atoms explain, less that of the ridge.
     """
     lines = atom_map.lines(places)
-    return _fit(atom_map, places, lines, atom_map.correlate(lines))
+    return _fit(atom_map, places, lines, atom_map.correlate(lines), ridge)
 
 
-def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats) -> AtomFit:
+def refit_atoms(
+    atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, ridge: float = 0.0
+) -> AtomFit:
     """Fit some of the atoms of another fit; only atoms that have moved are correlated anew.
 
     Parameters
@@ -252,6 +258,8 @@ def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats) -> 
         Atoms that stay, one at least.
     places : ndarray of float64, shape (n, 4)
         Present places.
+    ridge : float
+        As in `fit_atoms`.
 
     Returns
     -------
@@ -262,13 +270,15 @@ def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats) -> 
     if moved.any():
         fresh = atom_map.correlate(atom_map.lines(places[keep][moved]))
         known.value[moved], known.slope[moved] = fresh.value, fresh.slope
-    return _fit(atom_map, places[keep], atom_map.lines(places[keep]), known)
+    return _fit(atom_map, places[keep], atom_map.lines(places[keep]), known, ridge)
 
 
-def _fit(atom_map: AtomMap, places: Floats, lines: Lines, correlations: Correlations) -> AtomFit:
+def _fit(
+    atom_map: AtomMap, places: Floats, lines: Lines, correlations: Correlations, ridge: float
+) -> AtomFit:
     products = atom_map.products(lines)
     gram = product_matrix(products, None, None)
-    gram[np.diag_indices(len(gram))] += ROUNDING
+    gram[np.diag_indices(len(gram))] += ROUNDING + ridge
     target = np.stack([correlations.value.real, correlations.value.imag], axis=1)
     amplitude: Complex = np.linalg.solve(gram, target) @ np.array([1, 1j])
     energy = float((correlations.value.conj() @ amplitude).real)

@@ -1,0 +1,231 @@
+"""Sparse Bayesian learning in range, velocity, u and w: first on grids, then of atoms off any grid.
+
+Echoes of an object are closer than the radio resolves, and in phase they add up
+to a smooth field with most of its energy at the object's edges. The strongest
+place of a field is then the place of nothing. Learning instead starts from all
+places at once, and lets them compete for the field: what is left is close to
+the scatterers, or to centroids of a few, wherever noise allows to tell.
+
+1. A short pursuit (`nomp4d`) tries to explain the map by few atoms. If it leaves
+   noise alone, its atoms are the image: lone scatterers, at the Cramér-Rao bound.
+2. First atoms, from range-Doppler tiles of the tapered map
+   (`isacbench.dsp.sparse_bayes.first_atoms`): Doppler spectra, the static layer,
+   moving echoes with Doppler as a coordinate, angular sectors.
+3. All atoms settle together off the grid under a falling ridge, and those that
+   stand for the misfit of others are dropped (`ridge_steps`).
+4. The residual is learned in the same way without a taper along range: objects
+   whose echoes are in phase have their energy at the edge of the band, which a
+   taper removes.
+5. All atoms, and copies of them to all sides, are learned again, block by block
+   of range bins (`range_blocks`), and settle again.
+
+If a large share of the map's energy is left, atoms are no model of it: a remark
+says so, and the image is that of `esprit2d`.
+
+References
+----------
+Tipping, "Sparse Bayesian learning and the relevance vector machine", J. Machine
+Learning Research 1 (2001).
+Wipf and Rao, "An empirical Bayesian strategy for solving the simultaneous sparse
+approximation problem", IEEE Trans. SP 55 (2007).
+Stoica and Babu, "SPICE and LIKES: two hyperparameter-free methods for sparse-
+parameter estimation", Signal Processing 92 (2012).
+Golub and Pereyra, "The differentiation of pseudo-inverses and nonlinear least
+squares problems whose variables separate", SIAM J. Numer. Anal. 10 (1973).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from isacbench.dsp.array_types import Complex, Floats
+from isacbench.dsp.cell_detection import white_noise
+from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms
+from isacbench.dsp.fitting.atoms import AtomMap
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.dsp.scaling import in_unit
+from isacbench.dsp.sparse_bayes.first_atoms import SAME_PLACE, first_atoms
+from isacbench.dsp.sparse_bayes.range_blocks import Atoms, relearn
+from isacbench.dsp.sparse_bayes.reach import Reach
+from isacbench.dsp.sparse_bayes.ridge_steps import settle
+from isacbench.dsp.sparse_bayes.tapers import BinTaper
+from isacbench.dsp.sparse_bayes.tiles import DirectionGrid
+from isacbench.errors import require
+from isacbench.instrument.remarks import remark
+from isacbench.instrument.stages import stage
+from isacbench.model.cloud import PointCloud
+from isacbench.model.observation import Observation
+from isacbench.plugins.contracts import Needs
+
+from .esprit2d import Esprit2d
+from .nomp4d import Nomp4d, atoms_as_cloud
+
+LEAST_NOISE = 1e-12
+"""Least noise power over the map's strongest cell: without noise the misfit of the grids decides."""
+
+FIRST_RIDGE = 1e-2
+"""Ridge on the amplitudes of atoms that have not settled."""
+
+MOST_UNEXPLAINED = 0.1
+"""Share of the map's energy above noise from which atoms are no model of it."""
+
+NOISE_DEVIATIONS = 6.0
+"""Standard deviations by which a cell's mean power exceeds that of noise if it holds echoes."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """A map, and what is known of its echoes.
+
+    Attributes
+    ----------
+    observation : Observation
+    atom_map : AtomMap
+    unit : float
+        Amplitude in the observation that is 1 in the map.
+    noise : float
+        Noise power of an element.
+    reach : Reach
+    grid : DirectionGrid
+    """
+
+    observation: Observation
+    atom_map: AtomMap
+    unit: float
+    noise: float
+    reach: Reach
+    grid: DirectionGrid
+
+
+@dataclass(frozen=True)
+class Sbl4d:
+    """Sparse Bayesian learning with joint Newton steps in range, velocity, u and w.
+
+    Attributes
+    ----------
+    lone_scatterers : int
+        Largest number of scatterers that the pursuit may explain a map with; 0
+        leaves the pursuit out.
+    max_scatterers : int
+        Largest number of atoms that settle together, the strongest first. Time
+        grows with the cube of it, memory with the square. A remark says where
+        it acts.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> from isacbench import load_scenario, observe
+    >>> cloud = Sbl4d().estimate(observe(load_scenario("street"), snr_db=10))
+    >>> 150 < len(cloud) < 350
+    True
+    """
+
+    name: ClassVar[str] = "sbl4d"
+    needs: ClassVar[Needs] = Needs(integration=None)
+
+    lone_scatterers: int = 20
+    max_scatterers: int = 700
+
+    def __post_init__(self) -> None:
+        require(self.lone_scatterers >= 0, "lone_scatterers", self.lone_scatterers, "0 and more")
+        require(self.max_scatterers >= 1, "max_scatterers", self.max_scatterers, "1 and more")
+
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        PointCloud
+        """
+        if self.lone_scatterers:
+            pursuit = Nomp4d(max_scatterers=self.lone_scatterers).pursue(observation)
+            if pursuit.explains_all:
+                return pursuit.to_cloud()
+        scene = _read(observation)
+        fit = self._first_image(scene)
+        fit = None if fit is None else self._second_image(scene, fit)
+        return self._checked(scene, fit)
+
+    def _first_image(self, scene: _Scene) -> AtomFit | None:
+        """Learn the tapered map, and let its atoms settle."""
+        with stage("spectrum"):
+            taper = BinTaper.hann(scene.atom_map.range_bins)
+            places, strength = first_atoms(scene.atom_map, scene.reach, scene.grid, scene.noise, taper)
+        return self._settled(scene, self._strongest(places, strength))
+
+    def _second_image(self, scene: _Scene, fit: AtomFit) -> AtomFit | None:
+        """Learn the residual, then all atoms block by block, and let them settle again."""
+        atom_map = scene.atom_map
+        with stage("spectrum"):
+            rest = atom_map.without(atom_map.lines(fit.places), fit.amplitude)
+            taper = BinTaper.none(atom_map.range_bins)
+            places, strength = first_atoms(rest, scene.reach, scene.grid, scene.noise, taper)
+            distance = np.abs(places[:, None] - fit.places)
+            is_new = ~np.all(distance <= SAME_PLACE, axis=2).any(axis=1)
+            found = np.concatenate([fit.places, places[is_new]])
+            found = self._strongest(found, np.concatenate([np.abs(fit.amplitude), strength[is_new]]))
+        with stage("refinement"):
+            loaded = fit_atoms(atom_map, found, FIRST_RIDGE)
+            atoms = relearn(Atoms.of(atom_map, found, loaded.amplitude), scene.reach, scene.noise)
+        return self._settled(scene, self._strongest(atoms.places, np.abs(atoms.amplitude)))
+
+    def _settled(self, scene: _Scene, places: Floats) -> AtomFit | None:
+        if not len(places):
+            return None
+        with stage("refinement"):
+            return settle(scene.atom_map, scene.reach, places, scene.noise)
+
+    def _strongest(self, places: Floats, strength: Floats) -> Floats:
+        """Places of as many atoms as may settle together, the strongest ones."""
+        remark("crowded", max(len(places) - self.max_scatterers, 0), len(places))
+        chosen = np.argsort(-strength, kind="stable")[: self.max_scatterers]
+        return places[np.sort(chosen)]
+
+    def _checked(self, scene: _Scene, fit: AtomFit | None) -> PointCloud:
+        """The atoms as an image, or that of `esprit2d` where they leave too much of the map."""
+        atom_map = scene.atom_map
+        rest = atom_map if fit is None else atom_map.without(atom_map.lines(fit.places), fit.amplitude)
+        shown = _energy_above_noise(atom_map.cells, scene.noise)
+        fails = _energy_above_noise(rest.cells, scene.noise) > MOST_UNEXPLAINED * shown
+        remark("unexplained", int(fails), 1)
+        if fails:
+            return Esprit2d().estimate(scene.observation)
+        if fit is None:
+            return PointCloud.empty()
+        with stage("peaks"):
+            return atoms_as_cloud(scene.observation, atom_map, fit, scene.unit)
+
+
+def _read(observation: Observation) -> _Scene:
+    """Read the range-Doppler map, measure its noise, and sample the directions of the region."""
+    with stage("rdm"):
+        cells, unit = in_unit(observation.cells)
+        gated = GatedMap.of(observation, cells)
+        atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
+    with stage("detection"):
+        noise = max(white_noise(gated), LEAST_NOISE * _largest_power(atom_map.cells))
+    reach = Reach.of(observation, atom_map)
+    return _Scene(observation, atom_map, unit, noise, reach, DirectionGrid.of(atom_map, reach))
+
+
+def _energy_above_noise(cells: Complex, noise: float) -> float:
+    """Energy of the range-Doppler cells that show more than noise, less its own."""
+    n_elements = cells.shape[2] * cells.shape[3]
+    power = np.mean(cells.real**2 + cells.imag**2, axis=(2, 3))
+    excess = power - noise * (1 + NOISE_DEVIATIONS / np.sqrt(n_elements))
+    return float(excess[excess > 0].sum())
+
+
+def _largest_power(cells: Complex) -> float:
+    return float((cells.real**2 + cells.imag**2).max())

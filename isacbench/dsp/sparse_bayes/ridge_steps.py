@@ -1,0 +1,170 @@
+"""Joint steps of all atoms off the grid, under a ridge on their amplitudes that falls.
+
+Learned atoms are many, and near each other: least squares would let them cancel
+and drive them apart. A ridge keeps their amplitudes small, and makes the fit of
+the places well posed; as it falls the places become those of least squares.
+After each step atoms that are weak beside their neighbours, or beside the
+sidelobes of all others, are dropped.
+
+References
+----------
+Golub and Pereyra, "The differentiation of pseudo-inverses and nonlinear least
+squares problems whose variables separate", SIAM J. Numer. Anal. 10 (1973).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms, refit_atoms
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
+from isacbench.dsp.fitting.pursuit import sidelobe_energy
+from isacbench.dsp.sparse_bayes.gathering import strongest_near
+from isacbench.dsp.sparse_bayes.reach import Reach
+
+RIDGES = 1e-2, 1e-3, 1e-3, 1e-4, 1e-4
+"""Ridge of each step."""
+
+WEIGHING_RIDGE = 1e-3
+"""Least ridge of the amplitudes by which atoms are compared: with less, two that cancel look strong."""
+
+FIRST_DAMPING, LEAST_DAMPING = 0.1, 1e-4
+"""Levenberg-Marquardt damping, relative to the information of lone atoms."""
+
+LONGEST_STEP_CELLS = 0.25
+"""Longest step along a coordinate."""
+
+BOX_CELLS = 0.5
+"""Largest distance from the first place along each coordinate."""
+
+LOCAL_RANGE_DB = 16.0
+"""Range below the strongest atom nearby in which others are no misfit of it."""
+
+NEAR_BINS = 2.0, 2.0
+"""Range and Doppler bins that count as nearby."""
+
+FAR_RANGE_DB = 22.0
+"""Range below the sidelobes of all atoms in other ranges, in phase, in which others are no misfit of them."""
+
+FAR_BINS = 3.0
+"""Distance along range from which an atom is in another range."""
+
+REGION_TOLERANCE_M = 0.5
+"""Largest distance outside the region."""
+
+LEAST_POWER = 20.0
+"""Least power over noise at the end."""
+
+MOST_ROUNDS = 3
+"""Rounds of dropping atoms at the end."""
+
+
+def settle(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> AtomFit | None:
+    """Move atoms to where they explain the map best, and drop those that stand for its misfit.
+
+    Parameters
+    ----------
+    atom_map : AtomMap
+    reach : Reach
+        Where echoes can come from.
+    places : ndarray of float64, shape (n, 4)
+        First places in Rayleigh cells, n at least 1.
+    noise : float
+        Noise power.
+
+    Returns
+    -------
+    AtomFit or None
+        None if no atom stands out.
+    """
+    fit, damping = fit_atoms(atom_map, places, RIDGES[0]), FIRST_DAMPING
+    keep = standing_out(fit, atom_map, reach, RIDGES[0])
+    if not keep.any():
+        return None
+    fit = refit_atoms(atom_map, fit, keep, fit.places, RIDGES[0])
+    origins = fit.places
+    for ridge in RIDGES:
+        every = np.ones(len(fit), dtype=np.bool_)
+        fit = refit_atoms(atom_map, fit, every, fit.places, ridge)
+        moved = np.clip(fit.places + damped_step(fit, damping), origins - BOX_CELLS, origins + BOX_CELLS)
+        tried = fit_atoms(atom_map, moved, ridge)
+        if tried.energy >= fit.energy:
+            fit, damping = tried, max(damping / 3, LEAST_DAMPING)
+        else:
+            damping *= 5
+        keep = standing_out(fit, atom_map, reach, ridge)
+        if not keep.any():
+            return None
+        fit, origins = refit_atoms(atom_map, fit, keep, fit.places, ridge), origins[keep]
+    for _ in range(MOST_ROUNDS):
+        keep = standing_out(fit, atom_map, reach, RIDGES[-1], LEAST_POWER * noise)
+        if keep.all():
+            break
+        if not keep.any():
+            return None
+        fit = refit_atoms(atom_map, fit, keep, fit.places, RIDGES[-1])
+    return fit
+
+
+def standing_out(
+    fit: AtomFit, atom_map: AtomMap, reach: Reach, ridge: float, least_power: float = 0.0
+) -> Mask:
+    """Tell which atoms lie in the region and are no misfit of others.
+
+    Parameters
+    ----------
+    fit : AtomFit
+    atom_map : AtomMap
+    reach : Reach
+    ridge : float
+        Of the fit.
+    least_power : float
+        Least power of an atom.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    size = np.abs(_weighed(fit, ridge))
+    power = size**2
+    far = sidelobe_energy(fit.places, fit.places, power, atom_map.bursts, FAR_BINS)
+    keep: Mask = reach.contains(fit.places, REGION_TOLERANCE_M) & (power >= least_power)
+    keep &= size > strongest_near(fit.places, size, NEAR_BINS) * 10 ** (-LOCAL_RANGE_DB / 20)
+    return keep & (power > far * 10 ** (-FAR_RANGE_DB / 10))
+
+
+def _weighed(fit: AtomFit, ridge: float) -> Complex:
+    """Amplitudes by which atoms are compared."""
+    if ridge >= WEIGHING_RIDGE:
+        return fit.amplitude
+    loaded = fit.gram + (WEIGHING_RIDGE - ridge) * np.eye(len(fit))
+    matched = np.stack([fit.correlations.value.real, fit.correlations.value.imag], axis=1)
+    amplitude: Complex = cho_solve(cho_factor(loaded), matched) @ np.array([1, 1j])
+    return amplitude
+
+
+def damped_step(fit: AtomFit, damping: float) -> Floats:
+    """Gauss-Newton step of all places, damped by the information that lone atoms would have.
+
+    In a crowd the others explain most of what an atom's move would: its own
+    information is small, and a share of it no bound.
+
+    Parameters
+    ----------
+    fit : AtomFit
+        Of n atoms.
+    damping : float
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 4)
+        In Rayleigh cells, at most `LONGEST_STEP_CELLS` along each coordinate.
+    """
+    diagonal = fit.information.diagonal()
+    load = damping * (diagonal + np.tile(fit.power, N_COORDINATES)) + 1e-12 * diagonal.max()
+    step = cho_solve(cho_factor(fit.information + np.diag(load)), fit.score).reshape(N_COORDINATES, -1).T
+    longest = np.abs(step).max(axis=1, keepdims=True)
+    limited: Floats = step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
+    return limited

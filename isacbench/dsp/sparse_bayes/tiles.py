@@ -1,0 +1,299 @@
+"""Tiles of a map: windows in range and Doppler whose echoes are learned on a joint grid.
+
+A tile holds the echoes of a few range bins and of a few Doppler lines. Its grid
+has all places in its window and in the angular sectors that its cells show;
+margins on all sides take up the echoes of its neighbours, and are thrown away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.dsp.fitting.atoms import AtomMap
+from isacbench.dsp.sparse_bayes.gathering import gather, strongest_near
+from isacbench.dsp.sparse_bayes.learning import Noise, learn_directions, learn_grid, matched
+from isacbench.dsp.sparse_bayes.reach import Reach
+
+DIRECTION_STEP = 0.1
+"""Largest step of the directions of the grid in Rayleigh cells."""
+
+LEAST_DIRECTIONS = 24
+"""Least directions along u and w each: a narrow region is sampled more finely."""
+
+SECTOR_STRIDE = 2
+"""Directions of the fine grid for one of the sectors' grid."""
+
+SECTOR_STEPS = 4
+"""Learning steps of the sectors."""
+
+SECTOR_DIMENSION = 1e-2
+"""Singular value, relative to the largest, of array dimensions that sectors are learned in."""
+
+RANGE_STEP_BINS = 0.29
+"""Step of the grid along range."""
+
+RANGE_BEYOND_BINS = 1.0
+"""Part of the grid beyond the first and the last range bin of a tile."""
+
+GRID_STEPS = 8
+"""Learning steps of a tile."""
+
+MISFIT_DB = 45.0
+"""Noise floor below the mean power of a tile, for what a grid cannot model."""
+
+MOST_DIMENSIONS = 450
+"""Data of a tile: time grows with the cube of it. Above, weak dimensions are left out."""
+
+FIRST_SHARE = 0.1
+"""First powers, over those of a matched filter, which counts each echo on many places."""
+
+LEAST_ENERGY = 1e-3
+"""Least energy of an atom over the largest in the matched filter: those at the rim barely show in the tile."""
+
+GRID_RANGE_DB = 35.0
+"""Range below the strongest amplitude in which grid atoms are gathered."""
+
+DYNAMIC_RANGE_DB = 20.0
+"""Range below the strongest atom within two range bins in which others are kept."""
+
+NEAR_BINS = 2.0, np.inf
+"""Range and Doppler bins that count as near within a tile."""
+
+GATHER_BOX = np.array([0.2, 0.2, 0.27, 0.2])
+"""Half widths in Rayleigh cells of what one scatterer is spread over."""
+
+CORE_BINS = 0.5
+"""Distance below the first range bin from which atoms belong to a core."""
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionGrid:
+    """Directions of a region and their steering vectors, and the array dimensions that hold them.
+
+    Attributes
+    ----------
+    u, w : ndarray of float64, shapes (n_u,) and (n_w,)
+        In Rayleigh cells.
+    along_u, along_w : ndarray of float64
+        Real steering vectors (n, size) in the bases of an `AtomMap`.
+    """
+
+    u: Floats
+    w: Floats
+    along_u: Floats
+    along_w: Floats
+
+    @classmethod
+    def of(cls, atom_map: AtomMap, reach: Reach) -> DirectionGrid:
+        """Sample the directions of a region.
+
+        Parameters
+        ----------
+        atom_map : AtomMap
+        reach : Reach
+
+        Returns
+        -------
+        DirectionGrid
+        """
+        u, w = (
+            np.linspace(*limits, max(int(np.ceil((limits[1] - limits[0]) / DIRECTION_STEP)) + 1, LEAST_DIRECTIONS))
+            for limits in reach.direction_limits
+        )
+        return cls(u, w, atom_map.line(u, 2).value, atom_map.line(w, 3).value)
+
+    def sectors(self, cells: Complex, noise: Floats) -> Floats:
+        """Learn which directions single cells show.
+
+        Parameters
+        ----------
+        cells : ndarray of complex128, shape (n, size_u, size_w)
+        noise : ndarray of float64, shape (n,)
+            Noise powers of their elements.
+
+        Returns
+        -------
+        ndarray of float64
+            Powers (n, n_u, n_w) on every `SECTOR_STRIDE`-th direction.
+        """
+        into_u, into_w = (strong_dimensions(each, SECTOR_DIMENSION) for each in (self.along_u, self.along_w))
+        dictionaries = self.along_u[::SECTOR_STRIDE] @ into_u, self.along_w[::SECTOR_STRIDE] @ into_w
+        return learn_directions(dictionaries, into_u.T @ cells @ into_w, noise, SECTOR_STEPS)
+
+    def grown(self, active: Mask, margin: float, is_box: bool) -> Mask:
+        """Turn active directions of the sectors' grid into a mask of the fine grid, with a margin.
+
+        Parameters
+        ----------
+        active : ndarray of bool
+            On every `SECTOR_STRIDE`-th direction.
+        margin : float
+            Rayleigh cells.
+        is_box : bool
+            Take the whole box around all active directions' rows and columns.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_u, n_w)
+        """
+        if is_box:
+            active = active.any(axis=1)[:, None] & active.any(axis=0)
+        fine = np.zeros((self.u.size, self.w.size), dtype=np.bool_)
+        fine[::SECTOR_STRIDE, ::SECTOR_STRIDE] = active
+        reach = [int(np.ceil(margin / max(axis[1] - axis[0], margin / axis.size))) for axis in (self.u, self.w)]
+        grown: Mask = binary_dilation(fine, np.ones([2 * n + 1 for n in reach], dtype=np.bool_))
+        return grown
+
+
+def strong_dimensions(dictionary: Floats, least: float) -> Floats:
+    """Orthonormal basis of the dimensions in which a dictionary has strength.
+
+    Parameters
+    ----------
+    dictionary : ndarray of float64, shape (n_atoms, n)
+    least : float
+        Singular value, relative to the largest, from which a dimension counts.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, m)
+    """
+    _, strength, directions = np.linalg.svd(dictionary, full_matrices=False)
+    basis: Floats = directions[strength > least * strength[0]].T
+    return basis
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """A window of a map.
+
+    Attributes
+    ----------
+    cells : ndarray of complex128, shape (r, d, size_u, size_w)
+        Tapered rows.
+    range_bins : ndarray of float64, shape (r,)
+        Bins of the rows.
+    along_range : ndarray of float64, shape (n_bins, r)
+        Taper of the rows, from the bins of the map.
+    range_noise, doppler_noise : ndarray of float64, shapes (r, r) and (d, d)
+        Covariances of unit noise.
+    doppler_bins : ndarray of float64, shape (v,)
+        Places of the grid along Doppler.
+    along_doppler : ndarray of float64, shape (v, d)
+        Echoes of these lines in the tile.
+    directions : ndarray of bool, shape (n_u, n_w)
+        Sectors, of a `DirectionGrid`.
+    noise : float
+        Noise power.
+    """
+
+    cells: Complex
+    range_bins: Floats
+    along_range: Floats
+    range_noise: Floats
+    doppler_bins: Floats
+    along_doppler: Floats
+    doppler_noise: Floats
+    directions: Mask
+    noise: float
+
+
+def learn_tile(
+    tile: Tile, atom_map: AtomMap, grid: DirectionGrid, reach: Reach, least_dimension: float
+) -> tuple[Floats, Floats]:
+    """Learn the echoes of a tile.
+
+    Parameters
+    ----------
+    tile : Tile
+    atom_map : AtomMap
+    grid : DirectionGrid
+    reach : Reach
+        Where echoes can come from.
+    least_dimension : float
+        Singular value, relative to the largest, of dimensions that are kept.
+
+    Returns
+    -------
+    places : ndarray of float64, shape (n, 4)
+        In Rayleigh cells.
+    strength : ndarray of float64, shape (n,)
+        Amplitudes.
+    """
+    at_u, at_w = np.nonzero(tile.directions)
+    directions = (grid.along_u[at_u][:, :, None] * grid.along_w[at_w][:, None, :]).reshape(at_u.size, -1)
+    into_doppler, into_direction = _most_dimensions(tile, directions, least_dimension)
+    range_bins = np.arange(
+        tile.range_bins[0] - RANGE_BEYOND_BINS, tile.range_bins[-1] + RANGE_BEYOND_BINS + 0.01, RANGE_STEP_BINS
+    )
+    dictionaries = (
+        atom_map.line(range_bins, 0).value @ tile.along_range,
+        tile.along_doppler @ into_doppler,
+        directions @ into_direction,
+    )
+    allowed = _allowed(range_bins, grid.u[at_u], grid.w[at_w], reach)
+    if not allowed.any():
+        return np.empty((0, 4)), np.empty(0)
+    in_directions = tile.cells.reshape(*tile.cells.shape[:2], -1) @ into_direction
+    data = np.einsum("rdw,de->rew", in_directions, into_doppler)
+    mean_power = float(np.mean(data.real**2 + data.imag**2))
+    noise = Noise(
+        max(tile.noise, mean_power * 10 ** (-MISFIT_DB / 10)),
+        tile.range_noise + LEAST_ENERGY * np.eye(len(tile.range_noise)),
+        into_doppler.T @ tile.doppler_noise @ into_doppler,
+    )
+    first_power = _first_power(dictionaries, data) * allowed[:, None, :]
+    amplitude = learn_grid(dictionaries, data, noise, first_power, GRID_STEPS)
+    size = np.abs(amplitude)
+    at = np.nonzero(size > size.max() * 10 ** (-GRID_RANGE_DB / 20))
+    places = np.stack([range_bins[at[0]], tile.doppler_bins[at[1]], grid.u[at_u[at[2]]], grid.w[at_w[at[2]]]], axis=1)
+    return gather(places, amplitude[at], GATHER_BOX)
+
+
+def _most_dimensions(tile: Tile, directions: Floats, least: float) -> tuple[Floats, Floats]:
+    """Bases of the strong dimensions along Doppler and of the directions: as many as the tile may have."""
+    while True:
+        into_direction = strong_dimensions(directions, least)
+        into_doppler = (
+            strong_dimensions(tile.along_doppler, least) if tile.doppler_bins.size > 1 else np.eye(tile.cells.shape[1])
+        )
+        n_others = into_direction.shape[1] * into_doppler.shape[1]
+        if tile.range_bins.size * n_others <= MOST_DIMENSIONS or n_others == 1:
+            return into_doppler, into_direction
+        least *= 2
+
+
+def _allowed(range_bins: Floats, u: Floats, w: Floats, reach: Reach) -> Mask:
+    """Places (range, direction) of a grid from which echoes can come."""
+    n_range, n = range_bins.size, u.size
+    places = np.zeros((n_range, n, 4))
+    places[..., 0], places[..., 2], places[..., 3] = range_bins[:, None], u, w
+    return reach.contains(places.reshape(-1, 4)).reshape(n_range, n)
+
+
+def _first_power(dictionaries: tuple[Floats, Floats, Floats], data: Complex) -> Floats:
+    """Powers of a matched filter, but not of atoms that hardly show."""
+    along_range, along_doppler, along_direction = (np.sum(each**2, axis=1) for each in dictionaries)
+    # The directions are not tapered: steering vectors are of unit energy but for what is left out.
+    energy = np.multiply.outer(along_range, along_doppler)[:, :, None]
+    power: Floats = np.abs(matched(dictionaries, data)) ** 2
+    return FIRST_SHARE * power / np.maximum(energy, LEAST_ENERGY * energy.max()) ** 2
+
+
+def within_dynamic_range(places: Floats, strength: Floats) -> Mask:
+    """Tell which atoms of a tile are no misfit of stronger ones nearby.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+    strength : ndarray of float64, shape (n,)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    return strength > strongest_near(places, strength, NEAR_BINS) * 10 ** (-DYNAMIC_RANGE_DB / 20)
