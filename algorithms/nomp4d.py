@@ -224,7 +224,7 @@ class Pursuit:
     def explains_all(self) -> bool:
         """True if what the atoms leave is noise: no beam shows more than noise does."""
         rest = self.residual()
-        return bool((rest.real**2 + rest.imag**2).max(initial=0) < self.highest_noise)
+        return bool((rest.real**2 + rest.imag**2).max(initial=0) <= self.highest_noise)
 
     def to_cloud(self) -> PointCloud:
         """Points at the places of the atoms, with their powers."""

@@ -130,7 +130,7 @@ class Sbl4d:
     name: ClassVar[str] = "sbl4d"
     needs: ClassVar[Needs] = Needs(integration=None)
 
-    lone_scatterers: int = 20
+    lone_scatterers: int = 32
     max_scatterers: int = 700
 
     def __post_init__(self) -> None:
@@ -153,6 +153,8 @@ class Sbl4d:
             if pursuit.explains_all:
                 return pursuit.to_cloud()
         scene = _read(observation)
+        if not scene.noise:
+            return PointCloud.empty()  # all cells are 0
         fit = self._first_image(scene)
         fit = None if fit is None else self._second_image(scene, fit)
         return self._checked(scene, fit)

@@ -19,7 +19,7 @@ def test_the_image_of_a_street_does_not_depend_on_the_blas_kernel(scene, snr_db)
     drifts = {}
     for kernel, core_type in other_kernels().items():
         process = KernelProcess(core_type)
-        for name in ("fft4d", "music2d", "esprit2d", "music2d_joint", "nomp4d"):
+        for name in ("fft4d", "music2d", "esprit2d", "music2d_joint", "nomp4d", "sbl4d"):
             estimator = get_estimator(name)
             there = process.image(estimator, observation, scenario.truth)
             drifts[kernel, name] = cloud_drift(scenario, estimator.estimate(observation), there)

@@ -133,6 +133,7 @@ MARKED = {
     "music2d_joint": {*STAGES},
     "esprit2d": {*STAGES} - {"spectrum"},
     "nomp4d": CELLWISE,
+    "sbl4d": CELLWISE,
 }
 
 

@@ -26,7 +26,8 @@ FIRST_SHARE = 0.1
 """First powers, over those of a matched filter, which counts each echo on many places."""
 
 LEAST_SHARE = 1e-12
-"""Least first power over the largest: no place is ruled out at the start."""
+"""Least first power over the largest, so that no place is ruled out at the start, and least noise over the
+covariance, so that it can be inverted."""
 
 LEAST_INFORMATION = 1e-30
 """Least d^T C^-1 d of a line d."""
@@ -69,7 +70,7 @@ class DopplerSpectra:
         """
         kernels = self.kernels[interfering]
         covariance = (self.power[:, None, interfering] * kernels.T) @ kernels
-        covariance += self.noise[:, None, None] * np.eye(line.size)
+        covariance += _loading(covariance, self.noise)[:, None, None] * np.eye(line.size)
         weights = np.linalg.solve(covariance, np.broadcast_to(line[:, None], (len(covariance), line.size, 1)))
         filters: Floats = weights[..., 0] / (weights[..., 0] @ line)[:, None]
         return filters
@@ -111,9 +112,14 @@ def learn_doppler_spectra(
     diagonal = np.arange(n_doppler)
     for _ in range(n_steps):
         covariance = (power @ pairs)[:, full]
-        covariance[:, diagonal, diagonal] += noise[:, None]
+        covariance[:, diagonal, diagonal] += _loading(covariance, noise)[:, None]
         inverse = np.linalg.inv(covariance)
         seen = ((inverse @ sample @ inverse)[:, first, second] * count) @ pairs.T
         information = (inverse[:, first, second] * count) @ pairs.T
         power = power * np.sqrt(np.maximum(seen, 0) / np.maximum(information, LEAST_INFORMATION))
     return DopplerSpectra(doppler_bins, kernels, power, noise)
+
+
+def _loading(covariance: Floats, noise: Floats) -> Floats:
+    """Noise, but not below rounding: of data that are no lines powers grow without a bound."""
+    return np.maximum(noise, LEAST_SHARE * covariance.diagonal(axis1=1, axis2=2).max(axis=1))

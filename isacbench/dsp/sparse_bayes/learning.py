@@ -38,6 +38,9 @@ LEAST_INFORMATION = 1e-30
 LEAST_SEEN = 1e-12
 """The same relative to the noise in a fit of atoms."""
 
+ROUNDING = 1e-12
+"""Least noise over the covariance of the echoes: of cells that are no directions powers grow until rounding."""
+
 STEPS_A_VARIANCE = 2
 """Steps that share one s: it changes slowly, and takes the inverse of C, where q takes a solution."""
 
@@ -223,8 +226,13 @@ def learn_grid(
 
     Returns
     -------
-    ndarray of complex, shape (a, b, c)
+    ndarray of complex128, shape (a, b, c)
         Posterior means.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the covariance is not positive definite: with noise of power 0.
     """
     # A unit near the data's own keeps single precision from underflow.
     unit = float(np.sqrt(np.mean(data.real**2 + data.imag**2)))
@@ -235,7 +243,7 @@ def learn_grid(
         amplitude = _learn_grid(dictionaries, *start)
     if amplitude is None:
         raise np.linalg.LinAlgError("covariance of a tile is not positive definite")
-    return unit * amplitude
+    return unit * amplitude.astype(np.complex128)
 
 
 def _learn_grid(
@@ -243,11 +251,8 @@ def _learn_grid(
 ) -> Complex | None:
     """Learn in the precision of the dictionaries; None if C cannot be factored in it."""
     dtype = dictionaries[0].dtype
-    factor, solve, invert = (
-        (lapack.spotrf, lapack.spotrs, lapack.spotri)
-        if dtype == np.float32
-        else (lapack.dpotrf, lapack.dpotrs, lapack.dpotri)
-    )
+    is_single = dtype == np.float32
+    factor, solve = (lapack.spotrf, lapack.spotrs) if is_single else (lapack.dpotrf, lapack.dpotrs)
     dictionaries = tuple(np.ascontiguousarray(each) for each in dictionaries)
     model = GridModel(dictionaries, noise)
     power = power.astype(dtype)
@@ -260,19 +265,11 @@ def _learn_grid(
         seen = matched(dictionaries, (solution @ np.array([1, 1j], dtype=np.complex64)).reshape(data.shape))
         amplitude = power * seen
         if step % STEPS_A_VARIANCE == 0:
-            lower, _ = invert(cholesky, lower=1, overwrite_c=1)
-            information = model.information(_symmetric(lower))
+            # Not by potri: it is slower, and in single precision some kernels of OpenBLAS crash in it.
+            inverse, _ = solve(cholesky, np.eye(len(cholesky), dtype=dtype), lower=1)
+            information = model.information(inverse)
         power = np.abs(amplitude) / np.sqrt(np.maximum(information, LEAST_INFORMATION)).astype(dtype)
     return amplitude
-
-
-def _symmetric(lower: Floats) -> Floats:
-    """Matrix of a lower triangle."""
-    full = np.tril(lower)
-    diagonal = full.diagonal().copy()
-    full += full.T
-    np.fill_diagonal(full, diagonal)
-    return full
 
 
 def learn_directions(
@@ -302,7 +299,8 @@ def learn_directions(
     for _ in range(n_steps):
         covariance = (squares_u.T @ (power @ squares_w)).reshape(n, n_u, n_u, n_w, n_w)
         covariance = covariance.transpose(0, 1, 3, 2, 4).reshape(n, n_u * n_w, n_u * n_w)
-        inverse = np.linalg.inv(covariance + loading)
+        rounding = ROUNDING * np.trace(covariance, axis1=1, axis2=2)[:, None, None] * np.eye(n_u * n_w)
+        inverse = np.linalg.inv(covariance + np.maximum(loading, rounding))
         seen = along_u @ (inverse @ target).reshape(n, n_u, n_w) @ along_w.T
         pairs = inverse.reshape(n, n_u, n_w, n_u, n_w).transpose(0, 1, 3, 2, 4)
         information = squares_u @ pairs.reshape(n, n_u**2, n_w**2) @ squares_w.T

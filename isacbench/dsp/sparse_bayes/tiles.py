@@ -156,14 +156,15 @@ def strong_dimensions(dictionary: Floats, least: float) -> Floats:
     ----------
     dictionary : ndarray of float64, shape (n_atoms, n)
     least : float
-        Singular value, relative to the largest, from which a dimension counts.
+        Singular value, relative to the largest, from which a dimension counts, at most 1.
 
     Returns
     -------
     ndarray of float64, shape (n, m)
+        One dimension at least.
     """
     _, strength, directions = np.linalg.svd(dictionary, full_matrices=False)
-    basis: Floats = directions[strength > least * strength[0]].T
+    basis: Floats = directions[strength >= least * strength[0]].T
     return basis
 
 
@@ -262,9 +263,9 @@ def _most_dimensions(tile: Tile, directions: Floats, least: float) -> tuple[Floa
             strong_dimensions(tile.along_doppler, least) if tile.doppler_bins.size > 1 else np.eye(tile.cells.shape[1])
         )
         n_others = into_direction.shape[1] * into_doppler.shape[1]
-        if tile.range_bins.size * n_others <= MOST_DIMENSIONS or n_others == 1:
+        if tile.range_bins.size * n_others <= MOST_DIMENSIONS or least == 1:
             return into_doppler, into_direction
-        least *= 2
+        least = min(2 * least, 1.0)
 
 
 def _allowed(range_bins: Floats, u: Floats, w: Floats, reach: Reach) -> Mask:

@@ -20,7 +20,7 @@ from isacbench.model.numerology import System
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 
-ESTIMATORS = ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "oracle"]
+ESTIMATORS = ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d", "oracle"]
 SIGNALS = [
     Signal(sensing="prs"),
     Signal("16qam"),

@@ -58,7 +58,7 @@ def rayleigh_cells(scene, cloud):
     return cells.max(axis=0)
 
 
-@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d"])
+@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d"])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_scatterer_anywhere_is_one_point_at_its_own_speed(space, name, seed):
     rng = np.random.default_rng(seed)
@@ -69,7 +69,7 @@ def test_a_scatterer_anywhere_is_one_point_at_its_own_speed(space, name, seed):
     assert cloud.power[0] == pytest.approx(1, rel=0.1)
 
 
-@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d"])
+@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d"])
 def test_a_mover_at_another_place_is_kept_though_its_speed_is_that_of_a_lobe(space, name):
     places = np.array([[8.0, 5.0, 8.0], [24.0, 5.0, 24.0]])
     # As far from the array, and a lobe apart: only directions tell the two apart.
@@ -83,7 +83,7 @@ def test_a_mover_at_another_place_is_kept_though_its_speed_is_that_of_a_lobe(spa
 
 
 @pytest.mark.parametrize(
-    "name", ["music2d", *(pytest.param(name, marks=pytest.mark.slow) for name in ("esprit2d", "nomp4d"))]
+    "name", ["music2d", *(pytest.param(name, marks=pytest.mark.slow) for name in ("esprit2d", "nomp4d", "sbl4d"))]
 )
 def test_most_of_a_street_has_its_own_speeds(name):
     street = load_scenario("street")
@@ -125,7 +125,7 @@ def test_cells_of_the_gate_have_the_kernel_of_the_bursts(space):
     np.testing.assert_allclose(seen / seen[peak], kernel / kernel[peak], atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["music2d", "nomp4d"])
+@pytest.mark.parametrize("name", ["music2d", "nomp4d", "sbl4d"])
 def test_observations_tell_what_was_sensed_and_of_all_there_is_nothing_new(space, name):
     scene = holding(space, [[16.0, 5.0, 16.0], [20.0, 3.0, 9.0]], [3.3, -8.0])
     whole, plain = SignalSimulator(scene).observe(0.0), Simulator(scene).observe(0.0)
@@ -138,7 +138,7 @@ def test_observations_tell_what_was_sensed_and_of_all_there_is_nothing_new(space
     np.testing.assert_array_equal(estimator.estimate(whole).to_array(), estimator.estimate(plain).to_array())
 
 
-@pytest.mark.parametrize("name", ["music2d", "nomp4d"])
+@pytest.mark.parametrize("name", ["music2d", "nomp4d", "sbl4d"])
 @pytest.mark.parametrize("n_symbols", [199, 223, 226])
 def test_frames_of_any_length_have_one_point_a_scatterer(space, name, n_symbols):
     system = dataclasses.replace(space.system, n_symbols=n_symbols)
@@ -148,6 +148,6 @@ def test_frames_of_any_length_have_one_point_a_scatterer(space, name, n_symbols)
     assert rayleigh_cells(scene, cloud)[0] < 0.2
 
 
-@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d"])
+@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d"])
 def test_an_empty_space_has_an_empty_image(space, name):
     assert len(image(name, space)) == 0

@@ -1,0 +1,125 @@
+"""Sparse Bayesian learning on scenes: lone scatterers exactly, streets densely, and what it says where it fails."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.nomp4d import Nomp4d
+from isacbench_algorithms.sbl4d import Sbl4d
+
+from isacbench import load_scenario, observe, score
+from isacbench.errors import InputError
+from isacbench.instrument.remarks import Remarks
+from isacbench.model.array import VirtualArray
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+def hausdorff_sum_m(scenario, cloud):
+    scores = score(scenario.truth, cloud, region=scenario.region)
+    return sum(scores[f"hausdorff_{plane}_m"] for plane in ("xy", "xz", "yz"))
+
+
+@pytest.fixture(scope="module")
+def small_street():
+    """A street seen by a small array, of which a narrow part is imaged: quick, and still a crowd."""
+    street = load_scenario("street")
+    region = Region((10.0, 30.0), (15.0, 30.0), street.region.z_m, street.region.speed_mps)
+    inside = region.contains(street.scatterers.xyz)
+    scatterers = Scatterers(
+        *(getattr(street.scatterers, name)[inside] for name in ("xyz", "velocity", "amplitude", "phase_rad"))
+    )
+    array = VirtualArray((1, 1), (8, 8), 1, 1)
+    return replace(street, name="part", array=array, region=region, scatterers=scatterers)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_lone_scatterers_are_the_image_of_the_pursuit(seed):
+    scenario = load_scenario(f"sparse[seed={seed}]")
+    observation = observe(scenario, snr_db=10)
+    cloud = Sbl4d().estimate(observation)
+    np.testing.assert_array_equal(cloud.to_array(), Nomp4d().estimate(observation).to_array())
+    assert len(cloud) == len(scenario.truth)
+    assert hausdorff_sum_m(scenario, cloud) < 0.2
+
+
+def test_the_street_is_dense_and_without_ghosts():
+    scenario = load_scenario("street")
+    observation = observe(scenario, snr_db=10)
+    cloud = Sbl4d().estimate(observation)
+    scores = score(scenario.truth, cloud, region=scenario.region)
+    assert hausdorff_sum_m(scenario, cloud) < 0.9 * hausdorff_sum_m(scenario, Esprit2d().estimate(observation))
+    assert scores["precision"] > 0.95
+    assert scores["recall"] > 0.95
+    assert scores["density"] < 0.6
+    assert scores["velocity_nmse"] < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", ["town", "facade", "crowd", "weak", "street"])
+@pytest.mark.parametrize("frame", ["panel", "paper"])
+def test_scenes_of_all_families_are_imaged_better_than_by_esprit(family, frame):
+    gains = []
+    for seed in (21, 22):
+        scenario = load_scenario(f"{family}[seed={seed},frame={frame}]")
+        observation = observe(scenario, snr_db=10)
+        gains.append(
+            score(scenario.truth, Esprit2d().estimate(observation), region=scenario.region)["gospa_m"]
+            / score(scenario.truth, Sbl4d().estimate(observation), region=scenario.region)["gospa_m"]
+        )
+    assert np.mean(gains) > 1
+
+
+@pytest.mark.slow
+def test_the_coherent_street_has_few_ghosts():
+    scenario = load_scenario("street-coherent")
+    precision = [
+        score(scenario.truth, Sbl4d().estimate(observe(scenario, 10, trial)), region=scenario.region)["precision"]
+        for trial in range(3)
+    ]
+    assert np.mean(precision) >= 0.9
+
+
+def test_a_crowd_beyond_the_limit_is_imaged_by_its_strongest_atoms_and_said(small_street):
+    observation = observe(small_street, snr_db=10)
+    with Remarks() as remarks:
+        cloud = Sbl4d(lone_scatterers=0, max_scatterers=10).estimate(observation)
+    assert remarks.counts["crowded"].n > 0
+    assert 0 < len(cloud) <= 10
+
+
+def test_a_map_that_atoms_do_not_explain_is_imaged_by_esprit_and_said(small_street):
+    observation = observe(small_street, snr_db=10)
+    rng = np.random.default_rng(1)
+    # Every element and bin for itself: no echo looks so.
+    signs = rng.choice([-1.0, 1.0], observation.cells.shape)
+    scrambled = replace(observation, cells=observation.cells * signs)
+    with Remarks() as remarks:
+        cloud = Sbl4d().estimate(scrambled)
+    assert remarks.counts["unexplained"].n == 1
+    np.testing.assert_array_equal(cloud.to_array(), Esprit2d().estimate(scrambled).to_array())
+
+
+def test_a_map_that_atoms_explain_has_no_remark(small_street):
+    with Remarks() as remarks:
+        cloud = Sbl4d().estimate(observe(small_street, snr_db=10))
+    assert len(cloud) > 10
+    assert remarks.counts["unexplained"] == (0, 1)
+    assert not remarks.sentences()
+
+
+@pytest.mark.parametrize("shape", [(4, 4), (4, 9), (8, 5)])
+def test_small_arrays_are_imaged(shape, small_street):
+    scenario = replace(small_street, array=VirtualArray((1, 1), shape, 1, 1))
+    cloud = Sbl4d(lone_scatterers=0).estimate(observe(scenario, snr_db=20))
+    assert len(cloud) > 5
+    assert scenario.region.contains(cloud.xyz, tolerance_m=0.5).all()
+
+
+@pytest.mark.parametrize(("name", "value"), [("lone_scatterers", -1), ("max_scatterers", 0)])
+def test_parameters_out_of_range_are_refused(name, value):
+    with pytest.raises(InputError, match=name):
+        Sbl4d(**{name: value})

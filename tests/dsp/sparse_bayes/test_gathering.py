@@ -1,0 +1,53 @@
+"""Gathering of grid atoms."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isacbench.dsp.sparse_bayes.gathering import gather, strongest_near
+
+BOX = np.array([0.2, 0.3, 0.25, 0.2])
+
+
+def atoms(seed, n):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (n, 4)), rng.standard_normal(n) + 1j * rng.standard_normal(n)
+
+
+@given(st.integers(0, 10**6), st.integers(0, 40))
+def test_every_atom_is_gathered_once(seed, n):
+    places, amplitude = atoms(seed, n)
+    centres, strength = gather(places, np.abs(amplitude), BOX)
+    assert len(centres) == len(strength) <= n
+    np.testing.assert_allclose(strength.sum(), np.abs(amplitude).sum())
+
+
+@given(st.integers(0, 10**6), st.integers(1, 40))
+def test_gathering_does_not_depend_on_the_order(seed, n):
+    places, amplitude = atoms(seed, n)
+    order = np.random.default_rng(seed).permutation(n)
+    one, other = gather(places, amplitude, BOX), gather(places[order], amplitude[order], BOX)
+    for first, second in zip(one, other, strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-12)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 40))
+def test_the_strongest_nearby_is_found_as_by_a_plain_loop(seed, n):
+    places, amplitude = atoms(seed, n)
+    size = np.abs(amplitude)
+    expected = [
+        max(
+            size[other]
+            for other in range(n)
+            if abs(places[other, 0] - places[one, 0]) < 0.4 and abs(places[other, 1] - places[one, 1]) < 0.6
+        )
+        for one in range(n)
+    ]
+    np.testing.assert_array_equal(strongest_near(places, size, (0.4, 0.6)), expected)
+
+
+def test_amplitudes_that_cancel_leave_a_weak_atom():
+    places = np.zeros((2, 4))
+    places[1, 0] = 0.1
+    _, strength = gather(places, np.array([1.0, -1.0 + 0j]), BOX)
+    np.testing.assert_array_equal(strength, [0])
