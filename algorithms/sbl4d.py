@@ -131,7 +131,7 @@ class Sbl4d:
     needs: ClassVar[Needs] = Needs(integration=None)
 
     lone_scatterers: int = 32
-    max_scatterers: int = 700
+    max_scatterers: int = 500
 
     def __post_init__(self) -> None:
         require(self.lone_scatterers >= 0, "lone_scatterers", self.lone_scatterers, "0 and more")

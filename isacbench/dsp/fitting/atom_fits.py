@@ -244,9 +244,7 @@ def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0) -> AtomFit:
     return _fit(atom_map, places, lines, atom_map.correlate(lines), ridge)
 
 
-def refit_atoms(
-    atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, ridge: float = 0.0
-) -> AtomFit:
+def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, ridge: float = 0.0) -> AtomFit:
     """Fit some of the atoms of another fit; only atoms that have moved are correlated anew.
 
     Parameters

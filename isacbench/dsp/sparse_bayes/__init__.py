@@ -1,3 +1,12 @@
-"""Sparse Bayesian learning of echoes: powers of dictionaries of atoms, in tiles of a map and in range blocks."""
+"""Sparse Bayesian learning of echoes: in tiles of a map on grids, and in range blocks off them."""
 
-__all__ = ["doppler_spectra", "first_atoms", "gathering", "learning", "range_blocks", "ridge_steps", "tapers", "tiles"]
+__all__ = [
+    "doppler_spectra",
+    "first_atoms",
+    "gathering",
+    "learning",
+    "range_blocks",
+    "ridge_steps",
+    "tapers",
+    "tiles",
+]

@@ -97,7 +97,7 @@ def learn_doppler_spectra(
     -------
     DopplerSpectra
     """
-    n_range, n_doppler, n_elements = rows.shape
+    _, n_doppler, n_elements = rows.shape
     parts = np.ascontiguousarray(rows).view(np.float64)
     sample = parts @ parts.transpose(0, 2, 1) / n_elements
     # Products of two bins, each pair once: a matrix product takes the quadratic forms of all lines.
@@ -122,4 +122,5 @@ def learn_doppler_spectra(
 
 def _loading(covariance: Floats, noise: Floats) -> Floats:
     """Noise, but not below rounding: of data that are no lines powers grow without a bound."""
-    return np.maximum(noise, LEAST_SHARE * covariance.diagonal(axis1=1, axis2=2).max(axis=1))
+    loading: Floats = np.maximum(noise, LEAST_SHARE * covariance.diagonal(axis1=1, axis2=2).max(axis=1))
+    return loading

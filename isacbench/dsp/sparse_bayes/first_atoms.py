@@ -351,7 +351,11 @@ class _Movers:
         tile = rows.tile(
             window,
             cells,
-            (lines[used], rows.spectra.kernels[used] @ weights.T, weights @ weights.T + 1e-3 * np.eye(len(weights))),
+            (
+                lines[used],
+                rows.spectra.kernels[used] @ weights.T,
+                weights @ weights.T + 1e-3 * np.eye(len(weights)),
+            ),
             self._directions(cells),
             rows.noise,
         )

@@ -6,6 +6,10 @@ import numpy as np
 
 from isacbench.dsp.array_types import Complex, Floats
 
+PITCH = 2.0**-10
+"""Rayleigh cells to which centroids are rounded: single precision and few learning steps leave finer digits
+undetermined, and joint steps would magnify them."""
+
 
 def gather(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Floats, Floats]:
     """Unite neighbouring atoms: one off the grid is spread over several on it.
@@ -24,7 +28,8 @@ def gather(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Fl
     Returns
     -------
     places : ndarray of float64, shape (m, 4)
-        Centroids, weighted with |amplitude|; the strongest atom's first.
+        Centroids, weighted with |amplitude|, to a thousandth of a cell; the
+        strongest atom's first.
     strength : ndarray of float64, shape (m,)
         |sum of the amplitudes|.
 
@@ -45,7 +50,8 @@ def gather(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Fl
         centres.append(weight[near] @ places[near] / weight[near].sum())
         strengths.append(abs(amplitude[near].sum()))
         free &= ~near
-    return np.array(centres).reshape(-1, places.shape[1]), np.array(strengths)
+    centroids = np.array(centres).reshape(-1, places.shape[1])
+    return np.rint(centroids / PITCH) * PITCH, np.array(strengths)
 
 
 def strongest_near(places: Floats, amplitude: Floats, reach: tuple[float, float]) -> Floats:
@@ -67,4 +73,3 @@ def strongest_near(places: Floats, amplitude: Floats, reach: tuple[float, float]
     near = np.all(distance < reach, axis=2)
     strongest: Floats = np.where(near, amplitude, 0).max(axis=1, initial=0)
     return strongest
-

@@ -24,7 +24,7 @@ parameter estimation", Signal Processing 92 (2012): the update with the root.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ LEAST_SEEN = 1e-12
 """The same relative to the noise in a fit of atoms."""
 
 ROUNDING = 1e-12
-"""Least noise over the covariance of the echoes: of cells that are no directions powers grow until rounding."""
+"""Least noise over the covariance of echoes: of cells that are no directions powers grow until rounding."""
 
 STEPS_A_VARIANCE = 2
 """Steps that share one s: it changes slowly, and takes the inverse of C, where q takes a solution."""
@@ -66,7 +66,10 @@ class Noise(NamedTuple):
     along_doppler: Floats
 
 
-Dictionaries = tuple[Floats, Floats, Floats]
+Reals = NDArray[np.floating[Any]]
+"""Real numbers of either precision."""
+
+Dictionaries = tuple[Reals, Reals, Reals]
 """Factors of atoms along three axes of data (r, d, w): (a, r), (b, d) and (c, w)."""
 
 
@@ -101,22 +104,22 @@ class _Pairs(NamedTuple):
         i and j.
     """
 
-    values: Floats
+    values: Reals
     first: Integers
     second: Integers
 
     @classmethod
-    def of(cls, dictionary: Floats) -> _Pairs:
+    def of(cls, dictionary: Reals) -> _Pairs:
         first, second = np.tril_indices(dictionary.shape[1])
         return cls(dictionary[:, first] * dictionary[:, second], first, second)
 
     @property
-    def index(self) -> Integers:
+    def numbers(self) -> Integers:
         """Number of the pair of any two dimensions (n, n)."""
         n = int(self.first.max()) + 1
-        index = np.empty((n, n), dtype=np.int64)
-        index[self.first, self.second] = index[self.second, self.first] = np.arange(self.first.size)
-        return index
+        numbers = np.empty((n, n), dtype=np.int64)
+        numbers[self.first, self.second] = numbers[self.second, self.first] = np.arange(self.first.size)
+        return numbers
 
     @property
     def is_square(self) -> NDArray[np.bool_]:
@@ -142,7 +145,7 @@ class GridModel:
         self._n_pairs = tuple(each.first.size for each in pairs)
         shape = r, d, w = tuple(each.shape[1] for each in dictionaries)
         self._shape, self._size = shape, r * d * w
-        by_range, by_doppler, by_direction = (each.index for each in pairs)
+        by_range, by_doppler, by_direction = (each.numbers for each in pairs)
         position = by_range[:, None, None, :, None, None] * self._n_pairs[1]
         position = position + by_doppler[None, :, None, None, :, None]
         position = position * self._n_pairs[2] + by_direction[None, None, :, None, None, :]
@@ -154,7 +157,7 @@ class GridModel:
             np.multiply.outer(noise.power * along_range, along_doppler), white
         ).astype(dictionaries[0].dtype)
 
-    def covariance(self, power: Floats) -> Floats:
+    def covariance(self, power: Reals) -> Reals:
         """Covariance of the data.
 
         Parameters
@@ -172,7 +175,7 @@ class GridModel:
         pairs = self._range.values.T @ along.reshape(a, n_doppler * n_direction)
         return np.take(pairs.ravel() + self._noise.ravel(), self._position)
 
-    def information(self, inverse: Floats) -> Floats:
+    def information(self, inverse: Reals) -> Reals:
         """Compute a^T C^-1 a of all atoms.
 
         Parameters
@@ -197,11 +200,11 @@ class GridModel:
         pairs = by_doppler[:, :, self._direction.first, self._direction.second]
         pairs *= 2 * _once(self._direction)
         along = (self._range.values @ pairs.reshape(n_range, -1)).reshape(a, n_doppler, n_direction)
-        information: Floats = (self._doppler.values @ along).reshape(a * b, -1) @ self._direction.values.T
+        information: Reals = (self._doppler.values @ along).reshape(a * b, -1) @ self._direction.values.T
         return information.reshape(a, b, c)
 
 
-def _once(pairs: _Pairs) -> Floats:
+def _once(pairs: _Pairs) -> Reals:
     """Weights that count the square of a dimension once where a sum over both orders counts it twice."""
     return np.where(pairs.is_square, 0.5, 1.0).astype(pairs.values.dtype)
 
@@ -238,7 +241,8 @@ def learn_grid(
     unit = float(np.sqrt(np.mean(data.real**2 + data.imag**2)))
     noise = noise._replace(power=noise.power / unit / unit)
     start = data / unit, noise, first_power / unit / unit, n_steps
-    amplitude = _learn_grid(tuple(each.astype(np.float32) for each in dictionaries), *start)
+    along_range, along_doppler, along_direction = (each.astype(np.float32) for each in dictionaries)
+    amplitude = _learn_grid((along_range, along_doppler, along_direction), *start)
     if amplitude is None:
         amplitude = _learn_grid(dictionaries, *start)
     if amplitude is None:
@@ -247,13 +251,14 @@ def learn_grid(
 
 
 def _learn_grid(
-    dictionaries: Dictionaries, data: Complex, noise: Noise, power: Floats, n_steps: int
+    dictionaries: Dictionaries, data: Complex, noise: Noise, power: Reals, n_steps: int
 ) -> Complex | None:
     """Learn in the precision of the dictionaries; None if C cannot be factored in it."""
     dtype = dictionaries[0].dtype
     is_single = dtype == np.float32
     factor, solve = (lapack.spotrf, lapack.spotrs) if is_single else (lapack.dpotrf, lapack.dpotrs)
-    dictionaries = tuple(np.ascontiguousarray(each) for each in dictionaries)
+    along_range, along_doppler, along_direction = (np.ascontiguousarray(each) for each in dictionaries)
+    dictionaries = along_range, along_doppler, along_direction
     model = GridModel(dictionaries, noise)
     power = power.astype(dtype)
     target = np.stack([data.real.ravel(), data.imag.ravel()], axis=1).astype(dtype)

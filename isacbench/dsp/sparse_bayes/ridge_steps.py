@@ -23,6 +23,7 @@ from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import sidelobe_energy
 from isacbench.dsp.sparse_bayes.gathering import strongest_near
 from isacbench.dsp.sparse_bayes.reach import Reach
+from isacbench.dsp.stable_order import stepped
 
 RIDGES = 1e-2, 1e-3, 1e-3, 1e-4, 1e-4
 """Ridge of each step."""
@@ -45,7 +46,7 @@ LOCAL_RANGE_DB = 16.0
 NEAR_BINS = 2.0, 2.0
 """Range and Doppler bins that count as nearby."""
 
-FAR_RANGE_DB = 22.0
+FAR_RANGE_DB = 18.0
 """Range below the sidelobes of all atoms in other ranges, in phase, in which others are no misfit of them."""
 
 FAR_BINS = 3.0
@@ -88,7 +89,8 @@ def settle(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> Ato
     for ridge in RIDGES:
         every = np.ones(len(fit), dtype=np.bool_)
         fit = refit_atoms(atom_map, fit, every, fit.places, ridge)
-        moved = np.clip(fit.places + damped_step(fit, damping), origins - BOX_CELLS, origins + BOX_CELLS)
+        step = damped_step(fit, damping)
+        moved = np.clip(stepped(fit.places + step, step), origins - BOX_CELLS, origins + BOX_CELLS)
         tried = fit_atoms(atom_map, moved, ridge)
         if tried.energy >= fit.energy:
             fit, damping = tried, max(damping / 3, LEAST_DAMPING)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.dsp.array_types import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.sparse_bayes.gathering import gather, strongest_near
 from isacbench.dsp.sparse_bayes.learning import Noise, learn_directions, learn_grid, matched
@@ -48,14 +48,20 @@ MISFIT_DB = 45.0
 MOST_DIMENSIONS = 450
 """Data of a tile: time grows with the cube of it. Above, weak dimensions are left out."""
 
+MOST_ATOMS = 300_000
+"""Atoms of a tile's grid: time is proportional to it. Above, directions are left out evenly."""
+
 FIRST_SHARE = 0.1
 """First powers, over those of a matched filter, which counts each echo on many places."""
 
 LEAST_ENERGY = 1e-3
-"""Least energy of an atom over the largest in the matched filter: those at the rim barely show in the tile."""
+"""Least energy of an atom over the largest in the matched filter: those at the rim barely show."""
 
 GRID_RANGE_DB = 35.0
 """Range below the strongest amplitude in which grid atoms are gathered."""
+
+MOST_GATHERED = 2000
+"""Grid atoms that are gathered, the strongest first."""
 
 DYNAMIC_RANGE_DB = 20.0
 """Range below the strongest atom within two range bins in which others are kept."""
@@ -101,7 +107,9 @@ class DirectionGrid:
         DirectionGrid
         """
         u, w = (
-            np.linspace(*limits, max(int(np.ceil((limits[1] - limits[0]) / DIRECTION_STEP)) + 1, LEAST_DIRECTIONS))
+            np.linspace(
+                *limits, max(int(np.ceil((limits[1] - limits[0]) / DIRECTION_STEP)) + 1, LEAST_DIRECTIONS)
+            )
             for limits in reach.direction_limits
         )
         return cls(u, w, atom_map.line(u, 2).value, atom_map.line(w, 3).value)
@@ -141,10 +149,12 @@ class DirectionGrid:
         ndarray of bool, shape (n_u, n_w)
         """
         if is_box:
-            active = active.any(axis=1)[:, None] & active.any(axis=0)
+            active = np.logical_and.outer(active.any(axis=1), active.any(axis=0))
         fine = np.zeros((self.u.size, self.w.size), dtype=np.bool_)
         fine[::SECTOR_STRIDE, ::SECTOR_STRIDE] = active
-        reach = [int(np.ceil(margin / max(axis[1] - axis[0], margin / axis.size))) for axis in (self.u, self.w)]
+        reach = [
+            int(np.ceil(margin / max(axis[1] - axis[0], margin / axis.size))) for axis in (self.u, self.w)
+        ]
         grown: Mask = binary_dilation(fine, np.ones([2 * n + 1 for n in reach], dtype=np.bool_))
         return grown
 
@@ -225,12 +235,16 @@ def learn_tile(
     strength : ndarray of float64, shape (n,)
         Amplitudes.
     """
-    at_u, at_w = np.nonzero(tile.directions)
+    range_bins = np.arange(
+        tile.range_bins[0] - RANGE_BEYOND_BINS,
+        tile.range_bins[-1] + RANGE_BEYOND_BINS + 0.01,
+        RANGE_STEP_BINS,
+    )
+    at_u, at_w = np.nonzero(
+        _thinned(tile.directions, MOST_ATOMS // (range_bins.size * tile.doppler_bins.size))
+    )
     directions = (grid.along_u[at_u][:, :, None] * grid.along_w[at_w][:, None, :]).reshape(at_u.size, -1)
     into_doppler, into_direction = _most_dimensions(tile, directions, least_dimension)
-    range_bins = np.arange(
-        tile.range_bins[0] - RANGE_BEYOND_BINS, tile.range_bins[-1] + RANGE_BEYOND_BINS + 0.01, RANGE_STEP_BINS
-    )
     dictionaries = (
         atom_map.line(range_bins, 0).value @ tile.along_range,
         tile.along_doppler @ into_doppler,
@@ -250,9 +264,23 @@ def learn_tile(
     first_power = _first_power(dictionaries, data) * allowed[:, None, :]
     amplitude = learn_grid(dictionaries, data, noise, first_power, GRID_STEPS)
     size = np.abs(amplitude)
-    at = np.nonzero(size > size.max() * 10 ** (-GRID_RANGE_DB / 20))
-    places = np.stack([range_bins[at[0]], tile.doppler_bins[at[1]], grid.u[at_u[at[2]]], grid.w[at_w[at[2]]]], axis=1)
+    strongest = np.argsort(-size, axis=None, kind="stable")[:MOST_GATHERED]
+    strongest = strongest[size.ravel()[strongest] > size.max() * 10 ** (-GRID_RANGE_DB / 20)]
+    at = np.unravel_index(strongest, size.shape)
+    places = np.stack(
+        [range_bins[at[0]], tile.doppler_bins[at[1]], grid.u[at_u[at[2]]], grid.w[at_w[at[2]]]], axis=1
+    )
     return gather(places, amplitude[at], GATHER_BOX)
+
+
+def _thinned(directions: Mask, most: int) -> Mask:
+    """Every second direction along u and w, or every fourth, ..., until there are at most so many."""
+    stride, thinned = 1, directions
+    while np.count_nonzero(thinned) > max(most, 1):
+        stride *= 2
+        thinned = np.zeros_like(directions)
+        thinned[::stride, ::stride] = directions[::stride, ::stride]
+    return thinned if thinned.any() else directions
 
 
 def _most_dimensions(tile: Tile, directions: Floats, least: float) -> tuple[Floats, Floats]:
@@ -260,7 +288,9 @@ def _most_dimensions(tile: Tile, directions: Floats, least: float) -> tuple[Floa
     while True:
         into_direction = strong_dimensions(directions, least)
         into_doppler = (
-            strong_dimensions(tile.along_doppler, least) if tile.doppler_bins.size > 1 else np.eye(tile.cells.shape[1])
+            strong_dimensions(tile.along_doppler, least)
+            if tile.doppler_bins.size > 1
+            else np.eye(tile.cells.shape[1])
         )
         n_others = into_direction.shape[1] * into_doppler.shape[1]
         if tile.range_bins.size * n_others <= MOST_DIMENSIONS or least == 1:
@@ -278,11 +308,12 @@ def _allowed(range_bins: Floats, u: Floats, w: Floats, reach: Reach) -> Mask:
 
 def _first_power(dictionaries: tuple[Floats, Floats, Floats], data: Complex) -> Floats:
     """Powers of a matched filter, but not of atoms that hardly show."""
-    along_range, along_doppler, along_direction = (np.sum(each**2, axis=1) for each in dictionaries)
+    along_range, along_doppler, _ = (np.sum(each**2, axis=1) for each in dictionaries)
     # The directions are not tapered: steering vectors are of unit energy but for what is left out.
     energy = np.multiply.outer(along_range, along_doppler)[:, :, None]
     power: Floats = np.abs(matched(dictionaries, data)) ** 2
-    return FIRST_SHARE * power / np.maximum(energy, LEAST_ENERGY * energy.max()) ** 2
+    power *= FIRST_SHARE / np.maximum(energy, LEAST_ENERGY * energy.max()) ** 2
+    return power
 
 
 def within_dynamic_range(places: Floats, strength: Floats) -> Mask:

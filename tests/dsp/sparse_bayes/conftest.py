@@ -59,4 +59,6 @@ def middle(reach_and_map):
     """A place in the middle of the region, in Rayleigh cells."""
     reach, _ = reach_and_map
     (least_u, most_u), (least_w, most_w) = reach.direction_limits
-    return np.array([np.mean(reach.range_limits), 0.0, (least_u + most_u) / 2, (least_w + most_w) / 2]).round(1)
+    return np.array([np.mean(reach.range_limits), 0.0, (least_u + most_u) / 2, (least_w + most_w) / 2]).round(
+        1
+    )

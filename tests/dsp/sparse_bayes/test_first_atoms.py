@@ -9,7 +9,9 @@ from isacbench.dsp.sparse_bayes.tiles import DirectionGrid, strong_dimensions
 
 from .conftest import NOISE
 
-OFFSETS = np.array([[0, 0, 0, 0], [0.6, 0, 0.4, -0.3], [3.6, 0, -0.4, 0.2], [1.2, 2.3, 0.1, 0.3], [-3.0, -3.4, -0.2, 0.0]])
+OFFSETS = np.array(
+    [[0, 0, 0, 0], [0.6, 0, 0.4, -0.3], [3.6, 0, -0.4, 0.2], [1.2, 2.3, 0.1, 0.3], [-3.0, -3.4, -0.2, 0.0]]
+)
 
 
 def found(atom_map, reach, taper):

@@ -23,7 +23,10 @@ def test_atoms_settle_on_the_echoes(noisy_map, reach_and_map, middle, rng):
 
 def test_copies_of_an_atom_become_one(noisy_map, reach_and_map, middle):
     reach, _ = reach_and_map
-    atom_map, copies = noisy_map(middle[None], [1]), middle + 0.1 * np.array([[1, 0, 0, 0], [-1, 0, 1, 0], [0, 0, -1, 1]])
+    atom_map, copies = (
+        noisy_map(middle[None], [1]),
+        middle + 0.1 * np.array([[1, 0, 0, 0], [-1, 0, 1, 0], [0, 0, -1, 1]]),
+    )
     atoms = Atoms.of(atom_map, copies, fit_atoms(atom_map, copies, 1e-2).amplitude)
     fit = settle(atom_map, reach, relearn(atoms, reach, NOISE).places, NOISE)
     near = np.abs(fit.places - middle).max(axis=1) < 0.3

@@ -30,7 +30,9 @@ def correlated(n, rng):
 def every_atom(factors):
     """All atoms of a grid as rows (a b c, r d w), by a plain loop."""
     along_range, along_doppler, along_direction = factors
-    return np.array([np.kron(np.kron(x, y), z) for x in along_range for y in along_doppler for z in along_direction])
+    return np.array(
+        [np.kron(np.kron(x, y), z) for x in along_range for y in along_doppler for z in along_direction]
+    )
 
 
 def problem(shapes, seed):

@@ -83,7 +83,8 @@ def test_a_mover_at_another_place_is_kept_though_its_speed_is_that_of_a_lobe(spa
 
 
 @pytest.mark.parametrize(
-    "name", ["music2d", *(pytest.param(name, marks=pytest.mark.slow) for name in ("esprit2d", "nomp4d", "sbl4d"))]
+    "name",
+    ["music2d", *(pytest.param(name, marks=pytest.mark.slow) for name in ("esprit2d", "nomp4d", "sbl4d"))],
 )
 def test_most_of_a_street_has_its_own_speeds(name):
     street = load_scenario("street")
