@@ -14,6 +14,7 @@ __all__ = [
     "rangedoppler",
     "scaling",
     "scatterers",
+    "sparse_bayes",
     "stable_order",
     "windows",
 ]

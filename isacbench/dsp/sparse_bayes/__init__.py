@@ -6,6 +6,7 @@ __all__ = [
     "gathering",
     "learning",
     "range_blocks",
+    "reach",
     "ridge_steps",
     "tapers",
     "tiles",

@@ -26,7 +26,7 @@ from isacbench.dsp.sparse_bayes.doppler_spectra import DopplerSpectra, learn_dop
 from isacbench.dsp.sparse_bayes.gathering import gather
 from isacbench.dsp.sparse_bayes.reach import Reach
 from isacbench.dsp.sparse_bayes.tapers import BinTaper
-from isacbench.dsp.sparse_bayes.tiles import DirectionGrid, Tile, learn_tile, within_dynamic_range
+from isacbench.dsp.sparse_bayes.tiles import DirectionGrid, MapTile, learn_tile, within_dynamic_range
 
 LINE_STEP_BINS = 0.25
 """Step of the Doppler spectra."""
@@ -140,10 +140,10 @@ class _Rows:
         lines: tuple[Floats, Floats, Floats],
         directions: Mask,
         noise: float,
-    ) -> Tile:
+    ) -> MapTile:
         """Put a tile of some rows together; lines are places, echoes in its cells, and unit noise."""
         doppler_bins, along_doppler, doppler_noise = lines
-        return Tile(
+        return MapTile(
             cells,
             self.taper.bins[rows],
             self.taper.weights[rows].T,

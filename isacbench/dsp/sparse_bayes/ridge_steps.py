@@ -34,8 +34,8 @@ WEIGHING_RIDGE = 1e-3
 FIRST_DAMPING, LEAST_DAMPING = 0.1, 1e-4
 """Levenberg-Marquardt damping, relative to the information of lone atoms."""
 
-LONGEST_STEP_CELLS = 0.25
-"""Longest step along a coordinate."""
+LONGEST_STEP_CELLS = 0.24
+"""Longest step along a coordinate; no power of two, at which rounding would decide what `stepped` keeps."""
 
 BOX_CELLS = 0.5
 """Largest distance from the first place along each coordinate."""

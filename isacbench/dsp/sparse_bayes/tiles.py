@@ -179,7 +179,7 @@ def strong_dimensions(dictionary: Floats, least: float) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Tile:
+class MapTile:
     """A window of a map.
 
     Attributes
@@ -214,13 +214,13 @@ class Tile:
 
 
 def learn_tile(
-    tile: Tile, atom_map: AtomMap, grid: DirectionGrid, reach: Reach, least_dimension: float
+    tile: MapTile, atom_map: AtomMap, grid: DirectionGrid, reach: Reach, least_dimension: float
 ) -> tuple[Floats, Floats]:
     """Learn the echoes of a tile.
 
     Parameters
     ----------
-    tile : Tile
+    tile : MapTile
     atom_map : AtomMap
     grid : DirectionGrid
     reach : Reach
@@ -283,7 +283,7 @@ def _thinned(directions: Mask, most: int) -> Mask:
     return thinned if thinned.any() else directions
 
 
-def _most_dimensions(tile: Tile, directions: Floats, least: float) -> tuple[Floats, Floats]:
+def _most_dimensions(tile: MapTile, directions: Floats, least: float) -> tuple[Floats, Floats]:
     """Bases of the strong dimensions along Doppler and of the directions: as many as the tile may have."""
     while True:
         into_direction = strong_dimensions(directions, least)
