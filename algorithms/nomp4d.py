@@ -181,14 +181,25 @@ class Pursuit:
             return self.space.residual(self.fit)
 
     def release(self, residual: Complex) -> None:
-        """Centre new boxes on the atoms that explain almost all energy around them."""
+        """Centre new boxes on the atoms that explain almost all energy around them.
+
+        Parameters
+        ----------
+        residual : ndarray of complex128
+            From `residual`.
+        """
         if self.fit is not None:
             around = self.space.mean_around(residual, self.places)
             calm = (around < CALM * self.fit.power) | (around < CALM_NOISE * self.noise)
             self.origins = np.where(calm[:, None], self.places, self.origins)
 
     def make(self, moves: _Moves) -> None:
-        """Add the new atoms, and replace those that are split by two."""
+        """Add the new atoms, and replace those that are split by two.
+
+        Parameters
+        ----------
+        moves : _Moves
+        """
         parts = [moves.centres - moves.offsets, moves.centres + moves.offsets, moves.added]
         self.places, self.origins = (
             np.concatenate([np.delete(old, moves.split, axis=0), *parts])
@@ -235,7 +246,15 @@ class Pursuit:
             return atoms_as_cloud(observation, self.space.atom_map, fit, self.unit)
 
     def remember(self, moves: _Moves, n_before: int) -> None:
-        """Note the moves of a round that failed."""
+        """Note the moves of a round that failed.
+
+        Parameters
+        ----------
+        moves : _Moves
+            Of the round.
+        n_before : int
+            Atoms before it.
+        """
         is_pair = became_pairs(moves.centres, self.places)
         self.unsplit = np.concatenate([self.unsplit, moves.centres[~is_pair]])
         if len(self.places) == n_before and not is_pair.any():

@@ -1,4 +1,4 @@
-"""Where echoes of an observation can come from, in the coordinates of atoms."""
+"""Places that echoes of an observation can come from, in the coordinates of atoms."""
 
 from __future__ import annotations
 
