@@ -12,12 +12,13 @@ the scatterers, or to centroids of a few, wherever noise allows to tell.
    (`isacbench.dsp.sparse_bayes.first_atoms`): Doppler spectra, the static layer,
    moving echoes with Doppler as a coordinate, angular sectors.
 3. All atoms settle together off the grid under a falling ridge, and those that
-   stand for the misfit of others are dropped (`ridge_steps`).
+   are weak beside others nearby are dropped (`ridge_steps`).
 4. The residual is learned in the same way without a taper along range: objects
    whose echoes are in phase have their energy at the edge of the band, which a
    taper removes.
 5. All atoms, and copies of them to all sides, are learned again, block by block
-   of range bins (`range_blocks`), and settle again.
+   of range bins (`range_blocks`), and settle again. Those that stand for what
+   others leave are dropped.
 
 If a large share of the map's energy is left, atoms are no model of it: a remark
 says so, and the image is that of `esprit2d`.
@@ -50,7 +51,7 @@ from isacbench.dsp.scaling import in_unit
 from isacbench.dsp.sparse_bayes.first_atoms import SAME_PLACE, first_atoms
 from isacbench.dsp.sparse_bayes.range_blocks import Atoms, relearn
 from isacbench.dsp.sparse_bayes.reach import Reach
-from isacbench.dsp.sparse_bayes.ridge_steps import settle
+from isacbench.dsp.sparse_bayes.ridge_steps import settle, without_misfit
 from isacbench.dsp.sparse_bayes.tapers import BinTaper
 from isacbench.dsp.sparse_bayes.tiles import DirectionGrid
 from isacbench.errors import require
@@ -180,7 +181,11 @@ class Sbl4d:
         with stage("refinement"):
             loaded = fit_atoms(atom_map, found, FIRST_RIDGE)
             atoms = relearn(Atoms.of(atom_map, found, loaded.amplitude), scene.reach, scene.noise)
-        return self._settled(scene, self._strongest(atoms.places, np.abs(atoms.amplitude)))
+        settled = self._settled(scene, self._strongest(atoms.places, np.abs(atoms.amplitude)))
+        if settled is None:
+            return None
+        with stage("refinement"):
+            return without_misfit(settled, atom_map, scene.reach)
 
     def _settled(self, scene: _Scene, places: Floats) -> AtomFit | None:
         if not len(places):

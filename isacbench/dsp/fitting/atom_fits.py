@@ -35,7 +35,6 @@ from isacbench.dsp.fitting.atoms import (
     AtomMap,
     Correlations,
     LineProducts,
-    Lines,
     product_matrix,
 )
 from isacbench.dsp.stable_order import stepped
@@ -241,7 +240,7 @@ def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0) -> AtomFit:
         Its energy is what the atoms explain, less that of the ridge.
     """
     lines = atom_map.lines(places)
-    return _fit(atom_map, places, lines, atom_map.correlate(lines), ridge)
+    return _fit(atom_map, places, atom_map.products(lines), atom_map.correlate(lines), ridge)
 
 
 def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, ridge: float = 0.0) -> AtomFit:
@@ -264,17 +263,24 @@ def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, rid
     AtomFit
     """
     known = Correlations(*(values[keep] for values in fit.correlations))
-    moved = np.any(places[keep] != fit.places[keep], axis=1)
-    if moved.any():
-        fresh = atom_map.correlate(atom_map.lines(places[keep][moved]))
-        known.value[moved], known.slope[moved] = fresh.value, fresh.slope
-    return _fit(atom_map, places[keep], atom_map.lines(places[keep]), known, ridge)
+    places = places[keep]
+    moved = np.any(places != fit.places[keep], axis=1)
+    if not moved.any():
+        kept = np.ix_(keep, keep)
+        products = tuple(LineProducts(*(each[kept] for each in along)) for along in fit.products)
+        return _fit(atom_map, places, products, known, ridge)
+    fresh = atom_map.correlate(atom_map.lines(places[moved]))
+    known.value[moved], known.slope[moved] = fresh.value, fresh.slope
+    return _fit(atom_map, places, atom_map.products(atom_map.lines(places)), known, ridge)
 
 
 def _fit(
-    atom_map: AtomMap, places: Floats, lines: Lines, correlations: Correlations, ridge: float
+    atom_map: AtomMap,
+    places: Floats,
+    products: tuple[LineProducts, ...],
+    correlations: Correlations,
+    ridge: float,
 ) -> AtomFit:
-    products = atom_map.products(lines)
     gram = product_matrix(products, None, None)
     gram[np.diag_indices(len(gram))] += ROUNDING + ridge
     target = np.stack([correlations.value.real, correlations.value.imag], axis=1)

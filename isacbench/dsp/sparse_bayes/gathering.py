@@ -10,6 +10,12 @@ PITCH = 2.0**-10
 """Rayleigh cells to which centroids are rounded: single precision and few learning steps leave finer digits
 undetermined, and joint steps would magnify them."""
 
+SAME_DIRECTION_CELLS = 0.5
+"""Distance in u and w up to which the misfit of an atom is as strong as beside it."""
+
+LEAST_MISFIT_DB = 14.0
+"""Most by which the misfit of an atom falls towards other directions."""
+
 
 def gather(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Floats, Floats]:
     """Unite neighbouring atoms: one off the grid is spread over several on it.
@@ -40,22 +46,28 @@ def gather(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Fl
     >>> gathered[:, 0].round(3), strength
     (array([1.025, 2.   ]), array([4., 2.]))
     """
-    weight = np.abs(amplitude)
-    free = np.ones(weight.size, dtype=np.bool_)
+    order = np.argsort(-np.abs(amplitude), kind="stable")
+    # One row a coordinate, strongest first: what is left shrinks with every centre.
+    along, amplitude = places[order].T, amplitude[order]
     centres, strengths = [], []
-    for atom in np.argsort(-weight, kind="stable"):
-        if not free[atom]:
-            continue
-        near = free & np.all(np.abs(places - places[atom]) <= box, axis=1)
-        centres.append(weight[near] @ places[near] / weight[near].sum())
+    while amplitude.size:
+        near = np.ones(amplitude.size, dtype=np.bool_)
+        for coordinate, half_width in zip(along, box, strict=True):
+            near &= np.abs(coordinate - coordinate[0]) <= half_width
+        weight = np.abs(amplitude[near])
+        centres.append(along[:, near] @ weight / weight.sum())
         strengths.append(abs(amplitude[near].sum()))
-        free &= ~near
+        along, amplitude = along[:, ~near], amplitude[~near]
     centroids = np.array(centres).reshape(-1, places.shape[1])
     return np.rint(centroids / PITCH) * PITCH, np.array(strengths)
 
 
 def strongest_near(places: Floats, amplitude: Floats, reach: tuple[float, float]) -> Floats:
-    """Largest amplitude within some range and Doppler bins of each atom, its own included.
+    """Largest amplitude that atoms within some range and Doppler bins show at each atom, its own included.
+
+    Beyond half a cell along u or w an atom counts with the envelope of its
+    sidelobes, 1 / π d, but never with less than `LEAST_MISFIT_DB` below its
+    amplitude: its misfit has every direction.
 
     Parameters
     ----------
@@ -69,7 +81,12 @@ def strongest_near(places: Floats, amplitude: Floats, reach: tuple[float, float]
     -------
     ndarray of float64, shape (n,)
     """
-    distance = np.abs(places[:, None, :2] - places[:, :2])
-    near = np.all(distance < reach, axis=2)
-    strongest: Floats = np.where(near, amplitude, 0).max(axis=1, initial=0)
+    along_range, along_doppler = places[:, 0], places[:, 1]
+    near = np.abs(along_range[:, None] - along_range) < reach[0]
+    near &= np.abs(along_doppler[:, None] - along_doppler) < reach[1]
+    one, other = np.nonzero(near)
+    across = np.abs(places[one, 2:] - places[other, 2:])
+    drop = np.maximum(np.pi * (across - SAME_DIRECTION_CELLS), 1).prod(axis=1)
+    strongest = np.zeros(len(places))
+    np.maximum.at(strongest, one, amplitude[other] / np.minimum(drop, 10 ** (LEAST_MISFIT_DB / 20)))
     return strongest

@@ -53,7 +53,7 @@ LEAST_SHARE = 1e-6
 GATHER_BOX = np.array([0.15, 0.15, 0.2, 0.15])
 """Half widths in Rayleigh cells of what one scatterer is spread over."""
 
-DYNAMIC_RANGE_DB = 20.0
+DYNAMIC_RANGE_DB = 25.0
 """Range below the strongest atom nearby in which others are kept."""
 
 NEAR_BINS = 2.0, 2.0

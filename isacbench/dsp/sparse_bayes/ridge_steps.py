@@ -4,7 +4,9 @@ Learned atoms are many, and near each other: least squares would let them cancel
 and drive them apart. A ridge keeps their amplitudes small, and makes the fit of
 the places well posed; as it falls the places become those of least squares.
 After each step atoms that are weak beside their neighbours, or beside the
-sidelobes of all others, are dropped.
+sidelobes of all others, are dropped. Those that stand for misfit are told apart
+once no step follows (`without_misfit`): earlier, echoes that are not all found
+look like it.
 
 References
 ----------
@@ -20,7 +22,7 @@ from scipy.linalg import cho_factor, cho_solve
 from isacbench.dsp.array_types import Complex, Floats, Mask
 from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
-from isacbench.dsp.fitting.pursuit import sidelobe_energy
+from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
 from isacbench.dsp.sparse_bayes.gathering import strongest_near
 from isacbench.dsp.sparse_bayes.reach import Reach
 from isacbench.dsp.stable_order import stepped
@@ -40,17 +42,23 @@ LONGEST_STEP_CELLS = 0.24
 BOX_CELLS = 0.5
 """Largest distance from the first place along each coordinate."""
 
-LOCAL_RANGE_DB = 16.0
+LOCAL_RANGE_DB = 20.0
 """Range below the strongest atom nearby in which others are no misfit of it."""
 
 NEAR_BINS = 2.0, 2.0
 """Range and Doppler bins that count as nearby."""
 
-FAR_RANGE_DB = 18.0
+FAR_RANGE_DB = 30.0
 """Range below the sidelobes of all atoms in other ranges, in phase, in which others are no misfit of them."""
 
 FAR_BINS = 3.0
 """Distance along range from which an atom is in another range."""
+
+FAR_SHARE = 2 / 3
+"""Weight, in decibels, of the sidelobes of other ranges in the misfit; what is left around has the rest."""
+
+ABOVE_MISFIT_DB = 6.0
+"""Least power over the misfit at the end."""
 
 REGION_TOLERANCE_M = 0.5
 """Largest distance outside the region."""
@@ -135,6 +143,35 @@ def standing_out(
     keep: Mask = reach.contains(fit.places, REGION_TOLERANCE_M) & (power >= least_power)
     keep &= size > strongest_near(fit.places, size, NEAR_BINS) * 10 ** (-LOCAL_RANGE_DB / 20)
     return keep & (power > far * 10 ** (-FAR_RANGE_DB / 10))
+
+
+def without_misfit(fit: AtomFit, atom_map: AtomMap, reach: Reach) -> AtomFit | None:
+    """Drop atoms that are weak beside both the sidelobes of other ranges and what is left around them.
+
+    Either alone says little: weak echoes lie among strong ones, and are wanted
+    where the map is explained; and a crowd's misfit lies among its echoes. The
+    misfit that an atom is compared with is their weighted geometric mean.
+
+    Parameters
+    ----------
+    fit : AtomFit
+        That has settled, with the last ridge.
+    atom_map : AtomMap
+    reach : Reach
+
+    Returns
+    -------
+    AtomFit or None
+        None if no atom stands out.
+    """
+    power = np.abs(_weighed(fit, RIDGES[-1])) ** 2
+    far = sidelobe_energy(fit.places, fit.places, power, atom_map.bursts, FAR_BINS)
+    rest = atom_map.without(atom_map.lines(fit.places), fit.amplitude)
+    space = BeamSpace.from_map(rest, reach.observation.gate, reach.observation.cosine_limits)
+    around = space.mean_around(space.beams, fit.places)
+    misfit = far**FAR_SHARE * around ** (1 - FAR_SHARE)
+    keep = power > misfit * 10 ** (ABOVE_MISFIT_DB / 10)
+    return refit_atoms(atom_map, fit, keep, fit.places, RIDGES[-1]) if keep.any() else None
 
 
 def _weighed(fit: AtomFit, ridge: float) -> Complex:

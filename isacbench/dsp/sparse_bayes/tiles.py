@@ -57,13 +57,13 @@ FIRST_SHARE = 0.1
 LEAST_ENERGY = 1e-3
 """Least energy of an atom over the largest in the matched filter: those at the rim barely show."""
 
-GRID_RANGE_DB = 35.0
+GRID_RANGE_DB = 40.0
 """Range below the strongest amplitude in which grid atoms are gathered."""
 
 MOST_GATHERED = 2000
 """Grid atoms that are gathered, the strongest first."""
 
-DYNAMIC_RANGE_DB = 20.0
+DYNAMIC_RANGE_DB = 25.0
 """Range below the strongest atom within two range bins in which others are kept."""
 
 NEAR_BINS = 2.0, np.inf
@@ -173,9 +173,14 @@ def strong_dimensions(dictionary: Floats, least: float) -> Floats:
     ndarray of float64, shape (n, m)
         One dimension at least.
     """
+    strength, basis = _dimensions(dictionary)
+    return basis[:, strength >= least]
+
+
+def _dimensions(dictionary: Floats) -> tuple[Floats, Floats]:
+    """Singular values (m,) of a dictionary over the largest, and its orthonormal dimensions (n, m)."""
     _, strength, directions = np.linalg.svd(dictionary, full_matrices=False)
-    basis: Floats = directions[strength >= least * strength[0]].T
-    return basis
+    return strength / strength[0], directions.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,8 +269,8 @@ def learn_tile(
     first_power = _first_power(dictionaries, data) * allowed[:, None, :]
     amplitude = learn_grid(dictionaries, data, noise, first_power, GRID_STEPS)
     size = np.abs(amplitude)
-    strongest = np.argsort(-size, axis=None, kind="stable")[:MOST_GATHERED]
-    strongest = strongest[size.ravel()[strongest] > size.max() * 10 ** (-GRID_RANGE_DB / 20)]
+    shown = np.flatnonzero(size > size.max() * 10 ** (-GRID_RANGE_DB / 20))
+    strongest = shown[np.argsort(-size.ravel()[shown], kind="stable")[:MOST_GATHERED]]
     at = np.unravel_index(strongest, size.shape)
     places = np.stack(
         [range_bins[at[0]], tile.doppler_bins[at[1]], grid.u[at_u[at[2]]], grid.w[at_w[at[2]]]], axis=1
@@ -285,12 +290,13 @@ def _thinned(directions: Mask, most: int) -> Mask:
 
 def _most_dimensions(tile: MapTile, directions: Floats, least: float) -> tuple[Floats, Floats]:
     """Bases of the strong dimensions along Doppler and of the directions: as many as the tile may have."""
+    n_doppler = tile.cells.shape[1]
+    is_line = tile.doppler_bins.size == 1
+    along_doppler = (np.ones(n_doppler), np.eye(n_doppler)) if is_line else _dimensions(tile.along_doppler)
+    across = _dimensions(directions)
     while True:
-        into_direction = strong_dimensions(directions, least)
-        into_doppler = (
-            strong_dimensions(tile.along_doppler, least)
-            if tile.doppler_bins.size > 1
-            else np.eye(tile.cells.shape[1])
+        into_doppler, into_direction = (
+            basis[:, strength >= least] for strength, basis in (along_doppler, across)
         )
         n_others = into_direction.shape[1] * into_doppler.shape[1]
         if tile.range_bins.size * n_others <= MOST_DIMENSIONS or least == 1:

@@ -35,15 +35,15 @@ def test_gathering_does_not_depend_on_the_order(seed, n):
 def test_the_strongest_nearby_is_found_as_by_a_plain_loop(seed, n):
     places, amplitude = atoms(seed, n)
     size = np.abs(amplitude)
-    expected = [
-        max(
-            size[other]
-            for other in range(n)
-            if abs(places[other, 0] - places[one, 0]) < 0.4 and abs(places[other, 1] - places[one, 1]) < 0.6
-        )
-        for one in range(n)
-    ]
-    np.testing.assert_array_equal(strongest_near(places, size, (0.4, 0.6)), expected)
+    places[:, 2:] *= 6
+    expected = np.zeros(n)
+    for one in range(n):
+        for other in range(n):
+            along_range, along_doppler, along_u, along_w = np.abs(places[one] - places[other])
+            if along_range < 0.4 and along_doppler < 0.6:
+                drop = max(np.pi * (along_u - 0.5), 1) * max(np.pi * (along_w - 0.5), 1)
+                expected[one] = max(expected[one], size[other] / min(drop, 10**0.7))
+    np.testing.assert_allclose(strongest_near(places, size, (0.4, 0.6)), expected, rtol=1e-12)
 
 
 def test_amplitudes_that_cancel_leave_a_weak_atom():

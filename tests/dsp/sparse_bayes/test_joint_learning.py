@@ -5,7 +5,7 @@ import pytest
 
 from isacbench.dsp.fitting.atom_fits import fit_atoms
 from isacbench.dsp.sparse_bayes.range_blocks import Atoms, relearn
-from isacbench.dsp.sparse_bayes.ridge_steps import settle
+from isacbench.dsp.sparse_bayes.ridge_steps import settle, without_misfit
 
 from .conftest import NOISE
 
@@ -57,3 +57,24 @@ def test_learning_in_blocks_keeps_count_of_what_is_left(noisy_map, reach_and_map
     left = atom_map.without(atom_map.lines(after.places), after.amplitude)
     np.testing.assert_allclose(left.cells, after.rest.cells, atol=1e-10)
     assert np.abs(places[:, None] - after.places).max(axis=2).min(axis=1).max() < 0.15
+
+
+def test_weak_atoms_stay_where_the_map_is_explained_and_are_misfit_where_it_is_not(
+    noisy_map, reach_and_map, middle
+):
+    reach, _ = reach_and_map
+    places = middle + np.array([[-3.0, 0, 0, 0], [4.0, 0, 0.3, 0]])
+    explained = noisy_map(places, [1, 0.05])
+    kept = without_misfit(fit_atoms(explained, places, 1e-4), explained, reach)
+    np.testing.assert_array_equal(kept.places, places)
+    beside = places[1] + np.array([[0.5, 0.8, 0, 0.7], [-0.6, -0.8, 0.6, 0]])
+    crowded = explained.without(explained.lines(beside), np.array([-0.05, 0.05j]))
+    kept = without_misfit(fit_atoms(crowded, places, 1e-4), crowded, reach)
+    np.testing.assert_array_equal(kept.places, places[:1])
+
+
+def test_no_atom_stands_out_of_a_map_that_none_explains(noisy_map, reach_and_map, middle):
+    reach, _ = reach_and_map
+    echoes = middle + np.array([[-3.0, 0, 0, 0], [3.0, 0, 0, 0]])
+    atom_map, elsewhere = noisy_map(echoes, [1, 1]), echoes + np.array([0, 1.0, 0, 0])
+    assert without_misfit(fit_atoms(atom_map, elsewhere, 1e-4), atom_map, reach) is None
