@@ -77,6 +77,7 @@ class Esprit2d(JointSubspaceEstimator):
 
     name: ClassVar[str] = "esprit2d"
 
+    local_dynamic_range_db: float = 14.0
     subarray_fraction: float = 0.625
 
     def estimate(self, observation: Observation) -> PointCloud:

@@ -104,6 +104,7 @@ class Fft4d(CellwiseEstimator):
     name: ClassVar[str] = "fft4d"
     separable: ClassVar[bool] = True
 
+    dynamic_range_db: float = 33.0
     precision: CellPrecision = "single"
     angle_points: int = 48
     angle_detector: Detector = field(

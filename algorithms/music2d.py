@@ -154,6 +154,7 @@ class Music2d(CellwiseEstimator):
     name: ClassVar[str] = "music2d"
     separable: ClassVar[bool] = True
 
+    dynamic_range_db: float = 33.0
     precision: CellPrecision = "single"
     subarray_fraction: float = 0.625
     grid_points: int = 201
