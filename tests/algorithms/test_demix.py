@@ -50,7 +50,10 @@ def test_speeds_half_a_bin_apart_each_get_their_own_directions(estimator, side_b
         near = (offset_m < 0.5) & (off_mps < 0.1 * SYSTEM.velocity_bin_mps)
         return np.count_nonzero(near.any(axis=1))
 
-    apart, mixed = (n_found(estimator(demix=demix).estimate(observation)) for demix in (True, False))
+    # Far below the strongest cells there are some that hold one speed alone.
+    apart, mixed = (
+        n_found(estimator(demix=demix, dynamic_range_db=28.0).estimate(observation)) for demix in (True, False)
+    )
     assert apart == 16
     assert mixed == 0
 

@@ -268,7 +268,7 @@ def test_a_diagnosis_of_an_empty_scene_has_a_map_and_no_cell(estimator):
     assert seen.power.shape == seen.detection.mask.shape
 
 
-@pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 6.5), (Fft4d, 15.0)])
+@pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 7.0), (Fft4d, 15.0)])
 def test_the_street_is_imaged_at_full_size(estimator, limit_m):
     scenario = load_scenario("street")
     cloud = estimator().estimate(observe_echo(scenario, 10.0))
