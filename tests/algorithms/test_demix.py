@@ -51,9 +51,8 @@ def test_speeds_half_a_bin_apart_each_get_their_own_directions(estimator, side_b
         return np.count_nonzero(near.any(axis=1))
 
     # Far below the strongest cells there are some that hold one speed alone.
-    apart, mixed = (
-        n_found(estimator(demix=demix, dynamic_range_db=28.0).estimate(observation)) for demix in (True, False)
-    )
+    methods = (estimator(demix=demix, dynamic_range_db=28.0) for demix in (True, False))
+    apart, mixed = (n_found(method.estimate(observation)) for method in methods)
     assert apart == 16
     assert mixed == 0
 

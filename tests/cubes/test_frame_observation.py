@@ -41,7 +41,7 @@ def unabridged(cube, scenario):
 
 
 def assert_same_cloud(cloud, expected):
-    """Same points to 5e-6 of the coordinates' size: of an echo 33 dB below others single precision moves more."""
+    """Same points to 5e-6 of the coordinates' size: single precision moves echoes 33 dB below others."""
     assert len(expected) > 5
     assert len(cloud) == len(expected)
     for values, wanted in zip(cloud.to_array().T, expected.to_array().T, strict=True):
