@@ -24,7 +24,7 @@ parameter estimation", Signal Processing 92 (2012): the update with the root.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,10 +66,7 @@ class Noise(NamedTuple):
     along_doppler: Floats
 
 
-Reals = NDArray[np.floating[Any]]
-"""Real numbers of either precision."""
-
-Dictionaries = tuple[Reals, Reals, Reals]
+Dictionaries = tuple[Floats, Floats, Floats]
 """Factors of atoms along three axes of data (r, d, w): (a, r), (b, d) and (c, w)."""
 
 
@@ -104,12 +101,12 @@ class _Pairs(NamedTuple):
         i and j.
     """
 
-    values: Reals
+    values: Floats
     first: Integers
     second: Integers
 
     @classmethod
-    def of(cls, dictionary: Reals) -> _Pairs:
+    def of(cls, dictionary: Floats) -> _Pairs:
         first, second = np.tril_indices(dictionary.shape[1])
         return cls(dictionary[:, first] * dictionary[:, second], first, second)
 
@@ -135,7 +132,7 @@ class GridModel:
     Parameters
     ----------
     dictionaries : (ndarray, ndarray, ndarray)
-        Shapes (a, r), (b, d) and (c, w), of one precision, which all results have.
+        Shapes (a, r), (b, d) and (c, w).
     noise : Noise
     """
 
@@ -153,11 +150,9 @@ class GridModel:
         along_range = noise.along_range[self._range.first, self._range.second]
         along_doppler = noise.along_doppler[self._doppler.first, self._doppler.second]
         white = self._direction.is_square
-        self._noise = np.multiply.outer(
-            np.multiply.outer(noise.power * along_range, along_doppler), white
-        ).astype(dictionaries[0].dtype)
+        self._noise = np.multiply.outer(np.multiply.outer(noise.power * along_range, along_doppler), white)
 
-    def covariance(self, power: Reals) -> Reals:
+    def covariance(self, power: Floats) -> Floats:
         """Covariance of the data.
 
         Parameters
@@ -175,7 +170,7 @@ class GridModel:
         pairs = self._range.values.T @ along.reshape(a, n_doppler * n_direction)
         return np.take(pairs.ravel() + self._noise.ravel(), self._position)
 
-    def information(self, inverse: Reals) -> Reals:
+    def information(self, inverse: Floats) -> Floats:
         """Compute a^T C^-1 a of all atoms.
 
         Parameters
@@ -200,13 +195,13 @@ class GridModel:
         pairs = by_doppler[:, :, self._direction.first, self._direction.second]
         pairs *= 2 * _once(self._direction)
         along = (self._range.values @ pairs.reshape(n_range, -1)).reshape(a, n_doppler, n_direction)
-        information: Reals = (self._doppler.values @ along).reshape(a * b, -1) @ self._direction.values.T
+        information: Floats = (self._doppler.values @ along).reshape(a * b, -1) @ self._direction.values.T
         return information.reshape(a, b, c)
 
 
-def _once(pairs: _Pairs) -> Reals:
+def _once(pairs: _Pairs) -> Floats:
     """Weights that count the square of a dimension once where a sum over both orders counts it twice."""
-    return np.where(pairs.is_square, 0.5, 1.0).astype(pairs.values.dtype)
+    return np.where(pairs.is_square, 0.5, 1.0)
 
 
 def learn_grid(
@@ -214,8 +209,8 @@ def learn_grid(
 ) -> Complex:
     """Learn the amplitudes of atoms on a grid of three axes.
 
-    Single precision is enough, and twice as fast, where C can be factored in it;
-    it is repeated in double precision where it cannot.
+    In double precision: in single precision the last digits, which differ from
+    processor to processor, would decide about centroids of the atoms.
 
     Parameters
     ----------
@@ -237,44 +232,25 @@ def learn_grid(
     numpy.linalg.LinAlgError
         If the covariance is not positive definite: with noise of power 0.
     """
-    # A unit near the data's own keeps single precision from underflow.
-    unit = float(np.sqrt(np.mean(data.real**2 + data.imag**2)))
-    noise = noise._replace(power=noise.power / unit / unit)
-    start = data / unit, noise, first_power / unit / unit, n_steps
-    along_range, along_doppler, along_direction = (each.astype(np.float32) for each in dictionaries)
-    amplitude = _learn_grid((along_range, along_doppler, along_direction), *start)
-    if amplitude is None:
-        amplitude = _learn_grid(dictionaries, *start)
-    if amplitude is None:
-        raise np.linalg.LinAlgError("covariance of a tile is not positive definite")
-    return unit * amplitude.astype(np.complex128)
-
-
-def _learn_grid(
-    dictionaries: Dictionaries, data: Complex, noise: Noise, power: Reals, n_steps: int
-) -> Complex | None:
-    """Learn in the precision of the dictionaries; None if C cannot be factored in it."""
-    dtype = dictionaries[0].dtype
-    is_single = dtype == np.float32
-    factor, solve = (lapack.spotrf, lapack.spotrs) if is_single else (lapack.dpotrf, lapack.dpotrs)
     along_range, along_doppler, along_direction = (np.ascontiguousarray(each) for each in dictionaries)
     dictionaries = along_range, along_doppler, along_direction
-    model = GridModel(dictionaries, noise)
-    power = power.astype(dtype)
-    target = np.stack([data.real.ravel(), data.imag.ravel()], axis=1).astype(dtype)
+    # In a unit near the data's own, so that the least information means the same.
+    unit = float(np.sqrt(np.mean(data.real**2 + data.imag**2)))
+    data, power = data / unit, first_power / unit / unit
+    model = GridModel(dictionaries, noise._replace(power=noise.power / unit / unit))
+    target = np.stack([data.real.ravel(), data.imag.ravel()], axis=1)
     for step in range(n_steps):
-        cholesky, failed = factor(model.covariance(power), lower=1)
+        cholesky, failed = lapack.dpotrf(model.covariance(power), lower=1)
         if failed:
-            return None
-        solution, _ = solve(cholesky, target, lower=1)
-        seen = matched(dictionaries, (solution @ np.array([1, 1j], dtype=np.complex64)).reshape(data.shape))
+            raise np.linalg.LinAlgError("covariance of a tile is not positive definite")
+        solution, _ = lapack.dpotrs(cholesky, target, lower=1)
+        seen = matched(dictionaries, (solution @ np.array([1, 1j])).reshape(data.shape))
         amplitude = power * seen
         if step % STEPS_A_VARIANCE == 0:
-            # Not by potri: it is slower, and in single precision some kernels of OpenBLAS crash in it.
-            inverse, _ = solve(cholesky, np.eye(len(cholesky), dtype=dtype), lower=1)
+            inverse, _ = lapack.dpotrs(cholesky, np.eye(len(cholesky)), lower=1)  # faster than by potri
             information = model.information(inverse)
-        power = np.abs(amplitude) / np.sqrt(np.maximum(information, LEAST_INFORMATION)).astype(dtype)
-    return amplitude
+        power = np.abs(amplitude) / np.sqrt(np.maximum(information, LEAST_INFORMATION))
+    return unit * amplitude
 
 
 def learn_directions(

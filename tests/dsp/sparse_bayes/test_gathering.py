@@ -31,6 +31,16 @@ def test_gathering_does_not_depend_on_the_order(seed, n):
         np.testing.assert_allclose(first, second, atol=1e-12)
 
 
+@given(st.integers(0, 10**6), st.integers(1, 4), st.integers(-4000, 4000))
+def test_the_last_digits_of_amplitudes_move_no_centroid_of_atoms_with_few_binary_digits(seed, n, numerator):
+    rng = np.random.default_rng(seed)
+    # An atom that has settled, and copies of it to all sides.
+    places = np.full(4, (2 * numerator + 1) * 2.0**-11) + 0.15 * rng.permutation(np.eye(4))[:n]
+    weight = rng.uniform(0.5, 1, n)
+    other = weight * (1 + 1e-15 * rng.integers(-3, 4, n))
+    np.testing.assert_array_equal(gather(places, weight, BOX)[0], gather(places, other, BOX)[0])
+
+
 @given(st.integers(0, 10**6), st.integers(1, 40))
 def test_the_strongest_nearby_is_found_as_by_a_plain_loop(seed, n):
     places, amplitude = atoms(seed, n)

@@ -121,16 +121,6 @@ def test_powers_of_two_change_no_bit_of_a_grid(exponent, rng):
     np.testing.assert_array_equal(unit * one, other)
 
 
-def test_a_covariance_beyond_single_precision_is_learned_in_double_precision(rng):
-    (along_range, *others), data = few_echoes(rng)
-    factors = np.repeat(along_range[1:2], 7, axis=0), *others
-    noise, power = Noise(1e-10, np.eye(5), np.eye(3)), np.ones((7, 7, 7))
-    single = tuple(each.astype(np.float32) for each in factors)
-    assert learning._learn_grid(single, data, noise, power, 4) is None
-    expected = learning._learn_grid(factors, data, noise, power, 4)
-    np.testing.assert_allclose(learn_grid(factors, data, noise, power, 4), expected, rtol=1e-3, atol=1e-3)
-
-
 def test_directions_of_many_cells_are_those_of_each_cell_alone(rng):
     factors = rng.standard_normal((7, 4)), rng.standard_normal((5, 3))
     cells = rng.standard_normal((6, 4, 3)) + 1j * rng.standard_normal((6, 4, 3))
