@@ -16,4 +16,5 @@ __all__ = [
     "region",
     "scene",
     "scenes",
+    "surfaces",
 ]

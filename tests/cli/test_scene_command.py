@@ -136,7 +136,7 @@ def test_commands_on_one_scenario_refuse_a_range_of_seeds(cli, tmp_path, command
 
 def test_families_are_listed_with_version_parameters_and_defaults(cli):
     families = {entry["name"]: entry for entry in json.loads(cli("list", "--json").stdout)["families"]}
-    assert set(families) == {"street", "town", "facade", "crowd", "weak", "sparse"}
+    assert set(families) == {"street", "town", "facade", "crowd", "weak", "sparse", "traffic", "crossing"}
     assert all(entry["version"] >= 1 and entry["description"] for entry in families.values())
     parameters = families["town"]["parameters"]
     assert "default" not in parameters["seed"]

@@ -58,7 +58,7 @@ def write_scene(name_or_path: str, out: Path) -> None:
     ------
     InputError
         If there is no such scenario, or it is not valid; if the file exists, cannot be
-        written or has another suffix; or if the scenario reads csv files, which lie
+        written or has another suffix; or if the scenario reads other files, which lie
         beside its own file, and the new file would lie elsewhere.
     """
     if out.suffix != ".toml" or len(out.stem) > MAX_NAME:
@@ -97,9 +97,9 @@ def _origin(name_or_path: str) -> str:
 
 
 def _require_same_folder(content: dict[str, Any], name_or_path: str, out: Path) -> None:
-    """Refuse a copy that would not find the csv files of its original."""
+    """Refuse a copy that would not find the files of its original."""
     objects = content.get("objects", [])
-    files = [entry["file"] for entry in objects if entry["kind"] == "points"]
+    files = [entry["file"] for entry in objects if "file" in entry]
     folder = scenario_file(name_or_path).parent if files else out.parent
     if folder.resolve() != out.parent.resolve():
         raise InputError(

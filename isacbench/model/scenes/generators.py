@@ -222,6 +222,86 @@ def draw_sparse(parameters: SparseParameters, key: str) -> Content:
     return _content(parameters, objects)
 
 
+LANE_M = 3.5
+LANES = 4
+
+
+def draw_traffic(parameters: FamilyParameters, key: str) -> Content:
+    """Draw a road of four lanes: lorries, vehicles and cyclists in both directions, pedestrians beside them.
+
+    Parameters
+    ----------
+    parameters : FamilyParameters
+    key : str
+
+    Returns
+    -------
+    dict
+    """
+    draws, ground = Draws(key), _ground()
+    # Traffic keeps right: seen along +x, the first two lanes go there.
+    along_deg = draws.between(-25.0, 25.0, 1)
+    centre = draws.between(15.0, 25.0), draws.between(12.0, 18.0)
+
+    def on_lane(lane: int, beside_m: float = 0.0) -> Callable[[], Pose]:
+        across_m = (lane - (LANES - 1) / 2) * LANE_M
+        across_m += math.copysign(beside_m, across_m)
+        turn_deg = along_deg - 90.0 + (0.0 if lane < LANES // 2 else 180.0)
+
+        def pose() -> Pose:
+            along_m = draws.between(-22.0, 22.0)
+            x, y = _along(centre, along_deg, along_m, across_m + draws.between(-0.3, 0.3))
+            return x, y, turn_deg + draws.between(-3.0, 3.0, 1)
+
+        return pose
+
+    lanes = [draws.whole(0, LANES - 1) for _ in range(draws.whole(1, 2))]
+    objects = [_lorry(draws, ground, on_lane(lane)) for lane in lanes]
+    for _ in range(draws.whole(2, 4)):
+        objects.append(_car(draws, ground, on_lane(draws.whole(0, LANES - 1))))
+    for _ in range(draws.whole(1, 3)):
+        objects.append(_cyclist(draws, ground, on_lane(draws.either() * (LANES - 1), 1.4)))
+    for _ in range(draws.whole(0, 3)):
+        walks = on_lane(draws.either() * (LANES - 1), 3.5)
+        placed = _placed(ground, _walker(draws), (0.6, 0.7), walks)
+        objects.append(_moving(placed, draws.between(0.5, 2.0, 1)))
+    return _content(parameters, objects)
+
+
+def _along(centre: Place, along_deg: float, along_m: float, across_m: float) -> Place:
+    """Place beside a line through a centre."""
+    cos, sin = math.cos(math.radians(along_deg)), math.sin(math.radians(along_deg))
+    x = centre[0] + cos * along_m - sin * across_m
+    return round(x, 2), round(centre[1] + sin * along_m + cos * across_m, 2)
+
+
+def draw_crossing(parameters: FamilyParameters, key: str) -> Content:
+    """Draw vehicles, of which every third one turns, cyclists and pedestrians with any heading.
+
+    Parameters
+    ----------
+    parameters : FamilyParameters
+    key : str
+
+    Returns
+    -------
+    dict
+    """
+    draws, ground = Draws(key), _ground()
+    anywhere = _anywhere(draws)
+    makers: list[tuple[Callable[..., Content], tuple[int, int]]] = [
+        (_lorry, (0, 1)),
+        (_vehicle, (2, 3)),
+        (_cyclist, (2, 4)),
+        (_pedestrian, (3, 6)),
+    ]
+    objects = []
+    for make, (least, most) in makers:
+        pose = anywhere if make in (_vehicle, _pedestrian) else _turned(draws, anywhere)
+        objects += [make(draws, ground, pose) for _ in range(draws.whole(least, most))]
+    return _content(parameters, objects)
+
+
 def _rayleigh_coordinates(place: list[float], speed_mps: float) -> np.ndarray:
     """Range, velocity, and u and w in both frames, in Rayleigh cells."""
     system, (n_p, n_q) = System(), VirtualArray().shape
@@ -236,6 +316,7 @@ def _content(parameters: FamilyParameters, objects: list[Content]) -> Content:
     """Content of a scenario file."""
     errors = {name: getattr(parameters, name) for name in ("gain_error_db", "phase_error_deg")}
     return {
+        **({"visible": "seen"} if parameters.visible == "seen" else {}),
         "system": {"coherent_phase": parameters.coherent_phase},
         "array": {"frame": parameters.frame, **{name: error for name, error in errors.items() if error}},
         **SQUARE,
@@ -312,22 +393,52 @@ def _pole(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
 
 def _vehicle(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
     """Vehicle that drives, every third one through a bend."""
-    # No height between: 0.7 m of a cabin cannot be divided into steps of 0.5 m ± 20 %.
-    height_m = draws.between(1.4, 1.5, 1) if draws.either() else draws.between(1.7, 1.9, 1)
-    size_m = [draws.between(1.6, 2.0, 1), draws.between(3.8, 5.6, 1), height_m]
+    entry = _body(draws)
     speed_mps = draws.between(2.0, FASTEST_MPS, 1)
     yaw_rate_dps = draws.between(-30.0, 30.0, 1) if draws.whole(1, 3) == 1 else 0.0
-    entry = {"kind": "vehicle", "size_m": size_m, "yaw_rate_dps": yaw_rate_dps}
-    placed = _placed(ground, entry, (size_m[0], size_m[1]), _turned(draws, place))
-    return _moving(placed, speed_mps)
+    entry["yaw_rate_dps"] = yaw_rate_dps
+    return _moving(_placed(ground, entry, _footprint(entry), _turned(draws, place)), speed_mps)
+
+
+def _car(draws: Draws, ground: Ground, pose: Callable[[], Pose]) -> Content:
+    """Vehicle in a pose that drives straight on."""
+    entry = _body(draws)
+    return _moving(_placed(ground, entry, _footprint(entry), pose), draws.between(3.0, FASTEST_MPS, 1))
+
+
+def _body(draws: Draws) -> Content:
+    """Vehicle of any size."""
+    # No height between: 0.7 m of a cabin cannot be divided into steps of 0.5 m ± 20 %.
+    height_m = draws.between(1.4, 1.5, 1) if draws.either() else draws.between(1.7, 1.9, 1)
+    return {"kind": "vehicle", "size_m": [draws.between(1.6, 2.0, 1), draws.between(3.8, 5.6, 1), height_m]}
+
+
+def _footprint(entry: Content) -> tuple[float, float]:
+    width_m, length_m, _ = entry["size_m"]
+    return width_m, length_m
+
+
+def _lorry(draws: Draws, ground: Ground, pose: Callable[[], Pose]) -> Content:
+    size_m = [draws.between(2.3, 2.6, 1), draws.between(7.0, 11.0, 1), draws.between(3.2, 4.0, 1)]
+    entry = {"kind": "lorry", "size_m": size_m}
+    return _moving(_placed(ground, entry, _footprint(entry), pose), draws.between(2.0, 10.0, 1))
+
+
+def _cyclist(draws: Draws, ground: Ground, pose: Callable[[], Pose]) -> Content:
+    entry = {"kind": "cyclist", "crank_phase_deg": draws.between(0.0, 359.0, 0)}
+    return _moving(_placed(ground, entry, (0.6, 1.8), pose), draws.between(2.0, 8.0, 1))
 
 
 def _pedestrian(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
     """Pedestrian at some phase of the stride."""
-    entry = {
+    entry = _walker(draws)
+    speed_mps = draws.between(0.5, 2.0, 1)
+    return _moving(_placed(ground, entry, (0.6, 0.7), _turned(draws, place)), speed_mps)
+
+
+def _walker(draws: Draws) -> Content:
+    return {
         "kind": "pedestrian",
         "height_m": draws.between(1.5, 1.9),
         "stride_phase_deg": draws.between(0.0, 359.0, 0),
     }
-    speed_mps = draws.between(0.5, 2.0, 1)
-    return _moving(_placed(ground, entry, (0.6, 0.7), _turned(draws, place)), speed_mps)

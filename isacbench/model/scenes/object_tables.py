@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -10,17 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from isacbench.errors import InputError
 from isacbench.files.checked_files import require_inside
 from isacbench.model.cloud_files.point_files import read_points_csv
 from isacbench.model.scene import Scatterers
+from isacbench.model.scenes.cross_sections import CROSS_SECTIONS
 from isacbench.model.scenes.motion import DECIMALS, approach_speeds, body_velocities, heading, turned
 from isacbench.model.scenes.objects import (
     RIM,
     box,
     car,
+    cyclist,
     green_belt,
     lamp_post,
     limb_swing,
+    lorry,
+    pedalling,
     pedestrian,
     pole,
     rail,
@@ -28,9 +34,15 @@ from isacbench.model.scenes.objects import (
     wall,
     wheel_roll,
 )
+from isacbench.model.scenes.placed_objects import PlacedObject, Surroundings
+from isacbench.model.surfaces.mesh_files import box_of, read_mesh
+from isacbench.model.surfaces.solids import globe, solid_of, tube
+from isacbench.model.surfaces.surface_points import SLACK_M, clipped, surface_points
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from isacbench.model.surfaces.solids import Part
 
 # Strict, because a number in quotes or a `true` for a number is a typing error.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -59,10 +71,34 @@ class FileTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _ObjectTable(FileTable):
+def _number_or_name(value: Any) -> float | str:
+    """Take a cross section in dBsm, or a name of 3GPP TR 38.901."""
+    if isinstance(value, str) and value in CROSS_SECTIONS:
+        return value
+    if type(value) in (int, float) and abs(value) <= MOST_DBSM:
+        return float(value)
+    names = ", ".join(f'"{name}"' for name in CROSS_SECTIONS)
+    raise ValueError(f"allowed is a number of dBsm from {-MOST_DBSM:g} to {MOST_DBSM:g}, or one of {names}")
+
+
+MOST_DBSM = 200.0
+
+CrossSection = Annotated[Any, AfterValidator(_number_or_name)]
+
+
+class _EchoTable(FileTable):
+    @model_validator(mode="after")
+    def _require_one_strength(self) -> Self:
+        if {"amplitude", "rcs_dbsm"} <= self.model_fields_set:
+            raise ValueError("allowed is amplitude or rcs_dbsm, not both")
+        return self
+
+
+class _ObjectTable(_EchoTable):
     position_m: Position
     velocity_mps: Velocity = 0.0
     amplitude: Positive = 1.0
+    rcs_dbsm: CrossSection = None
     yaw_deg: Finite = 0.0
     yaw_rate_dps: Finite = 0.0
 
@@ -75,21 +111,40 @@ class _ObjectTable(FileTable):
             raise ValueError("yaw_rate_dps needs velocity_mps as a vector [x, y, z]")
         return self
 
-    def scatterers(self, source: Path, base_station_m: Offsets) -> Scatterers:
-        """Build the scatterers of the object.
+    def placed(self, around: Surroundings) -> PlacedObject:
+        """Build the scatterers of the object, and its surfaces if they are needed.
 
         Parameters
         ----------
-        source : Path
-            File of the scenario.
-        base_station_m : ndarray of float64, shape (3,)
+        around : Surroundings
 
         Returns
         -------
-        Scatterers
+        PlacedObject
         """
-        sizes = self.model_dump(exclude={"kind", *_ObjectTable.model_fields})
-        offsets = self.outline(**sizes)
+        offsets, parts = self._shape(around)
+        scatterers = self._scatterers(offsets, around.base_station_m)
+        return PlacedObject(scatterers, [(self._in_place(part), own) for part, own in parts], self.rcs_dbsm)
+
+    def _shape(self, around: Surroundings) -> tuple[Offsets, list[Part]]:
+        """Scatterer positions around `position_m`, and parts that hide others."""
+        sizes = self._sizes()
+        return self.outline(**sizes), solid_of(self._kind, sizes) if around.with_solids else []
+
+    def _sizes(self) -> dict[str, Any]:
+        """Keys of the kind."""
+        return self.model_dump(exclude={"kind", *_ObjectTable.model_fields})
+
+    @property
+    def _kind(self) -> str:
+        return str(self.kind)  # type: ignore[attr-defined]
+
+    def _in_place(self, vectors: Offsets) -> Offsets:
+        """Turn and shift what lies around `position_m`."""
+        flat = turned(vectors.reshape(-1, 3), self.yaw_deg) if self.yaw_deg else vectors.reshape(-1, 3)
+        return np.array(self.position_m) + flat.reshape(vectors.shape)
+
+    def _scatterers(self, offsets: Offsets, base_station_m: Offsets) -> Scatterers:
         amplitude = np.full(len(offsets), self.amplitude)
         own = self._own_velocities(len(offsets))
         if self.yaw_deg:
@@ -132,8 +187,34 @@ class VehicleTable(_ObjectTable):
     def _own_velocities(self, n: int) -> Offsets:
         """Velocities (n, 3) of the rims, which come last."""
         own = np.zeros((n, 3))
-        own[-4 * len(RIM) :] = self._forward_mps * wheel_roll()
+        own[-4 * len(RIM) :] = self._forward_mps * wheel_roll(4)
         return own
+
+
+class LorryTable(_ObjectTable):
+    """Lorry: cab, cargo box, and six wheels that roll."""
+
+    kind: Literal["lorry"]
+    size_m: Size = (2.5, 9.0, 3.6)
+    spacing_m: Positive = 0.5
+    outline = staticmethod(lorry)
+
+    def _own_velocities(self, n: int) -> Offsets:
+        """Velocities (n, 3) of the rims, which come last."""
+        roll = self._forward_mps * wheel_roll(6)
+        return np.concatenate([np.zeros((n - len(roll), 3)), roll])
+
+
+class CyclistTable(_ObjectTable):
+    """Cyclist, whose wheels and legs turn where the velocity is a vector."""
+
+    kind: Literal["cyclist"]
+    crank_phase_deg: Finite = 0.0
+    outline = staticmethod(cyclist)
+
+    def _own_velocities(self, n: int) -> Offsets:
+        """Velocities (n, 3) of wheels and legs."""
+        return self._forward_mps * pedalling(self.crank_phase_deg)
 
 
 class PedestrianTable(_ObjectTable):
@@ -212,7 +293,83 @@ class PointTable(_ObjectTable):
     outline = staticmethod(lambda: np.zeros((1, 3)))
 
 
-class PointsTable(FileTable):
+class _SurfaceTable(_ObjectTable):
+    """Closed surface, sampled all around."""
+
+    spacing_m: Positive = 0.5
+
+    @abstractmethod
+    def _triangles(self, around: Surroundings) -> Offsets:
+        """Triangles (n, 3, 3) around `position_m`, in the object's own directions."""
+
+    def _shape(self, around: Surroundings) -> tuple[Offsets, list[Part]]:
+        triangles = self._triangles(around)
+        return surface_points(triangles, self.spacing_m), [(triangles, ())]
+
+
+class CylinderTable(_SurfaceTable):
+    """Upright cylinder."""
+
+    kind: Literal["cylinder"]
+    radius_m: Positive = 0.5
+    height_m: Positive = 1.0
+
+    def _triangles(self, around: Surroundings) -> Offsets:
+        return tube(np.zeros(3), [0.0, 0.0, self.height_m], self.radius_m)
+
+
+class EllipsoidTable(_SurfaceTable):
+    """Ellipsoid that stands on the ground."""
+
+    kind: Literal["ellipsoid"]
+    size_m: Size = (1.0, 1.0, 1.0)
+
+    def _triangles(self, around: Surroundings) -> Offsets:
+        return globe([0.0, 0.0, self.size_m[2] / 2], np.array(self.size_m) / 2)
+
+
+class MeshTable(_SurfaceTable):
+    """Mesh or city from a file, sampled within the region."""
+
+    kind: Literal["mesh"]
+    file: str
+    position_m: Position = (0.0, 0.0, 0.0)
+    scale: Positive | None = None
+    up: Literal["y", "z"] | None = None
+
+    def _triangles(self, around: Surroundings) -> Offsets:
+        path = _file_of(around.source, self.file)
+        return read_mesh(path, self.scale, self.up, float(np.linalg.norm(around.region.size_m)))
+
+    def _shape(self, around: Surroundings) -> tuple[Offsets, list[Part]]:
+        triangles = self._triangles(around)
+        placed = self._in_place(triangles)
+        within = clipped(placed, around.region.lower_m, around.region.upper_m)
+        if within is not placed:
+            offsets = turned((within - self.position_m).reshape(-1, 3), -self.yaw_deg)
+            within = offsets.reshape(-1, 3, 3)
+        else:
+            within = triangles
+        points = surface_points(within, self.spacing_m)
+        points = points[around.region.contains(self._in_place(points).round(DECIMALS), SLACK_M)]
+        if not len(points):
+            raise InputError(
+                f"{self.file}: no part of its surface lies in the region, {around.region}; its bounding box "
+                f"is {box_of(placed)}; allowed are places that reach into the region, and a scale if the "
+                "file is not in metres"
+            )
+        return points, [(triangles, ())]
+
+
+def _file_of(source: Path, name: str) -> Path:
+    """File that a scenario names, in the folder of the scenario's file or below it."""
+    path = source.parent / name
+    # Where the scenario is a symbolic link, its files may lie in the folder of its target.
+    require_inside(path, source.parent, source.resolve().parent)
+    return path
+
+
+class PointsTable(_EchoTable):
     """Points of a csv; position and velocity shift them all, the amplitude scales them all."""
 
     kind: Literal["points"]
@@ -220,27 +377,24 @@ class PointsTable(FileTable):
     position_m: Position = (0.0, 0.0, 0.0)
     velocity_mps: Finite = 0.0
     amplitude: Positive = 1.0
+    rcs_dbsm: CrossSection = None
 
-    def scatterers(self, source: Path, base_station_m: Offsets) -> Scatterers:
+    def placed(self, around: Surroundings) -> PlacedObject:
         """Read the scatterers of the csv, which lies in the folder of the scenario's file.
 
         Parameters
         ----------
-        source : Path
-            File of the scenario.
-        base_station_m : ndarray of float64, shape (3,)
+        around : Surroundings
 
         Returns
         -------
-        Scatterers
+        PlacedObject
         """
-        path = source.parent / self.file
-        # Where the scenario is a symbolic link, its files may lie in the folder of its target.
-        require_inside(path, source.parent, source.resolve().parent)
-        xyz, velocity, amplitude = read_points_csv(path)
-        return Scatterers(
+        xyz, velocity, amplitude = read_points_csv(_file_of(around.source, self.file))
+        scatterers = Scatterers(
             np.array(self.position_m) + xyz, self.velocity_mps + velocity, self.amplitude * amplitude
         )
+        return PlacedObject(scatterers, rcs_dbsm=self.rcs_dbsm)
 
 
 AnyObject = Annotated[
@@ -254,7 +408,12 @@ AnyObject = Annotated[
     | PoleTable
     | RailTable
     | PointTable
-    | PointsTable,
+    | PointsTable
+    | LorryTable
+    | CyclistTable
+    | CylinderTable
+    | EllipsoidTable
+    | MeshTable,
     Field(discriminator="kind"),
 ]
 """Entry of ``[[objects]]``."""

@@ -203,7 +203,7 @@ def green_belt(size_m: Sequence[float] = (1.0, 20.0, 1.0), spacing_m: float = 0.
     return _grid([-width / 2, width / 2], _steps(length, spacing_m), [0.0, height])
 
 
-def box(size_m: Sequence[float] = (1.0, 6.0, 1.0), spacing_m: float = 0.5) -> Offsets:
+def box(size_m: Sequence[float] | Offsets = (1.0, 6.0, 1.0), spacing_m: float = 0.5) -> Offsets:
     """Sample the sides and the top of a box.
 
     Parameters
@@ -308,15 +308,57 @@ def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -
     if height <= WAIST_M:
         raise InputError(f"vehicle: its height {height:g} m must be above its waist, {WAIST_M:g} m")
     x, y = _steps(width, spacing_m), _steps(length, spacing_m)
-    of_cabin = y[np.abs(y) <= length / 4]
+    of_cabin = cabin_rows(length, spacing_m)
     levels = _steps(height - WAIST_M, spacing_m) + (height + WAIST_M) / 2
     waist = _grid(x, y, [WAIST_M])
     is_inside = np.isin(waist[:, 1], of_cabin[1:-1]) & ~np.isin(waist[:, 0], x[[0, -1]])
     shells = [_grid(x, y, [SILL_M]), *(_grid(x, of_cabin, [level]) for level in levels[1:-1])]
-    hubs = _grid([-width / 2, width / 2], [-0.3 * length, 0.3 * length], [WHEEL_RADIUS_M])
-    rims = hubs[:, None, :] + WHEEL_RADIUS_M * np.pad(RIM, ((0, 0), (1, 0)))
+    hubs = axle_ends(width, [-0.3 * length, 0.3 * length], WHEEL_RADIUS_M)
     surfaces = [waist[~is_inside], _grid(x, of_cabin, levels[-1:])]
-    return np.concatenate([*map(_rim, shells), *surfaces, rims.reshape(-1, 3)])
+    return np.concatenate([*map(_rim, shells), *surfaces, _rims(hubs, WHEEL_RADIUS_M)])
+
+
+def cabin_rows(length_m: float, spacing_m: float) -> Offsets:
+    """Places along a vehicle of the rows of its cabin.
+
+    Parameters
+    ----------
+    length_m : float
+        Of the vehicle.
+    spacing_m : float
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+    """
+    y = _steps(length_m, spacing_m)
+    rows: Offsets = y[np.abs(y) <= length_m / 4]
+    return rows
+
+
+def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Offsets:
+    """Hubs of the wheels, on both sides of every axle.
+
+    Parameters
+    ----------
+    width_m : float
+        Distance of the two wheels of an axle.
+    axles_m : sequence of float
+        Places along the vehicle.
+    radius_m : float
+        Of the wheels, which stand on the ground.
+
+    Returns
+    -------
+    ndarray of float64, shape (2 n, 3)
+    """
+    return _grid([-width_m / 2, width_m / 2], axles_m, [radius_m])
+
+
+def _rims(hubs: Offsets, radius_m: float) -> Offsets:
+    """Four points on the rim of every wheel."""
+    rims = hubs[:, None, :] + radius_m * np.pad(RIM, ((0, 0), (1, 0)))
+    return rims.reshape(-1, 3)
 
 
 def _rim(layer: Offsets) -> Offsets:
@@ -325,14 +367,153 @@ def _rim(layer: Offsets) -> Offsets:
     return outer
 
 
-def wheel_roll() -> Offsets:
-    """Velocities of a vehicle's 16 rim points relative to the body, for a speed of 1 m/s.
+def wheel_roll(n_wheels: int) -> Offsets:
+    """Velocities of the rim points of wheels relative to the body, for a speed of 1 m/s.
 
     A wheel rolls: its lowest point stands still, its highest has twice the speed.
 
+    Parameters
+    ----------
+    n_wheels : int
+
     Returns
     -------
-    ndarray of float64, shape (16, 3)
+    ndarray of float64, shape (4 n_wheels, 3)
     """
     forwards_and_up = np.column_stack([RIM[:, 1], -RIM[:, 0]])
-    return np.tile(np.pad(forwards_and_up, ((0, 0), (1, 0))), (4, 1))
+    return np.tile(np.pad(forwards_and_up, ((0, 0), (1, 0))), (n_wheels, 1))
+
+
+CAB_M, GAP_M = 2.0, 0.5
+CAB_FLOOR_M, CARGO_FLOOR_M = 0.5, 1.0
+CAB_HEIGHT = 0.8
+"""Height of the cab over that of the lorry."""
+LORRY_WHEEL_M = 0.5
+LEAST_LORRY_M = 5.0, 2.0
+"""Least length and height."""
+
+
+def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Offsets, Offsets]]:
+    """Lower and upper corners of the cab and the cargo box of a lorry.
+
+    Parameters
+    ----------
+    size_m : (float, float, float)
+        Width along x, length along y, height.
+
+    Returns
+    -------
+    list of two pairs of ndarray of float64, shape (3,)
+
+    Raises
+    ------
+    InputError
+        If it is too short or too low for them.
+    """
+    width, length, height = size_m
+    if length < LEAST_LORRY_M[0] or height < LEAST_LORRY_M[1]:
+        least = " m and ".join(f"{side:g}" for side in LEAST_LORRY_M)
+        raise InputError(f"lorry: {length:g} m long and {height:g} m high; allowed are at least {least} m")
+    front, back, half = length / 2, -length / 2, width / 2
+    return [
+        (np.array([-half, front - CAB_M, CAB_FLOOR_M]), np.array([half, front, CAB_HEIGHT * height])),
+        (np.array([-half, back, CARGO_FLOOR_M]), np.array([half, front - CAB_M - GAP_M, height])),
+    ]
+
+
+def lorry_hubs(size_m: Sequence[float]) -> Offsets:
+    """Hubs of the six wheels of a lorry.
+
+    Parameters
+    ----------
+    size_m : (float, float, float)
+
+    Returns
+    -------
+    ndarray of float64, shape (6, 3)
+    """
+    width, length, _ = size_m
+    return axle_ends(width, [1.2 - length / 2, 2.5 - length / 2, length / 2 - 1.2], LORRY_WHEEL_M)
+
+
+def lorry(size_m: Sequence[float] = (2.5, 9.0, 3.6), spacing_m: float = 0.5) -> Offsets:
+    """Sample a lorry: sides and tops of cab and cargo box, and six wheels.
+
+    Parameters
+    ----------
+    size_m : (float, float, float)
+        Width along x, length along y from 5 m on, height from 2 m on.
+    spacing_m : float
+        Distance of neighbours on the boxes.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        The 24 points of the rims come last.
+
+    Raises
+    ------
+    InputError
+        If it is too short or too low.
+    """
+    boxes = [
+        box(upper - lower, spacing_m) + np.array([0.0, (lower + upper)[1] / 2, lower[2]])
+        for lower, upper in lorry_boxes(size_m)
+    ]
+    return np.concatenate([*boxes, _rims(lorry_hubs(size_m), LORRY_WHEEL_M)])
+
+
+LEFT_OF_RIDER = np.array([[0.06, 0.2, 1.75], [0.2, 0.15, 1.4], [0.25, 0.45, 1.05], [0.12, -0.25, 0.95]])
+"""Left head, shoulder, hand and hip of a cyclist."""
+BRACKET_M = 0.3
+"""Height of the axle of the cranks."""
+CRANK_M = 0.17
+CYCLE_WHEEL_M, CYCLE_AXLES_M = 0.34, (-0.52, 0.52)
+GEAR = 2.5
+"""Turns of a wheel in a turn of the cranks."""
+
+
+def cyclist(crank_phase_deg: float = 0.0) -> Offsets:
+    """Outline a cyclist: the points of a pedestrian, riding, and two wheels.
+
+    Parameters
+    ----------
+    crank_phase_deg : float
+        0 where the left pedal is highest, 90 where it is foremost.
+
+    Returns
+    -------
+    ndarray of float64, shape (20, 3)
+        The left side as that of `pedestrian`, the right one, then 4 points on each rim.
+    """
+    phase = np.radians(crank_phase_deg)
+    sides = []
+    for side, turn in ((1.0, phase), (-1.0, phase + np.pi)):
+        upper = LEFT_OF_RIDER * [side, 1.0, 1.0]
+        foot = np.array([0.1 * side, CRANK_M * np.sin(turn), BRACKET_M + CRANK_M * np.cos(turn)])
+        knee = (upper[-1] + foot) / 2 + [0.0, 0.22, 0.1]
+        sides.append(np.vstack([upper, knee, foot]))
+    sides[1][0, 2] -= 0.15  # the head is one: crown on the left, chin on the right
+    return np.concatenate([*sides, _rims(_grid([0.0], CYCLE_AXLES_M, [CYCLE_WHEEL_M]), CYCLE_WHEEL_M)])
+
+
+def pedalling(crank_phase_deg: float) -> Offsets:
+    """Velocities of a cyclist's points relative to the frame, for a speed of 1 m/s.
+
+    Wheels roll, pedals turn once in 2.5 turns of a wheel, and knees move half as fast.
+
+    Parameters
+    ----------
+    crank_phase_deg : float
+        As `cyclist` takes it.
+
+    Returns
+    -------
+    ndarray of float64, shape (20, 3)
+    """
+    phase = np.radians(crank_phase_deg)
+    foot = CRANK_M / (CYCLE_WHEEL_M * GEAR) * np.array([0.0, np.cos(phase), -np.sin(phase)])
+    own = np.zeros((20, 3))
+    own[[4, 5, 10, 11]] = foot / 2, foot, -foot / 2, -foot
+    own[12:] = wheel_roll(len(CYCLE_AXLES_M))
+    return own

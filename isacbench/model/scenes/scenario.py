@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, StrictBool
@@ -15,9 +15,23 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.frame import FrameName, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import ERRORS, MOST_ERRORS, Scatterers, Scenario
+from isacbench.model.scene import ERRORS, MOST_ERRORS, Scenario
 from isacbench.model.scenes.object_tables import AnyObject, FileTable, Finite, Position, Positive
-from isacbench.model.scenes.scene_families import FamilySpec, family_specs, is_family_spec, scenario_file
+from isacbench.model.scenes.placed_objects import (
+    PlacedObject,
+    Surroundings,
+    join_scatterers,
+    seen_objects,
+    with_cross_section,
+    with_path_loss,
+)
+from isacbench.model.scenes.scene_families import (
+    FamilySpec,
+    Seed,
+    family_specs,
+    is_family_spec,
+    scenario_file,
+)
 
 
 def scenario_names() -> list[str]:
@@ -135,31 +149,45 @@ class _ScenarioTable(FileTable):
     region: _RegionTable
     scoring: _ScoringTable = _ScoringTable()
     objects: tuple[AnyObject, ...] = ()
+    visible: Literal["all", "seen"] = "all"
+    path_loss: Literal["none", "free_space"] = "none"
+    rcs_seed: Seed = 0
 
     def scenario(self, source: Path) -> Scenario:
         """Build the scenario; `source` is its file."""
-        parts = [self._scatterers(number, source) for number in range(len(self.objects))]
-        scatterers = Scatterers(
-            np.concatenate([np.empty((0, 3)), *(part.xyz for part in parts)]),
-            np.concatenate([np.empty(0), *(part.velocity for part in parts)]),
-            np.concatenate([np.empty(0), *(part.amplitude for part in parts)]),
-        )
+        system, base_station_m = System(**self.system.model_dump()), np.array(self.base_station.position_m)
+        region = Region(**self.region.model_dump())
+        around = Surroundings(source, base_station_m, region, with_solids=self.visible == "seen")
+        placed = [self._placed(number, around) for number in range(len(self.objects))]
+        if self.visible == "seen":
+            placed = seen_objects(placed, base_station_m)
+        placed = [
+            with_cross_section(each, f"rcs {self.rcs_seed} {number}") for number, each in enumerate(placed)
+        ]
+        if self.path_loss == "free_space":
+            placed = [with_path_loss(each, base_station_m, system.wavelength_m) for each in placed]
         return Scenario(
             name=self.name,
-            system=System(**self.system.model_dump()),
+            system=system,
             array=VirtualArray(**self.array.model_dump(exclude={"frame", "yaw_deg", "tilt_deg", *ERRORS})),
             frame=get_frame(self.array.frame, self.array.yaw_deg, self.array.tilt_deg),
-            base_station_m=np.array(self.base_station.position_m),
-            region=Region(**self.region.model_dump()),
-            scatterers=scatterers,
+            base_station_m=base_station_m,
+            region=region,
+            scatterers=join_scatterers(placed),
             radius_m=self.scoring.radius_m,
             gain_error_db=self.array.gain_error_db,
             phase_error_deg=self.array.phase_error_deg,
         )
 
-    def _scatterers(self, number: int, source: Path) -> Scatterers:
-        """Place the scatterers of one object; errors name it."""
+    def _placed(self, number: int, around: Surroundings) -> PlacedObject:
+        """Place one object; errors name it."""
         try:
-            return self.objects[number].scatterers(source, np.array(self.base_station.position_m))
+            placed = self.objects[number].placed(around)
+            if placed.rcs_dbsm is not None and not self.system.coherent_phase:
+                raise InputError(
+                    "rcs_dbsm needs carrier phases, because its scatterers would add up in phase; "
+                    "allowed is coherent_phase = true in [system]"
+                )
         except InputError as error:
             raise InputError(f"objects[{number}]: {error}") from error
+        return placed

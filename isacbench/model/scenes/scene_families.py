@@ -36,6 +36,8 @@ class FamilyParameters(BaseModel):
         True if every echo has the carrier's phase, false if all are in phase.
     gain_error_db, phase_error_deg : float
         Standard deviations of the gain and phase errors of the virtual elements.
+    visible : {"all", "seen"}
+        Scatterers of transparent objects, or those that the base station sees past all surfaces.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -45,6 +47,7 @@ class FamilyParameters(BaseModel):
     coherent_phase: Annotated[bool, Field(strict=True)] = False
     gain_error_db: Annotated[float, Field(strict=True, ge=0, le=10, allow_inf_nan=False)] = 0.0
     phase_error_deg: Annotated[float, Field(strict=True, ge=0, le=180, allow_inf_nan=False)] = 0.0
+    visible: Literal["all", "seen"] = "all"
 
 
 class DensityParameters(FamilyParameters):
@@ -69,6 +72,12 @@ class CrowdParameters(FamilyParameters):
     """
 
     pedestrians: Count = 0
+
+
+class TrafficParameters(FamilyParameters):
+    """Parameters of the families ``traffic`` and ``crossing``, whose objects hide each other by default."""
+
+    visible: Literal["all", "seen"] = "seen"
 
 
 class SparseParameters(FamilyParameters):
@@ -142,6 +151,20 @@ FAMILIES: dict[str, Family] = {
             "lone scatterers a Rayleigh cell apart; 1 to 20 unless their number is given",
             f"{_DRAWN}:draw_sparse",
             SparseParameters,
+        ),
+        Family(
+            "traffic",
+            1,
+            "cars with turning wheels, cyclists, and lorries that hide others, on a road",
+            f"{_DRAWN}:draw_traffic",
+            TrafficParameters,
+        ),
+        Family(
+            "crossing",
+            1,
+            "vehicles, cyclists and pedestrians that move in all directions",
+            f"{_DRAWN}:draw_crossing",
+            TrafficParameters,
         ),
     )
 }

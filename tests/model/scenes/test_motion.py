@@ -62,7 +62,7 @@ def test_the_foot_that_passes_backwards_stands_on_the_ground():
 
 def test_a_wheel_rolls():
     """The lowest point stands, the highest has twice the speed, the hub's height that of the vehicle."""
-    rims, roll = vehicle()[-16:], wheel_roll()
+    rims, roll = vehicle()[-16:], wheel_roll(4)
     total = roll + np.array([0.0, 1.0, 0.0])
     np.testing.assert_array_equal(np.linalg.norm(total[rims[:, 2] == rims[:, 2].min()], axis=1), 0)
     np.testing.assert_array_equal(total[rims[:, 2] == rims[:, 2].max()], [[0, 2, 0]] * 4)

@@ -157,7 +157,7 @@ def test_the_command_line_shows_such_a_warning_as_one_line_without_source(tiny):
         (
             'kind = "car"',
             'kind = "carr"',
-            "objects[1].kind = 'carr': did you mean 'car'? allowed are box, car, green_belt, lamp_post",
+            "objects[1].kind = 'carr': did you mean 'car'? allowed are box, car, cyclist, cylinder",
         ),
         (
             "n_symbols = 32",

@@ -54,6 +54,8 @@ def test_a_scene_is_the_same_as_years_ago(family):
         "crowd": "77abde451ba741fb",
         "weak": "bab9737606bc8635",
         "sparse": "012b5bf3e300efdf",
+        "traffic": "b531d952fb4cc09d",
+        "crossing": "b4db5b469546f8c1",
     }
     scenario = load_scenario(f"{family}[seed=7]")
     assert scenario_digest(scenario) == golden[family]
@@ -109,11 +111,11 @@ def n_points(entry):
     return 1 if entry["kind"] == "point" else len(getattr(outlines, entry["kind"])(**sizes))
 
 
-@pytest.mark.parametrize("family", ["street", "town", "facade", "crowd", "weak"])
+@pytest.mark.parametrize("family", [name for name in FAMILIES if name != "sparse"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_objects_do_not_intersect(family, seed):
     """Seen from above, the convex hulls of any two objects are apart by some direction."""
-    _, placed = objects(f"{family}[seed={seed}]")
+    _, placed = objects(f"{family}[seed={seed},visible=all]")
     directions = np.radians(np.arange(0, 180, 0.1))
     axes = np.stack([np.cos(directions), np.sin(directions)])
     for index, one in enumerate(placed):
@@ -123,14 +125,15 @@ def test_objects_do_not_intersect(family, seed):
             assert gap.max() > 0.2
 
 
-@pytest.mark.parametrize("family", ["town", "facade", "weak"])
+@pytest.mark.parametrize("family", ["town", "facade", "weak", "traffic", "crossing"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_surfaces_are_sampled_every_half_metre_within_a_fifth(family, seed):
-    entries, placed = objects(f"{family}[seed={seed}]")
+    entries, placed = objects(f"{family}[seed={seed},visible=all]")
+    n_rims = {"vehicle": 16, "lorry": 24}
     for entry, points in zip(entries, placed, strict=True):
-        if entry["kind"] == "pedestrian":
+        if entry["kind"] in ("pedestrian", "cyclist"):
             continue
-        surface = points[:-16] if entry["kind"] == "vehicle" else points
+        surface = points[: len(points) - n_rims.get(entry["kind"], 0)]
         distance = cKDTree(surface).query(surface, 2)[0][:, 1]
         assert distance.min() >= 0.4 - 1e-5, entry
         assert distance.max() <= 0.6 + 1e-5, entry
@@ -149,11 +152,12 @@ def test_lone_scatterers_are_a_rayleigh_cell_apart_in_one_coordinate(seed, frame
         assert (np.abs(cells[:index] - cell).max(axis=1, initial=0) > 0.999).all()
 
 
-def test_speeds_differ_within_walkers_of_a_crowd_and_vehicles_of_a_town():
-    for family, kind in (("crowd", "pedestrian"), ("town", "vehicle")):
-        entries, placed = objects(f"{family}[seed=2]")
+def test_speeds_differ_within_walkers_vehicles_lorries_and_cyclists():
+    movers = {"crowd": "pedestrian", "town": "vehicle", "traffic": "lorry", "crossing": "cyclist"}
+    for family, kind in movers.items():
+        entries, placed = objects(f"{family}[seed=2,visible=all]")
         speeds = np.split(
-            load_scenario(f"{family}[seed=2]").scatterers.velocity, np.cumsum([*map(len, placed)])[:-1]
+            load_scenario(f"{family}[seed=2,visible=all]").scatterers.velocity, np.cumsum([*map(len, placed)])[:-1]
         )
         spreads = [np.ptp(part) for part, entry in zip(speeds, entries, strict=True) if entry["kind"] == kind]
         assert max(spreads) > 1.0

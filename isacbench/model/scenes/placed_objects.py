@@ -1,0 +1,171 @@
+"""Objects in their places: their scatterers, the surfaces that hide others, and the echoes' strengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isacbench.errors import InputError
+from isacbench.model.scene import AT_BASE_STATION_M, Scatterers
+from isacbench.model.scenes.cross_sections import cross_section_dbsm, free_space_amplitudes
+from isacbench.model.surfaces.visibility import NO_PART, seen_points
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from isacbench.model.region import Region
+    from isacbench.model.surfaces.solids import Part
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Where an object is placed.
+
+    Attributes
+    ----------
+    source : Path
+        File of the scenario.
+    base_station_m : ndarray of float64, shape (3,)
+    region : Region
+    with_solids : bool
+        True if surfaces that hide are needed.
+    """
+
+    source: Path
+    base_station_m: Floats
+    region: Region
+    with_solids: bool
+
+
+@dataclass(frozen=True)
+class PlacedObject:
+    """Object in its place.
+
+    Attributes
+    ----------
+    scatterers : Scatterers
+    parts : sequence of (ndarray of float64 of shape (n, 3, 3), sequence of int)
+        Triangles that hide, and the numbers of the scatterers that each part does not hide.
+    rcs_dbsm : float or str, optional
+        Radar cross section, or the name of a draw.
+    """
+
+    scatterers: Scatterers
+    parts: Sequence[Part] = ()
+    rcs_dbsm: float | str | None = None
+
+
+def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
+    """Join the scatterers of all objects.
+
+    Parameters
+    ----------
+    placed : sequence of PlacedObject
+
+    Returns
+    -------
+    Scatterers
+    """
+    parts = [each.scatterers for each in placed]
+    return Scatterers(
+        np.concatenate([np.empty((0, 3)), *(part.xyz for part in parts)]),
+        np.concatenate([np.empty(0), *(part.velocity for part in parts)]),
+        np.concatenate([np.empty(0), *(part.amplitude for part in parts)]),
+    )
+
+
+def seen_objects(placed: Sequence[PlacedObject], base_station_m: Floats) -> list[PlacedObject]:
+    """Leave the scatterers that the base station sees past the surfaces of all objects.
+
+    Parameters
+    ----------
+    placed : sequence of PlacedObject
+    base_station_m : ndarray of float64, shape (3,)
+
+    Returns
+    -------
+    list of PlacedObject
+
+    Raises
+    ------
+    InputError
+        If it sees none.
+    """
+    xyz = join_scatterers(placed).xyz
+    numbers = np.cumsum([0, *(len(each.scatterers) for each in placed)])
+    point_part = np.full(len(xyz), NO_PART)
+    parts = [
+        (triangles, first + np.array(own, dtype=int))
+        for first, each in zip(numbers[:-1], placed, strict=True)
+        for triangles, own in each.parts
+    ]
+    for part, (_, own) in enumerate(parts):
+        point_part[own] = part
+    triangles = np.concatenate([np.empty((0, 3, 3)), *(part for part, _ in parts)])
+    face_part = np.repeat(np.arange(len(parts)), [len(part) for part, _ in parts])
+    is_seen = seen_points(base_station_m, xyz, point_part, triangles, face_part)
+    if len(xyz) and not is_seen.any():
+        raise InputError(
+            f"visible = 'seen': surfaces hide all {len(xyz)} scatterers from the base station; allowed is a "
+            "position_m of the base station outside all objects, from which it sees at least one"
+        )
+    seen = np.split(is_seen, numbers[1:-1]) if placed else []
+    return [
+        replace(each, scatterers=_selected(each.scatterers, which))
+        for each, which in zip(placed, seen, strict=True)
+    ]
+
+
+def _selected(scatterers: Scatterers, which: NDArray[np.bool_]) -> Scatterers:
+    return Scatterers(scatterers.xyz[which], scatterers.velocity[which], scatterers.amplitude[which])
+
+
+def with_cross_section(placed: PlacedObject, key: str) -> PlacedObject:
+    """Share an object's cross section evenly among its scatterers.
+
+    Parameters
+    ----------
+    placed : PlacedObject
+    key : str
+        Key of the draw.
+
+    Returns
+    -------
+    PlacedObject
+        With amplitudes √(σ/n), if it has a cross section.
+    """
+    n = len(placed.scatterers)
+    if placed.rcs_dbsm is None or not n:
+        return placed
+    sigma_m2 = 10 ** (cross_section_dbsm(placed.rcs_dbsm, key) / 10)
+    return _with_amplitude(placed, np.full(n, np.sqrt(sigma_m2 / n)))
+
+
+def with_path_loss(placed: PlacedObject, base_station_m: Floats, wavelength_m: float) -> PlacedObject:
+    """Weaken echoes by their distance, as in free space.
+
+    Parameters
+    ----------
+    placed : PlacedObject
+    base_station_m : ndarray of float64, shape (3,)
+    wavelength_m : float
+
+    Returns
+    -------
+    PlacedObject
+    """
+    range_m = np.linalg.norm(placed.scatterers.xyz - base_station_m, axis=1)
+    # A scatterer at the base station is refused later.
+    loss = free_space_amplitudes(np.maximum(range_m, AT_BASE_STATION_M), wavelength_m)
+    return _with_amplitude(placed, placed.scatterers.amplitude * loss)
+
+
+def _with_amplitude(placed: PlacedObject, amplitude: Floats) -> PlacedObject:
+    return replace(placed, scatterers=replace(placed.scatterers, amplitude=amplitude))

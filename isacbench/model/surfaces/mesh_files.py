@@ -1,0 +1,191 @@
+"""Meshes and cities from files: OBJ, PLY, STL, glTF, and scene lists of Mitsuba."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from isacbench.errors import InputError
+from isacbench.files.checked_files import require_file, require_inside
+from isacbench.files.escaping import quoted
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+MESH_BYTES = 2**28
+"""Largest file of a mesh."""
+
+LIST_BYTES = 2**24
+"""Largest scene list."""
+
+SUFFIXES = ".glb", ".gltf", ".obj", ".ply", ".stl"
+CITY_SUFFIXES = ".glb", ".gltf", ".xml"
+
+MOST_SPANS = {False: 3.0, True: 50.0}
+"""Largest side of a mesh, and of a city, in diagonals of the region: one in other units is larger."""
+
+LEAST_SIDE_M = 0.05
+"""Smallest longest side."""
+
+
+def read_mesh(path: Path, scale: float | None, up: str | None, span_m: float) -> Floats:
+    """Read the triangles of a mesh or a city.
+
+    Parameters
+    ----------
+    path : Path
+        File, or folder with one scene list of Mitsuba (``.xml``).
+    scale : float, optional
+        Metres in a unit of the file. By default it is 1, and the size is checked.
+    up : {"y", "z"}, optional
+        Axis of the file that is up. By default z, and y in glTF as its standard
+        says, unless trimesh wrote it, which keeps z.
+    span_m : float
+        Diagonal of the region, which the size is checked by.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3, 3)
+        Corners in m, z up.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, has no triangles, or has a bounding box of another unit.
+    """
+    if path.is_dir():
+        path = _only_list(path)
+    triangles = _listed_triangles(path) if path.suffix.lower() == ".xml" else _file_triangles(path, up)
+    if up == "y" and path.suffix.lower() == ".xml":
+        triangles = _y_up(triangles)
+    if not len(triangles):
+        raise InputError(f"{path}: has no triangles; allowed is a mesh with at least one")
+    if not np.isfinite(triangles).all():
+        raise InputError(f"{path}: has vertices that are no finite numbers")
+    is_city = path.suffix.lower() in CITY_SUFFIXES
+    if scale is None:
+        _require_metres(path, triangles, MOST_SPANS[is_city] * span_m)
+    return triangles * (1.0 if scale is None else scale)
+
+
+def box_of(triangles: Floats) -> str:
+    """Describe a bounding box.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (n, 3, 3)
+
+    Returns
+    -------
+    str
+    """
+    limits = zip("xyz", triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1)), strict=True)
+    return ", ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in limits) + " m"
+
+
+def _require_metres(path: Path, triangles: Floats, most_m: float) -> None:
+    longest_m = np.ptp(triangles, axis=(0, 1)).max()
+    if not LEAST_SIDE_M <= longest_m <= most_m:
+        raise InputError(
+            f"{path}: its bounding box is {box_of(triangles)}, which is no size in metres of an object in "
+            f"this region; allowed are longest sides from {LEAST_SIDE_M:g} to {most_m:.4g} m, or "
+            "a scale, the metres in a unit of the file: 0.001 for millimetres, 1 for metres"
+        )
+
+
+def _file_triangles(path: Path, up: str | None) -> Floats:
+    """Triangles of one file; all its parts, each in its place."""
+    kind = path.suffix.lower()
+    if kind not in SUFFIXES:
+        allowed = ", ".join(SUFFIXES)
+        raise InputError(f"{path}: allowed are the suffixes {allowed} and .xml, or a folder with one .xml")
+    require_file(path, MESH_BYTES)
+    from trimesh import load_scene
+    from trimesh.resolvers import FilePathResolver
+
+    content = path.read_bytes()
+    try:
+        # The resolver refuses buffers outside the folder of the file.
+        scene: Any = load_scene(
+            io.BytesIO(content),
+            file_type=kind[1:],
+            resolver=FilePathResolver(str(path)),
+            process=False,
+            skip_materials=True,
+        )
+        mesh = scene.to_mesh() if scene.geometry else None
+        triangles = np.empty((0, 3, 3)) if mesh is None else np.array(mesh.triangles, dtype=np.float64)
+    except Exception as error:  # a parser fails in its own ways
+        raise InputError(f"{path}: cannot be read as {kind[1:]}: {quoted(str(error))}") from error
+    if up is None:
+        up = "y" if kind in CITY_SUFFIXES and b"github.com/mikedh/trimesh" not in content else "z"
+    return _y_up(triangles) if up == "y" else triangles
+
+
+def _y_up(triangles: Floats) -> Floats:
+    """Turn what has y up."""
+    x, y, z = np.moveaxis(triangles, -1, 0)
+    return np.stack([x, -z, y], axis=-1)
+
+
+def _only_list(folder: Path) -> Path:
+    lists = sorted(folder.glob("*.xml"))
+    if len(lists) != 1:
+        raise InputError(f"{folder}: has {len(lists)} scene lists; allowed is a folder with one .xml")
+    return lists[0]
+
+
+def _listed_triangles(path: Path) -> Floats:
+    """Triangles of the shapes that a scene list of Mitsuba names."""
+    require_file(path, LIST_BYTES)
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: cannot be read as xml: {error}") from error
+    parts = [np.empty((0, 3, 3))]
+    for shape in root.iter("shape"):
+        name = shape.find("string[@name='filename']")
+        if name is None:
+            kind = quoted(shape.get("type", ""))
+            raise InputError(f"{path}: a shape of type {kind} has no filename; allowed are shapes from files")
+        file = path.parent / name.get("value", "")
+        require_inside(file, path.parent)
+        corners = _file_triangles(file, "z").reshape(-1, 3)
+        for transform in shape.findall("transform[@name='to_world']"):
+            for step in transform:
+                matrix = _matrix(step, path)
+                corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
+        parts.append(corners.reshape(-1, 3, 3))
+    return np.concatenate(parts)
+
+
+def _matrix(step: ElementTree.Element, path: Path) -> Floats:
+    """Matrix (4, 4) of a step of a transformation."""
+    try:
+        values = [float(number) for number in step.get("value", "").replace(",", " ").split()]
+        given = [float(step.get(axis, 1.0 if step.tag == "scale" else 0.0)) for axis in "xyz"]
+        matrix = np.eye(4)
+        if step.tag == "matrix":
+            matrix = np.array(values).reshape(4, 4)
+        elif step.tag == "translate":
+            matrix[:3, 3] = values or given
+        elif step.tag == "scale":
+            matrix[range(3), range(3)] = values or given
+        elif step.tag == "rotate":
+            axis = np.array(values or given)
+            if not axis.any():
+                raise ValueError("allowed is an axis other than 0")
+            turn = float(step.get("angle", "0")) / np.linalg.norm(axis)
+            matrix[:3, :3] = Rotation.from_rotvec(turn * axis, degrees=True).as_matrix()
+        else:
+            raise ValueError("allowed are matrix, translate, rotate and scale")
+    except ValueError as error:
+        raise InputError(f"{path}: {step.tag} of a to_world transform: {error}") from error
+    return matrix

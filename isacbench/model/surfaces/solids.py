@@ -1,0 +1,214 @@
+"""Solids of objects: the surfaces that hide what lies behind them.
+
+Every function takes the keys of a kind as its outline in
+`isacbench.model.scenes.objects` does, and returns the parts of the object. A
+part is triangles (n, 3, 3) around the object's foot point, and the numbers of
+those points of the outline that it does not hide, because they stand for the
+part: thin parts have their points on their axis. All other points lie on
+surfaces, and every part hides them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isacbench.model.scenes.objects import (
+    LORRY_WHEEL_M,
+    RAIL_HEIGHTS_M,
+    SILL_M,
+    WAIST_M,
+    WHEEL_RADIUS_M,
+    axle_ends,
+    cabin_rows,
+    cyclist,
+    lamp_post,
+    lorry_boxes,
+    lorry_hubs,
+    pedestrian,
+    pole,
+    rail,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+    Part = tuple[Floats, Sequence[int]]
+
+SECTIONS = 24
+"""Sides of a cylinder."""
+BAR_M, MAST_M, ARM_M = 0.05, 0.08, 0.04
+"""Radii of a rail's bars and of a pole, of a mast, and of its arms."""
+TYRE_M = 0.2
+"""Width of a wheel."""
+
+
+def cuboid(lower: ArrayLike, upper: ArrayLike) -> Floats:
+    """Triangles of a box along the axes.
+
+    Parameters
+    ----------
+    lower, upper : array_like, shape (3,)
+        Corners.
+
+    Returns
+    -------
+    ndarray of float64, shape (12, 3, 3)
+    """
+    from trimesh.creation import box
+
+    return np.array(box(bounds=np.array([lower, upper], dtype=float)).triangles)
+
+
+def tube(start: ArrayLike, end: ArrayLike, radius_m: float) -> Floats:
+    """Triangles of a closed cylinder.
+
+    Parameters
+    ----------
+    start, end : array_like, shape (3,)
+        Ends of its axis.
+    radius_m : float
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3, 3)
+    """
+    from trimesh.creation import cylinder
+
+    return np.array(cylinder(radius_m, sections=SECTIONS, segment=np.array([start, end])).triangles)
+
+
+def globe(centre: ArrayLike, semi_axes_m: ArrayLike) -> Floats:
+    """Triangles of an ellipsoid along the axes.
+
+    Parameters
+    ----------
+    centre, semi_axes_m : array_like, shape (3,)
+
+    Returns
+    -------
+    ndarray of float64, shape (320, 3, 3)
+    """
+    from trimesh.creation import icosphere
+
+    unit = np.array(icosphere(subdivisions=2).triangles)
+    placed: Floats = unit * np.asarray(semi_axes_m, dtype=float) + np.asarray(centre, dtype=float)
+    return placed
+
+
+def solid_of(kind: str, keys: dict[str, Any]) -> list[Part]:
+    """Parts of an object.
+
+    Parameters
+    ----------
+    kind : str
+        As in a scenario file.
+    keys : dict
+        Sizes of the object, as its outline takes them.
+
+    Returns
+    -------
+    list of (ndarray of float64 of shape (n, 3, 3), sequence of int)
+    """
+    parts: list[Part] = _SOLIDS[kind](**keys) if kind in _SOLIDS else []
+    return parts
+
+
+def _car(size_m: Sequence[float]) -> list[Part]:
+    width, length, height = size_m
+    half = 0.45 * width
+    body = cuboid([-half, -length / 2, height / 6], [half, length / 2, height / 2])
+    return [(body, ()), (cuboid([-half, -length / 4, height / 2], [half, length / 4, height]), ())]
+
+
+def _vehicle(size_m: Sequence[float], spacing_m: float) -> list[Part]:
+    width, length, height = size_m
+    half, rows = width / 2, cabin_rows(length, spacing_m)
+    body = cuboid([-half, -length / 2, SILL_M], [half, length / 2, WAIST_M])
+    cabin = cuboid([-half, rows[0], WAIST_M], [half, rows[-1], height])
+    hubs = axle_ends(width, [-0.3 * length, 0.3 * length], WHEEL_RADIUS_M)
+    return [(body, ()), (cabin, ()), *_wheels(hubs, WHEEL_RADIUS_M)]
+
+
+def _lorry(size_m: Sequence[float], spacing_m: float) -> list[Part]:
+    boxes: list[Part] = [(cuboid(*corners), ()) for corners in lorry_boxes(size_m)]
+    return [*boxes, *_wheels(lorry_hubs(size_m), LORRY_WHEEL_M)]
+
+
+def _wheels(hubs: Floats, radius_m: float) -> list[Part]:
+    """Wheels whose outer sides have the hubs."""
+    return [(tube(hub, hub - [np.copysign(TYRE_M, hub[0]), 0, 0], radius_m), ()) for hub in hubs]
+
+
+def _pedestrian(height_m: float, stride_phase_deg: float) -> list[Part]:
+    return _person(pedestrian(height_m, stride_phase_deg))
+
+
+def _cyclist(crank_phase_deg: float) -> list[Part]:
+    """Rider; spokes and frame hide nothing."""
+    return _person(cyclist(crank_phase_deg)[:12])
+
+
+def _person(points: Floats) -> list[Part]:
+    """Trunk, head, arms and legs of a person; the points of each stand for it."""
+    head, shoulders, _, hips, _, _ = (points[:6] + points[6:]) / 2
+    shoulder_m = float(np.linalg.norm(points[1] - points[7])) / 2
+    parts: list[Part] = [
+        (tube(hips, shoulders, 0.8 * shoulder_m), (1, 3, 7, 9)),
+        (globe(head, np.full(3, 0.6 * shoulder_m)), (0, 6)),
+    ]
+    for side in (0, 6):
+        _, shoulder, hand, hip, knee, foot = points[side : side + 6]
+        leg = np.concatenate([tube(hip, knee, 0.4 * shoulder_m), tube(knee, foot, 0.3 * shoulder_m)])
+        parts += [(tube(shoulder, hand, 0.25 * shoulder_m), (side + 2,)), (leg, (side + 4, side + 5))]
+    return parts
+
+
+def _lamp_post(height_m: float, foot_m: float, spacing_m: float, arm_m: float) -> list[Part]:
+    points = lamp_post(height_m, foot_m, spacing_m, arm_m)
+    n_mast, top = len(points) - 4, [0.0, 0.0, height_m]
+    arms: list[Part] = [(tube(top, points[tip], ARM_M), (tip,)) for tip in range(n_mast, n_mast + 4)]
+    return [(tube(np.zeros(3), top, MAST_M), range(n_mast)), *arms]
+
+
+def _box(size_m: Sequence[float], spacing_m: float) -> list[Part]:
+    width, length, height = size_m
+    return [(cuboid([-width / 2, -length / 2, 0.0], [width / 2, length / 2, height]), ())]
+
+
+def _wall(size_m: Sequence[float], spacing_m: float) -> list[Part]:
+    length, height = size_m
+    a, b, c, d = [[0.0, y, z] for y, z in ((-0.5, 0), (0.5, 0), (0.5, 1), (-0.5, 1))]
+    return [(np.array([[a, b, c], [a, c, d]]) * [1.0, length, height], ())]
+
+
+def _pole(height_m: float, spacing_m: float) -> list[Part]:
+    axis = tube(np.zeros(3), [0.0, 0.0, height_m], BAR_M)
+    return [(axis, range(len(pole(height_m, spacing_m))))]
+
+
+def _rail(length_m: float, spacing_m: float) -> list[Part]:
+    n = len(rail(length_m, spacing_m))
+    return [
+        (tube([0.0, -length_m / 2, z], [0.0, length_m / 2, z], BAR_M), range(bar, n, 2))
+        for bar, z in enumerate(RAIL_HEIGHTS_M)
+    ]
+
+
+_SOLIDS: dict[str, Callable[..., list[Part]]] = {
+    "car": _car,
+    "vehicle": _vehicle,
+    "lorry": _lorry,
+    "pedestrian": _pedestrian,
+    "cyclist": _cyclist,
+    "lamp_post": _lamp_post,
+    "green_belt": _box,
+    "box": _box,
+    "wall": _wall,
+    "pole": _pole,
+    "rail": _rail,
+}

@@ -1,0 +1,159 @@
+"""Points on triangles, about one for each square of a spacing, the same on every machine."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from isacbench.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+MOST_SURFACE_POINTS = 200_000
+"""Largest number of points that a mesh is sampled at."""
+
+SLACK_M = 1e-9
+"""Distance up to which a surface outside a box counts as on it."""
+
+CANDIDATES = 3
+"""Candidates along a side of a cell."""
+
+NEAREST = 0.6
+"""Least distance of two points on surfaces that face alike, in spacings."""
+
+
+def surface_points(triangles: Floats, spacing_m: float) -> Floats:
+    """Sample triangles.
+
+    Space is divided into cubic cells of about the spacing, from the lower
+    corner of the bounding box on. In every cell, each of the six sides towards
+    which surfaces face has one point: the one nearest to the middle of the
+    cell. Thin parts have points, and both sides of a thin wall. Of two points
+    nearer than 0.6 spacings, on surfaces that face alike, one is left out.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (m, 3, 3)
+        Corners; the right-hand rule gives their outer side.
+    spacing_m : float
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        A box has points in equal steps along its faces.
+
+    Raises
+    ------
+    InputError
+        If the area and the spacing would give more than `MOST_SURFACE_POINTS`.
+    """
+    from trimesh.triangles import closest_point
+
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area_m2 = np.linalg.norm(normals, axis=1) / 2
+    has_area = area_m2 > 0
+    if not has_area.any():
+        return np.empty((0, 3))
+    n_expected = area_m2.sum() / spacing_m**2
+    if n_expected > MOST_SURFACE_POINTS:
+        fits = np.sqrt(area_m2.sum() / MOST_SURFACE_POINTS)
+        raise InputError(
+            f"spacing_m = {spacing_m:g} gives {n_expected:.3g} points on {area_m2.sum():.3g} m² of surface; "
+            f"allowed are at most {MOST_SURFACE_POINTS}, a spacing_m of {np.ceil(100 * fits) / 100:g}"
+        )
+    triangles, normals = triangles[has_area], normals[has_area]
+    axis = np.abs(normals).argmax(axis=1)
+    side = 2 * axis + (np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0)
+    lower, upper = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    n_cells = np.maximum(1.0, np.round((upper - lower) / spacing_m))
+    pitch = np.where(upper > lower, (upper - lower) / n_cells, spacing_m)
+
+    candidates, face = _candidates(triangles, spacing_m / CANDIDATES)
+    cell = np.floor((candidates - lower) / pitch).clip(0, n_cells - 1)
+    cell, face = _distinct(np.column_stack([side[face], cell, face]).astype(int))
+    middle = lower + (cell[:, 1:] + 0.5) * pitch
+    points = closest_point(triangles[face], middle)
+    off_middle_m = np.linalg.norm(points - middle, axis=1).round(6)
+    order = np.lexsort([face, off_middle_m, *cell.T])
+    is_first = np.append(True, (cell[order][1:] != cell[order][:-1]).any(axis=1))
+    chosen = order[is_first]
+    outwards = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return _apart(points[chosen], outwards[face[chosen]], NEAREST * spacing_m)
+
+
+def clipped(triangles: Floats, lower: Floats, upper: Floats) -> Floats:
+    """Cut off what lies outside a box.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (m, 3, 3)
+    lower, upper : ndarray of float64, shape (3,)
+        Corners of the box, which is 1 nm larger on every side.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3, 3)
+        The same array if all lies in the box.
+    """
+    from trimesh.intersections import slice_faces_plane
+
+    if (triangles >= lower - SLACK_M).all() and (triangles <= upper + SLACK_M).all():
+        return triangles
+    for axis in range(3):
+        for corner, sign in ((lower, 1.0), (upper, -1.0)):
+            is_near = (sign * (triangles[:, :, axis] - corner[axis]) >= -SLACK_M).any(axis=1)
+            triangles = triangles[is_near]
+            if len(triangles):
+                corners = triangles.reshape(-1, 3)
+                faces = np.arange(len(corners)).reshape(-1, 3)
+                inwards = sign * np.eye(3)[axis]
+                vertices, faces, _ = slice_faces_plane(corners, faces, inwards, corner - SLACK_M * inwards)
+                triangles = vertices[faces]
+    return triangles
+
+
+def _distinct(rows: Integers) -> tuple[Integers, Integers]:
+    """Distinct rows of whole numbers, and their last column apart."""
+    rows = rows[np.lexsort(rows.T)]
+    rows = rows[np.append(True, (rows[1:] != rows[:-1]).any(axis=1))]
+    return rows[:, :-1], rows[:, -1]
+
+
+def _candidates(triangles: Floats, step_m: float) -> tuple[Floats, Integers]:
+    """Points on each triangle no farther apart than a step, and the triangles that they lie on."""
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    longest = np.linalg.norm(sides, axis=2).argmax(axis=1)
+    turn = (longest[:, None] + np.arange(3)) % 3
+    start, end, apex = np.moveaxis(np.take_along_axis(triangles, turn[:, :, None], axis=1), 1, 0)
+    base, base_m = end - start, np.linalg.norm(end - start, axis=1)
+    # The foot of the height, as a share of the base, divides the chords across the base.
+    foot = np.einsum("ij,ij->i", apex - start, base) / base_m**2
+    height = apex - start - foot[:, None] * base
+    rows, columns = (
+        np.maximum(1, np.ceil(length_m / step_m)).astype(int)
+        for length_m in (np.linalg.norm(height, axis=1), base_m)
+    )
+    face = np.repeat(np.arange(len(triangles)), rows * columns)
+    number = np.arange(len(face)) - np.repeat(np.cumsum(rows * columns) - rows * columns, rows * columns)
+    along = (number % columns[face] + 0.5) / columns[face]
+    is_before = along < foot[face]
+    chord = np.where(is_before, along, 1 - along) / np.where(is_before, foot[face], 1 - foot[face])
+    up = chord * (number // columns[face] + 0.5) / rows[face]
+    return start[face] + along[:, None] * base[face] + up[:, None] * height[face], face
+
+
+def _apart(points: Floats, outwards: Floats, nearest_m: float) -> Floats:
+    """Leave out points that are too near to an earlier one whose surface faces within 60° of theirs."""
+    pairs = np.sort(cKDTree(points).query_pairs(nearest_m, output_type="ndarray"), axis=1)
+    pairs = pairs[np.einsum("ij,ij->i", outwards[pairs[:, 0]], outwards[pairs[:, 1]]) > 0.5]
+    is_kept = np.ones(len(points), dtype=bool)
+    for first, second in pairs[np.lexsort(pairs.T[::-1])].tolist():
+        if is_kept[first]:
+            is_kept[second] = False
+    return points[is_kept]

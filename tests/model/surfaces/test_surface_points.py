@@ -1,0 +1,133 @@
+"""Points on triangles: where they lie, how far apart, and which surfaces have any."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+from trimesh.triangles import closest_point
+
+from isacbench.errors import InputError
+from isacbench.model.scenes.motion import turned
+from isacbench.model.surfaces.solids import cuboid, globe, tube
+from isacbench.model.surfaces.surface_points import clipped, surface_points
+
+SIZES = st.tuples(*[st.floats(0.6, 9)] * 3)
+
+
+def spread(points):
+    """Distances of the points to their nearest neighbours."""
+    return cKDTree(points).query(points, 2)[0][:, 1]
+
+
+def off_surface(points, triangles):
+    """Distance of each point to the nearest triangle."""
+    pairs = closest_point(np.tile(triangles, (len(points), 1, 1)), np.repeat(points, len(triangles), axis=0))
+    distance = np.linalg.norm(pairs.reshape(len(points), -1, 3) - points[:, None], axis=2)
+    return distance.min(axis=1)
+
+
+@given(SIZES)
+def test_a_box_has_one_point_for_each_square_of_the_spacing(size_m):
+    points = surface_points(cuboid([0, 0, 0], size_m), 0.5)
+    a, b, c = np.maximum(1, np.round(np.array(size_m) / 0.5))
+    assert len(points) == 2 * (a * b + b * c + c * a)
+
+
+@given(SIZES)
+def test_points_of_a_face_are_in_equal_steps_of_the_spacing_within_a_third(size_m):
+    triangles = cuboid([0, 0, 0], size_m)
+    points = surface_points(triangles, 0.5)
+    roof = points[points[:, 2] > size_m[2] - 1e-9]
+    for axis in (0, 1):
+        steps = np.diff(np.unique(roof[:, axis].round(9)))
+        if steps.size:
+            np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
+            assert 0.5 / 1.5 < steps[0] < 0.5 * 1.5
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32), st.floats(0.2, 1.0))
+def test_points_lie_on_the_triangles(seed, spacing_m):
+    triangles = np.random.default_rng(seed).normal(scale=2, size=(5, 3, 3))
+    points = surface_points(triangles, spacing_m)
+    assert len(points)
+    assert off_surface(points, triangles).max() < 1e-9
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32))
+def test_no_place_of_a_surface_is_far_from_a_point(seed):
+    random = np.random.default_rng(seed)
+    triangles = random.normal(scale=3, size=(4, 3, 3))
+    points = surface_points(triangles, 0.5)
+    shares = random.dirichlet(np.ones(3), (4, 200))
+    places = np.einsum("tsc,tcd->tsd", shares, triangles).reshape(-1, 3)
+    # The diagonal of the largest cell, 1.3 m, less what its own point saves.
+    assert cKDTree(points).query(places)[0].max() < 1.2
+
+
+@pytest.mark.parametrize("spacing_m", [0.3, 0.5, 1.0])
+def test_a_turned_plane_has_points_about_a_spacing_apart(spacing_m):
+    flat = np.array([[[0, 0, 0], [20, 0, 0], [20, 20, 0]], [[0, 0, 0], [20, 20, 0], [0, 20, 0]]], dtype=float)
+    tilted = turned(flat.reshape(-1, 3)[:, [2, 0, 1]], 33.0)[:, [1, 2, 0]].reshape(-1, 3, 3)
+    points = surface_points(tilted, spacing_m)
+    distance = spread(points)
+    assert distance.min() >= 0.6 * spacing_m - 1e-9
+    assert 0.7 < np.median(distance) / spacing_m < 1.1
+    assert 0.8 < len(points) / (400 / spacing_m**2) < 1.6
+
+
+def test_both_sides_of_a_thin_wall_have_points():
+    points = surface_points(cuboid([0, 0, 0], [0.05, 8.0, 4.0]), 0.5)
+    assert (points[:, 0] < 1e-9).sum() == (points[:, 0] > 0.05 - 1e-9).sum() == 16 * 8
+
+
+def test_thin_poles_have_points_all_the_way_up():
+    points = surface_points(tube([3.1, 2.2, 0.0], [3.1, 2.2, 6.0], 0.05), 0.5)
+    assert np.diff(np.unique(points[:, 2].round(6))).max() < 0.6
+    assert spread(points).min() > 0.05
+
+
+def test_the_order_of_the_triangles_does_not_matter():
+    triangles = globe([1.0, 2.0, 3.0], [2.0, 3.0, 1.0])
+    points = surface_points(triangles, 0.5)
+    shuffled = surface_points(triangles[np.random.default_rng(1).permutation(len(triangles))], 0.5)
+    assert len(points) == len(shuffled)
+    assert cKDTree(points).query(shuffled)[0].max() < 0.3
+
+
+def test_triangles_without_area_have_no_points():
+    assert surface_points(np.zeros((3, 3, 3)), 0.5).shape == (0, 3)
+
+
+def test_too_many_points_are_refused_with_a_spacing_that_fits():
+    triangles = cuboid([0, 0, 0], [300.0, 300.0, 10.0])
+    with pytest.raises(InputError, match=r"allowed are at most 200000, a spacing_m of 0\.98") as error:
+        surface_points(triangles, 0.5)
+    assert "1.92e+05 m²" in str(error.value)
+    assert len(surface_points(triangles, 0.98)) <= 200_000
+
+
+@given(st.tuples(*[st.integers(-30, 30).map(lambda tenth: tenth / 10)] * 3), SIZES)
+def test_clipping_leaves_the_area_that_lies_in_the_box(corner, size_m):
+    lower, upper = np.zeros(3), np.full(3, 2.0)
+    box = cuboid(corner, np.array(corner) + size_m)
+    within = clipped(box, lower, upper)
+    assert (within >= lower - 2e-6).all()
+    assert (within <= upper + 2e-6).all()
+    area = (
+        np.linalg.norm(np.cross(within[:, 1] - within[:, 0], within[:, 2] - within[:, 0]), axis=1).sum() / 2
+    )
+    low, high = np.array(corner), np.array(corner) + size_m
+    sides = (np.minimum(high, upper) - np.maximum(low, lower)).clip(0)
+    expected = 0.0
+    for axis in range(3):
+        others = np.delete(sides, axis)
+        expected += others.prod() * sum(0 <= level <= 2 for level in (low[axis], high[axis]))
+    assert area == pytest.approx(expected, abs=1e-3)
+
+
+def test_what_lies_in_the_box_is_not_touched():
+    box = cuboid([0, 0, 0], [1, 2, 3])
+    assert clipped(box, np.zeros(3), np.array([1.0, 2.0, 3.0])) is box

@@ -1,0 +1,146 @@
+"""What the base station sees: rays against plain double loops, shadows in closed form, and grazing cases."""
+
+import functools
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench import load_scenario
+from isacbench.model.surfaces.solids import cuboid, globe
+from isacbench.model.surfaces.visibility import NO_PART, TOLERANCE_M, seen_points
+
+BASE_M = np.array([20.0, 100.0, 20.0])
+WALL = np.array([[[0, 10, 0], [40, 10, 0], [40, 10, 6]], [[0, 10, 0], [40, 10, 6], [0, 10, 6]]], dtype=float)
+
+
+def seen(xyz, triangles, base_m=BASE_M):
+    """Points that only surfaces hide, each triangle of a part of its own."""
+    xyz = np.atleast_2d(np.asarray(xyz, dtype=float))
+    return seen_points(base_m, xyz, np.full(len(xyz), NO_PART), triangles, np.arange(len(triangles)))
+
+
+def seen_one_by_one(base_m, points, triangles):
+    """Plain double loop: a triangle hides a point if the ray crosses it more than the tolerance before."""
+    found = []
+    for point in points:
+        length = np.linalg.norm(point - base_m)
+        is_hidden = False
+        for a, b, c in triangles:
+            system = np.column_stack([b - a, c - a, base_m - point])
+            if abs(np.linalg.det(system)) < 1e-9:
+                continue
+            first, second, back = np.linalg.solve(system, base_m - a)
+            inside = first >= 0 and second >= 0 and first + second <= 1
+            is_hidden |= bool(inside and 0 < back * length < length - TOLERANCE_M)
+        found.append(not is_hidden)
+    return np.array(found)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32))
+def test_batched_rays_find_what_a_double_loop_over_rays_and_triangles_finds(seed):
+    random = np.random.default_rng(seed)
+    triangles = random.uniform([0, 0, 0], [40, 30, 15], (25, 1, 3)) + random.normal(scale=3, size=(25, 3, 3))
+    points = random.uniform([0, 0, 0], [40, 30, 15], (40, 3))
+    np.testing.assert_array_equal(seen(points, triangles), seen_one_by_one(BASE_M, points, triangles))
+
+
+@settings(max_examples=30)
+@given(st.floats(0, 9.5), st.floats(0, 9), st.floats(1, 39))
+def test_a_wall_casts_the_shadow_of_similar_triangles(y, z, x):
+    """The sight line over the wall's upper edge falls by the base station's height over the edge."""
+    shadow_m = 20 - (20 - 6) * (100 - y) / (100 - 10)
+    if abs(z - shadow_m) > 1e-6:
+        assert seen([20 + (x - 20) * 0.9, y, z], WALL).item() == (z > shadow_m)
+
+
+@settings(max_examples=30)
+@given(st.tuples(*[st.floats(0.5, 10)] * 3), st.integers(0, 99))
+def test_of_a_box_the_faces_that_look_at_the_base_station_are_seen(size_m, seed):
+    random = np.random.default_rng(seed)
+    lower = random.uniform([0, 0, 0], [30, 30, 10])
+    triangles = cuboid(lower, lower + size_m)
+    for axis in range(3):
+        for level in (lower[axis], lower[axis] + size_m[axis]):
+            place = lower + np.array(size_m) * random.uniform(0.2, 0.8, 3)
+            place[axis] = level
+            outwards = np.sign(level - lower[axis] - size_m[axis] / 2)
+            # At a grazing angle the tolerance decides.
+            towards = (BASE_M - place)[axis] * outwards / np.linalg.norm(BASE_M - place)
+            if abs(towards) > 0.05:
+                assert seen(place, triangles).item() == (towards > 0)
+
+
+def test_of_a_ball_the_half_towards_the_base_station_is_seen():
+    centre = np.array([20.0, 10.0, 5.0])
+    triangles = globe(centre, [3.0, 3.0, 3.0])
+    middles = triangles.mean(axis=1)
+    cosine = np.einsum("ij,ij->i", middles - centre, BASE_M - middles)
+    cosine /= np.linalg.norm(middles - centre, axis=1) * np.linalg.norm(BASE_M - middles, axis=1)
+    is_seen = seen(middles, triangles)
+    assert is_seen[cosine > 0.15].all()
+    assert not is_seen[cosine < -0.15].any()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75, 1.0])
+def test_no_ray_leaks_through_the_edge_between_two_triangles(share):
+    """On the diagonal and at both of its ends, where the two triangles of the wall meet."""
+    on_diagonal = np.array([40 * share, 10, 6 * share])
+    behind = on_diagonal + 0.1 * (on_diagonal - BASE_M)
+    inside = 0 < share < 1
+    assert seen(behind, WALL).item() is False or not inside
+    shifted = WALL + np.array([0.0, 0.0, 1e-5]) * (share - 0.5)
+    assert seen(behind, shifted).item() is False or not inside
+
+
+@pytest.mark.parametrize("distance_m", [1e-9, 0.01, 0.019])
+def test_a_surface_does_not_hide_the_points_on_it(distance_m):
+    """Sampled points are on their surface up to rounding; the tolerance is 2 cm."""
+    on_wall = np.array([[10.0, 10.0, 3.0], [20.0, 10.0, 0.0], [30.0, 10.0, 6.0]])
+    sight = (on_wall - BASE_M) / np.linalg.norm(on_wall - BASE_M, axis=1, keepdims=True)
+    assert seen(on_wall + distance_m * sight, WALL).all()
+
+
+def test_a_part_hides_all_points_but_its_own():
+    points = np.array([[20.0, 9.0, 1.0], [21.0, 9.0, 1.0]])
+    is_seen = seen_points(BASE_M, points, np.array([7, 8]), WALL, np.array([7, 7]))
+    assert is_seen.tolist() == [True, False]
+
+
+def test_without_surfaces_everything_is_seen():
+    points = np.random.default_rng(0).uniform(0, 30, (9, 3))
+    assert seen(points, np.empty((0, 3, 3))).all()
+    assert seen(np.empty((0, 3)), WALL).shape == (0,)
+
+
+def test_what_is_behind_the_base_station_hides_nothing():
+    behind = WALL + np.array([0.0, 120.0, 0.0])
+    assert seen([20, 5, 1], behind).all()
+
+
+def test_triangles_without_area_hide_nothing():
+    flat = np.repeat(WALL[:, :1], 3, axis=1)
+    assert seen([20, 5, 1], flat).all()
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 2**32), st.floats(1e-2, 10))
+def test_visibility_does_not_depend_on_where_the_origin_is(seed, spread):
+    random = np.random.default_rng(seed)
+    triangles = random.uniform(0, 30, (20, 1, 3)) + spread * random.normal(size=(20, 3, 3))
+    points = random.uniform(0, 30, (30, 3))
+    shift = random.uniform(-1000, 1000, 3)
+    moved = seen(points + shift, triangles + shift, BASE_M + shift)
+    np.testing.assert_array_equal(seen(points, triangles), moved)
+
+
+@pytest.mark.parametrize(
+    "name", ["town[seed=3,visible=seen]", "traffic[seed=3]", "crowd[seed=3,visible=seen]"]
+)
+def test_single_precision_rays_and_double_precision_ones_see_the_same(name, monkeypatch):
+    fast = load_scenario(name).scatterers.xyz
+    monkeypatch.setattr(trimesh, "Trimesh", functools.partial(trimesh.Trimesh, use_embree=False))
+    np.testing.assert_array_equal(load_scenario(name).scatterers.xyz, fast)
