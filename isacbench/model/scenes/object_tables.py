@@ -35,14 +35,15 @@ from isacbench.model.scenes.objects import (
     wheel_roll,
 )
 from isacbench.model.scenes.placed_objects import PlacedObject, Surroundings
+from isacbench.model.scenes.solids import solid_of
 from isacbench.model.surfaces.mesh_files import box_of, read_mesh
-from isacbench.model.surfaces.solids import globe, solid_of, tube
-from isacbench.model.surfaces.surface_points import SLACK_M, clipped, surface_points
+from isacbench.model.surfaces.shapes import globe, tube
+from isacbench.model.surfaces.surface_points import clipped, surface_points
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from isacbench.model.surfaces.solids import Part
+    from isacbench.model.scenes.solids import Part
 
 # Strict, because a number in quotes or a `true` for a number is a typing error.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -328,6 +329,10 @@ class EllipsoidTable(_SurfaceTable):
         return globe([0.0, 0.0, self.size_m[2] / 2], np.array(self.size_m) / 2)
 
 
+PLACED_M = 1e-9
+"""Distance up to which a point outside the region counts as in it: the rounding of a turn."""
+
+
 class MeshTable(_SurfaceTable):
     """Mesh or city from a file, sampled within the region."""
 
@@ -351,7 +356,7 @@ class MeshTable(_SurfaceTable):
         else:
             within = triangles
         points = surface_points(within, self.spacing_m)
-        points = points[around.region.contains(self._in_place(points).round(DECIMALS), SLACK_M)]
+        points = points[around.region.contains(self._in_place(points).round(DECIMALS), PLACED_M)]
         if not len(points):
             raise InputError(
                 f"{self.file}: no part of its surface lies in the region, {around.region}; its bounding box "

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.model.region import Region
-    from isacbench.model.surfaces.solids import Part
+    from isacbench.model.scenes.solids import Part
 
     Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Where an object is placed.
+    """Surroundings of an object: its file, the base station and the region.
 
     Attributes
     ----------

@@ -1,3 +1,3 @@
-"""Surfaces of objects: solids, meshes and cities, their points, and what of them the base station sees."""
+"""Surfaces: shapes and meshes, their points, and what of them the base station sees."""
 
-__all__ = ["mesh_files", "solids", "surface_points", "visibility"]
+__all__ = ["mesh_files", "shapes", "surface_points", "visibility"]

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 MOST_SURFACE_POINTS = 200_000
 """Largest number of points that a mesh is sampled at."""
 
-SLACK_M = 1e-9
-"""Distance up to which a surface outside a box counts as on it."""
+SLACK_M = 1e-6
+"""Distance up to which a surface outside a box counts as on it: beyond the rounding of what cuts."""
 
 CANDIDATES = 3
 """Candidates along a side of a cell."""
@@ -94,7 +94,7 @@ def clipped(triangles: Floats, lower: Floats, upper: Floats) -> Floats:
     ----------
     triangles : ndarray of float64, shape (m, 3, 3)
     lower, upper : ndarray of float64, shape (3,)
-        Corners of the box, which is 1 nm larger on every side.
+        Corners of the box. What lies up to 1 µm outside is moved into it.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def clipped(triangles: Floats, lower: Floats, upper: Floats) -> Floats:
     """
     from trimesh.intersections import slice_faces_plane
 
-    if (triangles >= lower - SLACK_M).all() and (triangles <= upper + SLACK_M).all():
+    if (triangles >= lower).all() and (triangles <= upper).all():
         return triangles
     for axis in range(3):
         for corner, sign in ((lower, 1.0), (upper, -1.0)):
@@ -115,7 +115,7 @@ def clipped(triangles: Floats, lower: Floats, upper: Floats) -> Floats:
                 inwards = sign * np.eye(3)[axis]
                 vertices, faces, _ = slice_faces_plane(corners, faces, inwards, corner - SLACK_M * inwards)
                 triangles = vertices[faces]
-    return triangles
+    return np.clip(triangles, lower, upper)
 
 
 def _distinct(rows: Integers) -> tuple[Integers, Integers]:

@@ -7,7 +7,16 @@ import pytest
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.model.scenes.scene_families import family_specs
 
-COUNTS = {"town": 20, "facade": 20, "crowd": 20, "weak": 20, "street": 12, "sparse": 8}
+COUNTS = {
+    "town": 16,
+    "facade": 16,
+    "crowd": 12,
+    "weak": 16,
+    "street": 8,
+    "sparse": 8,
+    "traffic": 12,
+    "crossing": 12,
+}
 
 
 def specs(name):
@@ -17,9 +26,9 @@ def specs(name):
 @pytest.mark.parametrize(
     ("name", "counts", "seeds", "errors"),
     [
-        ("population", COUNTS, range(1100, 1200), (0.0, 0.0)),
-        ("population-errors", COUNTS, range(1100, 1200), (0.5, 5.0)),
-        ("population-quick", dict.fromkeys(COUNTS, 4), range(500, 524), (0.0, 0.0)),
+        ("population", COUNTS, range(1200, 1300), (0.0, 0.0)),
+        ("population-errors", COUNTS, range(1200, 1300), (0.5, 5.0)),
+        ("population-quick", dict.fromkeys(COUNTS, 4), range(500, 532), (0.0, 0.0)),
     ],
 )
 def test_each_seed_of_a_block_occurs_once_and_each_condition_in_a_quarter_of_each_family(
@@ -42,5 +51,5 @@ def test_each_seed_of_a_block_occurs_once_and_each_condition_in_a_quarter_of_eac
 def test_the_suites_of_one_version_meet_the_same_estimators():
     suites = [load_suite(f"population{suffix}") for suffix in ("", "-errors", "-quick")]
     assert len({suite.estimators for suite in suites}) == 1
-    assert {suite.version for suite in suites} == {2}
+    assert {suite.version for suite in suites} == {3}
     assert suites[0].snr_db == (-10, 10, 25)

@@ -157,7 +157,8 @@ def test_speeds_differ_within_walkers_vehicles_lorries_and_cyclists():
     for family, kind in movers.items():
         entries, placed = objects(f"{family}[seed=2,visible=all]")
         speeds = np.split(
-            load_scenario(f"{family}[seed=2,visible=all]").scatterers.velocity, np.cumsum([*map(len, placed)])[:-1]
+            load_scenario(f"{family}[seed=2,visible=all]").scatterers.velocity,
+            np.cumsum([*map(len, placed)])[:-1],
         )
         spreads = [np.ptp(part) for part, entry in zip(speeds, entries, strict=True) if entry["kind"] == kind]
         assert max(spreads) > 1.0

@@ -15,7 +15,7 @@ from isacbench.model.scenes.motion import turned
 from isacbench.model.scenes.object_tables import MeshTable, _ObjectTable
 from isacbench.model.scenes.placed_objects import Surroundings
 from isacbench.model.scenes.scene_families import FAMILIES
-from isacbench.model.surfaces.solids import solid_of
+from isacbench.model.scenes.solids import solid_of
 
 BASE_M = np.array([20.0, 100.0, 20.0])
 HEAD = """

@@ -9,7 +9,7 @@ from trimesh.triangles import closest_point
 
 from isacbench.errors import InputError
 from isacbench.model.scenes.motion import turned
-from isacbench.model.surfaces.solids import cuboid, globe, tube
+from isacbench.model.surfaces.shapes import cuboid, globe, tube
 from isacbench.model.surfaces.surface_points import clipped, surface_points
 
 SIZES = st.tuples(*[st.floats(0.6, 9)] * 3)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench import load_scenario
-from isacbench.model.surfaces.solids import cuboid, globe
+from isacbench.model.surfaces.shapes import cuboid, globe
 from isacbench.model.surfaces.visibility import NO_PART, TOLERANCE_M, seen_points
 
 BASE_M = np.array([20.0, 100.0, 20.0])
