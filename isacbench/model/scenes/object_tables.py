@@ -72,6 +72,9 @@ class FileTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+MOST_DBSM = 200.0
+
+
 def _number_or_name(value: Any) -> float | str:
     """Take a cross section in dBsm, or a name of 3GPP TR 38.901."""
     if isinstance(value, str) and value in CROSS_SECTIONS:
@@ -81,8 +84,6 @@ def _number_or_name(value: Any) -> float | str:
     names = ", ".join(f'"{name}"' for name in CROSS_SECTIONS)
     raise ValueError(f"allowed is a number of dBsm from {-MOST_DBSM:g} to {MOST_DBSM:g}, or one of {names}")
 
-
-MOST_DBSM = 200.0
 
 CrossSection = Annotated[Any, AfterValidator(_number_or_name)]
 

@@ -21,6 +21,9 @@ MOST_SURFACE_POINTS = 200_000
 SLACK_M = 1e-6
 """Distance up to which a surface outside a box counts as on it: beyond the rounding of what cuts."""
 
+SAME_M = 0.01
+"""Distance of points at one place: the two faces of a sheet that is drawn from both sides."""
+
 CANDIDATES = 3
 """Candidates along a side of a cell."""
 
@@ -34,7 +37,7 @@ def surface_points(triangles: Floats, spacing_m: float) -> Floats:
     Space is divided into cubic cells of about the spacing, from the lower
     corner of the bounding box on. In every cell, each of the six sides towards
     which surfaces face has one point: the one nearest to the middle of the
-    cell. Thin parts have points, and both sides of a thin wall. Of two points
+    cell. Thin parts have points, and both sides of a wall thicker than 1 cm. Of two points
     nearer than 0.6 spacings, on surfaces that face alike, one is left out.
 
     Parameters
@@ -149,9 +152,11 @@ def _candidates(triangles: Floats, step_m: float) -> tuple[Floats, Integers]:
 
 
 def _apart(points: Floats, outwards: Floats, nearest_m: float) -> Floats:
-    """Leave out points that are too near to an earlier one whose surface faces within 60° of theirs."""
+    """Leave out points at the place of an earlier one, or too near to one whose surface faces as theirs."""
     pairs = np.sort(cKDTree(points).query_pairs(nearest_m, output_type="ndarray"), axis=1)
-    pairs = pairs[np.einsum("ij,ij->i", outwards[pairs[:, 0]], outwards[pairs[:, 1]]) > 0.5]
+    are_alike = np.einsum("ij,ij->i", outwards[pairs[:, 0]], outwards[pairs[:, 1]]) > 0.5
+    apart_m = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    pairs = pairs[are_alike | (apart_m < SAME_M)]
     is_kept = np.ones(len(points), dtype=bool)
     for first, second in pairs[np.lexsort(pairs.T[::-1])].tolist():
         if is_kept[first]:

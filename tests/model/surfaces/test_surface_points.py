@@ -83,6 +83,12 @@ def test_both_sides_of_a_thin_wall_have_points():
     assert (points[:, 0] < 1e-9).sum() == (points[:, 0] > 0.05 - 1e-9).sum() == 16 * 8
 
 
+def test_a_sheet_that_is_drawn_from_both_sides_has_its_points_once():
+    sheet = np.array([[[0, 0, 0], [6, 0, 0], [6, 0, 3]], [[0, 0, 0], [6, 0, 3], [0, 0, 3]]], dtype=float)
+    both = np.concatenate([sheet, sheet[:, ::-1]])
+    assert len(surface_points(both, 0.5)) == len(surface_points(sheet, 0.5)) == 12 * 6
+
+
 def test_thin_poles_have_points_all_the_way_up():
     points = surface_points(tube([3.1, 2.2, 0.0], [3.1, 2.2, 6.0], 0.05), 0.5)
     assert np.diff(np.unique(points[:, 2].round(6))).max() < 0.6
