@@ -18,7 +18,6 @@ from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.cross_sections import CROSS_SECTIONS
 from isacbench.model.scenes.motion import DECIMALS, approach_speeds, body_velocities, heading, turned
 from isacbench.model.scenes.objects import (
-    RIM,
     box,
     car,
     cyclist,
@@ -178,33 +177,33 @@ class CarTable(_ObjectTable):
     outline = staticmethod(car)
 
 
-class VehicleTable(_ObjectTable):
+class _WheeledTable(_ObjectTable):
+    spacing_m: Positive = 0.5
+
+    n_wheels: ClassVar[int]
+
+    def _own_velocities(self, n: int) -> Offsets:
+        """Velocities (n, 3) of the rims, which come last."""
+        roll = self._forward_mps * wheel_roll(self.n_wheels)
+        return np.concatenate([np.zeros((n - len(roll), 3)), roll])
+
+
+class VehicleTable(_WheeledTable):
     """Vehicle with sampled surfaces and wheels that roll."""
 
     kind: Literal["vehicle"]
     size_m: Size = (1.8, 4.5, 1.5)
-    spacing_m: Positive = 0.5
     outline = staticmethod(vehicle)
-
-    def _own_velocities(self, n: int) -> Offsets:
-        """Velocities (n, 3) of the rims, which come last."""
-        own = np.zeros((n, 3))
-        own[-4 * len(RIM) :] = self._forward_mps * wheel_roll(4)
-        return own
+    n_wheels = 4
 
 
-class LorryTable(_ObjectTable):
+class LorryTable(_WheeledTable):
     """Lorry: cab, cargo box, and six wheels that roll."""
 
     kind: Literal["lorry"]
     size_m: Size = (2.5, 9.0, 3.6)
-    spacing_m: Positive = 0.5
     outline = staticmethod(lorry)
-
-    def _own_velocities(self, n: int) -> Offsets:
-        """Velocities (n, 3) of the rims, which come last."""
-        roll = self._forward_mps * wheel_roll(6)
-        return np.concatenate([np.zeros((n - len(roll), 3)), roll])
+    n_wheels = 6
 
 
 class CyclistTable(_ObjectTable):

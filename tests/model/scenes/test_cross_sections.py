@@ -5,7 +5,6 @@ import pytest
 from scipy import stats
 from tr3gpp import tr38901
 
-from isacbench import load_scenario
 from isacbench.errors import InputError
 from isacbench.model.numerology import System
 from isacbench.model.scenes.cross_sections import CROSS_SECTIONS, cross_section_dbsm
@@ -17,34 +16,7 @@ TABLES = {
     "tr38901:vehicle": ("2", "Vehicle with single scattering point"),
     "tr38901:agv": ("2", "AGV with single scattering point"),
 }
-SCENE = """
-name = "one"
-{keys}
-[system]
-coherent_phase = {coherent}
-[array]
-frame = "panel"
-[base_station]
-position_m = [20.0, 100.0, 20.0]
-[region]
-x_m = [0.0, 40.0]
-y_m = [0.0, 30.0]
-z_m = [0.0, 20.0]
-speed_mps = [-15.0, 15.0]
-"""
 VEHICLE = '[[objects]]\nkind = "vehicle"\nposition_m = [20.0, 10.0, 0.0]\n'
-
-
-@pytest.fixture
-def load(tmp_path):
-    """Return a function that loads a scene of some objects, with further keys."""
-
-    def build(objects, keys="", coherent="true"):
-        path = tmp_path / "one.toml"
-        path.write_text(SCENE.format(keys=keys, coherent=coherent) + objects)
-        return load_scenario(path)
-
-    return build
 
 
 def test_means_and_spreads_are_those_of_the_standard():
@@ -73,45 +45,45 @@ def test_draws_are_log_normal_with_the_standards_mean_in_square_metres(name):
 
 @pytest.mark.parametrize("visible", ["all", "seen"])
 @pytest.mark.parametrize("rcs", ["10.0", "-3", '"tr38901:human"'])
-def test_the_points_of_an_object_share_its_cross_section_evenly(load, rcs, visible):
-    amplitude = load(f"{VEHICLE}rcs_dbsm = {rcs}\n", f'visible = "{visible}"').scatterers.amplitude
+def test_the_points_of_an_object_share_its_cross_section_evenly(load_objects, rcs, visible):
+    amplitude = load_objects(f"{VEHICLE}rcs_dbsm = {rcs}\n", f'visible = "{visible}"').scatterers.amplitude
     given = cross_section_dbsm(rcs.strip('"'), "rcs 0 0") if '"' in rcs else float(rcs)
     assert (amplitude == amplitude[0]).all()
     assert (amplitude**2).sum() == pytest.approx(10 ** (given / 10))
 
 
-def test_draws_differ_between_objects_and_seeds_and_not_between_loads(load):
+def test_draws_differ_between_objects_and_seeds_and_not_between_loads(load_objects):
     objects = 2 * f'{VEHICLE}rcs_dbsm = "tr38901:vehicle"\n'
-    drawn = [load(objects, f"rcs_seed = {seed}").scatterers.amplitude for seed in (0, 0, 1)]
+    drawn = [load_objects(objects, f"rcs_seed = {seed}").scatterers.amplitude for seed in (0, 0, 1)]
     np.testing.assert_array_equal(drawn[0], drawn[1])
     assert len({*drawn[0].tolist(), *drawn[2].tolist()}) == 4
 
 
-def test_an_object_keeps_its_draw_when_others_hide_part_of_it(load):
+def test_an_object_keeps_its_draw_when_others_hide_part_of_it(load_objects):
     wall = '[[objects]]\nkind = "box"\nposition_m = [19.0, 16.0, 0.0]\nsize_m = [2.0, 1.0, 3.0]\n'
     objects = f'{VEHICLE}rcs_dbsm = "tr38901:vehicle"\n'
     totals = []
     for scene in (objects, objects + wall):
-        scatterers = load(scene, 'visible = "seen"').scatterers
+        scatterers = load_objects(scene, 'visible = "seen"').scatterers
         of_vehicle = scatterers.xyz[:, 1] < 13
         totals.append(((scatterers.amplitude[of_vehicle] ** 2).sum(), of_vehicle.sum()))
     assert totals[0][0] == pytest.approx(totals[1][0])
     assert totals[0][1] > totals[1][1]
 
 
-def test_path_loss_is_the_radar_equation(load):
+def test_path_loss_is_the_radar_equation(load_objects):
     points = "".join(
         f'[[objects]]\nkind = "point"\nposition_m = [20.0, {y}, 5.0]\n' for y in (0.0, 15.0, 30.0)
     )
-    scenario = load(points, 'path_loss = "free_space"')
+    scenario = load_objects(points, 'path_loss = "free_space"')
     expected = System().wavelength_m ** 2 / ((4 * np.pi) ** 3 * scenario.range_m**4)
     np.testing.assert_allclose(scenario.truth.power, expected, rtol=1e-12)
 
 
-def test_path_loss_comes_on_top_of_amplitude_and_cross_section(load):
+def test_path_loss_comes_on_top_of_amplitude_and_cross_section(load_objects):
     for strength in ("amplitude = 3.0", "rcs_dbsm = 20.0"):
         objects = f"{VEHICLE}{strength}\n"
-        with_loss, without = (load(objects, keys) for keys in ('path_loss = "free_space"', ""))
+        with_loss, without = (load_objects(objects, keys) for keys in ('path_loss = "free_space"', ""))
         ratio = with_loss.scatterers.amplitude / without.scatterers.amplitude * without.range_m**2
         np.testing.assert_allclose(ratio, ratio[0])
 
@@ -147,8 +119,8 @@ def test_path_loss_comes_on_top_of_amplitude_and_cross_section(load):
         (VEHICLE, 'visible = "some"', "true", "visible = 'some'"),
     ],
 )
-def test_a_mistake_is_told_in_one_line(load, objects, keys, coherent, told):
+def test_a_mistake_is_told_in_one_line(load_objects, objects, keys, coherent, told):
     with pytest.raises(InputError) as error:
-        load(objects, keys, coherent)
+        load_objects(objects, keys, coherent)
     assert told in str(error.value)
     assert "\n" not in str(error.value)

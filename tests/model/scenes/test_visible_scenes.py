@@ -2,6 +2,7 @@
 
 import runpy
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,45 +11,26 @@ from scipy.spatial import cKDTree
 
 from isacbench import load_scenario
 from isacbench.errors import InputError
-from isacbench.model.scenes import objects as outlines
 from isacbench.model.scenes.motion import turned
-from isacbench.model.scenes.object_tables import MeshTable, _ObjectTable
+from isacbench.model.scenes.object_tables import AnyObject, MeshTable
 from isacbench.model.scenes.placed_objects import Surroundings
 from isacbench.model.scenes.scene_families import FAMILIES
 from isacbench.model.scenes.solids import solid_of
 
 BASE_M = np.array([20.0, 100.0, 20.0])
-HEAD = """
-name = "scene"
-visible = "{visible}"
-[array]
-frame = "panel"
-[base_station]
-position_m = [20.0, 100.0, 20.0]
-[region]
-x_m = [0.0, 40.0]
-y_m = [0.0, 30.0]
-z_m = [0.0, 20.0]
-speed_mps = [-25.0, 25.0]
-"""
-KINDS = sorted(
-    table.model_fields["kind"].annotation.__args__[0]
-    for table in _ObjectTable.__subclasses__()
-    if "kind" in table.model_fields
-)
-SOLID_KINDS = [kind for kind in KINDS if kind != "point"]
+OUTLINED = {
+    get_args(table.model_fields["kind"].annotation)[0]: table
+    for table in get_args(get_args(AnyObject)[0])
+    if hasattr(table, "outline")
+}
+SOLID_KINDS = sorted(OUTLINED.keys() - {"point"})
+OF_ALL_KINDS = OUTLINED["point"].model_fields.keys()
 
 
 @pytest.fixture
-def load(tmp_path):
-    """Return a function that loads a scene of some objects."""
-
-    def build(objects, visible="seen"):
-        path = tmp_path / "scene.toml"
-        path.write_text(HEAD.format(visible=visible) + objects)
-        return load_scenario(path)
-
-    return build
+def load(load_objects):
+    """Return a function that loads a scene of some objects, by default what is seen of it."""
+    return lambda objects, visible="seen": load_objects(objects, f'visible = "{visible}"')
 
 
 def entry(kind, x=20.0, y=10.0, **keys):
@@ -65,14 +47,9 @@ def is_part(some, others):
 @pytest.mark.parametrize("kind", SOLID_KINDS)
 def test_points_of_an_outline_are_on_its_solid_or_outside_it(kind):
     """A point within the solid would be hidden from everywhere, unless it stands for its part."""
-    defaults = {
-        key: field.default
-        for table in _ObjectTable.__subclasses__()
-        if table.model_fields.get("kind") and table.model_fields["kind"].annotation.__args__ == (kind,)
-        for key, field in table.model_fields.items()
-        if key not in {"kind", *_ObjectTable.model_fields}
-    }
-    points, parts = getattr(outlines, kind)(**defaults), solid_of(kind, defaults)
+    table = OUTLINED[kind]
+    defaults = {key: field.default for key, field in table.model_fields.items() if key not in OF_ALL_KINDS}
+    points, parts = table.outline(**defaults), solid_of(kind, defaults)
     stands_for = {number for _, own in parts for number in own}
     rest = np.array([number for number in range(len(points)) if number not in stands_for], dtype=int)
     for triangles, own in parts:
