@@ -360,8 +360,8 @@ class MeshTable(_SurfaceTable):
         if not len(points):
             raise InputError(
                 f"{self.file}: no part of its surface lies in the region, {around.region}; its bounding box "
-                f"is {box_of(placed)}; allowed are places that reach into the region, and a scale if the "
-                "file is not in metres"
+                f"is {box_of(placed)}; allowed are triangles with an area that reach into the region, and a "
+                "scale if the file is not in metres"
             )
         return points, [(triangles, ())]
 

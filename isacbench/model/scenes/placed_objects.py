@@ -82,7 +82,7 @@ def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
 
 
 def seen_objects(placed: Sequence[PlacedObject], base_station_m: Floats) -> list[PlacedObject]:
-    """Leave the scatterers that the base station sees past the surfaces of all objects.
+    """Keep only the scatterers that the base station sees past the surfaces of all objects.
 
     Parameters
     ----------

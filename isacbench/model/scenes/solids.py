@@ -75,9 +75,11 @@ def _vehicle(size_m: Sequence[float], spacing_m: float) -> list[Part]:
     width, length, height = size_m
     half, rows = width / 2, cabin_rows(length, spacing_m)
     body = cuboid([-half, -length / 2, SILL_M], [half, length / 2, WAIST_M])
-    cabin = cuboid([-half, rows[0], WAIST_M], [half, rows[-1], height])
     hubs = axle_ends(width, [-0.3 * length, 0.3 * length], WHEEL_RADIUS_M)
-    return [(body, ()), (cabin, ()), *_wheels(hubs, WHEEL_RADIUS_M)]
+    parts: list[Part] = [(body, ()), *_wheels(hubs, WHEEL_RADIUS_M)]
+    if len(rows):  # a wide spacing leaves no row of the cabin
+        parts.append((cuboid([-half, rows[0], WAIST_M], [half, rows[-1], height]), ()))
+    return parts
 
 
 def _lorry(size_m: Sequence[float], spacing_m: float) -> list[Part]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -25,8 +27,13 @@ MESH_BYTES = 2**28
 LIST_BYTES = 2**24
 """Largest scene list."""
 
-SUFFIXES = ".glb", ".gltf", ".obj", ".ply", ".stl"
-CITY_SUFFIXES = ".glb", ".gltf", ".xml"
+GLTF = ".glb", ".gltf"
+SUFFIXES = *GLTF, ".obj", ".ply", ".stl"
+TRIANGLE_FAN = 6
+"""Mode of a primitive of glTF."""
+
+NUMBERS = {"matrix": 16}
+"""Numbers of a step of a transformation; others have three."""
 
 MOST_SPANS = {False: 3.0, True: 50.0}
 """Largest side of a mesh, and of a city, in diagonals of the region: one in other units is larger."""
@@ -60,7 +67,7 @@ def read_mesh(path: Path, scale: float | None, up: str | None, span_m: float) ->
     InputError
         If a file cannot be read, has no triangles, or has a bounding box of another unit.
     """
-    if path.is_dir():
+    if _is_folder(path):
         path = _only_list(path)
     triangles = _listed_triangles(path) if path.suffix.lower() == ".xml" else _file_triangles(path, up)
     if up == "y" and path.suffix.lower() == ".xml":
@@ -69,7 +76,7 @@ def read_mesh(path: Path, scale: float | None, up: str | None, span_m: float) ->
         raise InputError(f"{path}: has no triangles; allowed is a mesh with at least one")
     if not np.isfinite(triangles).all():
         raise InputError(f"{path}: has vertices that are no finite numbers")
-    is_city = path.suffix.lower() in CITY_SUFFIXES
+    is_city = path.suffix.lower() in (*GLTF, ".xml")
     if scale is None:
         _require_metres(path, triangles, MOST_SPANS[is_city] * span_m)
     return triangles * (1.0 if scale is None else scale)
@@ -106,11 +113,13 @@ def _file_triangles(path: Path, up: str | None) -> Floats:
     if kind not in SUFFIXES:
         allowed = ", ".join(SUFFIXES)
         raise InputError(f"{path}: allowed are the suffixes {allowed} and .xml, or a folder with one .xml")
-    require_file(path, MESH_BYTES)
+    content = _content(path, MESH_BYTES)
+    if kind in GLTF:
+        wrote = _require_plain_gltf(path, content)
+        up = up or ("z" if "trimesh" in wrote else "y")
     from trimesh import load_scene
     from trimesh.resolvers import FilePathResolver
 
-    content = path.read_bytes()
     try:
         # The resolver refuses buffers outside the folder of the file.
         scene: Any = load_scene(
@@ -124,9 +133,40 @@ def _file_triangles(path: Path, up: str | None) -> Floats:
         triangles = np.empty((0, 3, 3)) if mesh is None else np.array(mesh.triangles, dtype=np.float64)
     except Exception as error:  # a parser fails in its own ways
         raise InputError(f"{path}: cannot be read as {kind[1:]}: {quoted(str(error))}") from error
-    if up is None:
-        up = "y" if kind in CITY_SUFFIXES and b"github.com/mikedh/trimesh" not in content else "z"
     return _y_up(triangles) if up == "y" else triangles
+
+
+def _content(path: Path, limit_bytes: int) -> bytes:
+    require_file(path, limit_bytes)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _require_plain_gltf(path: Path, content: bytes) -> str:
+    """Refuse glTF whose triangles trimesh would lose without a word; return the name of what wrote it."""
+    try:
+        # A glb begins with 12 bytes of header, then length, type and text of the JSON.
+        text = (
+            content[20 : 20 + int.from_bytes(content[12:16], "little")] if content[:4] == b"glTF" else content
+        )
+        header = json.loads(text)
+        primitives = [one for mesh in header.get("meshes", ()) for one in mesh.get("primitives", ())]
+        used = [
+            name
+            for name in header.get("extensionsRequired", ())
+            if re.search("compression|quantization", name)
+        ]
+        used += ["TRIANGLE_FAN"] if any(one.get("mode") == TRIANGLE_FAN for one in primitives) else []
+        wrote = str(header.get("asset", {}).get("generator", ""))
+    except (ValueError, AttributeError, TypeError) as error:
+        raise InputError(f"{path}: cannot be read as {path.suffix[1:]}: {quoted(str(error))}") from error
+    if used:
+        raise InputError(
+            f"{path}: uses {', '.join(used)}; allowed is glTF with plain triangles, not compressed"
+        )
+    return wrote
 
 
 def _y_up(triangles: Floats) -> Floats:
@@ -135,20 +175,27 @@ def _y_up(triangles: Floats) -> Floats:
     return np.stack([x, -z, y], axis=-1)
 
 
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be accessed: {error.strerror}") from error
+
+
 def _only_list(folder: Path) -> Path:
     lists = sorted(folder.glob("*.xml"))
     if len(lists) != 1:
         raise InputError(f"{folder}: has {len(lists)} scene lists; allowed is a folder with one .xml")
+    require_inside(lists[0], folder)
     return lists[0]
 
 
 def _listed_triangles(path: Path) -> Floats:
     """Triangles of the shapes that a scene list of Mitsuba names."""
-    require_file(path, LIST_BYTES)
     try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: cannot be read as xml: {error}") from error
+        root = ElementTree.fromstring(_content(path, LIST_BYTES))
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two of encodings
+        raise InputError(f"{path}: cannot be read as xml: {quoted(str(error))}") from error
     parts = [np.empty((0, 3, 3))]
     for shape in root.iter("shape"):
         name = shape.find("string[@name='filename']")
@@ -172,8 +219,14 @@ def _matrix(step: ElementTree.Element, path: Path) -> Floats:
         values = [float(number) for number in step.get("value", "").replace(",", " ").split()]
         given = [float(step.get(axis, 1.0 if step.tag == "scale" else 0.0)) for axis in "xyz"]
         matrix = np.eye(4)
+        if (
+            values
+            and len(values) != NUMBERS.get(step.tag, 3)
+            and not (step.tag == "scale" and len(values) == 1)
+        ):
+            raise ValueError(f"{len(values)} numbers; allowed are {NUMBERS.get(step.tag, 3)}")
         if step.tag == "matrix":
-            matrix = np.array(values).reshape(4, 4)
+            matrix = np.reshape(values or matrix, (4, 4))
         elif step.tag == "translate":
             matrix[:3, 3] = values or given
         elif step.tag == "scale":

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from isacbench.errors import InputError
+from isacbench.model.number_limits import require_places
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,8 +22,11 @@ MOST_SURFACE_POINTS = 200_000
 SLACK_M = 1e-6
 """Distance up to which a surface outside a box counts as on it: beyond the rounding of what cuts."""
 
-SAME_M = 0.01
-"""Distance of points at one place: the two faces of a sheet that is drawn from both sides."""
+SAME_M = 0.02
+"""Distance of points at one place, such as the two faces of a thin sheet: both are seen from one side."""
+
+MOST_CANDIDATES = 20_000_000
+"""Largest number of places of which points are chosen."""
 
 CANDIDATES = 3
 """Candidates along a side of a cell."""
@@ -37,7 +41,8 @@ def surface_points(triangles: Floats, spacing_m: float) -> Floats:
     Space is divided into cubic cells of about the spacing, from the lower
     corner of the bounding box on. In every cell, each of the six sides towards
     which surfaces face has one point: the one nearest to the middle of the
-    cell. Thin parts have points, and both sides of a wall thicker than 1 cm. Of two points
+    cell. Thin parts have points, and both sides of a wall thicker
+    than 2 cm. Of two points
     nearer than 0.6 spacings, on surfaces that face alike, one is left out.
 
     Parameters
@@ -54,16 +59,18 @@ def surface_points(triangles: Floats, spacing_m: float) -> Floats:
     Raises
     ------
     InputError
-        If the area and the spacing would give more than `MOST_SURFACE_POINTS`.
+        If the area and the spacing would give more than `MOST_SURFACE_POINTS`, thin
+        parts more than `MOST_CANDIDATES`, or a coordinate is not finite.
     """
     from trimesh.triangles import closest_point
 
+    require_places("surface", triangles)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area_m2 = np.linalg.norm(normals, axis=1) / 2
     has_area = area_m2 > 0
     if not has_area.any():
         return np.empty((0, 3))
-    n_expected = area_m2.sum() / spacing_m**2
+    n_expected = area_m2.sum() / spacing_m / spacing_m
     if n_expected > MOST_SURFACE_POINTS:
         fits = np.sqrt(area_m2.sum() / MOST_SURFACE_POINTS)
         raise InputError(
@@ -138,10 +145,16 @@ def _candidates(triangles: Floats, step_m: float) -> tuple[Floats, Integers]:
     # The foot of the height, as a share of the base, divides the chords across the base.
     foot = np.einsum("ij,ij->i", apex - start, base) / base_m**2
     height = apex - start - foot[:, None] * base
-    rows, columns = (
-        np.maximum(1, np.ceil(length_m / step_m)).astype(int)
-        for length_m in (np.linalg.norm(height, axis=1), base_m)
-    )
+    steps = [
+        np.maximum(1.0, np.ceil(sides_m / step_m)) for sides_m in (np.linalg.norm(height, axis=1), base_m)
+    ]
+    n_candidates = (steps[0] * steps[1]).sum()
+    if n_candidates > MOST_CANDIDATES:
+        raise InputError(
+            f"spacing_m = {CANDIDATES * step_m:g} asks for {n_candidates:.3g} places on its surface; allowed "
+            f"are at most {MOST_CANDIDATES}: a larger spacing_m, or fewer and less thin triangles"
+        )
+    rows, columns = (along.astype(int) for along in steps)
     face = np.repeat(np.arange(len(triangles)), rows * columns)
     number = np.arange(len(face)) - np.repeat(np.cumsum(rows * columns) - rows * columns, rows * columns)
     along = (number % columns[face] + 0.5) / columns[face]
@@ -152,13 +165,25 @@ def _candidates(triangles: Floats, step_m: float) -> tuple[Floats, Integers]:
 
 
 def _apart(points: Floats, outwards: Floats, nearest_m: float) -> Floats:
-    """Leave out points at the place of an earlier one, or too near to one whose surface faces as theirs."""
-    pairs = np.sort(cKDTree(points).query_pairs(nearest_m, output_type="ndarray"), axis=1)
+    """Leave out points at the place of an earlier one, then those too near to one that faces alike."""
+    twins = _pairs(points, SAME_M)
+    is_kept = _without_second(twins, len(points))
+    points, outwards = points[is_kept], outwards[is_kept]
+    pairs = _pairs(points, nearest_m)
     are_alike = np.einsum("ij,ij->i", outwards[pairs[:, 0]], outwards[pairs[:, 1]]) > 0.5
-    apart_m = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    pairs = pairs[are_alike | (apart_m < SAME_M)]
-    is_kept = np.ones(len(points), dtype=bool)
-    for first, second in pairs[np.lexsort(pairs.T[::-1])].tolist():
+    return points[_without_second(pairs[are_alike], len(points))]
+
+
+def _pairs(points: Floats, nearest_m: float) -> Integers:
+    """Pairs of points within a distance, in order."""
+    pairs = np.sort(cKDTree(points).query_pairs(nearest_m, output_type="ndarray"), axis=1)
+    return pairs[np.lexsort(pairs.T[::-1])]
+
+
+def _without_second(pairs: Integers, n: int) -> NDArray[np.bool_]:
+    """Mask (n,) of what is left if every pair whose first is left loses its second."""
+    is_kept = np.ones(n, dtype=bool)
+    for first, second in pairs.tolist():
         if is_kept[first]:
             is_kept[second] = False
-    return points[is_kept]
+    return is_kept

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -20,6 +18,15 @@ TOLERANCE_M = 0.02
 BESIDE_M = 3e-4
 """Distance of the rays beside that to a point: beyond the rounding of single precision at 1 km."""
 
+STEP_M = 3e-4
+"""Distance behind a surface from which a ray goes on."""
+
+TINY = 1e-300
+"""Least length that is divided by."""
+
+MOST_RAYS = 1000
+"""Rays that are cast at once: in double precision each looks at hundreds of triangles of a city."""
+
 NO_PART = -1
 """Part of a point that every surface can hide."""
 
@@ -29,8 +36,8 @@ def seen_points(
 ) -> NDArray[np.bool_]:
     """Tell which points the base station sees.
 
-    A point is hidden where the first triangle on the ray to it is more than
-    `TOLERANCE_M` nearer, and does not belong to the same part as the point.
+    A point is hidden where the ray to it meets a triangle more than
+    `TOLERANCE_M` before it that does not belong to the same part as the point.
 
     Parameters
     ----------
@@ -61,36 +68,51 @@ def seen_points(
     mesh = Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
     places = xyz - base_station_m
 
-    def hidden(
-        cast: Callable[..., Any], which: NDArray[Any], beside: Floats | float = 0.0
-    ) -> NDArray[np.bool_]:
-        targets = places[which] + beside
-        first = cast(np.zeros_like(targets), targets)
-        return _is_hidden(first, targets, point_part[which], mesh, face_part)
+    def hidden(tracer: Any, which: Integers, beside: Floats) -> NDArray[np.bool_]:
+        chunks = np.array_split(which, -(-len(which) // MOST_RAYS))
+        offsets = np.broadcast_to(beside, places.shape)
+        parts = [_hidden(tracer, places[few] + offsets[few], point_part[few], face_part) for few in chunks]
+        return np.concatenate(parts)
 
     everything = np.arange(len(places))
-    by_embree = mesh.ray.intersects_first
-    votes = [hidden(by_embree, everything, offset) for offset in [np.zeros((1, 3)), *_beside(places)]]
-    is_hidden = votes[0].copy()
+    votes = [hidden(mesh.ray, everything, offset) for offset in [np.zeros(3), *_beside(places)]]
+    is_hidden = votes[0]
     disputed = np.flatnonzero((np.array(votes) != is_hidden).any(axis=0))
     if disputed.size:
-        is_hidden[disputed] = hidden(RayMeshIntersector(mesh).intersects_first, disputed)
+        is_hidden[disputed] = hidden(RayMeshIntersector(mesh), disputed, np.zeros(3))
     return ~is_hidden
 
 
-def _is_hidden(
-    first: Integers, targets: Floats, point_part: Integers, mesh: Any, face_part: Integers
-) -> NDArray[np.bool_]:
-    """Tell which targets lie behind the first triangle on their ray; -1 is none."""
-    normals, corners = mesh.face_normals[first], mesh.triangles[first, 0]
-    towards = np.einsum("ij,ij->i", normals, targets)
-    # The plane is met at this share of the way; a ray within its plane is not stopped by it.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.einsum("ij,ij->i", normals, corners) / towards
-    before_m = (1 - share) * np.linalg.norm(targets, axis=1)
-    is_own = (point_part != NO_PART) & (face_part[first] == point_part)
-    is_hidden: NDArray[np.bool_] = (first >= 0) & ~is_own & (share > 0) & (before_m > TOLERANCE_M)
+def _hidden(tracer: Any, targets: Floats, point_part: Integers, face_part: Integers) -> NDArray[np.bool_]:
+    """Tell which targets lie behind a triangle of another part, seen from the origin."""
+    mesh = tracer.mesh
+    distance_m = np.maximum(np.linalg.norm(targets, axis=1), TOLERANCE_M)
+    directions = targets / distance_m[:, None]
+    is_hidden = np.zeros(len(targets), dtype=bool)
+    # What touches the base station hides nothing.
+    live, start_m = np.arange(len(targets)), np.full(len(targets), TOLERANCE_M)
+    while live.size:
+        origins = directions[live] * start_m[live, None]
+        first = tracer.intersects_first(origins, directions[live])
+        live, first = live[first >= 0], first[first >= 0]
+        met_m = _distances(mesh, first, directions[live])
+        is_before = met_m < distance_m[live] - TOLERANCE_M
+        live, first, met_m = live[is_before], first[is_before], met_m[is_before]
+        is_own = (point_part[live] != NO_PART) & (face_part[first] == point_part[live])
+        is_hidden[live[~is_own]] = True
+        # Past a triangle of the point's own part, the ray goes on.
+        live = live[is_own]
+        start_m[live] = np.maximum(met_m[is_own], start_m[live]) + STEP_M
     return is_hidden
+
+
+def _distances(mesh: Any, faces: Integers, directions: Floats) -> Floats:
+    """Distances from the origin at which rays meet the planes of triangles; infinite within a plane."""
+    normals, corners = mesh.face_normals[faces], mesh.triangles[faces, 0]
+    towards = np.einsum("ij,ij->i", normals, directions)
+    height_m = np.einsum("ij,ij->i", normals, corners)
+    distances_m: Floats = np.divide(height_m, towards, out=np.full(len(faces), np.inf), where=towards != 0)
+    return distances_m
 
 
 def _beside(places: Floats) -> list[Floats]:

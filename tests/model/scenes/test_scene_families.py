@@ -54,8 +54,8 @@ def test_a_scene_is_the_same_as_years_ago(family):
         "crowd": "77abde451ba741fb",
         "weak": "bab9737606bc8635",
         "sparse": "012b5bf3e300efdf",
-        "traffic": "b531d952fb4cc09d",
-        "crossing": "b4db5b469546f8c1",
+        "traffic": "1d7fd973b18f634e",
+        "crossing": "fcb75409c9e620dc",
     }
     scenario = load_scenario(f"{family}[seed=7]")
     assert scenario_digest(scenario) == golden[family]
