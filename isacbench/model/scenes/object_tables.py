@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from isacbench.errors import InputError
 from isacbench.files.checked_files import require_inside
 from isacbench.model.cloud_files.point_files import read_points_csv
+from isacbench.model.number_limits import LARGEST_PLACE_M
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.cross_sections import CROSS_SECTIONS
 from isacbench.model.scenes.motion import DECIMALS, approach_speeds, body_velocities, heading, turned
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 # Strict, because a number in quotes or a `true` for a number is a typing error.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Finite, Field(gt=0)]
+Length = Annotated[Positive, Field(le=LARGEST_PLACE_M)]
 NonNegative = Annotated[Finite, Field(ge=0)]
 Position = tuple[Finite, Finite, Finite]
 Size = tuple[Positive, Positive, Positive]
@@ -312,8 +314,8 @@ class CylinderTable(_SurfaceTable):
     """Upright cylinder."""
 
     kind: Literal["cylinder"]
-    radius_m: Positive = 0.5
-    height_m: Positive = 1.0
+    radius_m: Length = 0.5
+    height_m: Length = 1.0
 
     def _triangles(self, around: Surroundings) -> Offsets:
         return tube(np.zeros(3), [0.0, 0.0, self.height_m], self.radius_m)
@@ -323,7 +325,7 @@ class EllipsoidTable(_SurfaceTable):
     """Ellipsoid that stands on the ground."""
 
     kind: Literal["ellipsoid"]
-    size_m: Size = (1.0, 1.0, 1.0)
+    size_m: tuple[Length, Length, Length] = (1.0, 1.0, 1.0)
 
     def _triangles(self, around: Surroundings) -> Offsets:
         return globe([0.0, 0.0, self.size_m[2] / 2], np.array(self.size_m) / 2)

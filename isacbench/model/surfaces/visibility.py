@@ -86,11 +86,11 @@ def seen_points(
 def _hidden(tracer: Any, targets: Floats, point_part: Integers, face_part: Integers) -> NDArray[np.bool_]:
     """Tell which targets lie behind a triangle of another part, seen from the origin."""
     mesh = tracer.mesh
-    distance_m = np.maximum(np.linalg.norm(targets, axis=1), TOLERANCE_M)
-    directions = targets / distance_m[:, None]
+    distance_m = np.linalg.norm(targets, axis=1)
+    directions = targets / np.maximum(distance_m, TINY)[:, None]
     is_hidden = np.zeros(len(targets), dtype=bool)
     # What touches the base station hides nothing.
-    live, start_m = np.arange(len(targets)), np.full(len(targets), TOLERANCE_M)
+    live, start_m = np.flatnonzero(distance_m > TOLERANCE_M), np.full(len(targets), TOLERANCE_M)
     while live.size:
         origins = directions[live] * start_m[live, None]
         first = tracer.intersects_first(origins, directions[live])

@@ -124,6 +124,33 @@ def test_a_scene_of_which_nothing_is_seen_is_refused(load, tmp_path):
         load(shell + entry("vehicle"))
 
 
+def test_a_bar_behind_a_wall_is_hidden_though_the_ray_meets_the_bar_first(load):
+    bar = entry("rail", length_m=20.0)
+    wall = entry("wall", y=15.0, size_m=[10.0, 12.0], yaw_deg=90.0)
+    behind = load(bar + wall).scatterers.xyz
+    behind = behind[(behind[:, 1] < 14) & (behind[:, 2] < 1)]
+    assert len(behind) == 0
+
+
+@pytest.mark.parametrize("keys", [{"spacing_m": 5.0}, {"size_m": [1.8, 0.5, 1.5]}])
+def test_a_vehicle_without_a_row_of_its_cabin_has_a_body(load, keys):
+    vehicle = entry("vehicle", **keys)
+    assert 0 < len(load(vehicle).scatterers) < len(load(vehicle, "all").scatterers)
+
+
+@pytest.mark.parametrize("length", ["radius_m", "height_m"])
+def test_a_cylinder_of_an_absurd_size_is_refused(load, length):
+    with pytest.raises(
+        InputError, match=rf"objects\[0\]\.{length} = 1e\+200: input should be less than or equal"
+    ):
+        load(entry("cylinder", **{length: 1e200}))
+
+
+def test_a_scatterer_at_the_base_station_is_refused(load):
+    with pytest.raises(InputError, match="lie where the array is blind"):
+        load('[[objects]]\nkind = "point"\nposition_m = [20.0, 100.0, 20.0]\n' + entry("vehicle"))
+
+
 def test_without_objects_there_is_nothing_to_hide(load):
     assert len(load("").scatterers) == 0
 

@@ -103,6 +103,7 @@ def shape(name, steps=""):
         ("<translate x='5' z='1'/>", [[4.1, -2.2, 1], [5.9, 2.2, 2.5]]),
         ("<translate value='5, 0, 1'/>", [[4.1, -2.2, 1], [5.9, 2.2, 2.5]]),
         ("<scale value='2 2 2'/><translate x='1'/>", [[-0.8, -4.4, 0], [2.8, 4.4, 3]]),
+        ("<scale value='2'/>", [[-1.8, -4.4, 0], [1.8, 4.4, 3]]),
         ("<translate x='1'/><scale x='2'/>", [[0.2, -2.2, 0], [3.8, 2.2, 1.5]]),
         ("<rotate z='1' angle='90'/>", [[-2.2, -0.9, 0], [2.2, 0.9, 1.5]]),
         ("<matrix value='0 -1 0 7  1 0 0 0  0 0 1 0  0 0 0 1'/>", [[4.8, -0.9, 0], [9.2, 0.9, 1.5]]),
@@ -138,8 +139,18 @@ def test_a_city_may_be_larger_than_a_mesh(tmp_path):
         ("a.stl", "solid", "a.stl: "),
         ("a.glb", "glTF", "cannot be read as glb"),
         ("a.gltf", "{}", "a.gltf: "),
+        ("a.gltf", "no json", "cannot be read as gltf: 'Expecting value"),
+        ("a.gltf", "[]", "cannot be read as gltf"),
+        (
+            "a.gltf",
+            '{"extensionsRequired": ["KHR_draco_mesh_compression"]}',
+            "uses KHR_draco_mesh_compression; allowed is glTF with plain triangles, not compressed",
+        ),
+        ("a.gltf", '{"meshes": [{"primitives": [{"mode": 6}]}]}', "uses TRIANGLE_FAN"),
         ("a.obj", "v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "has vertices that are no finite numbers"),
         ("a.xml", "<scene>", "cannot be read as xml"),
+        ("a.xml", '<?xml version="1.0" encoding="foo"?><scene/>', "cannot be read as xml"),
+        ("a.xml", '<?xml version="1.0" encoding="big5"?><scene/>', "cannot be read as xml"),
         ("a.xml", "<scene/>", "has no triangles"),
         ("a.xml", "<scene><shape type='sphere'/></scene>", "a shape of type 'sphere' has no filename"),
         ("a.xml", scene_list(shape("missing.ply")), "missing.ply: does not exist"),
@@ -158,7 +169,13 @@ def test_a_broken_file_gets_one_message(tmp_path, name, content, told):
 
 @pytest.mark.parametrize(
     "step",
-    ["<lookat origin='0,0,1'/>", "<scale value='a'/>", "<matrix value='1 0 0'/>", "<rotate angle='9'/>"],
+    [
+        "<lookat origin='0,0,1'/>",
+        "<scale value='a'/>",
+        "<scale value='1 2'/>",
+        "<matrix value='1 0 0'/>",
+        "<rotate angle='9'/>",
+    ],
 )
 def test_a_transform_that_is_not_understood_is_refused(tmp_path, step):
     saved(tmp_path, "ply")
@@ -170,6 +187,20 @@ def test_a_transform_that_is_not_understood_is_refused(tmp_path, step):
 def test_a_folder_has_one_scene_list(tmp_path):
     with pytest.raises(InputError, match=r"has 0 scene lists; allowed is a folder with one \.xml"):
         read_mesh(tmp_path, None, None, SPAN_M)
+
+
+def test_a_scene_list_that_is_a_link_to_elsewhere_is_not_read(tmp_path):
+    (tmp_path / "secret.xml").write_text("<scene><shape type='SECRET'/></scene>")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "city.xml").symlink_to(tmp_path / "secret.xml")
+    with pytest.raises(InputError, match="leads out of the folder"):
+        read_mesh(tmp_path / "in", None, None, SPAN_M)
+
+
+@pytest.mark.parametrize("name", ["a" * 5000 + ".ply", "nul\0.ply"])
+def test_a_name_that_no_file_can_have_is_refused(tmp_path, name):
+    with pytest.raises(InputError, match=r"cannot be accessed|does not exist"):
+        read_mesh(tmp_path / name, None, None, SPAN_M)
 
 
 def test_buffers_of_gltf_outside_its_folder_are_not_read(tmp_path):

@@ -85,8 +85,29 @@ def test_both_sides_of_a_thin_wall_have_points():
 
 def test_a_sheet_that_is_drawn_from_both_sides_has_its_points_once():
     sheet = np.array([[[0, 0, 0], [6, 0, 0], [6, 0, 3]], [[0, 0, 0], [6, 0, 3], [0, 0, 3]]], dtype=float)
-    both = np.concatenate([sheet, sheet[:, ::-1]])
-    assert len(surface_points(both, 0.5)) == len(surface_points(sheet, 0.5)) == 12 * 6
+    assert len(surface_points(sheet, 0.5)) == 12 * 6
+    for yaw_deg in (0.0, 20.0, 45.0):
+        tilted = turned(sheet.reshape(-1, 3)[:, [2, 0, 1]], yaw_deg)[:, [1, 2, 0]].reshape(-1, 3, 3)
+        both = np.concatenate([tilted, tilted[:, ::-1]])
+        assert len(surface_points(both, 0.5)) == len(surface_points(tilted, 0.5))
+
+
+def test_a_sheet_no_thicker_than_what_visibility_tells_apart_has_its_points_once():
+    points = surface_points(cuboid([0, 0, 0], [10.0, 0.015, 5.0]), 0.5)
+    # The rim has points of its own.
+    assert len(points) <= 20 * 10 + 2 * (20 + 10)
+
+
+def test_surfaces_without_a_finite_size_are_refused():
+    for size_m in (1e80, np.inf, np.nan):
+        with pytest.raises(InputError, match="finite coordinates in m"):
+            surface_points(np.full((1, 3, 3), size_m), 0.5)
+    assert len(surface_points(cuboid([0, 0, 0], [1, 1, 1]), 1e200)) == 6
+
+
+def test_thin_parts_that_ask_for_too_many_places_are_refused():
+    with pytest.raises(InputError, match=r"places on its surface; allowed are at most 20000000"):
+        surface_points(tube([0, 0, 0], [0, 0, 10], 1e-7), 1e-5)
 
 
 def test_thin_poles_have_points_all_the_way_up():

@@ -110,6 +110,32 @@ def test_a_part_hides_all_points_but_its_own():
     assert is_seen.tolist() == [True, False]
 
 
+def test_behind_its_own_part_another_one_hides_a_point():
+    """The ray meets the point's own part first, then the wall, then the point."""
+    own = WALL + np.array([0.0, 10.0, 0.0])
+    triangles, parts = np.concatenate([own, WALL]), np.array([3, 3, 4, 4])
+    point = np.array([[20.0, 9.0, 1.0]])
+    assert seen_points(BASE_M, point, np.array([3]), triangles, parts).tolist() == [False]
+    assert seen_points(BASE_M, point, np.array([3]), own, parts[:2]).tolist() == [True]
+
+
+@pytest.mark.parametrize("above_m", [0.0, 1e-9, 1e-3])
+def test_a_base_station_on_a_roof_does_not_see_through_the_house(above_m):
+    house = np.concatenate([cuboid([0, 95, 0], [40, 110, 20]), cuboid([0, 20, 0], [40, 22, 15])])
+    base_m = np.array([20.0, 100.0, 20.0 + above_m])
+    assert not seen([[20.0, 10.0, 1.0], [20.0, 21.0, 15.0]], house, base_m).any()
+    assert seen([20.0, 90.0, 30.0], house, base_m).all()
+
+
+def test_rays_in_chunks_see_the_same(monkeypatch):
+    random = np.random.default_rng(5)
+    triangles = random.uniform(0, 30, (30, 1, 3)) + random.normal(scale=3, size=(30, 3, 3))
+    points = random.uniform(0, 30, (100, 3))
+    at_once = seen(points, triangles)
+    monkeypatch.setattr("isacbench.model.surfaces.visibility.MOST_RAYS", 7)
+    np.testing.assert_array_equal(seen(points, triangles), at_once)
+
+
 def test_without_surfaces_everything_is_seen():
     points = np.random.default_rng(0).uniform(0, 30, (9, 3))
     assert seen(points, np.empty((0, 3, 3))).all()
