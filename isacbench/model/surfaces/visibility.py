@@ -117,8 +117,8 @@ def _distances(mesh: Any, faces: Integers, directions: Floats) -> Floats:
 
 def _beside(places: Floats) -> list[Floats]:
     """Offsets (n, 3) across the line of sight, to four sides."""
-    across = np.cross(places, np.where(np.abs(places[:, :1]) > np.abs(places[:, 1:2]), [0, 1, 0], [1, 0, 0]))
-    units = [
-        side / np.linalg.norm(side, axis=1, keepdims=True) for side in (across, np.cross(places, across))
-    ]
+    is_along_x = np.abs(places[:, :1]) > np.abs(places[:, 1:2])
+    across = np.cross(places, np.where(is_along_x, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]))
+    sides = across, np.cross(places, across)
+    units = [side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), TINY) for side in sides]
     return [sign * BESIDE_M * unit for unit in units for sign in (-1.0, 1.0)]
