@@ -131,31 +131,27 @@ class _ObjectTable(_EchoTable):
 
     def _shape(self, around: Surroundings) -> tuple[Offsets, list[Part]]:
         """Scatterer positions around `position_m`, and parts that hide others."""
-        sizes = self._sizes()
-        return self.outline(**sizes), solid_of(self._kind, sizes) if around.with_solids else []
+        sizes = self.model_dump(exclude=set(_ObjectTable.model_fields))
+        kind = sizes.pop("kind")
+        return self.outline(**sizes), solid_of(kind, sizes) if around.with_solids else []
 
-    def _sizes(self) -> dict[str, Any]:
-        """Keys of the kind."""
-        return self.model_dump(exclude={"kind", *_ObjectTable.model_fields})
-
-    @property
-    def _kind(self) -> str:
-        return str(self.kind)  # type: ignore[attr-defined]
+    def _turned(self, vectors: Offsets) -> Offsets:
+        """Turn vectors (..., 3) from the object's own directions to those of the scene."""
+        return (
+            turned(vectors.reshape(-1, 3), self.yaw_deg).reshape(vectors.shape) if self.yaw_deg else vectors
+        )
 
     def _in_place(self, vectors: Offsets) -> Offsets:
         """Turn and shift what lies around `position_m`."""
-        flat = turned(vectors.reshape(-1, 3), self.yaw_deg) if self.yaw_deg else vectors.reshape(-1, 3)
-        return np.array(self.position_m) + flat.reshape(vectors.shape)
+        return np.array(self.position_m) + self._turned(vectors)
 
     def _scatterers(self, offsets: Offsets, base_station_m: Offsets) -> Scatterers:
         amplitude = np.full(len(offsets), self.amplitude)
-        own = self._own_velocities(len(offsets))
-        if self.yaw_deg:
-            offsets, own = turned(offsets, self.yaw_deg), turned(own, self.yaw_deg)
-        xyz = np.array(self.position_m) + offsets
+        own = self._turned(self._own_velocities(len(offsets)))
+        xyz = self._in_place(offsets)
         if not isinstance(self.velocity_mps, tuple):
             return Scatterers(xyz, np.full(len(xyz), self.velocity_mps), amplitude)
-        velocities = body_velocities(offsets, self.velocity_mps, self.yaw_rate_dps, own)
+        velocities = body_velocities(self._turned(offsets), self.velocity_mps, self.yaw_rate_dps, own)
         xyz = xyz.round(DECIMALS) + 0.0
         speeds = approach_speeds(xyz, velocities, base_station_m)
         return Scatterers(xyz, speeds.round(DECIMALS) + 0.0, amplitude)
@@ -352,12 +348,11 @@ class MeshTable(_SurfaceTable):
         triangles = self._triangles(around)
         placed = self._in_place(triangles)
         within = clipped(placed, around.region.lower_m, around.region.upper_m)
-        if within is not placed:
-            offsets = turned((within - self.position_m).reshape(-1, 3), -self.yaw_deg)
-            within = offsets.reshape(-1, 3, 3)
+        if within is placed:
+            own = triangles
         else:
-            within = triangles
-        points = surface_points(within, self.spacing_m)
+            own = turned((within - self.position_m).reshape(-1, 3), -self.yaw_deg).reshape(-1, 3, 3)
+        points = surface_points(own, self.spacing_m)
         points = points[around.region.contains(self._in_place(points).round(DECIMALS), PLACED_M)]
         if not len(points):
             raise InputError(

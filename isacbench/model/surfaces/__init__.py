@@ -1,3 +1,3 @@
-"""Surfaces: shapes and meshes, their points, and what of them the base station sees."""
+"""Surfaces: shapes and meshes, points on them, and their visibility from the base station."""
 
 __all__ = ["mesh_files", "shapes", "surface_points", "visibility"]

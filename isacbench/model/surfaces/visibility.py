@@ -57,7 +57,8 @@ def seen_points(
     -----
     Embree casts rays in single precision, which misses or leaks within 0.1 mm
     of an edge, and not alike on all processors. Where the ray to a point and
-    four around it do not agree, double precision decides.
+    four around it do not agree, double precision decides. Without Embree, all
+    rays are cast in double precision.
     """
     if not len(triangles) or not len(xyz):
         return np.ones(len(xyz), dtype=bool)
@@ -75,9 +76,11 @@ def seen_points(
         return np.concatenate(parts)
 
     everything = np.arange(len(places))
-    votes = [hidden(mesh.ray, everything, offset) for offset in [np.zeros(3), *_beside(places)]]
-    is_hidden = votes[0]
-    disputed = np.flatnonzero((np.array(votes) != is_hidden).any(axis=0))
+    is_hidden = hidden(mesh.ray, everything, np.zeros(3))
+    if isinstance(mesh.ray, RayMeshIntersector):
+        return ~is_hidden
+    beside = np.array([hidden(mesh.ray, everything, offset) for offset in _beside(places)])
+    disputed = np.flatnonzero((beside != is_hidden).any(axis=0))
     if disputed.size:
         is_hidden[disputed] = hidden(RayMeshIntersector(mesh), disputed, np.zeros(3))
     return ~is_hidden

@@ -1,4 +1,4 @@
-"""What the base station sees: rays against plain double loops, shadows in closed form, and grazing cases."""
+"""Visibility from the base station: rays against plain double loops, closed-form shadows, and grazing cases."""
 
 import functools
 
