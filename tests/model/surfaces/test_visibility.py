@@ -1,4 +1,4 @@
-"""Visibility from the base station: rays against plain double loops, closed-form shadows, and grazing cases."""
+"""Visibility: rays against plain double loops, closed-form shadows, and grazing cases."""
 
 import functools
 
