@@ -15,6 +15,7 @@ from typer.core import TyperCommand
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say, say_lines
+from isacbench.cli.completion import estimators_like
 from isacbench.cli.options import (
     SEED_HELP,
     SPEC,
@@ -36,7 +37,9 @@ if TYPE_CHECKING:
 
     from isacbench.model.cloud import PointCloud
 
-EstimatorName = Annotated[str, Option("-e", "--estimator", metavar=SPEC, help="Estimator.")]
+EstimatorName = Annotated[
+    str, Option("-e", "--estimator", metavar=SPEC, help="Estimator.", autocompletion=estimators_like)
+]
 Precision = Annotated[str, Option(metavar="single|double", help="Precision of the recorded frame.")]
 DEFAULT_SNR = "10"
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Option
+from typer import Argument, Option
+
+from isacbench.cli.completion import estimators_like, scenarios_like, suites_like
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -13,7 +15,13 @@ if TYPE_CHECKING:
 SPEC = "NAME[param=value,...]"
 EstimatorSpecs = Annotated[
     list[str] | None,
-    Option("-e", "--estimator", metavar=SPEC, help="Estimator; repeats. A value [a,b] means each of both."),
+    Option(
+        "-e",
+        "--estimator",
+        metavar=SPEC,
+        help="Estimator; repeats. A value [a,b] means each of both.",
+        autocompletion=estimators_like,
+    ),
 ]
 PluginFiles = Annotated[
     list[Path] | None,
@@ -26,13 +34,28 @@ MixVersions = Annotated[
 OUT_HELP = "Folder, new or of the same run to go on with; default results/<suite>-<time>."
 SEED_HELP = "Seed of all noise."
 Seed = Annotated[int, Option(min=0, help=SEED_HELP)]
+SuiteName = Annotated[
+    str, Argument(metavar="[SUITE]", help="Suite by name or .toml path.", autocompletion=suites_like)
+]
+Html = Annotated[bool, Option("--html/--no-html", help="Whether to write the interactive page.")]
 ScenarioName = Annotated[
-    str, Option("-s", "--scenario", metavar="SCENARIO", help="Name, .toml path or family[seed=7,...].")
+    str,
+    Option(
+        "-s",
+        "--scenario",
+        metavar="SCENARIO",
+        help="Name, .toml path or family[seed=7,...].",
+        autocompletion=scenarios_like,
+    ),
 ]
 ScenarioNames = Annotated[
     list[str] | None,
     Option(
-        "-s", "--scenario", metavar="SCENARIO", help="Name, .toml path or family[seed=0:99,...]; repeats."
+        "-s",
+        "--scenario",
+        metavar="SCENARIO",
+        help="Name, .toml path or family[seed=0:99,...]; repeats.",
+        autocompletion=scenarios_like,
     ),
 ]
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 MAX_TABLE_WIDTH = 1000
 
 
-def report_run(folder: Path, records: pd.DataFrame, kind: str) -> None:
-    """Write the tables of a run, print all but details, and draw its figures.
+def report_run(folder: Path, records: pd.DataFrame, kind: str, with_page: bool = True) -> None:
+    """Write the tables of a run, print all but details, and draw its figures and its page.
 
     Parameters
     ----------
@@ -32,14 +32,16 @@ def report_run(folder: Path, records: pd.DataFrame, kind: str) -> None:
         Rows of the run.
     kind : str
         Kind of its suite.
+    with_page : bool
+        Whether to write the page.
     """
-    from isacbench.report.figures.background_drawing import draw_run_guarded
+    from isacbench.report.html.guarded_pages import draw_run_and_page
     from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
     for grid in grids_of(records, kind):
         if not grid.is_detail:
             print_grid(grid)
-    written = [*write_run_tables(folder, records, kind), *draw_run_guarded(folder)]
+    written = [*write_run_tables(folder, records, kind), *draw_run_and_page(folder, with_page)]
     say(f"{folder}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")
 
 

@@ -9,7 +9,8 @@ import typer
 from typer import Argument, Option
 
 from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
-from isacbench.cli.options import AsJson, MixVersions, PluginFiles, register
+from isacbench.cli.completion import metrics_like
+from isacbench.cli.options import AsJson, Html, MixVersions, PluginFiles, register
 from isacbench.cli.printing import print_grid, print_json, report_run
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
@@ -25,15 +26,61 @@ GAPS_SHOWN = 10
 
 @app.command("report")
 def report_command(
-    folder: Annotated[Path, Argument(metavar="DIR", help="Folder of a run.")],
+    folders: Annotated[
+        list[Path],
+        Argument(metavar="DIR...", help="Folder of a run; with --html several runs of the same scenes."),
+    ],
+    html: Annotated[
+        bool | None,
+        Option("--html/--no-html", help="Write the interactive page alone, or all but the page."),
+    ] = None,
+    out: Annotated[
+        Path | None, Option("-o", "--out", metavar="FILE.html", help="Page of several runs.")
+    ] = None,
+    scenario: Annotated[str | None, Option(help="Draw figures of this scenario alone.")] = None,
+    snr: Annotated[float | None, Option(help="Draw clouds, maps and spectra at this SNR in dB.")] = None,
+    trial: Annotated[int | None, Option(min=0, help="Draw clouds, maps and spectra of this trial.")] = None,
+    metric: Annotated[
+        str | None, Option(help="Draw this score over SNR.", autocompletion=metrics_like)
+    ] = None,
+    extension: Annotated[
+        str | None, Option("--format", metavar="png|pdf|svg", help="Format of figures.")
+    ] = None,
     plugin: PluginFiles = None,
 ) -> None:
-    """Redraw tables and figures of a run, without running again."""
+    """Make tables, figures and page of a run again, figures for a paper, or one page of several runs."""
     from isacbench.bench.store.run_store import read_results
+    from isacbench.report.figures.chosen_figures import FigureChoice, draw_chosen
 
     register(plugin)
-    results = read_results(folder)
-    report_run(folder, results.records, results.suite.kind)
+    choice = FigureChoice(scenario, snr, trial, metric)
+    is_choice = choice != FigureChoice() or extension is not None
+    if html and is_choice:
+        raise InputError("--html cannot be combined with --scenario, --snr, --trial, --metric and --format")
+    if len(folders) > 1 or out is not None:
+        if not html:
+            raise InputError("several folders, and -o, need --html; without it give one folder")
+        _write_leaderboard(folders, out)
+    elif html:
+        from isacbench.report.html.guarded_pages import write_page_guarded
+
+        say(str(write_page_guarded(folders[0])))
+    elif is_choice:
+        _say_figures(draw_chosen(folders[0], choice, extension or "png"))
+    else:
+        results = read_results(folders[0])
+        report_run(folders[0], results.records, results.suite.kind, html is None)
+
+
+def _write_leaderboard(folders: list[Path], out: Path | None) -> None:
+    """Write the page of one run or of several into a file of its own."""
+    from isacbench.report.html.written_pages import LEADERBOARD_PAGE, write_leaderboard
+
+    path = Path(LEADERBOARD_PAGE) if out is None else out
+    if path.suffix != ".html":
+        raise InputError(f"{path}: a page is written as .html; give -o FILE.html")
+    require_replaceable(path)
+    say(str(write_leaderboard(folders, path)))
 
 
 @app.command("merge")
@@ -102,6 +149,7 @@ def compare_command(
     plot: Annotated[Path | None, Option(help="Picture; default NEW/figures/compare-<score>.png.")] = None,
     markdown: Annotated[Path | None, Option(help="Write a summary in Markdown.")] = None,
     junit: Annotated[Path | None, Option(help="Write JUnit XML for continuous integration.")] = None,
+    html: Html = True,
     as_json: AsJson = False,
 ) -> None:
     """Compare two runs, or two estimators of one.
@@ -145,7 +193,7 @@ def compare_command(
     _write(markdown, lambda: comparison_markdown(found))
     _write(junit, lambda: comparison_junit(found))
     if not as_json:
-        _print_comparison(found, folder, plot)
+        _print_comparison(found, folder, plot, html)
     else:
         print_json(comparison_content(found))
         if plot is not None:
@@ -158,8 +206,13 @@ def compare_command(
 def rank_command(
     folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run of six scenes or more.")],
     metric: Annotated[
-        str, Option(help="Score to rank by, such as deviation, gospa_m, hausdorff_sum_m or ratio.")
+        str,
+        Option(
+            help="Score to rank by, such as deviation, gospa_m, hausdorff_sum_m or ratio.",
+            autocompletion=metrics_like,
+        ),
     ] = "deviation",
+    html: Html = True,
     as_json: AsJson = False,
 ) -> None:
     """Rank the estimators of a run over its scenes: rank sets, win probabilities, worst scenes."""
@@ -176,6 +229,10 @@ def rank_command(
     for line in ranking_lines(found):
         say(line)
     _draw_into(folder, lambda: [draw_ranking_file(found, folder)])
+    if html:
+        from isacbench.report.html.written_pages import write_rank_page
+
+        _draw_into(folder, lambda: [write_rank_page(folder, metric)], "page")
 
 
 def _require_own_places(paths: list[Path]) -> None:
@@ -190,8 +247,8 @@ def _require_own_places(paths: list[Path]) -> None:
             raise InputError(f"{path}: is named by two options; give a different file to each")
 
 
-def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -> None:
-    """Print a comparison and draw it, by default into the folder of the new run."""
+def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None, with_page: bool) -> None:
+    """Print a comparison and draw it, by default into the folder of the new run, with its page."""
     from isacbench.report.comparisons.comparison_figure import draw_comparison_files
     from isacbench.report.comparisons.comparison_tables import (
         comparison_grids,
@@ -210,10 +267,14 @@ def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None) -
         _draw_into(folder, lambda: draw_comparison_files(comparison, folder))
     else:
         _say_figures(draw_comparison_files(comparison, folder, plot))
+    if with_page:
+        from isacbench.report.html.written_pages import write_comparison_page
+
+        _draw_into(folder, lambda: [write_comparison_page(comparison, folder)], "page")
     say(comparison_summary(comparison))
 
 
-def _draw_into(folder: Path, draw: Callable[[], list[Path]]) -> None:
+def _draw_into(folder: Path, draw: Callable[[], list[Path]], noun: str = "figures") -> None:
     """Draw figures into the folder of a run, or say why that cannot be."""
     from isacbench.bench.store.run_folder import require_unlocked
 
@@ -221,14 +282,14 @@ def _draw_into(folder: Path, draw: Callable[[], list[Path]]) -> None:
         require_unlocked(folder)
         figures = draw()
     except InputError as error:
-        say(f"no figures: {error}")
+        say(f"no {noun}: {error}")
     else:
-        _say_figures(figures)
+        _say_figures(figures, noun)
 
 
-def _say_figures(figures: list[Path]) -> None:
+def _say_figures(figures: list[Path], noun: str = "figures") -> None:
     if figures:
-        say(f"figures: {', '.join(map(str, figures))}")
+        say(f"{noun}: {', '.join(map(str, figures))}")
 
 
 def _write(path: Path | None, content: Callable[[], str]) -> None:

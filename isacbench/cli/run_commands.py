@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
@@ -14,9 +14,11 @@ from isacbench.cli.options import (
     OUT_HELP,
     SEED_HELP,
     EstimatorSpecs,
+    Html,
     MixVersions,
     PluginFiles,
     ScenarioNames,
+    SuiteName,
     register,
     require_names,
 )
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
 @app.command("run")
 def run_command(
-    suite: Annotated[str, Argument(metavar="[SUITE]", help="Suite by name or .toml path.")] = "paper",
+    suite: SuiteName = "paper",
     estimator: EstimatorSpecs = None,
     scenario: ScenarioNames = None,
     snr: Annotated[str | None, Option(metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")] = None,
@@ -54,8 +56,9 @@ def run_command(
     mix_versions: MixVersions = False,
     timing: Annotated[bool, Option("--timing", help="Measure run times, one cell after the other.")] = False,
     repeats: Annotated[int | None, Option(min=1, help="Timed estimates a cell; default 5.")] = None,
+    html: Html = True,
 ) -> None:
-    """Run a suite: estimate, score, tabulate and draw. An existing folder of the same run is completed."""
+    """Run a suite: estimate, score, tabulate, draw. An existing folder of the same run is completed."""
     from isacbench.bench.suites.suite import parse_snr
     from isacbench.bench.suites.suite_kinds import load_suite
 
@@ -97,7 +100,7 @@ def run_command(
     folder = default_folder(wanted.name) if out is None else out
     with Termination() as termination:
         try:
-            results = _run_and_report(wanted, folder, execution)
+            results = _run_and_report(wanted, folder, execution, html)
         except KeyboardInterrupt:
             termination.fail(_describe_left(folder))
         if results.interrupted:
@@ -113,14 +116,14 @@ def run_command(
         )
 
 
-def _run_and_report(suite: Suite, folder: Path, execution: Execution) -> Results:
+def _run_and_report(suite: Suite, folder: Path, execution: Execution, with_page: bool) -> Results:
     """Run a suite and make tables and figures of its rows, also after an interrupt."""
     from isacbench.bench.run.runner import run_suite
 
     with progress_shown(suite.name, is_idle=execution.is_timing) as show:
         results = run_suite(suite, folder, show, execution)
     if not results.records.empty:
-        report_run(folder, results.records, results.suite.kind)
+        report_run(folder, results.records, results.suite.kind, with_page)
     return results
 
 

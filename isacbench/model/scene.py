@@ -68,6 +68,9 @@ class Scatterers(Displayed):
     phase_rad : ndarray of float64, shape (n,)
         Phases of the echoes, to which a coherent system adds the carrier's;
         0 unless given.
+    objects : tuple of str, length n or 0
+        Object of each scatterer, such as ``vehicle 2``; empty where objects are not known. No echo depends
+        on it, and no digest.
 
     Raises
     ------
@@ -81,6 +84,7 @@ class Scatterers(Displayed):
     velocity: NDArray[np.float64]
     amplitude: NDArray[np.float64]
     phase_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(()))
+    objects: tuple[str, ...] = added_field((), before=())
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "xyz", "velocity", "amplitude")
@@ -106,6 +110,8 @@ class Scatterers(Displayed):
                 f"scatterers: xyz {self.xyz.shape}, velocity {self.velocity.shape} and amplitude "
                 f"{self.amplitude.shape}; allowed are the shapes (n, 3), (n,) and (n,)"
             )
+        if len(self.objects) not in (0, n):
+            raise InputError(f"scatterers.objects: {len(self.objects)} names; allowed are none or {n}")
 
     def __len__(self) -> int:
         return self.velocity.size

@@ -21,7 +21,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
 
 HEAVY = {"matplotlib", "numpy", "pandas", "pyarrow", "pydantic", "scipy", "skimage"}
-DRAWING = "isacbench.report.figures.background_drawing.draw_run_guarded"
+DRAWING = "isacbench.report.html.guarded_pages.draw_run_and_page"
 CLOUD = "x,y,z,v,power\n1,2,3,0,1\n5,6,1,10,4\n"
 
 
@@ -32,7 +32,7 @@ def drawn(monkeypatch):
     plotting = ModuleType("isacbench.report.figures.plotting")
     plotting.plot_clouds = lambda truth, estimate, *, out, **_: calls.append(out)
     monkeypatch.setitem(sys.modules, plotting.__name__, plotting)
-    monkeypatch.setattr(DRAWING, lambda folder: calls.append(folder) or [folder / "deviation.png"])
+    monkeypatch.setattr(DRAWING, lambda folder, *_: calls.append(folder) or [folder / "deviation.png"])
     return calls
 
 
@@ -195,7 +195,7 @@ def test_a_terminated_run_tabulates_its_rows_and_exits_143(cli, monkeypatch, tmp
 
 
 def test_a_run_that_is_terminated_while_it_draws_exits_143_and_says_where_its_rows_are(cli, monkeypatch):
-    monkeypatch.setattr(DRAWING, lambda folder: terminated())
+    monkeypatch.setattr(DRAWING, lambda *_: terminated())
     result = cli(*RUN, "-n", 1, "-o", "out")
     assert result.exit_code == 143
     assert result.stderr == (

@@ -10,8 +10,8 @@ RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "
 @pytest.fixture
 def cli(plugins, tiny, tmp_path, monkeypatch):
     """Run the command line in a folder that holds a small scenario, without drawing figures."""
-    drawing = "isacbench.report.figures.background_drawing.draw_run_guarded"
-    monkeypatch.setattr(drawing, lambda folder: [folder / "deviation.png"])
+    drawing = "isacbench.report.html.guarded_pages.draw_run_and_page"
+    monkeypatch.setattr(drawing, lambda folder, *_: [folder / "deviation.png"])
     monkeypatch.chdir(tmp_path)
 
     def call(*args):

@@ -52,7 +52,7 @@ class Half:
 def cli(plugins, write_plugin, tiny, tmp_path, monkeypatch):
     """Run the command line in a folder that holds a small scenario and a plugin file."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("isacbench.report.figures.background_drawing.draw_run_guarded", lambda folder: [])
+    monkeypatch.setattr("isacbench.report.html.guarded_pages.draw_run_and_page", lambda *_: [])
     write_plugin("local.py", LOCAL)
 
     def call(*args):

@@ -16,8 +16,8 @@ RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "
 def cli(plugins, tiny, tmp_path, monkeypatch):
     """Run the command line in a folder that holds a small scenario."""
     monkeypatch.chdir(tmp_path)
-    drawing = "isacbench.report.figures.background_drawing.draw_run_guarded"
-    monkeypatch.setattr(drawing, lambda folder: [folder / "deviation.png"])
+    drawing = "isacbench.report.html.guarded_pages.draw_run_and_page"
+    monkeypatch.setattr(drawing, lambda folder, *_: [folder / "deviation.png"])
 
     def call(*args):
         return CliRunner().invoke(app, [str(arg) for arg in args])

@@ -193,7 +193,7 @@ def test_nothing_is_written_through_a_link_out_of_the_folder(made, run_folder, b
         try:
             results = run_suite(made[0], out=run_folder)
             write_run_tables(run_folder, results.records)
-            draw_run(run_folder, with_diagnoses=False)
+            draw_run(run_folder)
         except InputError as error:
             told = str(error)
     assert outside(run_folder) == before
@@ -217,7 +217,7 @@ def test_what_cannot_be_replaced_is_told(made, run_folder, refused, name):
     def work(_path):
         results = run_suite(made[0], out=run_folder)
         write_run_tables(run_folder, results.records)
-        draw_run(run_folder, with_diagnoses=False)
+        draw_run(run_folder)
 
     refused(work, path)
 

@@ -37,9 +37,9 @@ import sys
 from typer.testing import CliRunner
 
 from isacbench.cli import app
-from isacbench.report.figures import background_drawing
+from isacbench.report.html import guarded_pages
 
-background_drawing.draw_run_guarded = lambda folder: []
+guarded_pages.draw_run_and_page = lambda *_: []
 done = {name: CliRunner().invoke(app, words) for name, words in json.loads(sys.argv[1]).items()}
 print(json.dumps({name: (one.exit_code, one.stdout, one.output) for name, one in done.items()}))
 """

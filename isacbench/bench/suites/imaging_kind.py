@@ -18,5 +18,4 @@ IMAGING = Kind(
         ),
     },
     figures="isacbench.report.figures.run_figures:imaging_figures",
-    diagnoses="isacbench.report.figures.run_figures:diagnosis_figures",
 )

@@ -66,8 +66,6 @@ class Kind:
         Better direction of a column; columns that are not listed are better ``"lower"``.
     timed_tables : mapping of str to Tables
         Further tables of a timed run, by the stem of their files.
-    diagnoses : str
-        Function like `figures`: further figures, drawn at the same time in another process. Empty: none.
     """
 
     name: str
@@ -78,7 +76,6 @@ class Kind:
     columns: Mapping[str, Any] = field(default_factory=dict)
     better: Mapping[str, Direction] = field(default_factory=dict)
     timed_tables: Mapping[str, Tables] = field(default_factory=lambda: {"stages": STAGES})
-    diagnoses: str = ""
 
     def scenes(self, suite: Suite, scenarios: Mapping[str, Scenario]) -> Sequence[Scene]:
         """Plan the scenes of a suite.

@@ -26,6 +26,9 @@ SIGNIFICANT = 10
 ADDED = ("radius_m", "gain_error_db", "phase_error_deg", "family", "family_version")
 """Fields of a scenario, plain values, that older descriptions lack."""
 
+OBJECTS = "objects"
+"""Field of scatterers, and column of the truth, that names their objects."""
+
 DIGITS = 16
 """Hexadecimal digits of a digest: 64 bits distinguish far more contents than are ever stored."""
 
@@ -80,7 +83,8 @@ def scenario_digest(scenario: Scenario) -> str:
         digests, in whatever form the scenario was written.
     """
     scatterers = scenario.scatterers
-    arrays = {name: values.tolist() for name, values in identity_fields(scatterers).items()}
+    echoes = {name: values for name, values in identity_fields(scatterers).items() if name != OBJECTS}
+    arrays = {name: values.tolist() for name, values in echoes.items()}
     content = {"name": scenario.name, "radio": describe_scenario(scenario), "scatterers": arrays}
     return digest(_rounded(content))
 
@@ -136,7 +140,12 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
             base_station_m=np.array(described["base_station_m"]),
             region=Region(**{key: _tupled(value) for key, value in described["region"].items()}),
             **{name: described[name] for name in ADDED if name in described},
-            scatterers=Scatterers(xyz=points[:, :3], velocity=points[:, 3], amplitude=np.sqrt(points[:, 4])),
+            scatterers=Scatterers(
+                xyz=points[:, :3],
+                velocity=points[:, 3],
+                amplitude=np.sqrt(points[:, 4]),
+                objects=tuple(truth[OBJECTS]) if OBJECTS in truth and all(truth[OBJECTS]) else (),
+            ),
         )
 
 
@@ -150,10 +159,12 @@ def truth_table(scenario: Scenario) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row for each scatterer: scenario, x, y, z in m, v in m/s, power.
+        One row for each scatterer: scenario, x, y, z in m, v in m/s, power, and its object, an empty text
+        where objects are not known.
     """
     table = scenario.truth.to_dataframe()
     table.insert(0, "scenario", scenario.name)
+    table[OBJECTS] = scenario.scatterers.objects or ""
     return table
 
 

@@ -55,11 +55,13 @@ class PlacedObject:
         Triangles that hide, and the numbers of the scatterers that each part does not hide.
     rcs_dbsm : float or str, optional
         Radar cross section, or the name of a draw.
+    name : str
     """
 
     scatterers: Scatterers
     parts: Sequence[Part] = ()
     rcs_dbsm: float | str | None = None
+    name: str = ""
 
 
 def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
@@ -78,6 +80,7 @@ def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
         np.concatenate([np.empty((0, 3)), *(part.xyz for part in parts)]),
         np.concatenate([np.empty(0), *(part.velocity for part in parts)]),
         np.concatenate([np.empty(0), *(part.amplitude for part in parts)]),
+        objects=tuple(each.name for each in placed for _ in range(len(each.scatterers))),
     )
 
 

@@ -190,4 +190,5 @@ class _ScenarioTable(FileTable):
                 )
         except InputError as error:
             raise InputError(f"objects[{number}]: {error}") from error
-        return placed
+        kinds = [each.kind for each in self.objects[: number + 1]]
+        return dataclasses.replace(placed, name=f"{kinds[-1]} {kinds.count(kinds[-1])}")

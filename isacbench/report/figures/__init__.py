@@ -1,3 +1,12 @@
 """Figures of a run, of images and of waveforms."""
 
-__all__ = ["background_drawing", "curves", "map_figures", "plotting", "run_figures", "waveform_figures"]
+__all__ = [
+    "chosen_figures",
+    "curves",
+    "diagnosed_images",
+    "map_figures",
+    "plotting",
+    "run_figures",
+    "study_figures",
+    "waveform_figures",
+]

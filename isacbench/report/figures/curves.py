@@ -166,11 +166,49 @@ def draw_scores(
     -------
     Figure
     """
+    return _draw_panels(summary, scenario, PANELS, looks, radius_m)
+
+
+def draw_score(
+    summary: pd.DataFrame,
+    scenario: str,
+    column: str,
+    looks: Mapping[Variant, LineLook],
+    radius_m: float,
+) -> Figure:
+    """Draw one score of one scenario.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `isacbench.bench.studies.imaging_study.summarise_scores` returns it.
+    scenario, column : str
+        Names of the scenario and of the score, one of `PANELS`.
+    looks : mapping of (str, str) to LineLook
+    radius_m : float
+        Radius of precision and recall in m.
+
+    Returns
+    -------
+    Figure
+    """
+    panels = [panel for panel in PANELS if panel.column == column]
+    return _draw_panels(summary, scenario, panels, looks, radius_m)
+
+
+def _draw_panels(
+    summary: pd.DataFrame,
+    scenario: str,
+    chosen: Sequence[_Panel],
+    looks: Mapping[Variant, LineLook],
+    radius_m: float,
+) -> Figure:
+    """Draw some scores of one scenario."""
     part = summary[summary["scenario"] == scenario]
     looks = looks_over(part["snr_db"], looks)
     title = f"{drawable(scenario)}: {mean_of_trials(int(part['n_cells'].max()))}"
-    figure, panels = panel_grid(len(PANELS), _legend(looks, part), title)
-    for axes, panel in zip(panels, PANELS, strict=True):
+    figure, panels = panel_grid(len(chosen), _legend(looks, part), title)
+    for axes, panel in zip(panels, chosen, strict=True):
         _draw_panel(axes, panel, looks, part)
         axes.set_title(textwrap.fill(panel.title.format(radius_m=radius_m), TITLE_WIDTH))
     return figure

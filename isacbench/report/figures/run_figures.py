@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
@@ -13,58 +14,49 @@ from isacbench.bench.studies.imaging_study import (
     summarise_scores,
 )
 from isacbench.bench.suites.suite_kinds import kind_of
-from isacbench.errors import InputError, InputWarning
-from isacbench.files.checked_files import make_own_folder
+from isacbench.errors import InputWarning
+from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import counted
 from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS
-from isacbench.model.echo import Simulator
-from isacbench.plugins.contracts import Diagnoser
-from isacbench.plugins.registry import build_estimators_of, canonical_params
 from isacbench.report.drawing.style import drawable, file_stems, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_clouds
 from isacbench.report.figures.curves import draw_deviations, draw_scores, nearest_values, variant_looks
-from isacbench.report.figures.map_figures import draw_map
 from isacbench.report.figures.pareto_figures import draw_pareto, draw_stages
-from isacbench.report.figures.spectrum_figures import draw_spectra
 from isacbench.report.tables.pareto import summarise_points, timed_rows
 from isacbench.report.tables.run_tables import batched, mean_of_scenarios
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 
     import pandas as pd
     from matplotlib.figure import Figure
 
     from isacbench.bench.cells.record import Results
     from isacbench.bench.plan.labels import Variant
-    from isacbench.plugins.contracts import Estimator
     from isacbench.report.drawing.style import LineLook
     from isacbench.report.figures.curves import NamedFigure
 
 FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
-DIAGNOSIS_SNR_DB = 10.0
 CLOUDS_A_FIGURE = 4
 CELL = ["estimator", "params", "snr_db"]
 MOST_CLOUDS = 16
-"""Most estimators of which clouds, maps and spectra are drawn; of more, those of least mean deviation."""
+"""Most estimators of which clouds, maps and spectra are shown; of more, those of least mean deviation."""
 
 NOT_RUN = Image(PointCloud.empty(), "not run")
 """Cell of which an interrupted run has no record."""
 
 
-def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
-    """Draw a stored run: of images scores over SNR, clouds, maps and spectra; of a study its own figures.
+def draw_run(folder: Path, extension: str = "png") -> list[Path]:
+    """Draw a stored run: of images scores over SNR and clouds; of a study its own figures.
 
     Parameters
     ----------
     folder : Path
         Folder of a run; figures of the same names in its ``figures`` are replaced.
-    with_diagnoses : bool
-        Whether to draw what `draw_diagnoses` does as well.
+    extension : {"png", "pdf", "svg"}
 
     Returns
     -------
@@ -84,65 +76,31 @@ def draw_run(folder: Path, with_diagnoses: bool = True) -> list[Path]:
     ------
     InputError
         If the folder does not hold a run.
-
-    Warns
-    -----
-    InputWarning
-        If an estimator of the run is not installed, or its diagnosis fails.
     """
     results = read_results(folder)
-    kind = kind_of(results.suite)
-    names = [kind.figures, *([kind.diagnoses] if with_diagnoses else [])]
-    return _drawn(folder, results, names)
+    draw: Callable[[Results], Iterator[NamedFigure]] = resolve_name(kind_of(results.suite).figures)
+    return [] if results.records.empty else save_figures(folder, draw(results), extension)
 
 
-def draw_diagnoses(folder: Path) -> list[Path]:
-    """Draw what the estimators of a stored run of images see on their way.
+def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = "png") -> list[Path]:
+    """Save figures into ``figures`` of a run.
 
     Parameters
     ----------
     folder : Path
-        As for `draw_run`.
+    figures : iterable of (str, Figure)
+        By the stems of their files; drawn one after the other, in the style of all figures.
+    extension : {"png", "pdf", "svg"}
 
     Returns
     -------
     list of Path
-        Of the first scenario and trial, for each estimator that is a
-        `Diagnoser`, of the 16 best alone where they are more:
-        ``rdm-*.png`` and, where it detects anything, ``spectrum-*.png``.
-
-    Raises
-    ------
-    InputError
-        If the folder does not hold a run.
-
-    Warns
-    -----
-    InputWarning
-        If an estimator of the run is not installed, or its diagnosis fails.
     """
-    results = read_results(folder)
-    return _drawn(folder, results, [kind_of(results.suite).diagnoses])
-
-
-def _drawn(folder: Path, results: Results, names: Sequence[str]) -> list[Path]:
-    """Save the figures that some functions yield, each named as ``module:function``."""
-    functions = [resolve_name(name) for name in names if name]
-    if results.records.empty or not functions:
-        return []
     target = folder / FOLDER
+    require_picture(Path(f"figure.{extension}"))
     make_own_folder(target)
     with styled():
-        return [save(figure, target / f"{stem}.png") for draw in functions for stem, figure in draw(results)]
-
-
-def _built(specs: Sequence[str]) -> Iterator[tuple[str, Estimator]]:
-    """Estimators of a suite as far as they are installed, by specification of each variant."""
-    for spec in specs:
-        try:
-            yield from build_estimators_of(spec)
-        except InputError as error:
-            warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=3)
+        return [save(figure, target / f"{stem}.{extension}") for stem, figure in figures]
 
 
 def imaging_figures(results: Results) -> Iterator[NamedFigure]:
@@ -209,32 +167,72 @@ def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedF
 
 
 def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
-    """Clouds of every scenario's first trial, a few estimators a figure."""
-    # A run of limits alone still has clouds to show.
-    candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
+    """Clouds of every scenario's first trial."""
     for scenario, stem in file_stems(results.records["scenario"].unique()).items():
         records = results.records[results.records["scenario"] == scenario]
-        shown = _best(records, candidates)
-        title = drawable(scenario)
-        if len(shown) < len(candidates):
-            title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
-        trial, scene = int(records["trial"].min()), results.scenarios[scenario]
-        images, snrs_db = _images(results, scenario, trial), sorted(records["snr_db"].unique())
-        pages = batched(shown, CLOUDS_A_FIGURE)
-        for number, page in enumerate(pages, start=1):
-            rows = {
-                snr_db: [images.get((*variant, snr_db), NOT_RUN) for variant in page]
-                for snr_db in nearest_values(snrs_db, CLOUD_SNRS_DB)
-            }
-            columns = [looks[variant].label for variant in page]
-            suffix = f"-{number}" if len(pages) > 1 else ""
-            heading = f"{title}, trial {trial}"
-            figure = draw_clouds(heading, scene.truth, scene.region, columns, rows, scene.radius_m)
-            yield f"clouds-{stem}{suffix}", figure
+        snrs_db = nearest_values(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
+        trial = int(records["trial"].min())
+        yield from cloud_figures(results, looks, scenario, f"clouds-{stem}", snrs_db, trial)
 
 
-def _best(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
-    """Estimators whose clouds are drawn, in the order given."""
+def cloud_figures(
+    results: Results,
+    looks: Mapping[Variant, LineLook],
+    scenario: str,
+    stem: str,
+    snrs_db: Sequence[float],
+    trial: int,
+) -> Iterator[NamedFigure]:
+    """Draw clouds of one scenario and trial, a row an SNR, a few estimators a figure.
+
+    Parameters
+    ----------
+    results : Results
+    looks : mapping of (str, str) to LineLook
+    scenario, stem : str
+        Names of the scenario and of the file.
+    snrs_db : sequence of float
+    trial : int
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
+    # A run of limits alone still has clouds to show.
+    candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
+    records = results.records[results.records["scenario"] == scenario]
+    shown = best_variants(records, candidates)
+    title = drawable(scenario)
+    if len(shown) < len(candidates):
+        title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
+    images, scene = _images(results, scenario, trial), results.scenarios[scenario]
+    pages = batched(shown, CLOUDS_A_FIGURE)
+    for number, page in enumerate(pages, start=1):
+        rows = {snr_db: [images.get((*variant, snr_db), NOT_RUN) for variant in page] for snr_db in snrs_db}
+        columns = [looks[variant].label for variant in page]
+        suffix = f"-{number}" if len(pages) > 1 else ""
+        heading = f"{title}, trial {trial}"
+        figure = draw_clouds(heading, scene.truth, scene.region, columns, rows, scene.radius_m)
+        yield f"{stem}{suffix}", figure
+
+
+def best_variants(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
+    """Choose the estimators whose clouds are drawn.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a scenario.
+    candidates : sequence of (str, str)
+        Names and parameters.
+
+    Returns
+    -------
+    list of (str, str)
+        Those of least mean deviation, in the order given.
+    """
     if len(candidates) <= MOST_CLOUDS:
         return list(candidates)
     means = records.groupby(["estimator", "params"], sort=False)["deviation"].mean()
@@ -265,52 +263,3 @@ def _image(cloud: PointCloud, record: pd.Series[Any]) -> Image:
         hausdorff_m = record[HAUSDORFF_COLUMNS].sum()
         return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
     return Image(cloud, "nothing detected" if record["status"] == "no_detection" else str(record["status"]))
-
-
-def diagnosis_figures(results: Results) -> Iterator[NamedFigure]:
-    """Draw maps and spectra of the estimators that show their work, of the first scenario's first trial.
-
-    Of more than 12 scenarios nothing is drawn.
-
-    Parameters
-    ----------
-    results : Results
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-    """
-    if _is_crowded(results):
-        return
-    scenario = results.scenarios[results.records["scenario"].iloc[0]]
-    diagnosers = _best_diagnosers(results, scenario.name)
-    if not diagnosers:
-        return
-    (snr_db,) = nearest_values(sorted(results.records["snr_db"].unique()), [DIAGNOSIS_SNR_DB])
-    simulator = Simulator(scenario)
-    observation = simulator.observe(snr_db, int(results.records["trial"].min()), results.suite.seed)
-    for (spec, estimator), stem in zip(diagnosers.items(), file_stems(diagnosers).values(), strict=True):
-        try:
-            diagnosis = estimator.diagnose(observation)
-        except Exception as error:  # a plugin's fault must not cost the other figures
-            reason = f"{type(error).__name__}: {error}"
-            warnings.warn(f"no map and no spectra of {spec}: {reason}", InputWarning, stacklevel=3)
-            continue
-        title = drawable(f"{scenario.name}, {spec}, {snr_db:g} dB")
-        yield f"rdm-{stem}", draw_map(title, diagnosis, scenario.system, simulator.noise_power(snr_db))
-        if diagnosis.spectra:
-            yield f"spectrum-{stem}", draw_spectra(title, diagnosis, scenario)
-
-
-def _best_diagnosers(results: Results, scenario: str) -> dict[str, Diagnoser]:
-    """Estimators that show their work, by specification; of many those that image a scenario best."""
-    found = {
-        spec: (plugin, (plugin.name, canonical_params(plugin)))
-        for spec, plugin in _built(results.suite.estimators)
-        if isinstance(plugin, Diagnoser)
-    }
-    records = results.records[results.records["scenario"] == scenario]
-    best = set(_best(records, [variant for _, variant in found.values()]))
-    return {spec: plugin for spec, (plugin, variant) in found.items() if variant in best}

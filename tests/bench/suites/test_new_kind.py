@@ -114,6 +114,6 @@ def test_runs_of_a_new_kind_are_compared_in_its_direction(suite, tmp_path):
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_the_code_that_a_kind_names_exists(kind):
     tables = [kind.tables, *kind.timed_tables.values()]
-    names = [kind.plan, kind.figures, kind.diagnoses, *(name for pair in tables for name in pair)]
+    names = [kind.plan, kind.figures, *(name for pair in tables for name in pair)]
     assert all(callable(resolve_name(name)) for name in names if name)
     assert {*kind.better} <= {*kind.columns}

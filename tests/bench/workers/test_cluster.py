@@ -185,7 +185,7 @@ def lanes_of(cluster):
 def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
     cluster, suite, write_plugin, tiny, tmp_path, monkeypatch
 ):
-    monkeypatch.setitem(sys.modules, "isacbench.report.figures.run_figures", FakeFigures)
+    monkeypatch.setitem(sys.modules, "isacbench.report.html.guarded_pages", FakePages)
     plugin = write_plugin("slow.py", SLOW)
     estimators = [word for name in ("blob", "crash", "seer") for word in ("-e", name)]
     command = ["run", "quick", "-s", tiny, *estimators, "--snr", "-5,5", "-n", 1, "--plugin", plugin]
@@ -204,8 +204,8 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
     assert not lanes_of(cluster)
 
 
-class FakeFigures:
-    draw_run = staticmethod(lambda folder, **_: [])
+class FakePages:
+    draw_run_and_page = staticmethod(lambda *_: [])
 
 
 def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cluster, slow):

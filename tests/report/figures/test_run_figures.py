@@ -9,58 +9,9 @@ import pytest
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
-from isacbench.plugins.contracts import Diagnoser
-from isacbench.plugins.registry import get_estimator
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures import run_figures
 from isacbench.report.figures.run_figures import draw_run
-
-SHOWING = '''
-from dataclasses import dataclass
-from typing import ClassVar
-
-import numpy as np
-
-from isacbench.plugins.contracts import Detection, Diagnosis, Spectrum
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Shower:
-    """Shows its work, or fails to."""
-
-    name: ClassVar[str] = "shower"
-    detects: bool = True
-    fails: bool = False
-
-    def estimate(self, observation):
-        return PointCloud.empty()
-
-    def diagnose(self, observation):
-        if self.fails:
-            raise ZeroDivisionError("no luck")
-        gate = observation.gate
-        power = np.mean(np.abs(observation.cells) ** 2, axis=(2, 3))
-        detection = Detection(power > 5, np.full_like(power, 5.0), np.ones_like(power))
-        cosine = np.linspace(-1, 1, 11)
-        spectra = tuple(Spectrum(cosine, -(cosine**2), -0.5, np.zeros(1), label) for label in "uw")
-        cell = int(gate.range_bins[5]), 0
-        return Diagnosis(
-            power,
-            detection,
-            gate.range_bins,
-            gate.doppler_bins,
-            spectra if self.detects else (),
-            cell if self.detects else None,
-        )
-'''
-
-
-@pytest.fixture
-def shower(plugins):
-    """Install the estimator shower beside the others."""
-    sys.modules.pop("showing_plugins", None)
-    plugins.install("showing-plugins", SHOWING, estimators={"shower": "Shower"})
 
 
 @pytest.fixture
@@ -68,7 +19,7 @@ def drawn(monkeypatch):
     """Record what is drawn, and draw nothing: stems to the arguments of the drawing function."""
     calls = {"clouds": [], "saved": []}
     monkeypatch.setattr(run_figures, "draw_clouds", lambda *arguments: calls["clouds"].append(arguments))
-    for name in ("draw_scores", "draw_deviations", "draw_map", "draw_spectra"):
+    for name in ("draw_scores", "draw_deviations"):
         monkeypatch.setattr(run_figures, name, lambda *_: None)
     monkeypatch.setattr(run_figures, "save", lambda figure, path: calls["saved"].append(path.stem) or path)
     return calls
@@ -83,17 +34,14 @@ def run_into(folder, tiny, estimators, snr_db=(0, 10), trials=2):
 
 
 def test_every_figure_of_a_run_is_written_where_it_is_said_to_be_with_named_axes(
-    shower, tiny, tmp_path, all_axes_named
+    plugins, tiny, tmp_path, all_axes_named
 ):
-    folder = run_into(tmp_path / "run", tiny, ["blob", "seer", "trouble", "shower"], snr_db=[0])
-    assert isinstance(get_estimator("shower"), Diagnoser)
+    folder = run_into(tmp_path / "run", tiny, ["blob", "seer", "trouble"], snr_db=[0])
     paths = draw_run(folder)
     assert [path.relative_to(folder).as_posix() for path in paths] == [
         "figures/deviation.png",
         "figures/curves-tiny.png",
         "figures/clouds-tiny.png",
-        "figures/rdm-shower.png",
-        "figures/spectrum-shower.png",
     ]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
     assert sorted((folder / "figures").iterdir()) == sorted(paths)
@@ -106,7 +54,7 @@ def test_a_run_of_failures_with_one_snr_and_one_trial_is_drawn(plugins, tiny, tm
 
 
 def test_of_many_scenarios_only_their_mean_is_drawn_and_a_warning_says_so(
-    shower, tiny, tmp_path, drawn, monkeypatch
+    plugins, tiny, tmp_path, drawn, monkeypatch
 ):
     monkeypatch.setattr(run_figures, "MANY_SCENARIOS", 1)
     other = tiny.with_name("other.toml")
@@ -173,32 +121,10 @@ def test_a_note_says_what_came_of_each_image(plugins, tiny, tmp_path, drawn):
     assert notes[1:] == ["error", "nothing detected"]
 
 
-def test_a_diagnosis_that_fails_costs_its_own_figures_alone(shower, tiny, tmp_path, drawn):
-    folder = run_into(tmp_path / "run", tiny, ["shower[fails=true]", "shower", "shower[detects=false]"])
-    with pytest.warns(UserWarning, match=r"shower\[fails=true\]: ZeroDivisionError: no luck"):
-        draw_run(folder)
-    assert drawn["saved"][3:] == ["rdm-shower", "spectrum-shower", "rdm-shower-detects-false"]
-
-
-def test_of_very_many_estimators_the_best_show_their_work(shower, tiny, tmp_path, drawn, monkeypatch):
-    monkeypatch.setattr(run_figures, "MOST_CLOUDS", 1)
-    folder = run_into(tmp_path / "run", tiny, ["blob", "shower[detects=false]", "shower"], trials=1)
-    stored = run_figures.read_results(folder)
-    is_better = stored.records["params"].str.contains('"detects":true')
-    stored.records.loc[is_better, "deviation"] = 0.0
-    monkeypatch.setattr(run_figures, "read_results", lambda _: stored)
-    draw_run(folder)
-    assert [stem for stem in drawn["saved"] if stem.startswith(("rdm", "spectrum"))] == [
-        "rdm-shower",
-        "spectrum-shower",
-    ]
-
-
 def test_an_estimator_that_is_no_longer_installed_is_still_drawn(plugins, tiny, tmp_path, drawn):
     folder = run_into(tmp_path / "run", tiny, ["blob"])
     shutil.rmtree(plugins.path / "test_plugins-1.0.dist-info")
-    with pytest.warns(UserWarning, match="no map and no spectra of blob: unknown estimator"):
-        draw_run(folder)
+    draw_run(folder)
     assert drawn["clouds"][0][3] == ["blob"]
 
 

@@ -1,3 +1,5 @@
+"""Pages of runs whose plugins fail, hang or end their process while the page is made."""
+
 import pytest
 
 from isacbench.bench.run.runner import run_suite
@@ -6,9 +8,9 @@ from isacbench.errors import InputWarning
 from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 from isacbench.report.drawing.style import new_figure
-from isacbench.report.figures import background_drawing, run_figures
-from isacbench.report.figures.background_drawing import draw_run_guarded
-from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.figures import run_figures
+from isacbench.report.html import guarded_pages
+from isacbench.report.html.guarded_pages import draw_run_and_page
 
 SHOWING = """
 import os
@@ -52,34 +54,28 @@ def run_of(tiny, tmp_path):
 
 @pytest.fixture(autouse=True)
 def _empty_here(monkeypatch):
-    """Leave figures empty that this process draws; the one aside draws its own."""
-    for name in ("draw_deviations", "draw_scores", "draw_clouds", "draw_map", "draw_spectra"):
+    """Leave figures empty."""
+    for name in ("draw_deviations", "draw_scores", "draw_clouds"):
         monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
 
 
-def test_two_processes_draw_what_one_does(run_of):
+def test_figures_and_page_of_a_run_are_written_and_the_page_can_be_left_out(run_of):
     folder = run_of("music2d")
-    together = draw_run(folder)
-    assert [path.name for path in together] == [
-        "deviation.png",
-        "curves-tiny.png",
-        "clouds-tiny.png",
-        "rdm-music2d.png",
-        *(path.name for path in together if path.name.startswith("spectrum")),
-    ]
-    assert draw_run_guarded(folder) == together
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in together)
+    names = ["deviation.png", "curves-tiny.png", "clouds-tiny.png"]
+    assert [path.name for path in draw_run_and_page(folder, with_page=False)] == names
+    assert not (folder / "report.html").exists()
+    assert [path.name for path in draw_run_and_page(folder)] == [*names, "report.html"]
 
 
-def test_a_diagnosis_that_fails_is_told_and_costs_no_other_figure(run_of, monkeypatch):
+def test_a_diagnosis_that_fails_is_told_and_costs_neither_figures_nor_page(run_of, monkeypatch):
     for deed, message in (
         ("raise", r"no map and no spectra of showing.*: ZeroDivisionError: no luck"),
-        ("hang", r"no maps and no spectra: more than 1 s"),
-        ("exit", r"no maps and no spectra: the process exited with code 3"),
+        ("hang", r"no maps in the page: more than 1 s"),
+        ("exit", r"no maps in the page: the process exited with code 3"),
     ):
         # On a busy machine a process may take more than a second to raise or to end.
-        monkeypatch.setattr(background_drawing, "TIMEOUT_S", 1.0 if deed == "hang" else 60.0)
+        monkeypatch.setattr(guarded_pages, "TIMEOUT_S", 1.0 if deed == "hang" else 60.0)
         folder = run_of(f"showing[deed={deed}]")
         with pytest.warns(InputWarning, match=message):
-            drawn = [path.name for path in draw_run_guarded(folder)]
-        assert drawn[:2] == ["deviation.png", "curves-tiny.png"], deed
+            drawn = [path.name for path in draw_run_and_page(folder)]
+        assert drawn == ["deviation.png", "curves-tiny.png", "clouds-tiny.png", "report.html"], deed

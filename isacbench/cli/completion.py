@@ -1,0 +1,74 @@
+"""Completion of names on the command line."""
+
+from __future__ import annotations
+
+
+def estimators_like(incomplete: str) -> list[str]:
+    """List the registered estimators whose names begin with a text.
+
+    Parameters
+    ----------
+    incomplete : str
+
+    Returns
+    -------
+    list of str
+    """
+    from isacbench.plugins.registry import estimator_names
+
+    return _like(estimator_names(), incomplete)
+
+
+def scenarios_like(incomplete: str) -> list[str]:
+    """List the scenarios and families whose names begin with a text.
+
+    Parameters
+    ----------
+    incomplete : str
+
+    Returns
+    -------
+    list of str
+        Families end with ``[seed=``.
+    """
+    from isacbench.model.scenes.scenario import scenario_names
+    from isacbench.model.scenes.scene_families import FAMILIES
+
+    return _like([*scenario_names(), *(f"{family}[seed=" for family in FAMILIES)], incomplete)
+
+
+def suites_like(incomplete: str) -> list[str]:
+    """List the suites whose names begin with a text.
+
+    Parameters
+    ----------
+    incomplete : str
+
+    Returns
+    -------
+    list of str
+    """
+    from isacbench.bench.suites.suite import suite_names
+
+    return _like(suite_names(), incomplete)
+
+
+def metrics_like(incomplete: str) -> list[str]:
+    """List the scores of images whose names begin with a text.
+
+    Parameters
+    ----------
+    incomplete : str
+
+    Returns
+    -------
+    list of str
+    """
+    from isacbench.metrics.score import METRICS
+
+    better = [name for name, score in METRICS["paper"].items() if score.better != "neither"]
+    return _like([*better, "hausdorff_sum_m", "ratio", "time_estimate_s"], incomplete)
+
+
+def _like(names: list[str], incomplete: str) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]

@@ -1,0 +1,85 @@
+/* Tables that sort by a click on their heads and can be saved as CSV. */
+
+const FORMULA = /^[=+\-@\t\r]/;
+const csvCell = (cell) => {
+  if (cell === null || cell === undefined) return "";
+  if (typeof cell === "number") return String(cell);
+  const text = FORMULA.test(cell) ? `'${cell}` : String(cell);
+  return `"${text.replaceAll('"', '""')}"`;
+};
+const csvText = (columns, rows) =>
+  [columns.map((column) => csvCell(column.csv ?? column.title)), ...rows.map((row) => columns.map((column) => csvCell(column.get(row))))]
+    .map((cells) => cells.join(","))
+    .join("\n") + "\n";
+
+const PAGE = 100;
+
+/* A table. Columns have title, get (value to sort and save), and optionally show (content of the cell), isText,
+   csv (name in the file), about (tooltip). The order is that of the state under sortKey, or its own. */
+const dataTable = ({ caption, columns, rows, name, sortKey = null, first = null, rowClass = null, isSaved = true, page = PAGE }) => {
+  const box = h("div", {}), own = { sort: first ?? "", shown: page };
+  const order = () => (sortKey ? (state[sortKey] ?? first ?? "") : own.sort);
+  const choose = (wanted) => {
+    if (sortKey) return setState({ [sortKey]: wanted });
+    own.sort = wanted;
+    draw();
+  };
+  const draw = (focused = null) => {
+    const [title, direction] = order().split("|"), sorted = columns.find((column) => column.title === title);
+    const listed = [...rows];
+    if (sorted) {
+      const sign = direction === "down" ? -1 : 1;
+      const isEmpty = (one) => one === null || one === undefined || one === "";
+      listed.sort((one, other) => {
+        const [a, b] = [sorted.get(one), sorted.get(other)];
+        if (isEmpty(a) || isEmpty(b)) return isEmpty(a) - isEmpty(b);
+        return sign * (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b), "en", { numeric: true }));
+      });
+    }
+    const heads = columns.map((column) => {
+      const isOwn = column === sorted;
+      const next = `${column.title}|${isOwn && direction !== "down" ? "down" : "up"}`;
+      return h(
+        "th",
+        { scope: "col", class: column.isText ? "text" : null, title: column.about, "aria-sort": isOwn ? (direction === "down" ? "descending" : "ascending") : null },
+        h("button", { type: "button", "data-column": column.title, onclick: () => (choose(next), box.querySelector(`[data-column="${CSS.escape(column.title)}"]`)?.focus()) }, column.title),
+      );
+    });
+    const body = listed.slice(0, own.shown).map((row) =>
+      h(
+        "tr",
+        { class: rowClass?.(row) },
+        columns.map((column, index) => {
+          const content = column.show ? column.show(row) : column.get(row);
+          const text = typeof content === "number" ? told(content) : content;
+          return h(index || !column.isText ? "td" : "th", { class: column.isText ? `text ${column.style ?? ""}` : null, scope: index || !column.isText ? null : "row" }, text ?? "");
+        }),
+      ),
+    );
+    const table = h("table", {}, h("caption", {}, caption), h("thead", {}, h("tr", {}, heads)), h("tbody", {}, body));
+    const more =
+      listed.length > own.shown
+        ? h("button", { type: "button", onclick: () => ((own.shown += 10 * PAGE), draw()) }, `Show more: ${own.shown} of ${listed.length} rows are shown`)
+        : null;
+    const save = h("button", { type: "button", onclick: () => saveText(fileName(name, "csv"), csvText(columns, listed), "text/csv") }, "Save rows as CSV");
+    box.replaceChildren(h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, table), h("div", { class: "tools" }, more, isSaved ? save : null));
+  };
+  draw();
+  return box;
+};
+
+/* Table in the place of a figure, made when it is opened. */
+const tableBelow = (make) => {
+  const box = h("details", {}, h("summary", {}, "Table"));
+  box.addEventListener("toggle", () => {
+    if (box.open && box.children.length < 2) box.append(make());
+  });
+  return box;
+};
+
+const nameCell = (estimator) => {
+  const own = data.estimators[estimator];
+  const colour = colourOf(own);
+  return h("span", { class: "name", title: own.label }, h("span", { class: "swatch", style: { background: colour } }), ` ${short(own.label)}`, own.role ? h("span", { class: "role" }, own.role) : null);
+};
+const withBand = ({ mean, band }) => [told(mean), band === null || band === undefined ? null : h("span", { class: "band" }, ` ± ${told(band, 2)}`)];

@@ -1,0 +1,361 @@
+"""Content of a page in terms of JSON: what was run, rows, scenes, ranks, times, and which clouds it holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtrit
+
+from isacbench.bench.cells.record import stored_points
+from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.compare.matching import code_version
+from isacbench.bench.compare.ranking import rank_table
+from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.plan.labels import find_limits
+from isacbench.bench.store.run_store import scenario_texts
+from isacbench.bench.studies.intervals import CONFIDENCE, MIN_TRIALS
+from isacbench.errors import InputError
+from isacbench.metrics.score import METRICS
+from isacbench.report.comparisons.comparison_tables import json_rows
+from isacbench.report.drawing.style import ROLES, VELOCITY_COLOURS, assign_looks
+from isacbench.report.figures.curves import PANELS
+from isacbench.report.html.joined_runs import RUN
+from isacbench.report.html.packed_clouds import SHOWN_SNR_DB, choose_clouds, pack_clouds
+from isacbench.report.html.study_charts import study_charts
+from isacbench.report.tables.pareto import summarise_points, timed_rows
+from isacbench.report.tables.stage_tables import is_timed, summarise_stages
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterable, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.bench.compare.ranking import Ranking
+    from isacbench.model.cloud import PointCloud
+    from isacbench.report.drawing.style import LineLook
+    from isacbench.report.html.joined_runs import JoinedRuns
+
+RANKED = ("deviation", "hausdorff_sum_m", "ratio", "gospa_m")
+"""Metrics with rank sets; each takes a second for a hundred scenes."""
+
+SYMBOLS = {
+    "o": "circle",
+    "s": "square",
+    "^": "triangle-up",
+    "D": "diamond",
+    "v": "triangle-down",
+    "p": "pentagon",
+}
+DASHES = {"-": "solid", "-.": "dashdot", ":": "dot", "--": "dash", "": "solid"}
+
+FURTHER_METRICS = {
+    "ratio": "Hausdorff sum over that of the oracle",
+    "n_estimated": "estimated points",
+    "time_estimate_s": "time of an estimate [s]",
+}
+
+HIDDEN = ("seed", "suite", "environment", "scenario_content", "timing", "n_stored", RUN)
+"""Columns of rows that a page leaves out."""
+
+MOST_FREEDOM = 200
+"""Degrees of freedom from which on the page takes an approximation of the quantiles of Student's t."""
+
+DIGITS = 6
+"""Significant digits of numbers in a page."""
+
+
+def page_content(
+    joined: JoinedRuns,
+    kind: str,
+    metric: str = "deviation",
+    first: NDArray[np.bool_] | None = None,
+) -> tuple[dict[str, Any], bytes]:
+    """Describe runs for a page.
+
+    Parameters
+    ----------
+    joined : JoinedRuns
+    kind : {"run", "rank", "comparison", "leaderboard"}
+        What the page is about, for its headings.
+    metric : str
+        The metric that is shown first; ranked even if it is none of `RANKED`.
+    first : ndarray of bool, optional
+        Rows whose clouds must be in the page.
+
+    Returns
+    -------
+    content : dict
+        In terms of JSON.
+    clouds : bytes
+        As `isacbench.report.html.packed_clouds.pack_clouds` makes it: the chosen clouds in the order of the
+        rows, then the truths.
+
+    Raises
+    ------
+    InputError
+        If the run has not the metric.
+    """
+    records, names = joined.table.records, list(joined.labels)
+    scenes, truths = _scenes(joined)
+    has_image = _has_image(joined)
+    chosen = has_image & choose_clouds(records, joined.rows.n_points, first)
+    number = np.where(chosen, np.cumsum(chosen) - 1, -1)
+    kept = joined.rows.take(chosen)
+    for scene in scenes:
+        scene["truth"] = [[trial, len(kept) + place] for trial, place in scene["truth"]]
+    counts = np.concatenate([kept.n_points, np.array([len(truth) for truth in truths], dtype=np.int64)])
+    points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
+    looks = assign_looks(joined.labels, find_limits(records))
+    metrics = _metrics(joined, metric)
+    estimators = [_estimator(joined, variant, look) for variant, look in looks.items()]
+    content = {
+        "page": kind,
+        "metric": metric,
+        "shown_snr_db": SHOWN_SNR_DB,
+        "min_trials": MIN_TRIALS,
+        "student": numbers(stdtrit(np.arange(1, MOST_FREEDOM), (1 + CONFIDENCE) / 2)),
+        "suite_kind": joined.table.manifest["suite"].get("kind", "imaging"),
+        "scored": list(SCORED),
+        "velocity_colours": list(VELOCITY_COLOURS),
+        "runs": [_run(joined, index) for index in range(len(joined.runs))],
+        "estimators": estimators,
+        "scenes": scenes,
+        "metrics": metrics,
+        "rows": {
+            **_columns(records, names, [scene["name"] for scene in scenes]),
+            "cloud": number.tolist(),
+            "has_image": has_image.tolist(),
+        },
+        "counts": counts.tolist(),
+        "n_clouds_left_out": int((has_image & ~chosen & (joined.rows.n_points > 0)).sum()),
+        "ranks": _ranks(joined, [one["name"] for one in metrics], metric),
+        "times": _times(records),
+        "charts": study_charts(joined),
+    }
+    return content, pack_clouds(points, counts)
+
+
+def numbers(values: ArrayLike) -> list[float | None]:
+    """Write numbers for JSON, with six significant digits.
+
+    Parameters
+    ----------
+    values : array_like
+
+    Returns
+    -------
+    list of float or None
+        None for what is not finite.
+
+    Examples
+    --------
+    >>> numbers([1.23456789, np.nan, 2])
+    [1.23457, None, 2]
+    """
+    listed: list[float | int] = np.asarray(values).tolist()
+    return [
+        number if isinstance(number, int) else _short(number) if np.isfinite(number) else None
+        for number in listed
+    ]
+
+
+def _short(number: float) -> float:
+    return float(f"{number:.{DIGITS}g}")
+
+
+def _columns(
+    records: pd.DataFrame, names: Sequence[tuple[str, str]], scenes: Sequence[str]
+) -> dict[str, Any]:
+    """Columns of rows: numbers of estimator and scene, numbers, and texts as levels and codes."""
+    found: dict[str, Any] = {}
+    of_variant = {variant: number for number, variant in enumerate(names)}
+    of_scene = {scene: number for number, scene in enumerate(scenes)}
+    found["estimator"] = [
+        of_variant[key] for key in zip(records["estimator"], records["params"], strict=True)
+    ]
+    found["scene"] = [of_scene[scene] for scene in records["scenario"]]
+    for name in records.columns.drop(["scenario", "estimator", "params", *HIDDEN], errors="ignore"):
+        values = records[name]
+        if pd.api.types.is_numeric_dtype(values):
+            if values.notna().any():
+                found[name] = numbers(values.astype(float) if values.dtype == bool else values)
+        else:
+            codes, levels = pd.factorize(values.astype(object).fillna(""))
+            found[name] = {"codes": codes.tolist(), "levels": [str(level) for level in levels]}
+    return found
+
+
+def _has_image(joined: JoinedRuns) -> NDArray[np.bool_]:
+    """Tell which rows have a cloud: scored ones of estimators on scenes, whose cloud is stored."""
+    records = joined.table.records
+    imaged = {name for run in joined.runs for name in run.scenes}
+    is_stored = joined.rows.n_points == stored_points(records)
+    return np.asarray(records["deviation"].notna() & records["scenario"].isin(imaged) & is_stored)
+
+
+def _scenes(joined: JoinedRuns) -> tuple[list[dict[str, Any]], list[PointCloud]]:
+    """Scenes of the rows, and the truths of those that were imaged: one, or one a trial where trials draw."""
+    found: list[dict[str, Any]] = []
+    truths: list[PointCloud] = []
+    records = joined.table.records
+    # A reference run has no truth in its folder; that of the other run is the same.
+    imaged = {name: run for run in reversed(joined.runs) for name in run.scenes}
+    for name in dict.fromkeys(records["scenario"].astype(object)):
+        told = {"name": name, "family": "", "truth": []}
+        if name in imaged:
+            run = imaged[name]
+            scene = run.scenes[name]
+            template, texts = scene.template, scenario_texts(run.manifest)
+            trials = (
+                sorted(records.loc[records["scenario"] == name, "trial"].unique())
+                if scene.is_drawn
+                else [None]
+            )
+            drawn = [template if trial is None else run.observed.scenario(name, trial) for trial in trials]
+            objects = drawn[0].scatterers.objects if len(drawn) == 1 else ()
+            codes, levels = pd.factorize(np.array(objects, dtype=object))
+            told |= {
+                "family": template.family,
+                "frame": run.manifest["scenarios"].get(template.name, {}).get("frame", {}).get("name", ""),
+                "coherent_phase": template.system.coherent_phase,
+                "radius_m": template.radius_m,
+                "station_m": numbers(template.base_station_m),
+                "region_m": [list(template.region.x_m), list(template.region.y_m), list(template.region.z_m)],
+                "speed_mps": max(map(abs, template.region.speed_mps)),
+                "objects": {"codes": codes.tolist(), "levels": list(levels)},
+                "text": texts.get(name, ""),
+                "seed": int(run.manifest["seed"]),
+                "truth": [
+                    [None if trial is None else int(trial), len(truths) + place]
+                    for place, trial in enumerate(trials)
+                ],
+            }
+            truths += [one.truth for one in drawn]
+        found.append(told)
+    return found, truths
+
+
+def _estimator(joined: JoinedRuns, variant: tuple[str, str], look: LineLook) -> dict[str, Any]:
+    own = joined.table.records
+    run = int(own.loc[(own["estimator"] == variant[0]) & (own["params"] == variant[1]), RUN].iloc[0])
+    return {
+        "label": joined.labels[variant],
+        "spec": joined.specs[variant],
+        "name": variant[0],
+        "params": variant[1],
+        "run": run,
+        "is_reference": look.is_bound,
+        "role": ROLES.get(variant[0], "sees the truth") if look.is_bound else "",
+        "colour": "" if look.is_bound else look.colour,
+        "symbol": SYMBOLS.get(look.marker, ""),
+        "dash": DASHES[look.line],
+    }
+
+
+def _run(joined: JoinedRuns, index: int) -> dict[str, Any]:
+    """Facts of a run: what was run, where, by which versions."""
+    run = joined.runs[index]
+    manifest, suite = run.manifest, run.manifest["suite"]
+    hours, rest = divmod(float(manifest.get("wall_time_s") or 0.0), 3600)
+    minutes, seconds = divmod(rest, 60)
+    packages = manifest.get("packages") or {}
+    facts = {
+        "suite": str(suite.get("name")) + (f", version {suite['version']}" if "version" in suite else ""),
+        "kind": str(suite.get("kind", "imaging")),
+        "command": " ".join(map(str, manifest.get("argv") or [])) or "from Python",
+        "started": str(manifest.get("started")),
+        "took": f"{hours:.0f} h {minutes:.0f} min {seconds:.0f} s"
+        if hours
+        else f"{minutes:.0f} min {seconds:.0f} s",
+        "seed": str(manifest.get("seed")),
+        "isacbench": code_version(replace(joined.table, manifest=manifest)),
+        "machine": f"{manifest.get('processor')}, {manifest.get('cores')} cores, {manifest.get('platform')}",
+        "Python": str(manifest.get("python")),
+        "BLAS": f"{manifest.get('blas')}, {manifest.get('blas_threads')} threads",
+        "packages": ", ".join(f"{name} {version}" for name, version in packages.items()),
+        "interrupted": "yes: cells are missing" if manifest.get("interrupted") else "no",
+    }
+    return {"name": run.name, "facts": facts}
+
+
+def _metrics(joined: JoinedRuns, metric: str) -> list[dict[str, Any]]:
+    """Columns that have a better direction and any value, the metric of the page first."""
+    records = joined.table.records
+    columns = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial", RUN])
+    own = joined.table.manifest["metric"]["name"]
+    radius_m = {scene.template.radius_m for run in joined.runs for scene in run.scenes.values()}
+    radius = " or ".join(f"{one:g}" for one in sorted(radius_m))
+    panels = {panel.column: panel for panel in PANELS}
+    found = []
+    for name in dict.fromkeys([*panels, *FURTHER_METRICS, *columns]):
+        if name not in columns or not records[name].notna().any() or name.endswith("_spread"):
+            continue
+        try:
+            better: str = direction(name, own, columns)
+        except InputError:
+            if name != "n_estimated":
+                continue
+            better = "neither"
+        panel = panels.get(name)
+        title = panel.title.replace("{radius_m:g}", radius) if panel else FURTHER_METRICS.get(name, name)
+        axis = panel.axis if panel else FURTHER_METRICS.get(name, name)
+        spread = f"{name}_spread" if f"{name}_spread" in records else ""
+        found.append(
+            {
+                "name": name,
+                "title": title,
+                "axis": axis,
+                "better": better,
+                "log": bool(panel and panel.logarithmic) or name == "time_estimate_s",
+                "spread": spread,
+                "is_share": METRICS["paper"][name].better == "higher" if name in METRICS["paper"] else False,
+            }
+        )
+    return found
+
+
+def _ranks(joined: JoinedRuns, metrics: Iterable[str], metric: str) -> dict[str, Any]:
+    """Rank sets by metric; or the reason why there are none."""
+    found: dict[str, Any] = {}
+    available = list(metrics)
+    for name in dict.fromkeys([*([metric] if metric in available else []), *RANKED]):
+        if name not in available:
+            continue
+        try:
+            found[name] = _ranking(joined, rank_table(joined.table, name))
+        except InputError as error:
+            found[name] = {"reason": str(error)}
+            if "ratio" not in str(error).split(":")[0] and name != "ratio":
+                break  # no other metric has ranks either
+    return found
+
+
+def _ranking(joined: JoinedRuns, ranking: Ranking) -> dict[str, Any]:
+    place = {variant: index for index, variant in enumerate(joined.labels)}
+
+    def rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
+        for name, params in (("estimator", "params"), ("other", "other_params")):
+            if name in table:
+                numbers_of = [place[key] for key in zip(table[name], table[params], strict=True)]
+                table = table.assign(**{name: numbers_of}).drop(columns=params)
+        return json_rows(table)
+
+    return {
+        "better": ranking.better,
+        "ranks": rows(ranking.ranks),
+        "wins": rows(ranking.wins),
+        "worst": rows(ranking.worst),
+        "notes": list(ranking.notes),
+    }
+
+
+def _times(records: pd.DataFrame) -> dict[str, Any]:
+    """Points of run time against error with their stages; empty where nothing was timed."""
+    rows = timed_rows(records)
+    if rows.empty or not is_timed(records) or rows["deviation"].isna().all():
+        return {}
+    points = summarise_points(rows, find_limits(rows))
+    return {"points": json_rows(points), "stages": json_rows(summarise_stages(records))}
