@@ -153,7 +153,7 @@ def numbers(values: ArrayLike) -> list[float | None]:
     Examples
     --------
     >>> numbers([1.23456789, np.nan, 2])
-    [1.23457, None, 2]
+    [1.23457, None, 2.0]
     """
     listed: list[float | int] = np.asarray(values).tolist()
     return [

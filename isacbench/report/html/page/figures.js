@@ -60,13 +60,19 @@ class Figure {
   async draw(traces, layout) {
     if (this.table) this.tableBox.replaceChildren(tableBelow(this.table));
     this.latest = [traces, layout];
+    if (this.isBusy) return; // the loop below draws it next, and nothing between
+    this.isBusy = true;
     const Plotly = await plotly();
-    if (!this.plot.isConnected || this.latest?.[0] !== traces) return;
-    drawn.add(this.plot);
-    await Plotly.react(this.plot, traces, layoutOf(layout), CONFIG);
-    if (!this.listens && this.onClick) this.plot.on("plotly_click", (event) => this.onClick(event.points[0]));
-    if (!this.listens) this.whenDrawn?.(this.plot);
-    this.listens = true;
+    while (this.latest && this.plot.isConnected) {
+      const [own, wanted] = this.latest;
+      this.latest = null;
+      drawn.add(this.plot);
+      await Plotly.react(this.plot, own, layoutOf(wanted), CONFIG);
+      if (!this.listens && this.onClick) this.plot.on("plotly_click", (event) => this.onClick(event.points[0]));
+      if (!this.listens) this.whenDrawn?.(this.plot);
+      this.listens = true;
+    }
+    this.isBusy = false;
   }
 
   clear() {

@@ -244,7 +244,7 @@ class Projections {
       }
       if (own)
         traces.push({ type: "scatter", mode: "lines+markers", name: "Hausdorff distance", x: [truth[a][own.truth], cloud[a][own.point]], y: [truth[b][own.truth], cloud[b][own.point]], line: { color: css("fg"), width: 2.5 }, marker: { symbol: ["circle-open", "square-open"], size: 14, color: css("fg"), line: { width: 2 } }, hoverinfo: "skip" });
-      figure.draw(traces, { xaxis: axis({ title: { text: `${a} [m]` } }), yaxis: axis({ title: { text: `${b} [m]` }, scaleanchor: "x" }), showlegend: i === 0 });
+      figure.draw(traces, { xaxis: axis({ title: { text: `${a} [m]` }, automargin: false }), yaxis: axis({ title: { text: `${b} [m]` }, automargin: false, scaleanchor: "x" }), showlegend: i === 0 });
     });
   }
 }

@@ -7,7 +7,7 @@ const render = () => {
   if (current?.view !== state.view) {
     forget();
     syncs = [];
-    main.replaceChildren();
+    main.replaceChildren(h("h2", { class: "for-readers" }, views[state.view].title()));
     current = { view: state.view, update: views[state.view].build(main) };
   }
   syncs.forEach((sync) => sync());

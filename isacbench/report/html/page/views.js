@@ -164,7 +164,7 @@ const buildCurves = (root) => {
     }
     metrics.forEach((metric, i) => {
       const series = shown.map((one) => curveOf(scene, one, metric)), figure = figures[i];
-      figure.note.textContent = `${scene === "" ? "means over scenes" : short(scene)}; bands are 95 % intervals${data.estimators.some((own) => own.is_reference) ? ", of references the spread over realisations" : ""}; ${metric.better} is better. A click on a point shows its trials.`;
+      figure.note.textContent = `${scene === "" ? "means over scenes" : short(scene)}; bands are 95 % intervals${scene !== "" && data.estimators.some((own) => own.is_reference) ? ", of references the spread over realisations" : ""}; ${metric.better} is better. A click on a point shows its trials.`;
       figure.table = seriesTable(`${metric.title}, ${scene || "mean over scenes"}`, "SNR [dB]", metric.name, series);
       figure.draw(series.flatMap((one, place) => lineWithBand(one, data.estimators[shown[place]], metric.log)), { xaxis: axis({ title: { text: "SNR [dB]" } }), yaxis: axis({ ...axisNote(metric.axis, metric.log), rangemode: metric.log ? "normal" : "tozero" }), hovermode: "closest", showlegend: !isEvery || i === 0 });
     });

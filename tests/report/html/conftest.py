@@ -1,0 +1,152 @@
+"""Runs that pages are made of, made once a session, and a browser that opens pages."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.link_kind import LinkSuite
+from isacbench.bench.suites.population_kind import PopulationSuite
+from isacbench.bench.suites.suite import Suite
+from isacbench.plugins.discovery import isolated_plugins, register_plugin
+from isacbench.plugins.local_files import PluginFile
+
+HOSTILE = """<script>alert('x')</script>"&amp;'{{content}} %{x} __proto__"""
+"""Name of a scenario that a page could take for something else."""
+
+YARD = """\
+name = '''{name}'''
+[system]
+n_subcarriers = 512
+n_symbols = 64
+[array]
+frame = "panel"
+tx_shape = [1, 1]
+rx_shape = [8, 8]
+[base_station]
+position_m = [5.0, 40.0, 10.0]
+[region]
+x_m = [0.0, 20.0]
+y_m = [0.0, 10.0]
+z_m = [0.0, 8.0]
+speed_mps = [-15.0, 15.0]
+[[objects]]
+kind = "car"
+position_m = [4.0, 5.0, 0.0]
+velocity_mps = 10.0
+[[objects]]
+kind = "pole"
+position_m = [15.0, 5.0, 0.0]
+velocity_mps = 0.0
+"""
+
+TROUBLE = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Goes wrong with a message that is markup."""
+
+    name: ClassVar[str] = "trouble"
+    text: str = ""
+
+    def estimate(self, observation):
+        if self.text == "empty":
+            return PointCloud.empty()
+        raise ValueError("<img src=x onerror=alert(1)>" + self.text * 1000)
+'''
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+SOFTWARE_DRAWING = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+NO_BROWSER = (
+    "no Chromium: install Debian's package chromium, or name one in the environment variable CHROMIUM"
+)
+
+
+@pytest.fixture(scope="session")
+def yard(tmp_path_factory):
+    """Return a function that writes a small scenario of two objects under a name."""
+
+    def write(name, stem="yard"):
+        path = tmp_path_factory.mktemp("yard") / f"{stem}.toml"
+        path.write_text(YARD.format(name=name), encoding="utf-8")
+        return str(path)
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def runs(yard, tmp_path_factory):
+    """Folders of stored runs by name, each made at first use."""
+    root = tmp_path_factory.mktemp("runs")
+    common = {"name": "test", "scenarios": [yard("yard")], "estimators": ["fft4d", "oracle"]}
+    hostile = ["trouble[text=x]", "trouble[text='<b>%{x}</b>\"']", "trouble[text=empty]"]
+    suites = {
+        "images": Suite(
+            **common | {"estimators": ["fft4d", "music2d", "oracle"]}, snr_db=[-10, 10], trials=10
+        ),
+        "other": Suite(
+            **common | {"estimators": ["fft4d", "esprit2d", "oracle"]}, snr_db=[-10, 10], trials=10
+        ),
+        "hostile": Suite(
+            **common | {"scenarios": [yard(HOSTILE)], "estimators": ["fft4d", *hostile]},
+            snr_db=[10],
+            trials=1,
+        ),
+        "population": PopulationSuite(
+            name="scenes",
+            version=1,
+            scenarios=[f"sparse[scatterers=4,seed={seed}]" for seed in range(3)]
+            + [f"crowd[seed={seed}]" for seed in range(3)],
+            estimators=["fft4d", "music2d", "oracle"],
+            snr_db=[10],
+            trials=1,
+        ),
+        "timed": Suite(**common, snr_db=[10], trials=6),
+        "link": LinkSuite(
+            **common | {"estimators": ["fft4d"]},
+            modulations=["qpsk", "16qam"],
+            trials=1,
+            channels=["awgn"],
+            snr_db=[0, 10],
+        ),
+        "detection": DetectionSuite(
+            **common | {"estimators": ["fft4d"]},
+            detectors=["ca", "os"],
+            maps=["homogeneous"],
+            pfa=[1e-3, 1e-2],
+            snr_gain_db=[10, 20],
+            trials=5,
+        ),
+    }
+
+    def make(name):
+        folder = root / name
+        if not folder.exists():
+            with isolated_plugins():
+                register_plugin(PluginFile("trouble.py", TROUBLE))
+                run_suite(suites[name], folder, execution=Execution(repeats=1 if name == "timed" else None))
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Chromium without a window, driven by playwright."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: pip install playwright")
+    found = [os.environ.get("CHROMIUM", ""), *map(shutil.which, CHROMIUM)]
+    executable = next((path for path in found if path and Path(path).exists()), None)
+    if executable is None:
+        pytest.skip(NO_BROWSER)
+    with playwright.sync_playwright() as driver:
+        one = driver.chromium.launch(executable_path=executable, args=SOFTWARE_DRAWING)
+        yield one
+        one.close()

@@ -1,0 +1,338 @@
+"""Pages in a real browser: what they draw, what their controls do, and what they let nobody do."""
+
+import base64
+import csv
+import io
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from isacbench.bench.compare.comparison import compare
+from isacbench.bench.store.stored_run import load_run
+from isacbench.bench.studies.imaging_study import average_scenarios, summarise_scores
+from isacbench.metrics.geometry import CloudPair
+from isacbench.report.html.diagnosed_maps import diagnosed_maps
+from isacbench.report.html.written_pages import (
+    write_comparison_page,
+    write_leaderboard,
+    write_rank_page,
+    write_run_page,
+)
+
+READY = "body[data-ready]"
+NO_AXE = "no axe: pip install axe-playwright-python"
+
+HARMLESS = "willReadFrequently"
+"""Part of the one message that is no fault: a hint of the browser on how plotly draws text."""
+
+
+@pytest.fixture(scope="module")
+def pages(runs, tmp_path_factory):
+    """Paths of written pages by name."""
+    folder = tmp_path_factory.mktemp("pages")
+    made = {}
+
+    def make(name):
+        if name not in made:
+            if name == "comparison":
+                between = compare(runs("images"), between=("music2d", "fft4d"))
+                made[name] = write_comparison_page(between, runs("images"))
+            elif name == "leaderboard":
+                made[name] = write_leaderboard([runs("images"), runs("other")], folder / "board.html")
+            elif name == "population":
+                made[name] = write_rank_page(runs(name))
+            else:
+                maps = None if name == "hostile" else diagnosed_maps(runs(name))
+                made[name] = write_run_page(runs(name), maps)
+        return made[name]
+
+    return make
+
+
+@pytest.fixture
+def visit(browser, pages):
+    """Open pages at an address; at the end no fault may have been logged, and nothing requested."""
+    faults, contexts = [], []
+
+    def opened(name, address="", width=700, scheme="light"):
+        context = browser.new_context(
+            viewport={"width": width, "height": 600}, color_scheme=scheme, accept_downloads=True
+        )
+        context.set_default_timeout(20_000)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: faults.append(message.text))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
+        own = pages(name).as_uri()
+        page.on(
+            "request",
+            lambda request: (
+                None if request.url.startswith((own, "blob:", "data:")) else faults.append(request.url)
+            ),
+        )
+        page.goto(f"{own}{address}")
+        page.wait_for_selector(READY)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert [fault for fault in faults if HARMLESS not in fault] == []
+
+
+def settle(page):
+    """Wait until all figures of the view are drawn."""
+    page.wait_for_function("!document.querySelector('.plot:not([hidden]):not(.js-plotly-plot)')")
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def views_of(page):
+    return page.locator("nav a")
+
+
+def go_to(page, title):
+    page.locator("nav a", has_text=title).first.click()
+    settle(page)
+
+
+PAGES = {
+    "images": ["Overview", "Curves", "Images", "Maps", "Rows"],
+    "population": ["Overview", "Curves", "Images", "Scenes", "Rows"],
+    "comparison": ["Comparison", "Overview", "Curves", "Images", "Rows"],
+    "leaderboard": ["Overview", "Curves", "Images", "Rows"],
+    "timed": ["Overview", "Curves", "Images", "Maps", "Time against error", "Rows"],
+    "link": ["Overview", "Curves", "Images", "Scenes", "Link", "Rows"],
+    "detection": ["Overview", "Curves", "Images", "Detectors", "Rows"],
+    "hostile": ["Overview", "Curves", "Images", "Rows"],
+}
+
+
+def slow_but(*quick):
+    """All pages, those that are not named with the marker slow."""
+    return [*quick, *(pytest.param(name, marks=pytest.mark.slow) for name in PAGES if name not in quick)]
+
+
+@pytest.mark.parametrize("name", slow_but("images", "comparison", "population"))
+def test_every_view_opens_without_a_fault_a_barrier_or_a_bar_below_it(visit, name):
+    page = visit(name, "#est=fft4d", width=390 if name == "comparison" else 700)
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason=NO_AXE)
+    assert views_of(page).all_inner_texts() == PAGES[name]
+    for title in PAGES[name]:
+        go_to(page, title)
+        assert page.locator("nav a[aria-current]").inner_text() == title
+        assert page.locator("main").inner_text().strip()
+        hold_to_rules(page, axe)
+        width = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+        assert width <= 0, f"{title} is {width} px too wide"
+
+
+def hold_to_rules(page, axe):
+    """Hold a view to the rules of accessibility."""
+    found = axe.Axe().run(page).response["violations"]
+    assert not found, [(one["id"], [node["html"][:200] for node in one["nodes"][:3]]) for one in found]
+
+
+@pytest.mark.parametrize("name", slow_but("images"))
+def test_every_control_of_every_view_can_be_used(visit, name):
+    page = visit(name, "#est=fft4d")
+    for title in PAGES[name]:
+        go_to(page, title)
+        for kind in ("select", "input[type=range]", "input[type=checkbox]", "summary", "th button"):
+            for index in range(min(page.locator(f"main {kind}").count(), 3)):
+                use(page.locator(f"main {kind}").nth(index), kind)
+        settle(page)
+        assert page.locator("main").inner_text().strip()
+
+
+def use(control, kind):
+    """Use a control in every way, where it can be used."""
+    if not control.is_visible() or not control.is_enabled():
+        return
+    if kind == "select":
+        for value in control.evaluate("one => [...one.options].map(option => option.value)")[-2:]:
+            control.select_option(value)
+    elif kind == "input[type=range]":
+        for key in ("End", "Home"):
+            control.press(key)
+    else:
+        control.click()
+
+
+def share_drawn(png, colours):
+    """Share of the pixels of a picture that have one of some colours."""
+    pixels = (255 * imread(io.BytesIO(png))[..., :3]).round().astype(int)
+    wanted = [[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in colours]
+    return np.mean([np.abs(pixels - one).max(axis=-1) <= 12 for one in wanted], axis=(1, 2))
+
+
+def test_clouds_are_really_drawn_in_the_colours_of_found_and_missed(visit):
+    page = visit("images", "#view=images&colour=found&est=fft4d&snr=10")
+    settle(page)
+    found, missed = "#0072b2", "#7d3c98"
+    truth, estimate = (page.locator("figure .plot").nth(place).screenshot() for place in (0, 1))
+    assert min(share_drawn(estimate, [found, missed])) > 1e-4
+    assert max(share_drawn(truth, [found, missed])) == 0
+    hide = page.locator("summary", has_text="Objects")
+    hide.click()
+    page.locator("button", has_text="All off").click()
+    settle(page)
+    assert max(share_drawn(page.locator("figure .plot").nth(1).screenshot(), [found, missed])) < 1e-5
+
+
+EYES = "[...document.querySelectorAll('.clouds .plot')].map(one => one._fullLayout.scene.camera.eye)"
+
+
+def test_a_key_turns_all_clouds_and_the_address_keeps_the_view(visit):
+    page = visit("images", "#view=images&est=fft4d&snr=10")
+    settle(page)
+    before = page.evaluate(EYES)
+    page.locator(".clouds .plot").nth(1).press("ArrowRight")
+    page.wait_for_function(f"{EYES}.every(eye => Math.abs(eye.x - {before[0]['x']}) > 0.01)")
+    eyes = page.evaluate(EYES)
+    assert len(eyes) == 2
+    assert all(eye == pytest.approx(eyes[0], abs=2e-3) for eye in eyes)
+    other = visit("images", page.evaluate("location.hash"))
+    settle(other)
+    assert other.evaluate(EYES)[0] == pytest.approx(eyes[0], abs=2e-3)
+    assert other.locator("fieldset input:checked").count() == 1
+
+
+def test_the_page_can_be_used_with_the_keyboard_alone_and_shows_the_focus(visit):
+    page = visit("images", "#est=fft4d")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
+    for _ in range(3):
+        page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.textContent") == "Images"
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    page.keyboard.press("Enter")
+    settle(page)
+    for _ in range(20):
+        if page.evaluate("document.activeElement.type") == "range":
+            break
+        page.keyboard.press("Tab")
+    page.keyboard.press("ArrowLeft")
+    assert "snr=-10" in page.evaluate("location.hash")
+    assert page.evaluate("document.activeElement.getAttribute('aria-valuetext')") == "-10 dB"
+
+
+def test_a_point_of_a_curve_opens_its_trials_and_a_trial_its_image(visit):
+    page = visit("images", "#view=curves")
+    settle(page)
+    page.evaluate(
+        "document.querySelector('.plot').emit('plotly_click',"
+        " {points: [{customdata: 10, data: {legendgroup: 'music2d'}}]})"
+    )
+    assert page.locator("h2", has_text="Trials of music2d at 10 dB").count() == 1
+    rows = page.locator("tbody tr")
+    assert rows.count() == 10
+    rows.nth(0).locator("a").click()
+    settle(page)
+    address = unquote(page.evaluate("location.hash"))
+    assert "view=images" in address
+    assert "est=music2d" in address
+    page.go_back()
+    assert page.locator("h2", has_text="Trials of music2d at 10 dB").count() == 1
+
+
+def test_curves_of_the_page_are_those_of_the_tables(visit, runs):
+    page = visit("images")
+    records = load_run(runs("images")).rows
+    wanted = summarise_scores(records)
+    for number, name in enumerate(["fft4d", "music2d", "oracle"]):
+        for metric in ("deviation", "gospa_m", "recall"):
+            got = page.evaluate(f"curveOf('yard', {number}, metricOf('{metric}'))")
+            rows = wanted[wanted["estimator"] == name].sort_values("snr_db")
+            assert got["x"] == rows["snr_db"].tolist()
+            np.testing.assert_allclose(got["y"], rows[f"{metric}_mean"], rtol=1e-4, atol=1e-9)
+            half = np.subtract(got["high"], got["y"])
+            np.testing.assert_allclose(half, rows[f"{metric}_band"], rtol=1e-3, atol=1e-4)
+
+
+def test_curves_over_scenes_take_the_scene_as_the_unit(visit, runs):
+    page = visit("population")
+    wanted = average_scenarios(load_run(runs("population")).rows)
+    for number, name in enumerate(["fft4d", "music2d"]):
+        got = page.evaluate(f"curveOf('', {number}, metricOf('deviation'))")
+        row = wanted[wanted["estimator"] == name].iloc[0]
+        assert got["y"] == pytest.approx([row["deviation_mean"]], rel=1e-4)
+        assert got["high"][0] - got["y"][0] == pytest.approx(row["deviation_band"], rel=1e-3)
+
+
+def test_distances_and_the_pairs_that_make_each_hausdorff_distance_are_those_of_the_metric(visit, runs):
+    page, stored = visit("images"), load_run(runs("images"))
+    row = stored.rows[(stored.rows["estimator"] == "music2d") & (stored.rows["trial"] == 2)].iloc[0]
+    truth, cloud = stored.truth(row), stored.cloud(row)
+    got = page.evaluate(
+        f"(() => {{ const {{ pair }} = imageOf(0, 1, {row['snr_db']}, 2);"
+        "return { near: [...pair.ofCloud.distance], planes: pair.planes }; })()"
+    )
+    np.testing.assert_allclose(got["near"], CloudPair(truth, cloud).estimate_to_truth_m, atol=2e-3)
+    for plane, axes in (("xy", [0, 1]), ("xz", [0, 2]), ("yz", [1, 2])):
+        own = got["planes"][plane]
+        assert own["distance"] == pytest.approx(row[f"hausdorff_{plane}_m"], abs=2e-3)
+        apart = truth.xyz[own["truth"], axes] - cloud.xyz[own["point"], axes]
+        assert np.linalg.norm(apart) == pytest.approx(own["distance"], abs=2e-3)
+
+
+def test_filtered_rows_are_saved_as_csv_without_formulas(visit):
+    page = visit("images", "#view=rows&snr=10&est=fft4d")
+    with page.expect_download() as saved:
+        page.locator("button", has_text="Save rows as CSV").click()
+    rows = list(csv.DictReader(io.StringIO(saved.value.path().read_text(encoding="utf-8"))))
+    assert {(row["estimator"], row["SNR [dB]"]) for row in rows} == {("fft4d", "10")}
+    assert len(rows) == 10
+    assert page.evaluate("csvCell('=1+1')") == '"\'=1+1"'
+
+
+@pytest.mark.parametrize(("form", "start"), [("SVG", b"<svg"), ("PNG", b"\x89PNG")])
+def test_figures_are_saved_as_svg_and_png(visit, form, start):
+    page = visit("images", "#view=curves")
+    settle(page)
+    with page.expect_download() as saved:
+        page.locator("button", has_text=f"Save {form}").first.click()
+    assert saved.value.path().read_bytes().startswith(start)
+
+
+def test_hostile_names_are_text_and_nothing_else(visit, pages):
+    page = visit("hostile")
+    for title in PAGES["hostile"]:
+        go_to(page, title)
+        assert page.locator("main img, main script, main iframe, main b").count() == 0
+        assert page.locator(".plot a").count() == 0
+    assert page.locator("script").count() == 5  # three of data, the page's own, and plotly's
+    go_to(page, "Overview")
+    assert "<img src=x onerror=alert(1)>" in page.locator("main").inner_text()
+
+
+def test_an_address_that_is_nonsense_opens_the_page_all_the_same(visit):
+    page = visit(
+        "images", "#view=nothing&snr=abc&trial=-7&scene=%3Cb%3E&est=none&est=fft4d&metric=__proto__&eye=1,x"
+    )
+    for title in PAGES["images"]:
+        go_to(page, title)
+    assert page.locator("nav a[aria-current]").inner_text() == "Rows"
+
+
+@pytest.mark.parametrize("name", slow_but("images"))
+def test_in_the_dark_no_rule_of_accessibility_is_broken_either(visit, name):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason=NO_AXE)
+    page = visit(name, "#est=fft4d", scheme="dark")
+    for title in PAGES[name]:
+        go_to(page, title)
+        hold_to_rules(page, axe)
+
+
+def test_failed_cells_stand_in_the_overview_with_their_reasons(visit):
+    text = visit("hostile").locator("main").inner_text()
+    assert "Failed cells: 2" in text
+    assert "ValueError: <img src=x onerror=alert(1)>" in text
+
+
+def test_clouds_of_the_page_are_base64_without_markup(pages):
+    text = pages("images").read_text(encoding="utf-8")
+    packed = text.split('id="clouds">')[1].split("<")[0]
+    assert base64.b64decode(packed, validate=True)[:2] == b"\x1f\x8b"

@@ -1,0 +1,176 @@
+"""Pages as files: what is in them, and what can be joined in one."""
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import zlib
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench.bench.compare.comparison import compare
+from isacbench.bench.compare.ranking import rank
+from isacbench.bench.store.run_store import read_results
+from isacbench.errors import InputError
+from isacbench.report.html.joined_runs import join_runs, read_for_page
+from isacbench.report.html.written_pages import (
+    write_comparison_page,
+    write_leaderboard,
+    write_rank_page,
+    write_run_page,
+)
+
+
+def content_of(path):
+    packed = re.search(r'id="content">([^<]*)<', path.read_text(encoding="utf-8"))[1]
+    return json.loads(zlib.decompress(base64.b64decode(packed), 31))
+
+
+def rewrite(path, change):
+    """Change a table of a run as somebody else's program would write it, without a digest."""
+    table = change(pd.read_parquet(path))
+    table.attrs.clear()
+    table.to_parquet(path)
+
+
+def worsened(estimator):
+    """Return a function that makes an estimator worse by 10, and by 50 in one cell."""
+
+    def change(table):
+        of_cell = (table["snr_db"] == 10) & (table["trial"] == 3)
+        more = np.where(of_cell, 50.0, 10.0) * (table["estimator"] == estimator)
+        return table.assign(deviation=table["deviation"] + more)
+
+    return change
+
+
+def test_a_page_forbids_every_request_and_every_script_but_its_two(runs):
+    text = write_run_page(runs("images")).read_text(encoding="utf-8")
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == "'none'"
+    assert set(rules) == {"default-src", "script-src", "style-src", "img-src", "base-uri", "form-action"}
+    own = re.search(r"<script>(.*?)</script>", text, re.DOTALL)[1]
+    plotly = zlib.decompress(base64.b64decode(re.search(r'id="plotly">([^<]*)<', text)[1]), 31)
+    digests = [
+        f"'sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode()}'"
+        for script in (own.encode(), plotly)
+    ]
+    assert rules["script-src"].split() == digests
+    assert not re.search(r"https?://", text.replace("http://www.w3.org", ""))
+
+
+def test_rows_of_a_page_are_those_of_the_run(runs):
+    folder = runs("images")
+    content, records = content_of(write_run_page(folder)), read_results(folder).records
+    rows = content["rows"]
+    names = [content["estimators"][one]["name"] for one in rows["estimator"]]
+    assert names == list(records["estimator"])
+    for column in ("snr_db", "trial", "deviation", "gospa_m", "recall"):
+        np.testing.assert_allclose(np.array(rows[column], dtype=float), records[column], rtol=1e-5)
+    assert [scene["name"] for scene in content["scenes"]] == ["yard"]
+    objects = content["scenes"][0]["objects"]
+    assert objects["levels"] == ["car 1", "pole 1"]
+    assert len(objects["codes"]) == records["n_true"].iloc[0]
+
+
+def test_a_run_of_an_older_version_has_a_page_without_objects(runs, tmp_path):
+    folder = shutil.copytree(runs("images"), tmp_path / "old")
+    rewrite(folder / "truth.parquet", lambda table: table.drop(columns="objects"))
+    assert content_of(write_run_page(folder))["scenes"][0]["objects"] == {"codes": [], "levels": []}
+
+
+def test_a_page_of_a_ranking_has_its_rank_sets_and_says_why_there_are_none(runs):
+    found = content_of(write_rank_page(runs("population"), "gospa_m"))
+    wanted = rank(runs("population"), "gospa_m").ranks
+    listed = found["ranks"]["gospa_m"]["ranks"]
+    assert found["metric"] == "gospa_m"
+    assert [row["rank_low"] for row in listed if not row["is_reference"]] == list(wanted["rank_low"].dropna())
+    assert "6 or more" in content_of(write_run_page(runs("images")))["ranks"]["deviation"]["reason"]
+
+
+def test_a_leaderboard_has_every_estimator_once_under_the_name_of_its_run_where_needed(runs, tmp_path):
+    ours, same = runs("images"), shutil.copytree(runs("images"), tmp_path / "same")
+    path = write_leaderboard([ours, same, runs("other")], tmp_path / "board.html")
+    labels = [one["label"] for one in content_of(path)["estimators"]]
+    assert labels == ["fft4d", "music2d", "oracle", "esprit2d"]
+    rewrite(same / "results.parquet", worsened("fft4d"))
+    content = content_of(write_leaderboard([ours, same], tmp_path / "board.html"))
+    assert [one["label"] for one in content["estimators"]] == ["fft4d", "music2d", "oracle", "fft4d (same)"]
+    assert [one["spec"] for one in content["estimators"]][-1] == "fft4d"
+    assert [one["run"] for one in content["estimators"]] == [0, 0, 0, 1]
+
+
+def test_runs_of_other_scenes_have_no_common_page(runs, tmp_path):
+    with pytest.raises(InputError, match="have no common page"):
+        write_leaderboard([runs("images"), runs("population")], tmp_path / "board.html")
+    with pytest.raises(InputError, match="given twice"):
+        write_leaderboard([runs("images"), runs("images")], tmp_path / "board.html")
+
+
+def test_a_comparison_shows_the_worst_verdict_first_with_both_images_where_it_is_worst(runs, tmp_path):
+    worse = shutil.copytree(runs("images"), tmp_path / "worse")
+    rewrite(worse / "results.parquet", worsened("music2d"))
+    found = content_of(write_comparison_page(compare(runs("images"), worse), worse))
+    first, compared = found["comparison"]["rows"][0], found["comparison"]
+    assert compared["is_regression"]
+    assert first["verdict"] == "regression"
+    assert first["worst"] == {"scene": "yard", "snr_db": 10.0, "trial": 3}
+    labels = [one["label"] for one in found["estimators"]]
+    assert [labels[first["base"]], labels[first["new"]]] == ["music2d (images)", "music2d (worse)"]
+    assert all(found["rows"]["has_image"])
+
+
+def test_a_comparison_of_two_estimators_of_one_run_has_a_page_of_its_own(runs):
+    folder = runs("images")
+    path = write_comparison_page(compare(folder, between=("fft4d", "music2d")), folder)
+    assert path.name == "between.html"
+    content = content_of(path)
+    row = content["comparison"]["rows"][0]
+    assert [content["estimators"][row[side]]["label"] for side in ("base", "new")] == ["fft4d", "music2d"]
+
+
+def test_a_reference_without_clouds_is_compared_with_the_truth_of_the_other_run(runs, tmp_path):
+    bare = shutil.copytree(runs("images"), tmp_path / "bare")
+    for name in ("clouds.parquet", "truth.parquet"):
+        (bare / name).unlink()
+    content = content_of(write_comparison_page(compare(bare, runs("images")), tmp_path))
+    has_image = np.array(content["rows"]["has_image"])
+    of_run = np.array([content["estimators"][one]["run"] for one in content["rows"]["estimator"]])
+    assert not has_image[of_run == 0].any()
+    assert has_image[of_run == 1].all()
+    assert content["scenes"][0]["truth"]
+
+
+def test_every_kind_of_run_has_a_page_with_its_own_charts(runs):
+    link = content_of(write_run_page(runs("link")))
+    assert [chart["y"]["title"] for chart in link["charts"]] == ["bit error rate", "imaging deviation"]
+    detection = content_of(write_run_page(runs("detection")))
+    rates = next(chart for chart in detection["charts"] if chart["y"]["title"] == "false-alarm rate")
+    assert rates["line"] == 1e-3
+    assert [series["label"] for series in rates["series"]] == ["ca", "os"]
+    assert all(
+        low <= y <= high
+        for s in rates["series"]
+        for y, low, high in zip(s["y"], s["low"], s["high"], strict=True)
+    )
+    timed = content_of(write_run_page(runs("timed")))
+    assert {point["label"] for point in timed["times"]["points"]} == {"fft4d", "oracle"}
+    assert timed["times"]["stages"]
+
+
+def test_names_of_a_run_do_not_reach_the_markup_of_its_page(runs):
+    text = write_run_page(runs("hostile")).read_text(encoding="utf-8")
+    assert "alert" not in text.split("<script>")[0]
+    content = content_of(runs("hostile") / "report.html")
+    assert content["scenes"][0]["name"].startswith("<script>alert")
+
+
+def test_joined_rows_keep_their_clouds(runs):
+    one = read_for_page(runs("images"))
+    joined = join_runs([one])
+    np.testing.assert_array_equal(joined.rows.points, one.rows.points)
+    assert (joined.table.records["ratio"] > 0).all()
