@@ -54,7 +54,21 @@ def suites_like(incomplete: str) -> list[str]:
 
 
 def metrics_like(incomplete: str) -> list[str]:
-    """List the scores of images whose names begin with a text.
+    """List the scores that estimators are ranked by whose names begin with a text.
+
+    Parameters
+    ----------
+    incomplete : str
+
+    Returns
+    -------
+    list of str
+    """
+    return [*curves_like(incomplete), *_like(["ratio", "time_estimate_s"], incomplete)]
+
+
+def curves_like(incomplete: str) -> list[str]:
+    """List the scores with a curve over SNR whose names begin with a text.
 
     Parameters
     ----------
@@ -67,7 +81,7 @@ def metrics_like(incomplete: str) -> list[str]:
     from isacbench.metrics.score import METRICS
 
     better = [name for name, score in METRICS["paper"].items() if score.better != "neither"]
-    return _like([*better, "hausdorff_sum_m", "ratio", "time_estimate_s"], incomplete)
+    return _like([*better, "hausdorff_sum_m"], incomplete)
 
 
 def _like(names: list[str], incomplete: str) -> list[str]:

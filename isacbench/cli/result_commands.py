@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
-from isacbench.cli.completion import metrics_like
+from isacbench.cli.completion import curves_like, metrics_like
 from isacbench.cli.options import AsJson, Html, MixVersions, PluginFiles, register
 from isacbench.cli.printing import print_grid, print_json, report_run
 from isacbench.errors import InputError
@@ -41,7 +41,7 @@ def report_command(
     snr: Annotated[float | None, Option(help="Draw clouds, maps and spectra at this SNR in dB.")] = None,
     trial: Annotated[int | None, Option(min=0, help="Draw clouds, maps and spectra of this trial.")] = None,
     metric: Annotated[
-        str | None, Option(help="Draw this score over SNR.", autocompletion=metrics_like)
+        str | None, Option(help="Draw this score over SNR.", autocompletion=curves_like)
     ] = None,
     extension: Annotated[
         str | None, Option("--format", metavar="png|pdf|svg", help="Format of figures.")

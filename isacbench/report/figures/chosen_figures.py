@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FigureChoice:
-    """FigureChoice of figures of a run; None leaves it open.
+    """Choice of figures of a run; None leaves it open.
 
     Attributes
     ----------

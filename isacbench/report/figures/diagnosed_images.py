@@ -1,4 +1,4 @@
-"""Diagnoses of an image of a stored run: what its estimators see on their way, computed anew."""
+"""Diagnoses of images of a stored run: what its estimators see on their way, computed anew."""
 
 from __future__ import annotations
 
@@ -16,10 +16,15 @@ from isacbench.report.figures.run_figures import best_variants
 from isacbench.report.figures.spectrum_figures import draw_spectra
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
+
+    import pandas as pd
 
     from isacbench.bench.cells.record import Results
     from isacbench.bench.plan.labels import Variant
+    from isacbench.bench.suites.suite import Suite
+    from isacbench.model.observation import Observation
+    from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Diagnosis
     from isacbench.report.figures.curves import NamedFigure
 
@@ -41,43 +46,105 @@ class Diagnosed(NamedTuple):
     noise_power: float
 
 
-def diagnosed_images(results: Results, scenario: str, snr_db: float, trial: int) -> Iterator[Diagnosed]:
-    """Diagnose the image of one cell by every estimator that shows its work, of many by the 16 best.
+class Diagnoses:
+    """Diagnoses of the images of a run at one SNR and trial.
 
     Parameters
     ----------
-    results : Results
+    suite : Suite
         Of images.
-    scenario : str
-        Its name.
+    records : DataFrame
+        Rows of the run.
+    scenarios : mapping of str to Scenario
     snr_db : float
     trial : int
-
-    Yields
-    ------
-    Diagnosed
 
     Warns
     -----
     InputWarning
-        If an estimator of the run is not installed, or its diagnosis fails.
+        If an estimator of the run is not installed.
     """
-    found = _diagnosers(results)
-    labels = estimator_labels(zip(results.records["estimator"], results.records["params"], strict=True))
-    records = results.records[results.records["scenario"] == scenario]
-    simulator = Simulator(results.scenarios[scenario])
-    if not found:
-        return
-    observation = simulator.observe(snr_db, trial, results.suite.seed)
-    for variant in best_variants(records, list(found)):
-        label = labels.get(variant, variant[0])
+
+    def __init__(
+        self,
+        suite: Suite,
+        records: pd.DataFrame,
+        scenarios: Mapping[str, Scenario],
+        snr_db: float,
+        trial: int,
+    ) -> None:
+        self._records, self._scenarios = records, scenarios
+        self._snr_db, self._trial, self._seed = snr_db, trial, suite.seed
+        self._diagnosers = _diagnosers(suite)
+        self._labels = estimator_labels(zip(records["estimator"], records["params"], strict=True))
+        self._observed: dict[str, tuple[Observation, float]] = {}
+
+    def variants(self, scenario: str) -> list[Variant]:
+        """List the estimators that show their work on a scenario: of many the 16 best.
+
+        Parameters
+        ----------
+        scenario : str
+
+        Returns
+        -------
+        list of (str, str)
+            Names and parameters.
+        """
+        own = self._records[self._records["scenario"] == scenario]
+        return best_variants(own, list(self._diagnosers))
+
+    def of(self, scenario: str, variant: Variant) -> Diagnosed | None:
+        """Diagnose one image.
+
+        Parameters
+        ----------
+        scenario : str
+        variant : (str, str)
+
+        Returns
+        -------
+        Diagnosed or None
+            None if the diagnosis fails.
+
+        Warns
+        -----
+        InputWarning
+            If it does.
+        """
+        label = self._labels.get(variant, variant[0])
+        observation, noise_power = self._observe(scenario)
         try:
-            diagnosis = found[variant].diagnose(observation)
+            diagnosis = self._diagnosers[variant].diagnose(observation)
         except Exception as error:  # a plugin's fault must not cost the others
-            reason = f"{type(error).__name__}: {error}"
-            warnings.warn(f"no map and no spectra of {label}: {reason}", InputWarning, stacklevel=2)
-            continue
-        yield Diagnosed(label, diagnosis, simulator.noise_power(snr_db))
+            warn_of_fault(label, error)
+            return None
+        return Diagnosed(label, diagnosis, noise_power)
+
+    def _observe(self, scenario: str) -> tuple[Observation, float]:
+        """Observation and its noise power, made once a scenario."""
+        if scenario not in self._observed:
+            simulator = Simulator(self._scenarios[scenario])
+            observation = simulator.observe(self._snr_db, self._trial, self._seed)
+            self._observed[scenario] = observation, simulator.noise_power(self._snr_db)
+        return self._observed[scenario]
+
+
+def warn_of_fault(label: str, error: Exception) -> None:
+    """Warn that the diagnosis of an estimator failed or cannot be shown.
+
+    Parameters
+    ----------
+    label : str
+        Of the estimator.
+    error : Exception
+
+    Warns
+    -----
+    InputWarning
+    """
+    reason = f"{type(error).__name__}: {error}"
+    warnings.warn(f"no map and no spectra of {label}: {reason}", InputWarning, stacklevel=3)
 
 
 def diagnosis_figures(results: Results, scenario: str, snr_db: float, trial: int) -> Iterator[NamedFigure]:
@@ -99,10 +166,11 @@ def diagnosis_figures(results: Results, scenario: str, snr_db: float, trial: int
     Warns
     -----
     InputWarning
-        As `diagnosed_images` warns.
+        If an estimator of the run is not installed, or its diagnosis fails.
     """
-    scene = results.scenarios[scenario]
-    seen = list(diagnosed_images(results, scenario, snr_db, trial))
+    diagnoses = Diagnoses(results.suite, results.records, results.scenarios, snr_db, trial)
+    found = [diagnoses.of(scenario, variant) for variant in diagnoses.variants(scenario)]
+    seen, scene = [one for one in found if one is not None], results.scenarios[scenario]
     stems = file_stems([f"{scenario} {one.label} {snr_db:g}dB trial{trial}" for one in seen])
     for one, stem in zip(seen, stems.values(), strict=True):
         title = drawable(f"{scenario}, {one.label}, {snr_db:g} dB, trial {trial}")
@@ -111,10 +179,10 @@ def diagnosis_figures(results: Results, scenario: str, snr_db: float, trial: int
             yield f"spectrum-{stem}", draw_spectra(title, one.diagnosis, scene)
 
 
-def _diagnosers(results: Results) -> dict[Variant, Diagnoser]:
-    """Estimators of a run that show their work, as far as they are installed."""
+def _diagnosers(suite: Suite) -> dict[Variant, Diagnoser]:
+    """Estimators of a suite that show their work, as far as they are installed."""
     found: dict[Variant, Diagnoser] = {}
-    for spec in results.suite.estimators:
+    for spec in suite.estimators:
         try:
             plugins = [plugin for _, plugin in build_estimators_of(spec)]
         except InputError as error:

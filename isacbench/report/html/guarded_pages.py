@@ -67,10 +67,12 @@ def write_page_guarded(folder: Path) -> Path:
         If a plugin's diagnosis fails, hangs or ends its process.
     """
     from isacbench.report.html.diagnosed_maps import diagnosed_maps
+    from isacbench.report.html.joined_runs import read_for_page
     from isacbench.report.html.written_pages import write_run_page
 
     if _has_only_own_estimators(folder):
-        return write_run_page(folder, diagnosed_maps(folder))
+        run = read_for_page(folder)
+        return write_run_page(folder, diagnosed_maps(run), run)
     with GuardedProcess(_start, local_plugins()) as process:
         try:
             maps, messages = process.call(_find_maps, folder, timeout_s=TIMEOUT_S)
@@ -96,8 +98,9 @@ def _start(plugins: tuple[PluginFile, ...]) -> None:
 
 def _find_maps(folder: Path) -> tuple[Any, list[str]]:
     from isacbench.report.html.diagnosed_maps import diagnosed_maps
+    from isacbench.report.html.joined_runs import read_for_page
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", InputWarning)
-        maps = diagnosed_maps(folder)
+        maps = diagnosed_maps(read_for_page(folder))
     return maps, [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]

@@ -15,10 +15,11 @@ from isacbench.bench.compare.scene_scores import with_sums_and_ratios
 from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_store import CLOUDS, TRUTH, read_manifest, read_scenes, read_sound_rows
-from isacbench.bench.store.stored_run import ObservedScenes
+from isacbench.bench.store.stored_run import MOST_NAMED, ObservedScenes
 from isacbench.bench.suites.suite_kinds import restore_suite
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there
+from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -32,6 +33,8 @@ RUN = "run"
 """Column of joined rows with the number of their run."""
 
 KEY = ["scenario", "snr_db", "trial"]
+SAME = ["deviation", "gospa_m", "n_estimated"]
+"""Scores by which two runs of an estimator are recognised as equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,8 @@ class JoinedRuns:
         Readable names of the estimators of the table.
     specs : mapping of (str, str) to str
         The same without the names of runs: specifications.
+    notes : tuple of str
+        Estimators and rows that were left out.
     """
 
     runs: tuple[ReadRun, ...]
@@ -81,6 +86,7 @@ class JoinedRuns:
     rows: Rows
     labels: Mapping[Variant, str]
     specs: Mapping[Variant, str]
+    notes: tuple[str, ...]
 
 
 def read_for_page(folder: Path, name: str | None = None) -> ReadRun:
@@ -111,7 +117,7 @@ def read_for_page(folder: Path, name: str | None = None) -> ReadRun:
     return ReadRun(name or folder.resolve().name, manifest, rows, observed)
 
 
-def join_runs(runs: Sequence[ReadRun], rename_all: bool = False) -> JoinedRuns:
+def join_runs(runs: Sequence[ReadRun], rename_all: bool = False, only_common: bool = False) -> JoinedRuns:
     """Put the rows of runs of the same scenes into one table.
 
     An estimator that an earlier run has with the same scores is left out, and so are references of later
@@ -123,6 +129,9 @@ def join_runs(runs: Sequence[ReadRun], rename_all: bool = False) -> JoinedRuns:
         At least one.
     rename_all : bool
         Whether to keep and name after its run every estimator of several runs that is no reference.
+    only_common : bool
+        Whether to refuse runs with other scenes, and to leave out SNRs and trials that not all runs have, so
+        that means are over the same cells.
 
     Returns
     -------
@@ -136,8 +145,12 @@ def join_runs(runs: Sequence[ReadRun], rename_all: bool = False) -> JoinedRuns:
     tables = [RunTable(run.name, run.rows.records, run.manifest) for run in runs]
     for table in tables[1:]:
         reasons = incomparable(tables[0], table)
+        if only_common and not reasons:
+            reasons = _other_scenes(tables[0], table)
         if reasons:
             raise InputError(f"{tables[0].label} and {table.label} have no common page: {'; '.join(reasons)}")
+    common = _common_cells(tables) if only_common else None
+    notes = []
     own = [estimator_labels(variants_in(table.records)) for table in tables]
     kept: list[Rows] = []
     labels: dict[Variant, str] = {}
@@ -153,27 +166,56 @@ def join_runs(runs: Sequence[ReadRun], rename_all: bool = False) -> JoinedRuns:
                 is_shared and (rename_all or not _scores_equal(seen[variant], records[of_variant]))
             ):
                 dropped |= of_variant
+                first = runs[int(seen[variant][RUN].iloc[0])].name
+                if variant[0] not in limits:
+                    notes.append(f"{label} of {run.name} has the same scores as that of {first}")
                 continue
             name, spec = variant[0], label
             if is_shared and (rename_all or variant in seen):
                 name, label = f"{name} ({run.name})", f"{label} ({run.name})"
             seen.setdefault(variant, records[of_variant])
             records.loc[of_variant, "estimator"] = name
+            if label in labels.values():  # parameters of estimators that are not installed
+                label = f"{label} ({run.name})"
             labels[name, variant[1]], specs[name, variant[1]] = label, spec
+        if common is not None:
+            is_other = ~np.array([cell in common for cell in _cells(records)], dtype=np.bool_)
+            if is_other.any():
+                n_other = counted(int(is_other.sum()), "row")
+                notes.append(f"{n_other} of {run.name} left out: not all runs have their SNR and trial")
+            dropped |= is_other
         kept.append(replace(run.rows, records=records).take(~dropped))
     joined = Rows.joined(kept)
     united = RunTable(" and ".join(table.label for table in tables), joined.records, _united(runs))
     scored = replace(united, records=with_sums_and_ratios(united))
-    return JoinedRuns(tuple(runs), scored, replace(joined, records=scored.records), labels, specs)
+    return JoinedRuns(
+        tuple(runs), scored, replace(joined, records=scored.records), labels, specs, tuple(notes)
+    )
 
 
 def _is_of(records: pd.DataFrame, variant: Variant) -> NDArray[np.bool_]:
     return np.asarray((records["estimator"] == variant[0]) & (records["params"] == variant[1]))
 
 
+def _other_scenes(one: RunTable, other: RunTable) -> tuple[str, ...]:
+    """Name the scenes that only one of two runs has."""
+    apart = sorted(set(one.records["scenario"]) ^ set(other.records["scenario"]))
+    more = f" and {len(apart) - MOST_NAMED} more" if len(apart) > MOST_NAMED else ""
+    return (f"only one of them has the scenes {', '.join(apart[:MOST_NAMED])}{more}",) if apart else ()
+
+
+def _cells(records: pd.DataFrame) -> list[tuple[Any, ...]]:
+    return list(zip(*(records[name] for name in KEY), strict=True))
+
+
+def _common_cells(tables: Sequence[RunTable]) -> set[tuple[Any, ...]]:
+    """Scenes, SNRs and trials that all runs have."""
+    return set.intersection(*(set(_cells(table.records)) for table in tables))
+
+
 def _scores_equal(one: pd.DataFrame, other: pd.DataFrame) -> bool:
-    """Tell whether an estimator has the same cells and deviations in two runs."""
-    first, second = (table.astype({"scenario": object}).set_index(KEY)["deviation"] for table in (one, other))
+    """Tell whether an estimator has the same cells and scores in two runs."""
+    first, second = (table.astype({"scenario": object}).set_index(KEY)[SAME] for table in (one, other))
     return first.index.sort_values().equals(second.index.sort_values()) and np.allclose(
         first, second.reindex(first.index), rtol=1e-9, equal_nan=True
     )

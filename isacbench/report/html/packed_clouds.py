@@ -101,7 +101,9 @@ def choose_clouds(
     order[worst] = np.minimum(order[worst], 1)
     if first is not None:
         order[first] = -1
-    sequence = np.argsort(order, kind="stable")
+    # One cloud that is too large by itself must not keep the others out.
+    n_wanted = np.where(n_points > most_points // 2, most_points + 1, n_points)
+    sequence = np.argsort(np.where(n_wanted > most_points, len(records) + order.max(), order), kind="stable")
     chosen = np.zeros(len(records), dtype=np.bool_)
-    chosen[sequence] = np.cumsum(n_points[sequence]) <= most_points
+    chosen[sequence] = np.cumsum(n_wanted[sequence]) <= most_points
     return chosen

@@ -17,8 +17,8 @@ from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.store.run_store import scenario_texts
 from isacbench.bench.studies.intervals import CONFIDENCE, MIN_TRIALS
+from isacbench.bench.studies.medians import TIME
 from isacbench.errors import InputError
-from isacbench.metrics.score import METRICS
 from isacbench.report.comparisons.comparison_tables import json_rows
 from isacbench.report.drawing.style import ROLES, VELOCITY_COLOURS, assign_looks
 from isacbench.report.figures.curves import PANELS
@@ -54,7 +54,7 @@ DASHES = {"-": "solid", "-.": "dashdot", ":": "dot", "--": "dash", "": "solid"}
 FURTHER_METRICS = {
     "ratio": "Hausdorff sum over that of the oracle",
     "n_estimated": "estimated points",
-    "time_estimate_s": "time of an estimate [s]",
+    TIME: "median time of an estimate [s]",
 }
 
 HIDDEN = ("seed", "suite", "environment", "scenario_content", "timing", "n_stored", RUN)
@@ -93,10 +93,6 @@ def page_content(
         As `isacbench.report.html.packed_clouds.pack_clouds` makes it: the chosen clouds in the order of the
         rows, then the truths.
 
-    Raises
-    ------
-    InputError
-        If the run has not the metric.
     """
     records, names = joined.table.records, list(joined.labels)
     scenes, truths = _scenes(joined)
@@ -109,7 +105,7 @@ def page_content(
     counts = np.concatenate([kept.n_points, np.array([len(truth) for truth in truths], dtype=np.int64)])
     points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
     looks = assign_looks(joined.labels, find_limits(records))
-    metrics = _metrics(joined, metric)
+    metrics = _metrics(joined)
     estimators = [_estimator(joined, variant, look) for variant, look in looks.items()]
     content = {
         "page": kind,
@@ -117,6 +113,7 @@ def page_content(
         "shown_snr_db": SHOWN_SNR_DB,
         "min_trials": MIN_TRIALS,
         "student": numbers(stdtrit(np.arange(1, MOST_FREEDOM), (1 + CONFIDENCE) / 2)),
+        "notes": list(joined.notes),
         "suite_kind": joined.table.manifest["suite"].get("kind", "imaging"),
         "scored": list(SCORED),
         "velocity_colours": list(VELOCITY_COLOURS),
@@ -132,7 +129,7 @@ def page_content(
         "counts": counts.tolist(),
         "n_clouds_left_out": int((has_image & ~chosen & (joined.rows.n_points > 0)).sum()),
         "ranks": _ranks(joined, [one["name"] for one in metrics], metric),
-        "times": _times(records),
+        "times": _times(joined),
         "charts": study_charts(joined),
     }
     return content, pack_clouds(points, counts)
@@ -179,7 +176,9 @@ def _columns(
     found["scene"] = [of_scene[scene] for scene in records["scenario"]]
     for name in records.columns.drop(["scenario", "estimator", "params", *HIDDEN], errors="ignore"):
         values = records[name]
-        if pd.api.types.is_numeric_dtype(values):
+        if name == "snr_db":  # with all digits: other parts of the page name the same SNRs
+            found[name] = values.tolist()
+        elif pd.api.types.is_numeric_dtype(values):
             if values.notna().any():
                 found[name] = numbers(values.astype(float) if values.dtype == bool else values)
         else:
@@ -276,13 +275,13 @@ def _run(joined: JoinedRuns, index: int) -> dict[str, Any]:
         "Python": str(manifest.get("python")),
         "BLAS": f"{manifest.get('blas')}, {manifest.get('blas_threads')} threads",
         "packages": ", ".join(f"{name} {version}" for name, version in packages.items()),
-        "interrupted": "yes: cells are missing" if manifest.get("interrupted") else "no",
+        "interrupted": "yes: cells are missing" if manifest.get("interrupted") else "",
     }
     return {"name": run.name, "facts": facts}
 
 
-def _metrics(joined: JoinedRuns, metric: str) -> list[dict[str, Any]]:
-    """Columns that have a better direction and any value, the metric of the page first."""
+def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
+    """Columns that have a better direction and any value."""
     records = joined.table.records
     columns = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial", RUN])
     own = joined.table.manifest["metric"]["name"]
@@ -309,9 +308,9 @@ def _metrics(joined: JoinedRuns, metric: str) -> list[dict[str, Any]]:
                 "title": title,
                 "axis": axis,
                 "better": better,
-                "log": bool(panel and panel.logarithmic) or name == "time_estimate_s",
+                "log": bool(panel and panel.logarithmic) or name == TIME,
                 "spread": spread,
-                "is_share": METRICS["paper"][name].better == "higher" if name in METRICS["paper"] else False,
+                "is_median": name == TIME,
             }
         )
     return found
@@ -328,8 +327,6 @@ def _ranks(joined: JoinedRuns, metrics: Iterable[str], metric: str) -> dict[str,
             found[name] = _ranking(joined, rank_table(joined.table, name))
         except InputError as error:
             found[name] = {"reason": str(error)}
-            if "ratio" not in str(error).split(":")[0] and name != "ratio":
-                break  # no other metric has ranks either
     return found
 
 
@@ -352,10 +349,13 @@ def _ranking(joined: JoinedRuns, ranking: Ranking) -> dict[str, Any]:
     }
 
 
-def _times(records: pd.DataFrame) -> dict[str, Any]:
+def _times(joined: JoinedRuns) -> dict[str, Any]:
     """Points of run time against error with their stages; empty where nothing was timed."""
+    records = joined.table.records
     rows = timed_rows(records)
     if rows.empty or not is_timed(records) or rows["deviation"].isna().all():
         return {}
     points = summarise_points(rows, find_limits(rows))
+    variants = zip(points["estimator"], points["params"], strict=True)
+    points["label"] = [joined.labels[variant] for variant in variants]
     return {"points": json_rows(points), "stages": json_rows(summarise_stages(records))}

@@ -17,7 +17,11 @@ from isacbench.bench.store.run_folder import replacing
 if TYPE_CHECKING:
     from pathlib import Path
 
-SCRIPTS = ("data", "elements", "figures", "tables", "images", "views", "start")
+SCRIPTS = (
+    *("data", "elements", "figures", "tables", "clouds", "filters"),
+    *("overview", "curves", "images", "maps", "scenes", "time", "studies", "comparison", "all_rows"),
+    *("views", "start"),
+)
 """Parts of the page's script, in the order in which they are joined."""
 
 GZIP = 16 + zlib.MAX_WBITS

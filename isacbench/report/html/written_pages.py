@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from isacbench.bench.compare.comparison import Comparison
+    from isacbench.report.html.joined_runs import ReadRun
 
 RUN_PAGE = "report.html"
 RANK_PAGE = "rank.html"
@@ -24,7 +25,7 @@ COMPARISON_PAGES = {False: "compare.html", True: "between.html"}
 """Name of the page of a comparison of runs, and of one of two estimators."""
 
 
-def write_run_page(folder: Path, maps: Mapping[str, Any] | None = None) -> Path:
+def write_run_page(folder: Path, maps: Mapping[str, Any] | None = None, run: ReadRun | None = None) -> Path:
     """Write the page of a run into its folder.
 
     Parameters
@@ -33,6 +34,8 @@ def write_run_page(folder: Path, maps: Mapping[str, Any] | None = None) -> Path:
         Of a run.
     maps : mapping of str to Any, optional
         As `isacbench.report.html.diagnosed_maps.diagnosed_maps` makes them.
+    run : ReadRun, optional
+        The run, where it is read already.
 
     Returns
     -------
@@ -44,7 +47,7 @@ def write_run_page(folder: Path, maps: Mapping[str, Any] | None = None) -> Path:
     InputError
         If the folder does not hold a run, or the page cannot be written.
     """
-    joined = join_runs([read_for_page(folder)])
+    joined = join_runs([run or read_for_page(folder)])
     content, clouds = page_content(joined, "run")
     path = folder / RUN_PAGE
     write_page(path, f"{joined.runs[0].name} - isacbench", {**content, "maps": maps or {}}, clouds)
@@ -117,7 +120,8 @@ def write_leaderboard(folders: Sequence[Path], out: Path) -> Path:
     Parameters
     ----------
     folders : sequence of Path
-        Two runs or more of one suite, with the same seed, metric and content of scenes.
+        Runs of one suite, with the same seed, metric and scenes. SNRs and trials that not all of them have
+        are left out.
     out : Path
         HTML file.
 
@@ -134,7 +138,7 @@ def write_leaderboard(folders: Sequence[Path], out: Path) -> Path:
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise InputError("a folder is given twice; give different runs")
     runs = [read_for_page(folder, name) for folder, name in zip(folders, names_of(folders), strict=True)]
-    joined = join_runs(runs)
+    joined = join_runs(runs, only_common=True)
     content, clouds = page_content(joined, "leaderboard")
     write_page(out, f"{joined.table.manifest['suite']['name']}: leaderboard - isacbench", content, clouds)
     return out

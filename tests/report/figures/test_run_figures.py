@@ -60,7 +60,7 @@ def test_of_many_scenarios_only_their_mean_is_drawn_and_a_warning_says_so(
     other = tiny.with_name("other.toml")
     other.write_text(tiny.read_text().replace('"tiny"', '"other"'))
     suite = Suite(
-        name="t", scenarios=[str(tiny), str(other)], estimators=["blob", "shower"], snr_db=[0], trials=1
+        name="t", scenarios=[str(tiny), str(other)], estimators=["blob", "seer"], snr_db=[0], trials=1
     )
     run_suite(suite, tmp_path / "run")
     with pytest.warns(InputWarning, match="of more than 1 scenarios only the mean deviation is drawn"):

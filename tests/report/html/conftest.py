@@ -9,7 +9,6 @@ import pytest
 from isacbench.bench.run.runner import Execution, run_suite
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.link_kind import LinkSuite
-from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
@@ -39,7 +38,7 @@ position_m = [4.0, 5.0, 0.0]
 velocity_mps = 10.0
 [[objects]]
 kind = "pole"
-position_m = [15.0, 5.0, 0.0]
+position_m = [{pole_m}, 5.0, 0.0]
 velocity_mps = 0.0
 """
 
@@ -72,11 +71,11 @@ NO_BROWSER = (
 
 @pytest.fixture(scope="session")
 def yard(tmp_path_factory):
-    """Return a function that writes a small scenario of two objects under a name."""
+    """Return a function that writes a small scenario of two objects, some metres apart, under a name."""
 
-    def write(name, stem="yard"):
-        path = tmp_path_factory.mktemp("yard") / f"{stem}.toml"
-        path.write_text(YARD.format(name=name), encoding="utf-8")
+    def write(name, more_m=0):
+        path = tmp_path_factory.mktemp("yard") / "yard.toml"
+        path.write_text(YARD.format(name=name, pole_m=13.0 + more_m), encoding="utf-8")
         return str(path)
 
     return write
@@ -88,6 +87,7 @@ def runs(yard, tmp_path_factory):
     root = tmp_path_factory.mktemp("runs")
     common = {"name": "test", "scenarios": [yard("yard")], "estimators": ["fft4d", "oracle"]}
     hostile = ["trouble[text=x]", "trouble[text='<b>%{x}</b>\"']", "trouble[text=empty]"]
+    three = ["fft4d", "music2d", "oracle"]
     suites = {
         "images": Suite(
             **common | {"estimators": ["fft4d", "music2d", "oracle"]}, snr_db=[-10, 10], trials=10
@@ -100,12 +100,8 @@ def runs(yard, tmp_path_factory):
             snr_db=[10],
             trials=1,
         ),
-        "population": PopulationSuite(
-            name="scenes",
-            version=1,
-            scenarios=[f"sparse[scatterers=4,seed={seed}]" for seed in range(3)]
-            + [f"crowd[seed={seed}]" for seed in range(3)],
-            estimators=["fft4d", "music2d", "oracle"],
+        "scenes": Suite(
+            **common | {"scenarios": [yard(f"yard{n}", n) for n in range(6)], "estimators": three},
             snr_db=[10],
             trials=1,
         ),

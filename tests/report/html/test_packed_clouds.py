@@ -81,6 +81,14 @@ def test_of_too_many_clouds_the_page_holds_what_is_looked_at_first():
     assert held(2, wanted) == {("b", 0.0, 1), ("b", 11.0, 1)}
 
 
+def test_one_cloud_beyond_the_budget_keeps_no_other_out():
+    table = rows()
+    n_points = np.full(len(table), 5)
+    n_points[0] = 1000
+    chosen = choose_clouds(table, n_points, most_points=5 * len(table))
+    assert chosen.tolist() == [False, *[True] * (len(table) - 1)]
+
+
 def test_a_cell_that_failed_is_never_the_one_of_largest_deviation():
     table = rows().assign(deviation=np.nan)
     assert choose_clouds(table, np.full(len(table), 5), most_points=20).sum() == 4

@@ -84,8 +84,8 @@ def test_a_run_of_an_older_version_has_a_page_without_objects(runs, tmp_path):
 
 
 def test_a_page_of_a_ranking_has_its_rank_sets_and_says_why_there_are_none(runs):
-    found = content_of(write_rank_page(runs("population"), "gospa_m"))
-    wanted = rank(runs("population"), "gospa_m").ranks
+    found = content_of(write_rank_page(runs("scenes"), "gospa_m"))
+    wanted = rank(runs("scenes"), "gospa_m").ranks
     listed = found["ranks"]["gospa_m"]["ranks"]
     assert found["metric"] == "gospa_m"
     assert [row["rank_low"] for row in listed if not row["is_reference"]] == list(wanted["rank_low"].dropna())
@@ -95,8 +95,12 @@ def test_a_page_of_a_ranking_has_its_rank_sets_and_says_why_there_are_none(runs)
 def test_a_leaderboard_has_every_estimator_once_under_the_name_of_its_run_where_needed(runs, tmp_path):
     ours, same = runs("images"), shutil.copytree(runs("images"), tmp_path / "same")
     path = write_leaderboard([ours, same, runs("other")], tmp_path / "board.html")
-    labels = [one["label"] for one in content_of(path)["estimators"]]
-    assert labels == ["fft4d", "music2d", "oracle", "esprit2d"]
+    content = content_of(path)
+    assert [one["label"] for one in content["estimators"]] == ["fft4d", "music2d", "oracle", "esprit2d"]
+    assert content["notes"][:2] == [
+        "fft4d of same has the same scores as that of images",
+        "music2d of same has the same scores as that of images",
+    ]
     rewrite(same / "results.parquet", worsened("fft4d"))
     content = content_of(write_leaderboard([ours, same], tmp_path / "board.html"))
     assert [one["label"] for one in content["estimators"]] == ["fft4d", "music2d", "oracle", "fft4d (same)"]
@@ -104,9 +108,30 @@ def test_a_leaderboard_has_every_estimator_once_under_the_name_of_its_run_where_
     assert [one["run"] for one in content["estimators"]] == [0, 0, 0, 1]
 
 
+def test_a_leaderboard_is_over_the_cells_that_all_runs_have(runs, tmp_path):
+    fewer = shutil.copytree(runs("other"), tmp_path / "fewer")
+    rewrite(fewer / "results.parquet", lambda table: table[table["trial"] < 4])
+    content = content_of(write_leaderboard([runs("images"), fewer], tmp_path / "board.html"))
+    assert set(content["rows"]["trial"]) == set(range(4))
+    assert "36 rows of images left out: not all runs have their SNR and trial" in content["notes"]
+
+
+def test_snrs_keep_all_their_digits(runs, tmp_path):
+    folder = shutil.copytree(runs("images"), tmp_path / "odd")
+
+    def moved(table):
+        return table.assign(snr_db=table["snr_db"] + 1 / 3)
+
+    for name in ("results.parquet", "clouds.parquet"):
+        rewrite(folder / name, moved)
+    content = content_of(write_run_page(folder))
+    assert set(content["rows"]["snr_db"]) == {-10 + 1 / 3, 10 + 1 / 3}
+    assert all(content["rows"]["has_image"])
+
+
 def test_runs_of_other_scenes_have_no_common_page(runs, tmp_path):
-    with pytest.raises(InputError, match="have no common page"):
-        write_leaderboard([runs("images"), runs("population")], tmp_path / "board.html")
+    with pytest.raises(InputError, match="have no common page: only one of them has the scenes yard, yard0"):
+        write_leaderboard([runs("images"), runs("scenes")], tmp_path / "board.html")
     with pytest.raises(InputError, match="given twice"):
         write_leaderboard([runs("images"), runs("images")], tmp_path / "board.html")
 

@@ -21,10 +21,14 @@ class Clouds {
   }
 
   at(index) {
-    const n = this.counts[index], start = this.starts[index];
+    const n = this.counts[index],
+      start = this.starts[index];
     const [x, y, z, v, power] = [0, 1, 2, 3, 4].map((axis) => {
-      const low = this.limits[10 * index + 2 * axis], step = this.limits[10 * index + 2 * axis + 1];
-      const first = 2 * axis * this.total + start, second = first + this.total, values = new Float64Array(n);
+      const low = this.limits[10 * index + 2 * axis],
+        step = this.limits[10 * index + 2 * axis + 1];
+      const first = 2 * axis * this.total + start,
+        second = first + this.total,
+        values = new Float64Array(n);
       for (let i = 0; i < n; i++)
         values[i] = low + step * (axis < 4 ? 256 * this.bytes[first + i] + this.bytes[second + i] : this.bytes[first + i]);
       return values;
@@ -55,8 +59,7 @@ const rowsWhere = (test) => {
   for (let row = 0; row < data.n; row++) if (test(row)) found.push(row);
   return found;
 };
-const rowAt = (scene, estimator, snr, trial) =>
-  data.byCell.get(`${scene}|${estimator}|${snr}|${trial}`) ?? null;
+const rowAt = (scene, estimator, snr, trial) => data.byCell.get(`${scene}|${estimator}|${snr}|${trial}`) ?? null;
 
 /* Mean and half width of its 95 % interval (Student's t); no width of fewer values than the tables take. */
 const meanBand = (values) => {
@@ -81,9 +84,18 @@ const grouped = (rows, key) => {
   return found;
 };
 
-/* Mean of a metric over rows of one estimator: over trials; over scenes where they are the units. A
+const median = (values) => {
+  if (!values.length) return null;
+  const sorted = [...values].sort((a, b) => a - b),
+    middle = sorted.length >> 1;
+  return sorted.length % 2 ? sorted[middle] : (sorted[middle - 1] + sorted[middle]) / 2;
+};
+
+/* Mean of a metric over the scored rows of one estimator, of times the median: over trials; over scenes where they are the units. A
    reference has the mean spread over its realisations as its band. */
-const summary = (rows, metric, overScenes) => {
+const summary = (given, metric, overScenes) => {
+  const rows = given.filter(isScored);
+  if (metric.is_median) return { mean: median(valuesOf(rows, metric.name)), band: null, n: rows.length };
   const spreads = metric.spread ? valuesOf(rows, metric.spread) : [];
   const units = [...grouped(rows, overScenes ? (row) => data.rows.scene[row] : (row) => data.rows.trial[row]).values()]
     .map((part) => valuesOf(part, metric.name))
@@ -96,13 +108,28 @@ const summary = (rows, metric, overScenes) => {
 
 /* The state, all of it in the address. */
 const LISTS = ["est", "hide"];
+const EVERY = "*"; // value of scene: the mean over all
 let state = {};
 
 const readState = () => {
   const given = new URLSearchParams(location.hash.slice(1));
   state = Object.fromEntries([...given.keys()].filter((key) => !LISTS.includes(key)).map((key) => [key, given.get(key)]));
   for (const key of LISTS) state[key] = given.getAll(key);
-  if (!views[state.view]?.isAvailable()) state.view = Object.keys(views).find((name) => views[name].isAvailable());
+  normalise();
+};
+
+/* What does not apply to this page is dropped, so that nothing acts which no control shows. */
+const normalise = () => {
+  if (!Object.hasOwn(views, state.view ?? "") || !views[state.view].isAvailable())
+    state.view = Object.keys(views).find((name) => views[name].isAvailable());
+  const keep = (key, isKnown) => (state[key] !== undefined && !isKnown(state[key]) ? delete state[key] : null);
+  keep("scene", (own) => own === EVERY || data.sceneNumber.has(own));
+  keep("family", (own) => data.scenes.some((scene) => scene.family === own));
+  keep("family", (own) => !data.sceneNumber.has(state.scene) || data.scenes[data.sceneNumber.get(state.scene)].family === own);
+  keep("snr", (own) => data.snrs.includes(Number(own)) && own !== "");
+  keep("trial", (own) => own !== "" && data.trials.includes(Number(own)));
+  keep("metric", (own) => own === "every" || data.metrics.some((metric) => metric.name === own));
+  state.est = state.est.filter((own) => data.estimators.some((one) => one.label === own));
 };
 
 const addressOf = (changes) => {
@@ -116,11 +143,14 @@ const addressOf = (changes) => {
 
 const setState = (changes, isStep = false) => {
   state = { ...state, ...changes };
+  normalise();
   const address = addressOf({});
   if (isStep) history.pushState(null, "", address);
   else history.replaceState(null, "", address);
+  onStateStored();
   render();
 };
+let onStateStored = () => {};
 
 /* A link to another view keeps scene, SNR, trial and estimators. */
 const linkTo = (view, changes = {}) => {

@@ -16,8 +16,7 @@ const LONGEST = 80;
 const short = (text, longest = LONGEST) => (text.length > longest ? `${text.slice(0, longest - 1)}…` : text);
 
 /* Text for plotly, which would read tags in it. */
-const plain = (text, longest = 48) =>
-  short(String(text), longest).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+const plain = (text, longest = 48) => short(String(text), longest).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
 
 const told = (number, digits = 3) => {
   if (number === null || number === undefined || Number.isNaN(number)) return "";
@@ -39,7 +38,9 @@ const labelled = (label, control) => {
 
 /* A choice of one; options are [value, text]. The key is that of the state. */
 const selectControl = (key, label, options, fallback = "", changes = () => ({})) => {
-  const control = h("select", { onchange: () => setState({ [key]: control.value, ...changes(control.value) }, true) });
+  const control = h("select", {
+    onchange: () => setState({ [key]: control.value, ...changes(control.value) }, true),
+  });
   const sync = () => {
     const own = typeof options === "function" ? options() : options;
     control.replaceChildren(...own.map(([one, text]) => h("option", { value: one }, short(String(text)))));
@@ -52,15 +53,17 @@ const selectControl = (key, label, options, fallback = "", changes = () => ({}))
 
 /* A slider over listed values. */
 const sliderControl = (key, label, values, unit, current) => {
-  const output = h("output", {}), control = h("input", { type: "range", min: 0, step: 1 });
+  const output = h("output", {}),
+    control = h("input", { type: "range", min: 0, step: 1 });
   control.addEventListener("input", () => setState({ [key]: String(values()[Number(control.value)]) }));
   syncs.push(() => {
-    const own = values(), place = own.indexOf(current());
+    const own = values(),
+      place = own.indexOf(current());
     control.max = Math.max(own.length - 1, 0);
     control.disabled = own.length < 2;
     control.value = place;
-    output.textContent = ` ${current()}${unit}`;
-    control.setAttribute("aria-valuetext", `${current()}${unit}`);
+    output.textContent = ` ${told(current(), 6)}${unit}`;
+    control.setAttribute("aria-valuetext", `${told(current(), 6)}${unit}`);
   });
   const labelledControl = labelled(label, control);
   labelledControl.append(output);
@@ -72,7 +75,8 @@ const checksControl = (key, legend, options, chosen, most = Infinity) => {
   const box = h("div", { class: "choices" });
   let shown = "";
   syncs.push(() => {
-    const own = options(), names = JSON.stringify(own);
+    const own = options(),
+      names = JSON.stringify(own);
     if (names !== shown) {
       box.replaceChildren(
         ...own.map(([one, text, colour]) => {
@@ -99,6 +103,14 @@ const buttonsControl = (key, legend, options, current) => {
   );
   syncs.push(() => buttons.forEach((button) => button.setAttribute("aria-pressed", String(button.value === current()))));
   return h("fieldset", {}, h("legend", {}, legend), buttons);
+};
+
+/* Draw anew, and put the focus back on the control with the same key. */
+const keepFocus = (work) => {
+  const before = document.activeElement,
+    key = before?.dataset?.key;
+  work();
+  if (key && document.activeElement !== before) document.querySelector(`[data-key="${CSS.escape(key)}"]`)?.focus({ preventScroll: true });
 };
 
 const say = (text) => (document.getElementById("status").textContent = text);

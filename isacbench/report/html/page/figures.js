@@ -13,13 +13,21 @@ const css = (name) => getComputedStyle(document.documentElement).getPropertyValu
 const isDark = () => matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches;
 /* Okabe and Ito's blue is too dark on black. */
 const DARK = { "#0072B2": "#4FA8E0" };
-const colourOf = (look) => (look.colour ? ((isDark() && DARK[look.colour]) || look.colour) : css("fg"));
+const colourOf = (look) => (look.colour ? (isDark() && DARK[look.colour]) || look.colour : css("fg"));
 const faint = (colour, alpha) => {
   const [r, g, b] = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
   return `rgba(${r},${g},${b},${alpha})`;
 };
 
-const axis = (more = {}) => ({ gridcolor: css("line"), linecolor: css("muted"), zerolinecolor: css("line"), tickcolor: css("muted"), showline: true, automargin: true, ...more });
+const axis = (more = {}) => ({
+  gridcolor: css("line"),
+  linecolor: css("muted"),
+  zerolinecolor: css("line"),
+  tickcolor: css("muted"),
+  showline: true,
+  automargin: true,
+  ...more,
+});
 const layoutOf = (more = {}) => ({
   paper_bgcolor: "rgba(0,0,0,0)",
   plot_bgcolor: "rgba(0,0,0,0)",
@@ -40,7 +48,12 @@ const forget = () => {
 /* A figure; draw() takes traces and layout. */
 class Figure {
   constructor({ title, label, height = 340, table = null, name = null, onClick = null, keys = null, note = null }) {
-    this.plot = h("div", { class: "plot", role: "img", "aria-label": label ?? title, style: { height: `${height}px` } });
+    this.plot = h("div", {
+      class: "plot",
+      role: "img",
+      "aria-label": label ?? title,
+      style: { height: `${height}px` },
+    });
     this.heading = h("h3", {}, title);
     this.note = h("p", { class: "note" }, note);
     this.onClick = onClick;
@@ -53,7 +66,9 @@ class Figure {
     }
     this.tableBox = h("div");
     this.table = table;
-    const saves = ["svg", "png"].map((format) => h("button", { type: "button", onclick: () => this.save(format) }, `Save ${format.toUpperCase()}`));
+    const saves = ["svg", "png"].map((format) =>
+      h("button", { type: "button", onclick: () => this.save(format) }, `Save ${format.toUpperCase()}`),
+    );
     this.element = h("figure", {}, this.heading, this.note, this.plot, h("div", { class: "tools" }, saves), this.tableBox);
   }
 
@@ -85,35 +100,63 @@ class Figure {
   async save(format) {
     const Plotly = await plotly();
     const { width, height } = this.plot.getBoundingClientRect();
-    const address = await Plotly.toImage(this.plot, { format, width, height, scale: format === "png" ? 2 : 1 });
+    const address = await Plotly.toImage(this.plot, {
+      format,
+      width,
+      height,
+      scale: format === "png" ? 2 : 1,
+    });
     saveFile(fileName(this.name(), format), address);
   }
 }
 
 /* Traces of a line with its band. */
 const lineWithBand = (series, look, isLog = false) => {
-  const colour = colourOf(look), traces = [];
+  const colour = colourOf(look),
+    traces = [];
   const has = (one) => one !== null && one !== undefined && (!isLog || one > 0);
-  const places = series.x.map((_, i) => i).filter((i) => has(series.low?.[i] ?? null) || (isLog && has(series.y[i]) && has(series.high?.[i])));
+  const places = series.x
+    .map((_, i) => i)
+    .filter((i) => has(series.low?.[i] ?? null) || (isLog && has(series.y[i]) && has(series.high?.[i])));
   const banded = places.filter((i) => has(series.high?.[i]));
   if (banded.length) {
     const low = banded.map((i) => (isLog && !(series.low[i] > 0) ? series.y[i] / 10 : series.low[i]));
     traces.push({
       x: [...banded.map((i) => series.x[i]), ...banded.map((i) => series.x[i]).reverse()],
       y: [...banded.map((i) => series.high[i]), ...low.reverse()],
-      type: "scatter", mode: "lines", fill: "toself", fillcolor: faint(colour, 0.16), line: { width: 0 }, hoverinfo: "skip", showlegend: false, legendgroup: series.label,
+      type: "scatter",
+      mode: "lines",
+      fill: "toself",
+      fillcolor: faint(colour, 0.16),
+      line: { width: 0 },
+      hoverinfo: "skip",
+      showlegend: false,
+      legendgroup: series.label,
     });
   }
   traces.push({
-    x: series.x, y: series.y.map((one) => (has(one) ? one : null)),
-    type: "scatter", mode: look.symbol ? "lines+markers" : "lines", name: plain(series.label), legendgroup: series.label,
-    line: { color: colour, dash: look.dash, width: 1.8 }, marker: { symbol: look.symbol || "circle", size: 7, color: colour }, customdata: series.keys ?? series.x,
-    hovertemplate: series.x.map((_, i) => `${plain(series.label).replaceAll("%{", "% {")}<br>%{x}: %{y:.4g}${has(series.high?.[i]) ? ` (${told(series.low?.[i])} to ${told(series.high[i])})` : ""}<extra></extra>`),
+    x: series.x,
+    y: series.y.map((one) => (has(one) ? one : null)),
+    type: "scatter",
+    mode: look.symbol ? "lines+markers" : "lines",
+    name: plain(series.label),
+    legendgroup: series.label,
+    line: { color: colour, dash: look.dash, width: 1.8 },
+    marker: { symbol: look.symbol || "circle", size: 7, color: colour },
+    customdata: series.keys ?? series.x,
+    hovertemplate: series.x.map(
+      (_, i) =>
+        `${plain(series.label).replaceAll("%{", "% {")}<br>%{x}: %{y:.4g}${has(series.high?.[i]) ? ` (${told(series.low?.[i])} to ${told(series.high[i])})` : ""}<extra></extra>`,
+    ),
   });
   return traces;
 };
 
-const axisNote = (title, isLog) => ({ title: { text: plain(title, 80) }, type: isLog ? "log" : "linear", ...(isLog ? { exponentformat: "power", dtick: undefined } : {}) });
+const axisNote = (title, isLog) => ({
+  title: { text: plain(title, 80) },
+  type: isLog ? "log" : "linear",
+  ...(isLog ? { exponentformat: "power", dtick: undefined } : {}),
+});
 
 const seriesTable = (caption, xTitle, yTitle, series) => () =>
   dataTable({
@@ -126,5 +169,13 @@ const seriesTable = (caption, xTitle, yTitle, series) => () =>
       { title: "from", get: (row) => row.low },
       { title: "to", get: (row) => row.high },
     ],
-    rows: series.flatMap((one) => one.x.map((x, i) => ({ label: one.label, x, y: one.y[i], low: one.low?.[i] ?? null, high: one.high?.[i] ?? null }))),
+    rows: series.flatMap((one) =>
+      one.x.map((x, i) => ({
+        label: one.label,
+        x,
+        y: one.y[i],
+        low: one.low?.[i] ?? null,
+        high: one.high?.[i] ?? null,
+      })),
+    ),
   });

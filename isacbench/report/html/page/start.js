@@ -10,12 +10,18 @@ const render = () => {
     main.replaceChildren(h("h2", { class: "for-readers" }, views[state.view].title()));
     current = { view: state.view, update: views[state.view].build(main) };
   }
-  syncs.forEach((sync) => sync());
-  current.update();
+  keepFocus(() => {
+    syncs.forEach((sync) => sync());
+    current.update();
+  });
   const links = Object.entries(views).filter(([, view]) => view.isAvailable());
-  document.getElementById("views").replaceChildren(
-    ...links.map(([name, view]) => h("li", {}, h("a", { href: linkTo(name), "aria-current": name === state.view ? "page" : null, onclick: focusMain }, view.title()))),
-  );
+  document
+    .getElementById("views")
+    .replaceChildren(
+      ...links.map(([name, view]) =>
+        h("li", {}, h("a", { href: linkTo(name), "aria-current": name === state.view ? "page" : null, onclick: focusMain }, view.title())),
+      ),
+    );
 };
 const focusMain = () => setTimeout(() => document.getElementById("main").focus({ preventScroll: true }));
 const renderAnew = () => {
@@ -25,21 +31,42 @@ const renderAnew = () => {
 
 const start = async () => {
   if (!window.DecompressionStream) {
-    document.getElementById("loading").textContent = "This browser is too old for the page: it needs Chrome 80, Firefox 113, Safari 16.4 or later.";
+    document.getElementById("loading").textContent =
+      "This browser is too old for the page: it needs Chrome 80, Firefox 113, Safari 16.4 or later.";
     return;
   }
   data = JSON.parse(new TextDecoder().decode(await unpack("content")));
   clouds = new Clouds(await unpack("clouds"), data.counts);
   data.n = data.rows.estimator.length;
-  data.snrs = numbersOf("snr_db", rowsWhere(() => true));
+  data.snrs = numbersOf(
+    "snr_db",
+    rowsWhere(() => true),
+  );
+  data.trials = numbersOf(
+    "trial",
+    rowsWhere(() => true),
+  );
   data.sceneNumber = new Map(data.scenes.map((scene, i) => [scene.name, i]));
-  data.byCell = new Map(rowsWhere(() => true).map((row) => [`${data.rows.scene[row]}|${data.rows.estimator[row]}|${value("snr_db", row)}|${value("trial", row)}`, row]));
+  data.byCell = new Map(
+    rowsWhere(() => true).map((row) => [
+      `${data.rows.scene[row]}|${data.rows.estimator[row]}|${value("snr_db", row)}|${value("trial", row)}`,
+      row,
+    ]),
+  );
   const title = document.getElementById("title");
   title.title = title.textContent;
   readState();
   render();
-  addEventListener("hashchange", () => (readState(), render()));
-  addEventListener("popstate", () => (readState(), render()));
+  // A link within the page fires both events.
+  let latest = location.hash;
+  for (const event of ["popstate", "hashchange"])
+    addEventListener(event, () => {
+      if (location.hash === latest) return;
+      latest = location.hash;
+      readState();
+      render();
+    });
+  onStateStored = () => (latest = location.hash);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", renderAnew);
   matchMedia("print").addEventListener("change", () => current?.update());
   document.getElementById("skip").addEventListener("click", () => document.getElementById("main").focus());

@@ -15,17 +15,20 @@ const csvText = (columns, rows) =>
 const PAGE = 100;
 
 /* A table. Columns have title, get (value to sort and save), and optionally show (content of the cell), isText,
-   csv (name in the file), about (tooltip). The order is that of the state under sortKey, or its own. */
+   csv (name in the file), about (tooltip), isHidden (only saved). The order is that of the state under sortKey, or its own. */
 const dataTable = ({ caption, columns, rows, name, sortKey = null, first = null, rowClass = null, isSaved = true, page = PAGE }) => {
-  const box = h("div", {}), own = { sort: first ?? "", shown: page };
+  const box = h("div", {}),
+    own = { sort: first ?? "", shown: page };
   const order = () => (sortKey ? (state[sortKey] ?? first ?? "") : own.sort);
   const choose = (wanted) => {
     if (sortKey) return setState({ [sortKey]: wanted });
     own.sort = wanted;
-    draw();
+    keepFocus(draw);
   };
-  const draw = (focused = null) => {
-    const [title, direction] = order().split("|"), sorted = columns.find((column) => column.title === title);
+  const draw = () => {
+    const at = order().lastIndexOf("|"),
+      [title, direction] = [order().slice(0, at), order().slice(at + 1)],
+      sorted = columns.find((column) => column.title === title);
     const listed = [...rows];
     if (sorted) {
       const sign = direction === "down" ? -1 : 1;
@@ -33,36 +36,69 @@ const dataTable = ({ caption, columns, rows, name, sortKey = null, first = null,
       listed.sort((one, other) => {
         const [a, b] = [sorted.get(one), sorted.get(other)];
         if (isEmpty(a) || isEmpty(b)) return isEmpty(a) - isEmpty(b);
-        return sign * (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b), "en", { numeric: true }));
+        return (
+          sign * (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b), "en", { numeric: true }))
+        );
       });
     }
-    const heads = columns.map((column) => {
+    const visible = columns.filter((column) => !column.isHidden);
+    const heads = visible.map((column) => {
       const isOwn = column === sorted;
       const next = `${column.title}|${isOwn && direction !== "down" ? "down" : "up"}`;
       return h(
         "th",
-        { scope: "col", class: column.isText ? "text" : null, title: column.about, "aria-sort": isOwn ? (direction === "down" ? "descending" : "ascending") : null },
-        h("button", { type: "button", "data-column": column.title, onclick: () => (choose(next), box.querySelector(`[data-column="${CSS.escape(column.title)}"]`)?.focus()) }, column.title),
+        {
+          scope: "col",
+          class: column.isText ? "text" : null,
+          title: column.about,
+          "aria-sort": isOwn ? (direction === "down" ? "descending" : "ascending") : null,
+        },
+        h("button", { type: "button", "data-key": `${name}|${column.title}`, onclick: () => choose(next) }, column.title),
       );
     });
     const body = listed.slice(0, own.shown).map((row) =>
       h(
         "tr",
         { class: rowClass?.(row) },
-        columns.map((column, index) => {
+        visible.map((column, index) => {
           const content = column.show ? column.show(row) : column.get(row);
           const text = typeof content === "number" ? told(content) : content;
-          return h(index || !column.isText ? "td" : "th", { class: column.isText ? `text ${column.style ?? ""}` : null, scope: index || !column.isText ? null : "row" }, text ?? "");
+          return h(
+            index || !column.isText ? "td" : "th",
+            {
+              class: column.isText ? `text ${column.style ?? ""}` : null,
+              scope: index || !column.isText ? null : "row",
+            },
+            text ?? "",
+          );
         }),
       ),
     );
     const table = h("table", {}, h("caption", {}, caption), h("thead", {}, h("tr", {}, heads)), h("tbody", {}, body));
     const more =
       listed.length > own.shown
-        ? h("button", { type: "button", onclick: () => ((own.shown += 10 * PAGE), draw()) }, `Show more: ${own.shown} of ${listed.length} rows are shown`)
+        ? h(
+            "button",
+            {
+              type: "button",
+              "data-key": `${name}|more`,
+              onclick: () => ((own.shown += 10 * PAGE), keepFocus(draw)),
+            },
+            `Show more: ${own.shown} of ${listed.length} rows are shown`,
+          )
         : null;
-    const save = h("button", { type: "button", onclick: () => saveText(fileName(name, "csv"), csvText(columns, listed), "text/csv") }, "Save rows as CSV");
-    box.replaceChildren(h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, table), h("div", { class: "tools" }, more, isSaved ? save : null));
+    const save = h(
+      "button",
+      {
+        type: "button",
+        onclick: () => saveText(fileName(name, "csv"), csvText(columns, listed), "text/csv"),
+      },
+      "Save rows as CSV",
+    );
+    box.replaceChildren(
+      h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, table),
+      h("div", { class: "tools" }, more, isSaved ? save : null),
+    );
   };
   draw();
   return box;
@@ -80,6 +116,15 @@ const tableBelow = (make) => {
 const nameCell = (estimator) => {
   const own = data.estimators[estimator];
   const colour = colourOf(own);
-  return h("span", { class: "name", title: own.label }, h("span", { class: "swatch", style: { background: colour } }), ` ${short(own.label)}`, own.role ? h("span", { class: "role" }, own.role) : null);
+  return h(
+    "span",
+    { class: "name", title: own.label },
+    h("span", { class: "swatch", style: { background: colour } }),
+    ` ${short(own.label)}`,
+    own.role ? h("span", { class: "role" }, own.role) : null,
+  );
 };
-const withBand = ({ mean, band }) => [told(mean), band === null || band === undefined ? null : h("span", { class: "band" }, ` ± ${told(band, 2)}`)];
+const withBand = ({ mean, band }) => [
+  told(mean),
+  band === null || band === undefined ? null : h("span", { class: "band" }, ` ± ${told(band, 2)}`),
+];

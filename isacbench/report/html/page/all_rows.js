@@ -1,0 +1,39 @@
+/* All rows. */
+
+const buildRows = (root) => {
+  const box = h("div");
+  const statuses = () => [["", "any status"], ...unique(rowsWhere(() => true).map((row) => value("status", row))).map((one) => [one, one])];
+  root.append(
+    controls(
+      familyControl(),
+      sceneControl(),
+      snrControl(),
+      selectControl("status", "Status", statuses),
+      checksControl("est", "Estimators", estimatorOptions, () => (state.est.length ? state.est : data.estimators.map((own) => own.label))),
+    ),
+    box,
+  );
+  return () => {
+    const rows = filteredRows(["family", "scene", "snr", "est", "status"]);
+    const rest = Object.keys(data.rows).filter(
+      (name) => !["estimator", "scene", "snr_db", "trial", "status", "cloud", "has_image"].includes(name) && !name.endsWith("_spread"),
+    );
+    const columns = [
+      ...cellColumns(),
+      ...rest.map((name) => ({
+        title: name,
+        isText: !Array.isArray(data.rows[name]),
+        get: (row) => value(name, row),
+      })),
+    ];
+    box.replaceChildren(
+      dataTable({
+        caption: `${rows.length} of ${data.n} rows`,
+        name: "rows",
+        columns,
+        rows,
+        sortKey: "sort",
+      }),
+    );
+  };
+};

@@ -1,0 +1,315 @@
+/* Overview: facts, estimators ranked, failures. */
+
+const factsOf = () => {
+  const failed = rowsWhere((row) => !isScored(row)).length;
+  const facts = data.runs[0].facts;
+  const listed = [
+    ["scenes", data.scenes.length],
+    ["estimators", data.estimators.length],
+    ["SNRs", data.snrs.length],
+    ["cells", data.n],
+    ["failed", failed],
+    ["suite", facts.suite],
+    ["isacbench", facts.isacbench],
+    ["started", facts.started.slice(0, 16).replace("T", " ")],
+  ];
+  if (data.runs.some((run) => run.facts.interrupted)) listed.push(["interrupted", "yes"]);
+  return h(
+    "dl",
+    { class: "facts" },
+    listed.map(([name, own]) =>
+      h("div", {}, h("dt", {}, name), h("dd", { class: (name === "failed" && own) || name === "interrupted" ? "bad" : null }, String(own))),
+    ),
+  );
+};
+
+const rankGroup = () => (chosenScene() || state.snr ? null : state.family ? `${state.family} scenes` : "all scenes");
+const rankRows = (metric) => {
+  const ranking = data.ranks[metric],
+    group = rankGroup();
+  return ranking?.ranks && group ? ranking.ranks.filter((row) => row.group === group) : [];
+};
+const rankText = (row) =>
+  !row || row.rank_low === null ? "" : row.rank_low === row.rank_high ? `${row.rank_low}` : `${row.rank_low} to ${row.rank_high}`;
+
+const drawOverview = (box) => {
+  const rows = filteredRows(),
+    scenes = unique(rows.map((row) => data.rows.scene[row])),
+    overScenes = scenes.length >= 6;
+  const byEstimator = grouped(rows, (row) => data.rows.estimator[row]),
+    metric = metricOf(ranked()),
+    sets = rankRows(metric.name);
+  const listed = estimatorNumbers()
+    .filter((one) => byEstimator.has(one))
+    .map((one) => {
+      const own = byEstimator.get(one);
+      return {
+        estimator: one,
+        rows: own,
+        failed: own.filter((row) => !isScored(row)).length,
+        set: sets.find((row) => row.estimator === one),
+        of: Object.fromEntries(data.metrics.map((each) => [each.name, summary(own, each, overScenes)])),
+      };
+    });
+  const sign = metric.better === "higher" ? "down" : "up";
+  const shown = data.metrics
+    .filter(
+      (each) =>
+        each.name === metric.name ||
+        ["deviation", "hausdorff_sum_m", "ratio", "precision", "recall", "gospa_m", "time_estimate_s"].includes(each.name),
+    )
+    .sort((a, b) => (b.name === metric.name) - (a.name === metric.name));
+  const columns = [
+    {
+      title: "estimator",
+      isText: true,
+      get: (row) => labelOf(row.estimator),
+      show: (row) => nameCell(row.estimator),
+    },
+    data.runs.length > 1 ? { title: "run", isText: true, get: (row) => data.runs[data.estimators[row.estimator].run].name } : null,
+    sets.length
+      ? {
+          title: "rank",
+          about: `Set of ranks by ${metric.title}, simultaneous 95 % confidence`,
+          get: (row) => row.set?.rank_low ?? null,
+          show: (row) => (row.set?.is_reference ? "reference" : rankText(row.set)),
+        }
+      : null,
+    ...shown.flatMap((each) => [
+      {
+        title: each.name,
+        about: `${each.title}, ${each.better} is better`,
+        get: (row) => row.of[each.name].mean,
+        show: (row) => withBand(row.of[each.name]),
+      },
+      { title: `${each.name} ±`, isHidden: true, get: (row) => row.of[each.name].band },
+    ]),
+    {
+      title: "failed",
+      get: (row) => row.failed,
+      show: (row) => (row.failed ? h("span", { class: "bad" }, `${row.failed} of ${row.rows.length}`) : "0"),
+    },
+    { title: "cells", get: (row) => row.rows.length },
+  ].filter(Boolean);
+  const where = [
+    chosenScene() || (state.family ? `${state.family} scenes` : counted(scenes.length, "scene")),
+    state.snr ? `${state.snr} dB` : "all SNRs",
+  ].join(", ");
+  const unit = overScenes ? "means over scenes ± 95 % interval over scenes" : "means over trials ± 95 % interval over trials";
+  const table = dataTable({
+    caption: `${where}; ${unit}${!overScenes && listed.some((row) => data.estimators[row.estimator].is_reference) ? "; ± of references: spread over realisations" : ""}`,
+    name: `estimators ${where}`,
+    columns,
+    rows: listed,
+    sortKey: "sort",
+    first: `${metric.name}|${sign}`,
+    rowClass: (row) => (data.estimators[row.estimator].is_reference ? "reference" : null),
+  });
+  const order = [...listed]
+    .filter((row) => row.of[metric.name].mean !== null)
+    .sort((a, b) => (metric.better === "higher" ? 1 : -1) * (a.of[metric.name].mean - b.of[metric.name].mean));
+  const parts = [...data.notes.map((note) => h("p", { class: "note" }, note)), table];
+  const reason = data.ranks[metric.name]?.reason ?? Object.values(data.ranks).find((one) => one.reason)?.reason;
+  if (!sets.length)
+    parts.push(
+      h(
+        "p",
+        { class: "note" },
+        data.ranks[metric.name]?.ranks
+          ? "Rank sets are over all SNRs, and over all scenes or families of 20 scenes or more."
+          : `No rank sets: ${reason ? short(reason, 600) : "they are made of deviation, Hausdorff sum, ratio and GOSPA, and of the metric of isacbench rank"}`,
+      ),
+    );
+  for (const note of data.ranks[metric.name]?.notes ?? []) parts.push(h("p", { class: "note" }, note));
+  const figure = new Figure({
+    title: `${metric.title}: ${where}`,
+    label: `${metric.title} of each estimator with its interval`,
+    height: 90 + 30 * order.length,
+    table: () =>
+      dataTable({
+        caption: metric.title,
+        name: metric.name,
+        columns: columns.filter((column) => ["estimator", metric.name].includes(column.title)),
+        rows: order,
+      }),
+  });
+  parts.push(figure.element);
+  box.replaceChildren(...parts, ...winTable(metric.name), ...worstTable(metric.name), failureTable(rows));
+  figure.draw(
+    order.map((row) => {
+      const look = data.estimators[row.estimator],
+        own = row.of[metric.name],
+        colour = colourOf(look);
+      return {
+        type: "scatter",
+        mode: "markers",
+        x: [own.mean],
+        y: [order.indexOf(row)],
+        name: plain(look.label),
+        marker: { size: 10, color: colour, symbol: look.symbol || "line-ns-open" },
+        error_x: { type: "data", array: [own.band ?? 0], color: colour, thickness: 2 },
+        hovertemplate: "%{x:.4g}<extra></extra>",
+        showlegend: false,
+      };
+    }),
+    {
+      xaxis: axis({ ...axisNote(metric.axis, false), rangemode: "tozero" }),
+      yaxis: axis({
+        tickvals: order.map((_, i) => i),
+        ticktext: order.map((row) => plain(labelOf(row.estimator))),
+        zeroline: false,
+      }),
+      margin: { l: 30, r: 20, t: 8, b: 45 },
+    },
+  );
+};
+
+const winTable = (metric) => {
+  const ranking = data.ranks[metric],
+    group = rankGroup();
+  const wins = ranking?.wins && group ? ranking.wins.filter((row) => row.group === group) : [];
+  if (!wins.length) return [];
+  const numbers = unique(wins.map((row) => row.estimator));
+  const find = (one, other) => wins.find((row) => row.estimator === one && row.other === other);
+  const columns = [{ title: "better", isText: true, get: (one) => labelOf(one), show: (one) => nameCell(one) }];
+  for (const other of numbers)
+    columns.push({
+      title: labelOf(other),
+      get: (one) => find(one, other)?.probability ?? null,
+      show: (one) => {
+        const own = find(one, other);
+        return own ? [told(own.probability, 2), h("span", { class: "band" }, ` (${told(own.low, 2)} to ${told(own.high, 2)})`)] : "";
+      },
+    });
+  return [
+    heading("Win probabilities"),
+    dataTable({
+      caption: `Probability that the row is better than the column by ${metric} on an unseen scene, 95 % interval; ${group}`,
+      name: `wins ${metric}`,
+      columns,
+      rows: numbers,
+    }),
+  ];
+};
+
+const imageLink = (scene, snr, trial, estimators, text) =>
+  h("a", { href: linkTo("images", { scene, snr, trial, est: estimators, family: "" }) }, text);
+
+const worstTable = (metric) => {
+  const worst = data.ranks[metric]?.worst ?? [];
+  if (!worst.length || !rankGroup()) return [];
+  const columns = [
+    {
+      title: "estimator",
+      isText: true,
+      get: (row) => labelOf(row.estimator),
+      show: (row) => nameCell(row.estimator),
+    },
+    {
+      title: "scene",
+      isText: true,
+      get: (row) => row.scenario,
+      show: (row) => imageLink(row.scenario, row.snr_db, row.trial, [labelOf(row.estimator)], short(row.scenario)),
+    },
+    { title: metric, get: (row) => row.score },
+    { title: "worst image", get: (row) => row.cell_score },
+    { title: "SNR [dB]", get: (row) => row.snr_db },
+    { title: "command", isText: true, style: "command", get: (row) => row.command },
+  ];
+  return [
+    heading("Worst scenes"),
+    dataTable({
+      caption: `Scenes in which each estimator is worst by ${metric}`,
+      name: `worst ${metric}`,
+      columns,
+      rows: worst,
+    }),
+  ];
+};
+
+const failureTable = (rows) => {
+  const failed = rows.filter((row) => !isScored(row));
+  if (!failed.length) return h("p", { class: "note" }, "No cell failed.");
+  const columns = [...cellColumns(), { title: "reason", isText: true, get: (row) => value("reason", row) }];
+  return h(
+    "section",
+    {},
+    heading(`Failed cells: ${failed.length}`),
+    dataTable({
+      caption: "Cells without a score, with the reason",
+      name: "failed cells",
+      columns,
+      rows: failed,
+    }),
+  );
+};
+
+const cellColumns = () => [
+  { title: "scene", isText: true, get: sceneName },
+  {
+    title: "estimator",
+    isText: true,
+    get: (row) => labelOf(data.rows.estimator[row]),
+    show: (row) => nameCell(data.rows.estimator[row]),
+  },
+  { title: "SNR [dB]", get: (row) => value("snr_db", row) },
+  {
+    title: "trial",
+    get: (row) => value("trial", row),
+    show: (row) =>
+      data.rows.has_image[row]
+        ? imageLink(
+            sceneName(row),
+            value("snr_db", row),
+            value("trial", row),
+            [labelOf(data.rows.estimator[row])],
+            `${value("trial", row)}, image`,
+          )
+        : String(value("trial", row)),
+  },
+  {
+    title: "status",
+    isText: true,
+    get: (row) => value("status", row),
+    show: (row) => h("span", { class: isScored(row) ? null : "bad" }, value("status", row)),
+  },
+];
+
+const factTables = () =>
+  data.runs.map((run) =>
+    h(
+      "details",
+      {},
+      h("summary", {}, data.runs.length > 1 ? `About the run ${short(run.name)}` : "About the run: command, machine, versions"),
+      h(
+        "div",
+        { class: "scroll", tabindex: 0, role: "region", "aria-label": `About the run ${short(run.name)}` },
+        h(
+          "table",
+          {},
+          h(
+            "tbody",
+            {},
+            Object.entries(run.facts).map(([name, own]) =>
+              h("tr", {}, h("th", { scope: "row", class: "text" }, name), h("td", { class: "text" }, own)),
+            ),
+          ),
+        ),
+      ),
+    ),
+  );
+const parameterTable = () =>
+  h(
+    "details",
+    {},
+    h("summary", {}, "Parameters of the estimators"),
+    dataTable({
+      caption: "Parameters as the rows have them",
+      name: "parameters",
+      columns: [
+        { title: "estimator", isText: true, get: (one) => labelOf(one), show: (one) => nameCell(one) },
+        { title: "parameters", isText: true, style: "command", get: (one) => data.estimators[one].params },
+      ],
+      rows: estimatorNumbers(),
+    }),
+  );
