@@ -157,9 +157,17 @@ def join_runs(runs: Sequence[ReadRun], rename_all: bool = False, only_common: bo
     specs: dict[Variant, str] = {}
     seen: dict[Variant, pd.DataFrame] = {}
     for number, run in enumerate(runs):
-        records, limits = run.rows.records.assign(**{RUN: number}), find_limits(run.rows.records)
+        rows = run.rows
+        if common is not None:
+            is_common = np.array([cell in common for cell in _cells(rows.records)], dtype=np.bool_)
+            if not is_common.all():
+                n_other = counted(int((~is_common).sum()), "row")
+                notes.append(f"{n_other} of {run.name} left out: not all runs have their SNR and trial")
+            rows = rows.take(is_common)
+        records, limits = rows.records.assign(**{RUN: number}), find_limits(rows.records)
         dropped = np.zeros(len(records), dtype=np.bool_)
-        for variant, label in own[number].items():
+        for variant in variants_in(records):
+            label = own[number][variant]
             of_variant = _is_of(records, variant)
             is_shared = sum(variant in other for other in own) > 1 and variant[0] not in limits
             if variant in seen and not (
@@ -178,14 +186,10 @@ def join_runs(runs: Sequence[ReadRun], rename_all: bool = False, only_common: bo
             if label in labels.values():  # parameters of estimators that are not installed
                 label = f"{label} ({run.name})"
             labels[name, variant[1]], specs[name, variant[1]] = label, spec
-        if common is not None:
-            is_other = ~np.array([cell in common for cell in _cells(records)], dtype=np.bool_)
-            if is_other.any():
-                n_other = counted(int(is_other.sum()), "row")
-                notes.append(f"{n_other} of {run.name} left out: not all runs have their SNR and trial")
-            dropped |= is_other
-        kept.append(replace(run.rows, records=records).take(~dropped))
+        kept.append(replace(rows, records=records).take(~dropped))
     joined = Rows.joined(kept)
+    if not len(joined):
+        raise InputError("the runs have no common page: no SNR and trial is in all of them")
     united = RunTable(" and ".join(table.label for table in tables), joined.records, _united(runs))
     scored = replace(united, records=with_sums_and_ratios(united))
     return JoinedRuns(

@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from isacbench.bench.cells.record import stored_points
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.compare.matching import code_version
-from isacbench.bench.compare.ranking import rank_table
+from isacbench.bench.compare.ranking import DEFAULT_METRIC, rank_table
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.store.run_store import scenario_texts
@@ -52,7 +52,7 @@ SYMBOLS = {
 DASHES = {"-": "solid", "-.": "dashdot", ":": "dot", "--": "dash", "": "solid"}
 
 FURTHER_METRICS = {
-    "ratio": "Hausdorff sum over that of the oracle",
+    "ratio": "Hausdorff sum over that of the oracle, mean (summary.md has the median)",
     "n_estimated": "estimated points",
     TIME: "median time of an estimate [s]",
 }
@@ -69,8 +69,7 @@ DIGITS = 6
 
 def page_content(
     joined: JoinedRuns,
-    kind: str,
-    metric: str = "deviation",
+    metric: str = DEFAULT_METRIC,
     first: NDArray[np.bool_] | None = None,
 ) -> tuple[dict[str, Any], bytes]:
     """Describe runs for a page.
@@ -78,8 +77,6 @@ def page_content(
     Parameters
     ----------
     joined : JoinedRuns
-    kind : {"run", "rank", "comparison", "leaderboard"}
-        What the page is about, for its headings.
     metric : str
         The metric that is shown first; ranked even if it is none of `RANKED`.
     first : ndarray of bool, optional
@@ -92,7 +89,6 @@ def page_content(
     clouds : bytes
         As `isacbench.report.html.packed_clouds.pack_clouds` makes it: the chosen clouds in the order of the
         rows, then the truths.
-
     """
     records, names = joined.table.records, list(joined.labels)
     scenes, truths = _scenes(joined)
@@ -108,7 +104,6 @@ def page_content(
     metrics = _metrics(joined)
     estimators = [_estimator(joined, variant, look) for variant, look in looks.items()]
     content = {
-        "page": kind,
         "metric": metric,
         "shown_snr_db": SHOWN_SNR_DB,
         "min_trials": MIN_TRIALS,

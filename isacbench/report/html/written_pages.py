@@ -48,7 +48,7 @@ def write_run_page(folder: Path, maps: Mapping[str, Any] | None = None, run: Rea
         If the folder does not hold a run, or the page cannot be written.
     """
     joined = join_runs([run or read_for_page(folder)])
-    content, clouds = page_content(joined, "run")
+    content, clouds = page_content(joined)
     path = folder / RUN_PAGE
     write_page(path, f"{joined.runs[0].name} - isacbench", {**content, "maps": maps or {}}, clouds)
     return path
@@ -74,7 +74,7 @@ def write_rank_page(folder: Path, metric: str = DEFAULT_METRIC) -> Path:
         If the folder does not hold a run, or the page cannot be written.
     """
     joined = join_runs([read_for_page(folder)])
-    content, clouds = page_content(joined, "rank", metric)
+    content, clouds = page_content(joined, metric)
     path = folder / RANK_PAGE
     write_page(path, f"{joined.runs[0].name} ranked - isacbench", content, clouds)
     return path
@@ -107,7 +107,7 @@ def write_comparison_page(comparison: Comparison, folder: Path) -> Path:
     joined = join_runs(runs, rename_all=True)
     compared, is_shown = compared_content(comparison, joined)
     metric = comparison.tolerances[0].metric if comparison.tolerances else DEFAULT_METRIC
-    content, clouds = page_content(joined, "comparison", metric, is_shown)
+    content, clouds = page_content(joined, metric, is_shown)
     path = folder / COMPARISON_PAGES[is_between]
     title = f"{' and '.join(names)} compared - isacbench"
     write_page(path, title, {**content, "comparison": compared}, clouds)
@@ -139,7 +139,7 @@ def write_leaderboard(folders: Sequence[Path], out: Path) -> Path:
         raise InputError("a folder is given twice; give different runs")
     runs = [read_for_page(folder, name) for folder, name in zip(folders, names_of(folders), strict=True)]
     joined = join_runs(runs, only_common=True)
-    content, clouds = page_content(joined, "leaderboard")
+    content, clouds = page_content(joined)
     write_page(out, f"{joined.table.manifest['suite']['name']}: leaderboard - isacbench", content, clouds)
     return out
 

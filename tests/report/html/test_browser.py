@@ -320,13 +320,13 @@ def test_filtered_rows_are_saved_as_csv_without_formulas(visit):
     assert page.evaluate("csvCell('=1+1')") == '"\'=1+1"'
 
 
-@pytest.mark.parametrize(("form", "start"), [("SVG", b"<svg"), ("PNG", b"\x89PNG")])
-def test_figures_are_saved_as_svg_and_png(visit, form, start):
+def test_figures_are_saved_as_svg_and_png(visit):
     page = visit("images", "#view=curves")
     settle(page)
-    with page.expect_download() as saved:
-        page.locator("button", has_text=f"Save {form}").first.click()
-    assert saved.value.path().read_bytes().startswith(start)
+    for form, start in (("SVG", b"<svg"), ("PNG", b"\x89PNG")):
+        with page.expect_download() as saved:
+            page.locator("button", has_text=f"Save {form}").first.click()
+        assert saved.value.path().read_bytes().startswith(start)
 
 
 def test_hostile_names_are_text_and_nothing_else(visit, pages):

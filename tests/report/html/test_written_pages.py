@@ -116,6 +116,21 @@ def test_a_leaderboard_is_over_the_cells_that_all_runs_have(runs, tmp_path):
     assert "36 rows of images left out: not all runs have their SNR and trial" in content["notes"]
 
 
+def test_an_estimator_without_common_cells_is_no_part_of_a_leaderboard(runs, tmp_path):
+    early, late = (shutil.copytree(runs("images"), tmp_path / name) for name in ("early", "late"))
+    rewrite(
+        early / "results.parquet", lambda table: table[(table["estimator"] != "fft4d") | (table["trial"] < 2)]
+    )
+    rewrite(
+        late / "results.parquet", lambda table: table[(table["estimator"] != "fft4d") & (table["trial"] > 4)]
+    )
+    content = content_of(write_leaderboard([early, late], tmp_path / "board.html"))
+    assert [one["label"] for one in content["estimators"]] == ["music2d", "oracle"]
+    rewrite(early / "results.parquet", lambda table: table[table["trial"] < 2])
+    with pytest.raises(InputError, match="no SNR and trial is in all of them"):
+        write_leaderboard([early, late], tmp_path / "board.html")
+
+
 def test_snrs_keep_all_their_digits(runs, tmp_path):
     folder = shutil.copytree(runs("images"), tmp_path / "odd")
 

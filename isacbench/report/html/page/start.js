@@ -32,7 +32,7 @@ const renderAnew = () => {
 const start = async () => {
   if (!window.DecompressionStream) {
     document.getElementById("loading").textContent =
-      "This browser is too old for the page: it needs Chrome 80, Firefox 113, Safari 16.4 or later.";
+      "This browser is too old for the page: it needs Chrome 93, Firefox 113, Safari 16.4 or later.";
     return;
   }
   data = JSON.parse(new TextDecoder().decode(await unpack("content")));
