@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.store.run_store import read_manifest
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.errors import InputWarning
+from isacbench.errors import InputError, InputWarning
 from isacbench.plugins.discovery import local_plugins, register_plugin
 from isacbench.plugins.registry import distribution, estimator_names
 
@@ -41,12 +41,17 @@ def draw_run_and_page(folder: Path, with_page: bool = True) -> list[Path]:
     Warns
     -----
     InputWarning
-        As `write_page_guarded` warns.
+        As `write_page_guarded` warns; also if the page cannot be written.
     """
     from isacbench.report.figures.run_figures import draw_run
 
-    figures = draw_run(folder)
-    return [*figures, write_page_guarded(folder)] if with_page and figures else figures
+    written = draw_run(folder)
+    if with_page and written:
+        try:
+            written.append(write_page_guarded(folder))
+        except InputError as error:  # tables and figures are there all the same
+            warnings.warn(f"no page: {error}", InputWarning, stacklevel=2)
+    return written
 
 
 def write_page_guarded(folder: Path) -> Path:

@@ -63,6 +63,9 @@ HIDDEN = ("seed", "suite", "environment", "scenario_content", "timing", "n_store
 MOST_FREEDOM = 200
 """Degrees of freedom from which on the page takes an approximation of the quantiles of Student's t."""
 
+MOST_ROWS = 200_000
+"""Rows of a page: 20 MB, made in 20 s. A million would be 107 MB."""
+
 DIGITS = 6
 """Significant digits of numbers in a page."""
 
@@ -89,8 +92,18 @@ def page_content(
     clouds : bytes
         As `isacbench.report.html.packed_clouds.pack_clouds` makes it: the chosen clouds in the order of the
         rows, then the truths.
+
+    Raises
+    ------
+    InputError
+        If the rows are more than a browser can hold.
     """
     records, names = joined.table.records, list(joined.labels)
+    if len(records) > MOST_ROWS:
+        raise InputError(
+            f"{joined.table.label}: {len(records)} rows are too many for a page; allowed are {MOST_ROWS}; "
+            "tables and figures show them"
+        )
     scenes, truths = _scenes(joined)
     has_image = _has_image(joined)
     chosen = has_image & choose_clouds(records, joined.rows.n_points, first)

@@ -1,9 +1,12 @@
 """Scenario files: the streets that ship, and one clear line for every mistake."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.cli import app
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.frame import PanelFrame, PaperFrame
@@ -282,3 +285,14 @@ def test_an_unknown_scenario_is_answered_with_the_nearest_one_and_with_all_that_
     ) as error:
         load_scenario("streat")
     assert "a generated scene such as town[seed=7], or the path of a .toml file" in str(error.value)
+
+
+def test_scatterers_know_their_object_and_no_digest_depends_on_it():
+    scenario = load_scenario("town[seed=7,visible=seen]")
+    objects = scenario.scatterers.objects
+    assert len(objects) == len(scenario.scatterers)
+    assert {"vehicle 1", "vehicle 2"} <= set(objects)
+    nameless = dataclasses.replace(scenario, scatterers=dataclasses.replace(scenario.scatterers, objects=()))
+    assert scenario_digest(nameless) == scenario_digest(scenario)
+    with pytest.raises(InputError, match="1 names; allowed are none or"):
+        dataclasses.replace(scenario.scatterers, objects=("one",))

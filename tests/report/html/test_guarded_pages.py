@@ -9,7 +9,7 @@ from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures import run_figures
-from isacbench.report.html import guarded_pages
+from isacbench.report.html import guarded_pages, page_content
 from isacbench.report.html.guarded_pages import draw_run_and_page
 
 SHOWING = """
@@ -65,6 +65,14 @@ def test_figures_and_page_of_a_run_are_written_and_the_page_can_be_left_out(run_
     assert [path.name for path in draw_run_and_page(folder, with_page=False)] == names
     assert not (folder / "report.html").exists()
     assert [path.name for path in draw_run_and_page(folder)] == [*names, "report.html"]
+
+
+def test_a_run_of_too_many_rows_has_its_figures_and_a_warning_in_place_of_the_page(run_of, monkeypatch):
+    folder = run_of("fft4d")
+    monkeypatch.setattr(page_content, "MOST_ROWS", 0)
+    with pytest.warns(InputWarning, match="no page: .*1 rows are too many for a page; allowed are 0"):
+        drawn = [path.name for path in draw_run_and_page(folder)]
+    assert drawn == ["deviation.png", "curves-tiny.png", "clouds-tiny.png"]
 
 
 def test_a_diagnosis_that_fails_is_told_and_costs_neither_figures_nor_page(run_of, monkeypatch):
