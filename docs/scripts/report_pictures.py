@@ -16,7 +16,7 @@ IMAGES = Path(__file__).parent.parent / "images"
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 WIDTH = 1280
 SHOTS = {  # name: run, address, height, colour scheme
-    "report-images": (0, "#view=images&snr=10&est=music2d&est=fft4d", 1010, "light"),
+    "report-images": (0, "#view=images&snr=10&est=music2d&est=fft4d", 1460, "light"),
     "report-curves": (0, "#view=curves&point=-10|music2d", 800, "light"),
     "report-maps": (0, "#view=maps", 560, "dark"),
     "report-overview": (1, "#view=overview", 900, "light"),

@@ -24,6 +24,7 @@ from isacbench.report.drawing.style import ROLES, VELOCITY_COLOURS, assign_looks
 from isacbench.report.figures.curves import PANELS
 from isacbench.report.html.joined_runs import RUN
 from isacbench.report.html.packed_clouds import SHOWN_SNR_DB, choose_clouds, pack_clouds
+from isacbench.report.html.page_file import numbers
 from isacbench.report.html.study_charts import study_charts
 from isacbench.report.tables.pareto import summarise_points, timed_rows
 from isacbench.report.tables.stage_tables import is_timed, summarise_stages
@@ -31,7 +32,7 @@ from isacbench.report.tables.stage_tables import is_timed, summarise_stages
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from isacbench.bench.compare.ranking import Ranking
     from isacbench.model.cloud import PointCloud
@@ -64,10 +65,7 @@ MOST_FREEDOM = 200
 """Degrees of freedom from which on the page takes an approximation of the quantiles of Student's t."""
 
 MOST_ROWS = 200_000
-"""Rows of a page: 20 MB, made in 20 s. A million would be 107 MB."""
-
-DIGITS = 6
-"""Significant digits of numbers in a page."""
+"""Most rows of a page. A million rows make one of 107 MB, which takes 95 s."""
 
 
 def page_content(
@@ -141,34 +139,6 @@ def page_content(
         "charts": study_charts(joined),
     }
     return content, pack_clouds(points, counts)
-
-
-def numbers(values: ArrayLike) -> list[float | None]:
-    """Write numbers for JSON, with six significant digits.
-
-    Parameters
-    ----------
-    values : array_like
-
-    Returns
-    -------
-    list of float or None
-        None for what is not finite.
-
-    Examples
-    --------
-    >>> numbers([1.23456789, np.nan, 2])
-    [1.23457, None, 2.0]
-    """
-    listed: list[float | int] = np.asarray(values).tolist()
-    return [
-        number if isinstance(number, int) else _short(number) if np.isfinite(number) else None
-        for number in listed
-    ]
-
-
-def _short(number: float) -> float:
-    return float(f"{number:.{DIGITS}g}")
 
 
 def _columns(

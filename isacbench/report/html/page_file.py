@@ -12,10 +12,14 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from isacbench.bench.store.run_folder import replacing
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from numpy.typing import ArrayLike
 
 SCRIPTS = (
     *("data", "elements", "figures", "tables", "clouds", "filters"),
@@ -23,6 +27,9 @@ SCRIPTS = (
     *("views", "start"),
 )
 """Parts of the page's script, in the order in which they are joined."""
+
+DIGITS = 6
+"""Significant digits of numbers in a page."""
 
 GZIP = 16 + zlib.MAX_WBITS
 """Window of zlib that stands for the format gzip, which browsers read."""
@@ -64,6 +71,34 @@ def write_page(path: Path, title: str, content: dict[str, Any], clouds: bytes) -
     page = re.sub(r"\{\{(\w+)\}\}", lambda found: replaced[found[1]], _asset("page.html"))
     with replacing(path, afterwards="") as temporary:
         temporary.write_text(page, encoding="utf-8", newline="\n")
+
+
+def numbers(values: ArrayLike) -> list[float | None]:
+    """Write numbers for JSON, with six significant digits.
+
+    Parameters
+    ----------
+    values : array_like
+
+    Returns
+    -------
+    list of float or None
+        None for what is not finite.
+
+    Examples
+    --------
+    >>> numbers([1.23456789, np.nan, 2])
+    [1.23457, None, 2.0]
+    """
+    listed: list[float | int] = np.asarray(values).tolist()
+    return [
+        number if isinstance(number, int) else _short(number) if np.isfinite(number) else None
+        for number in listed
+    ]
+
+
+def _short(number: float) -> float:
+    return float(f"{number:.{DIGITS}g}")
 
 
 @cache

@@ -18,6 +18,7 @@ from isacbench.bench.studies.resolution_study import summarise_resolution
 from isacbench.link.waveform.qam import awgn_ber
 from isacbench.report.drawing.style import COLOURS
 from isacbench.report.figures.study_figures import DIMENSION_TITLES
+from isacbench.report.html.page_file import numbers
 from isacbench.report.tables.link_tables import SIGNAL, receiver_labels, signal_label
 from isacbench.report.tables.study_tables import reference_rate
 
@@ -74,11 +75,7 @@ def _series(label: str, look: int, x: Any, y: Any, low: Any = None, high: Any = 
         "symbol": more.get("symbol", SYMBOLS[index]),
     }
     columns = {"x": x, "y": y, "low": low, "high": high}
-    return found | {name: [] if values is None else _numbers(values) for name, values in columns.items()}
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [float(f"{one:.6g}") if np.isfinite(one) else None for one in np.asarray(values, dtype=float)]
+    return found | {name: [] if values is None else numbers(values) for name, values in columns.items()}
 
 
 def _link_charts(records: pd.DataFrame) -> Iterator[Chart]:
