@@ -204,7 +204,7 @@ class CellSnapshots:
         return self.snapshots[:, self.snapshots.shape[1] // 2]
 
 
-def read_map(observation: Observation, estimator: CellwiseEstimator) -> ReadMap:
+def read_map(observation: Observation, estimator: MapEstimator) -> ReadMap:
     """Read the range-Doppler map of the elements that an estimator needs.
 
     The other elements need never be computed. Amplitudes are read in units of
@@ -213,7 +213,7 @@ def read_map(observation: Observation, estimator: CellwiseEstimator) -> ReadMap:
     Parameters
     ----------
     observation : Observation
-    estimator : CellwiseEstimator
+    estimator : MapEstimator
         Its `aperture` and `dtype_in` are used.
 
     Returns
@@ -232,7 +232,7 @@ def read_map(observation: Observation, estimator: CellwiseEstimator) -> ReadMap:
         return ReadMap(observation, detection, directions, selection, unit)
 
 
-def detect(rdm: ReadMap, estimator: CellwiseEstimator) -> Detected:
+def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
     """Detect the cells that hold echoes, by a CFAR detector, and measure noise and floor.
 
     The level of white noise is limited to between rounding and the floor of
@@ -243,7 +243,7 @@ def detect(rdm: ReadMap, estimator: CellwiseEstimator) -> Detected:
     Parameters
     ----------
     rdm : ReadMap
-    estimator : CellwiseEstimator
+    estimator : MapEstimator
         Its `detection_window`, `cell_detector`, `integration`,
         `dynamic_range_db` and `angle_pfa` are used.
 
@@ -456,25 +456,8 @@ def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
 
 
 @dataclass(frozen=True)
-class CellwiseEstimator(ABC):
-    """Base of estimators that find plane waves in range-Doppler cells: parameters, and one method per stage.
-
-    A subclass defines `estimate`, which calls the stages in order,
-    `plane_waves`, and `spectra` if it has any to show. To exchange a stage,
-    give an argument or override one method:
-
-    ==================  ===================================================
-    stage               exchanged by
-    ==================  ===================================================
-    detection           argument `detector`
-    plane waves         `plane_waves`; of subspace methods, the number of
-                        sources: argument `model_order`, or `signal_order`
-    own-cell test       `own_cell_test`
-    merging             `merge`
-    joint selection     `select`, or none with argument `explain` "none"
-    joint refinement    `refine`, or none with argument `explain` "none"
-    cloud               `to_cloud`
-    ==================  ===================================================
+class MapEstimator(ABC):
+    """Base of estimators that detect cells of a range-Doppler map: their parameters and common stages.
 
     Attributes
     ----------
@@ -492,10 +475,6 @@ class CellwiseEstimator(ABC):
         Detect on power averaged over the array, or on its element (0, 0). With
         "element", a separable estimator reads no more than the column and the
         row of that element, P + Q - 1 elements instead of P Q.
-    range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
-        Taper of the cells whose angles are estimated.
-    max_sources : int
-        Largest number of plane waves in a cell.
     angle_pfa : float
         Probability that noise is taken for a plane wave, or for a scatterer.
     dynamic_range_db : float
@@ -503,18 +482,10 @@ class CellwiseEstimator(ABC):
     local_dynamic_range_db : float
         Range below the strongest scatterer nearby in which others can be
         distinguished from its leakage.
-    far_dynamic_range_db : float or None
-        Range below the sidelobes of all scatterers in other range bins in which
-        others can be distinguished from their misfit; None for any.
     precision : {"double", "single"}
         Precision of the cells. "single" applies to the stages whose effect on
         the curves is below 0.1 % (``docs/precision.md``): subspaces and joint
         least squares are double either way.
-    explain : {"joint", "none"}
-        Treatment of the candidate scatterers. "joint" selects those that
-        explain the map together, and refines them together; "none" makes all
-        of them points. An estimator with several readings then merges the
-        candidates of all readings.
     detection_window : {"hann", "rect", "soft", "hamming", "blackman"}
         Taper along range and Doppler of the map on which cells are detected.
         Its sidelobes must not look like echoes.
@@ -532,30 +503,20 @@ class CellwiseEstimator(ABC):
     detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
     pfa: float | None = None
     integration: Integration = "noncoherent"
-    range_window: Window = "rect"
-    doppler_window: Window = "soft"
-    max_sources: int = 6
     angle_pfa: float = 1e-5
     dynamic_range_db: float = 28.0
     local_dynamic_range_db: float = 16.5
     precision: CellPrecision = "double"
-    explain: Literal["joint", "none"] = added_field("joint", before="joint")
     detection_window: Window = added_field("hann", before="hann")  # noqa: RUF009, a field
-    far_dynamic_range_db: float | None = added_field(16.0, before=None)
 
-    own_cell_test = staticmethod(own_cell_test)
     merge = staticmethod(merge_scatterers)
     to_cloud = staticmethod(to_cloud)
 
     def __post_init__(self) -> None:
-        require(self.max_sources >= 1, "max_sources", self.max_sources, "1 and more")
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")
         for name in ("dynamic_range_db", "local_dynamic_range_db"):
             require(getattr(self, name) > 0, name, getattr(self, name), "above 0")
-        far_db = self.far_dynamic_range_db
-        require(far_db is None or far_db > 0, "far_dynamic_range_db", far_db, "above 0, or none")
         require(self.precision in ("double", "single"), "precision", self.precision, "single or double")
-        require(self.explain in get_args(Explanation), "explain", self.explain, "joint or none")
         windows, window = get_args(Window), self.detection_window
         require(window in windows, "detection_window", window, f"one of {', '.join(windows)}")
         self.cell_detector()
@@ -599,10 +560,6 @@ class CellwiseEstimator(ABC):
             return self.detector
         return cast("Detector", replace(cast("Any", self.detector), pfa=self.pfa))
 
-    def readings(self) -> tuple[Reading, ...]:
-        """Readings of the cells, one after the other; `diagnose` draws the last."""
-        return (Reading(self.range_window, self.doppler_window),)
-
     @abstractmethod
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation by calling the stages in order.
@@ -615,6 +572,108 @@ class CellwiseEstimator(ABC):
         -------
         PointCloud
         """
+
+    def diagnose(self, observation: Observation) -> Diagnosis:
+        """Show the range-Doppler map and its test.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        Diagnosis
+        """
+        rdm = read_map(observation, self)
+        found, levels = detect(rdm, self)
+        strongest = found.strongest()
+        with Remarks() as remarks:
+            spectra = self._spectra_of(rdm, Detected(strongest, levels))
+        unseparated, unit = remarks.counts.get("unseparated"), rdm.unit
+        return Diagnosis(
+            # Unit by unit: its square may overflow where the power does not.
+            found.power.astype(np.float64) * unit * unit,
+            Detection(
+                found.detection.mask,
+                found.detection.threshold * unit * unit,
+                found.detection.noise * unit * unit,
+            ),
+            found.gate.range_bins,
+            found.gate.doppler_bins,
+            spectra,
+            next(((int(row), int(column)) for row, column in zip(*strongest.bins, strict=True)), None),
+            None if unseparated is None else unseparated.n == 0,
+        )
+
+    def _spectra_of(self, rdm: ReadMap, strongest: Detected) -> tuple[Spectrum, ...]:
+        """Angular spectra of the strongest cell, for `diagnose`; none by default."""
+        return ()
+
+
+@dataclass(frozen=True)
+class CellwiseEstimator(MapEstimator):
+    """Base of estimators that find plane waves in range-Doppler cells: parameters, and one method per stage.
+
+    A subclass defines `estimate`, which calls the stages in order,
+    `plane_waves`, and `spectra` if it has any to show. To exchange a stage,
+    give an argument or override one method:
+
+    ==================  ===================================================
+    stage               exchanged by
+    ==================  ===================================================
+    detection           argument `detector`
+    plane waves         `plane_waves`; of subspace methods, the number of
+                        sources: argument `model_order`, or `signal_order`
+    own-cell test       `own_cell_test`
+    merging             `merge`
+    joint selection     `select`, or none with argument `explain` "none"
+    joint refinement    `refine`, or none with argument `explain` "none"
+    cloud               `to_cloud`
+    ==================  ===================================================
+
+    Attributes
+    ----------
+    range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
+        Taper of the cells whose angles are estimated.
+    max_sources : int
+        Largest number of plane waves in a cell.
+    far_dynamic_range_db : float or None
+        Range below the sidelobes of all scatterers in other range bins in which
+        others can be distinguished from their misfit; None for any.
+    explain : {"joint", "none"}
+        Treatment of the candidate scatterers. "joint" selects those that
+        explain the map together, and refines them together; "none" makes all
+        of them points. An estimator with several readings then merges the
+        candidates of all readings.
+    separable, single_stages, detector, pfa, integration, angle_pfa, dynamic_range_db
+        See `MapEstimator`.
+    local_dynamic_range_db, precision, detection_window
+        See `MapEstimator`.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+    """
+
+    range_window: Window = "rect"
+    doppler_window: Window = "soft"
+    max_sources: int = 6
+    explain: Literal["joint", "none"] = added_field("joint", before="joint")
+    far_dynamic_range_db: float | None = added_field(16.0, before=None)
+
+    own_cell_test = staticmethod(own_cell_test)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.max_sources >= 1, "max_sources", self.max_sources, "1 and more")
+        far_db = self.far_dynamic_range_db
+        require(far_db is None or far_db > 0, "far_dynamic_range_db", far_db, "above 0, or none")
+        require(self.explain in get_args(Explanation), "explain", self.explain, "joint or none")
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Readings of the cells, one after the other; `diagnose` draws the last."""
+        return (Reading(self.range_window, self.doppler_window),)
 
     @abstractmethod
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
@@ -696,35 +755,6 @@ class CellwiseEstimator(ABC):
         refined = refine_jointly(chosen, gated, system)
         return refined if far_db is None else clear_of_misfit(refined, gated, system, far_db)
 
-    def diagnose(self, observation: Observation) -> Diagnosis:
-        """Show the range-Doppler map, its test, and the spectra of the strongest detected cell.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        Diagnosis
-        """
-        rdm = read_map(observation, self)
-        found, levels = detect(rdm, self)
-        strongest = found.strongest()
-        cells = read_cells(rdm, Detected(strongest, levels), self.readings()[-1])
-        with Remarks() as remarks:
-            spectra = self.spectra(observation, cells) if len(cells) else ()
-        unseparated, unit = remarks.counts.get("unseparated"), rdm.unit
-        return Diagnosis(
-            # Unit by unit: its square may overflow where the power does not.
-            found.power.astype(np.float64) * unit * unit,
-            Detection(
-                found.detection.mask,
-                found.detection.threshold * unit * unit,
-                found.detection.noise * unit * unit,
-            ),
-            found.gate.range_bins,
-            found.gate.doppler_bins,
-            spectra,
-            next(((int(row), int(column)) for row, column in zip(*strongest.bins, strict=True)), None),
-            None if unseparated is None else unseparated.n == 0,
-        )
+    def _spectra_of(self, rdm: ReadMap, strongest: Detected) -> tuple[Spectrum, ...]:
+        cells = read_cells(rdm, strongest, self.readings()[-1])
+        return self.spectra(rdm.observation, cells) if len(cells) else ()

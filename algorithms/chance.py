@@ -13,8 +13,8 @@ import numpy as np
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
 
+from .bases.references import N_REALISATIONS, Reference
 from .oracle import Oracle
-from .references import N_REALISATIONS, Reference
 
 if TYPE_CHECKING:
     from isacbench.plugins.contracts import Radio

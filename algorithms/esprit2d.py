@@ -11,7 +11,7 @@ For every detected range-Doppler cell:
    the pairs are not reliable, the cell is solved anew with one source less.
 3. In resolved cells, maximum likelihood on the whole snapshot refines the
    directions together. In crowds, a cell is solved with fewer sources until
-   all lie where the region is (`isacbench_algorithms.joint_subspace`).
+   all lie where the region is (`isacbench_algorithms.bases.joint_subspace`).
 
 What the cells show is then explained jointly (`isacbench_algorithms.chain`).
 
@@ -45,8 +45,8 @@ from isacbench.dsp.array_types import Mask
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
+from .bases.joint_subspace import JointSubspaceEstimator, Subspaces
 from .chain import detect, explain, locate, read_cells, read_map
-from .joint_subspace import JointSubspaceEstimator, Subspaces
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Esprit2d(JointSubspaceEstimator):
     Attributes
     ----------
     subarray_fraction, model_order, polish
-        See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
+        See `isacbench_algorithms.bases.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db

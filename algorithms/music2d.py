@@ -47,6 +47,7 @@ from isacbench.dsp.angles.line_subspaces import (
     line_eigenpairs,
     music_null_minima,
     music_null_spectrum,
+    music_roots,
     real_steering,
 )
 from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_noise_edge, source_count
@@ -72,6 +73,10 @@ SINGLE_LINE_PFA = 1e-2
 
 POLE_OFFSET = 1 / 4
 """Samples from a source within which spectra are as high as at this distance."""
+
+
+Search = Literal["grid", "root"]
+"""Directions of a line: peaks of its sampled spectrum, or roots of its polynomial (root-MUSIC)."""
 
 
 class MusicSpectra(NamedTuple):
@@ -133,6 +138,10 @@ class Music2d(CellwiseEstimator):
     demix : bool
         Whether the Doppler lines of a cell are read apart
         (`isacbench.dsp.doppler_lines`).
+    search : {"grid", "root"}
+        Peaks of the spectra that pass their CFAR, or the roots of the null
+        spectra's polynomials that are nearest to the unit circle (root-MUSIC),
+        which need neither samples nor a CFAR.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
@@ -164,6 +173,7 @@ class Music2d(CellwiseEstimator):
         default_factory=lambda: CaCfar(pfa=0.3, training=(0, 24), guard=(0, 8))
     )
     demix: bool = added_field(True, before=False)
+    search: Search = added_field("grid", before="grid")  # noqa: RUF009, a field
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -174,6 +184,7 @@ class Music2d(CellwiseEstimator):
         points = self.grid_points
         require(points >= MIN_GRID_POINTS, "grid_points", points, f"{MIN_GRID_POINTS} and more")
         require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
+        require(self.search in get_args(Search), "search", self.search, "grid or root")
 
     def readings(self) -> tuple[Reading, ...]:
         """One reading of the cells, their Doppler lines apart with `demix`."""
@@ -218,13 +229,11 @@ class Music2d(CellwiseEstimator):
         aperture, levels = self.aperture(observation), cells.levels
         columns, rows = aperture.lines(cells.own.astype(self.dtype_in("subspace"), copy=False))
         with stage("peaks"):
-            along_u = self.line_music(columns, u_limits, levels.floor)
-            along_w = self.line_music(rows, w_limits, levels.floor)
             return pair_directions(
                 cells.own,
                 aperture,
-                along_u.peaks,
-                along_w.peaks,
+                self.line_directions(*self.line_subspaces(columns, levels.floor), u_limits),
+                self.line_directions(*self.line_subspaces(rows, levels.floor), w_limits),
                 levels.min_power,
                 self.dynamic_range_db,
                 self.max_sources,
@@ -246,41 +255,78 @@ class Music2d(CellwiseEstimator):
         columns, rows = self.aperture(observation).lines(
             cells.own.astype(self.dtype_in("subspace"), copy=False)
         )
-        return (
-            self.line_music(columns, u_limits, cells.levels.floor).first("u"),
-            self.line_music(rows, w_limits, cells.levels.floor).first("w"),
+        along_u, along_w = (
+            self.line_music(*subspaces, limits)._replace(peaks=self.line_directions(*subspaces, limits))
+            for subspaces, limits in (
+                (self.line_subspaces(columns, cells.levels.floor), u_limits),
+                (self.line_subspaces(rows, cells.levels.floor), w_limits),
+            )
         )
+        return along_u.first("u"), along_w.first("w")
 
-    def line_music(self, lines: Complex, limits: Interval, noise: float) -> MusicSpectra:
-        """MUSIC along the sensors of lines: subspaces, spectra, their CFAR test, and peaks off the grid.
+    def line_subspaces(self, lines: Complex, noise: float) -> tuple[Floats, Integers]:
+        """Estimate signal subspaces along the sensors of lines.
 
         Parameters
         ----------
         lines : ndarray of complex, shape (n, sensors, snapshots)
             Of n cells.
-        limits : (float, float)
-            Direction cosines that the region spans.
         noise : float
             Power per element.
 
         Returns
         -------
-        MusicSpectra
+        vectors : ndarray of float64, shape (n, L, L)
+            Eigenvectors of the smoothed covariances, by descending eigenvalue.
+        order : ndarray of int64, shape (n,)
+            Dimensions of the signal subspaces.
         """
         n_subarray = max(2, round(self.subarray_fraction * lines.shape[1]))
-        step = (limits[1] - limits[0]) / (self.grid_points - 1)
-        cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
         with stage("subspace"):
             pairs = line_eigenpairs(lines, n_subarray)
             sources = self.signal_order(pairs, lines.shape, noise)
-            order = chain.determined_order(pairs, np.minimum(sources, self.max_order))
+            return pairs.vectors, chain.determined_order(pairs, np.minimum(sources, self.max_order))
+
+    def line_directions(self, vectors: Floats, order: Integers, limits: Interval) -> Peaks:
+        """Find the directions of signal subspaces: peaks of the MUSIC spectra that pass, or roots.
+
+        Parameters
+        ----------
+        vectors, order
+            From `line_subspaces`.
+        limits : (float, float)
+            Direction cosines that the region spans.
+
+        Returns
+        -------
+        Peaks
+        """
+        if self.search == "grid":
+            return self.line_music(vectors, order, limits).peaks
         with stage("spectrum"):
-            null = music_null_spectrum(pairs.vectors, order, real_steering(n_subarray, cosine))
+            return music_roots(vectors, order, limits)
+
+    def line_music(self, vectors: Floats, order: Integers, limits: Interval) -> MusicSpectra:
+        """Evaluate MUSIC spectra, test them by CFAR, and place their peaks off the grid.
+
+        Parameters
+        ----------
+        vectors, order, limits
+            As for `line_directions`.
+
+        Returns
+        -------
+        MusicSpectra
+        """
+        n_subarray, step = vectors.shape[1], (limits[1] - limits[0]) / (self.grid_points - 1)
+        cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
+        with stage("spectrum"):
+            null = music_null_spectrum(vectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)
         detection = self.spectrum_detector.detect(spectra)
         # A parabola fits a null, and not the pole that its reciprocal is.
         peaks = line_peaks(-null, cosine, order, detection.mask)
-        place = music_null_minima(pairs.vectors, order, peaks.place, peaks.found, step)
+        place = music_null_minima(vectors, order, peaks.place, peaks.found, step)
         return MusicSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
 
     def signal_order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> Integers:

@@ -7,7 +7,7 @@ For every detected range-Doppler cell:
 2. The joint spectrum is evaluated over the directions that the region spans,
    separably, and its deepest nulls placed off the grid by Newton's method. A
    pair has one null: nothing is to be paired, and there are no ghosts.
-3. In resolved cells (`isacbench_algorithms.joint_subspace`), where the subspace
+3. In resolved cells (`isacbench_algorithms.bases.joint_subspace`), where the subspace
    has more dimensions than the spectrum has nulls, sources share one. The
    flattest null is split along the axis along which it is flat.
 4. There, maximum likelihood on the whole snapshot refines the directions
@@ -43,7 +43,8 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
-from isacbench.dsp.angles.planar_subspaces import Nulls, null_minima, planar_null_spectrum
+from isacbench.dsp.angles.planar_spectra import Minima, cosine_samples
+from isacbench.dsp.angles.planar_subspaces import null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Floats, Integers
 from isacbench.errors import require
@@ -51,8 +52,8 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
+from .bases.joint_subspace import JointSubspaceEstimator, Subspaces
 from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
-from .joint_subspace import JointSubspaceEstimator, Subspaces
 
 SAMPLES_PER_LOBE = 16
 """Grid points across the main lobe of a subarray, 4 / L: a null is rounder than the lobe."""
@@ -71,7 +72,7 @@ class Music2dJoint(JointSubspaceEstimator):
     samples_per_lobe : int
         Grid points across a subarray's main lobe, along u and along w.
     subarray_fraction, model_order, polish
-        See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
+        See `isacbench_algorithms.bases.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
@@ -188,20 +189,13 @@ class Music2dJoint(JointSubspaceEstimator):
     def _grid(self, observation: Observation, subarray: tuple[int, ...]) -> tuple[Floats, Floats]:
         """Samples over the directions that the region spans, and one beyond to either side."""
         u, w = (
-            _cosine_samples(limits, 4 / (n * self.samples_per_lobe))
+            cosine_samples(limits, 4 / (n * self.samples_per_lobe))
             for limits, n in zip(observation.cosine_limits, subarray, strict=True)
         )
         return u, w
 
 
-def _cosine_samples(limits: tuple[float, float], widest: float) -> Floats:
-    """Equidistant samples at most so far apart, from one before the lower limit to one behind the upper."""
-    n_steps = max(int(np.ceil((limits[1] - limits[0]) / widest)), 1)
-    step = (limits[1] - limits[0]) / n_steps or widest
-    return np.linspace(limits[0] - step, limits[0] + (n_steps + 1) * step, n_steps + 3)
-
-
-def _split(nulls: Nulls, order: Integers, rayleigh: Floats) -> PlaneWaves:
+def _split(nulls: Minima, order: Integers, rayleigh: Floats) -> PlaneWaves:
     """Directions of nulls, as many as the order of each cell, the flattest nulls split along a line."""
     if not nulls.found.size:  # of no cell is a subspace separated
         nowhere = np.zeros((len(order), 1))

@@ -16,7 +16,7 @@ from isacbench.added_fields import added_field
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 
-from .references import N_REALISATIONS, Reference
+from .bases.references import N_REALISATIONS, Reference
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

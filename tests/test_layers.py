@@ -302,7 +302,9 @@ def test_the_architecture_page_draws_every_room_and_no_other():
     for indent, name in re.findall(r"^ {4}( *)([a-z_]+)/ ", drawing, re.MULTILINE):
         above = [*above[: len(indent) // 2], name]
         drawn.add(".".join(above))
-    assert {room for room in drawn if room.startswith("isacbench")} == ROOMS - {"isacbench_algorithms"}
+    # Installed under a name of its own.
+    drawn = {re.sub("^algorithms", "isacbench_algorithms", room) for room in drawn}
+    assert {room for room in drawn if room.startswith("isacbench")} == ROOMS
 
 
 def test_every_room_is_installed():

@@ -10,6 +10,12 @@ BOUND = 1e-7
 """Relative, see `cloud_drift`: a street is a crowd of scatterers, where no promise of 1e-9 is made."""
 
 
+NAMES = (
+    *("fft4d", "music2d", "esprit2d", "music2d_joint", "nomp4d", "sbl4d"),
+    *("bartlett2d", "capon2d", "iaa2d", "omp4d"),
+)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("snr_db", [-20, 10])
 @pytest.mark.parametrize("scene", ["street", "street-paper", "street-coherent"])
@@ -19,7 +25,7 @@ def test_the_image_of_a_street_does_not_depend_on_the_blas_kernel(scene, snr_db)
     drifts = {}
     for kernel, core_type in other_kernels().items():
         process = KernelProcess(core_type)
-        for name in ("fft4d", "music2d", "esprit2d", "music2d_joint", "nomp4d", "sbl4d"):
+        for name in NAMES:
             estimator = get_estimator(name)
             there = process.image(estimator, observation, scenario.truth)
             drifts[kernel, name] = cloud_drift(scenario, estimator.estimate(observation), there)

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from isacbench_algorithms.bartlett2d import Bartlett2d
+from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.iaa2d import Iaa2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench_algorithms.nomp4d import Nomp4d
+from isacbench_algorithms.omp4d import Omp4d
 from isacbench_algorithms.oracle import Oracle
 from isacbench_algorithms.sbl4d import Sbl4d
 
@@ -22,9 +26,15 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 
-CELLWISE = [Fft4d(), Fft4d(integration="element"), Music2d(), Music2dJoint(), Esprit2d()]
-EVERY = [*CELLWISE, Nomp4d(), Sbl4d()]
-NAMES = ["fft4d", "fft4d-element", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d"]
+CELLWISE = [
+    *(Fft4d(), Fft4d(integration="element"), Music2d(), Music2d(search="root"), Music2dJoint(), Esprit2d()),
+    *(Bartlett2d(), Capon2d(), Iaa2d()),
+]
+EVERY = [*CELLWISE, Nomp4d(), Omp4d(), Sbl4d()]
+NAMES = [
+    *("fft4d", "fft4d-element", "music2d", "music2d-root", "music2d_joint", "esprit2d"),
+    *("bartlett2d", "capon2d", "iaa2d", "nomp4d", "omp4d", "sbl4d"),
+]
 REGION = Region((0.0, 20.0), (0.0, 20.0), (0.0, 6.0), (-30.0, 30.0))
 BASE_M = np.array([10.0, 50.0, 12.0])
 THREE = np.array([(4.0, 5.0, 1.0, 0.0), (13.0, 9.0, 3.0, 17.0), (17.0, 3.0, 5.0, -21.0)])
@@ -66,7 +76,7 @@ def assert_lone_point_at(cloud, place, tolerance_m, tolerance_mps):
     assert abs(cloud.velocity[0] - place[3]) < tolerance_mps
 
 
-@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-2])
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[: len(CELLWISE)])
 @pytest.mark.parametrize(("n_symbols", "place"), [(64, -0.499), (13, -0.49), (13, -0.3), (64, 0.49)])
 def test_a_scatterer_at_either_end_of_a_doppler_axis_without_margins_is_seen(estimator, n_symbols, place):
     system = System(n_subcarriers=256, n_symbols=n_symbols)
@@ -99,7 +109,7 @@ def test_a_scatterer_at_either_end_of_a_range_axis_without_margins_is_seen(estim
     assert_lone_point_at(image(estimator, scenario), point, 0.02 * system.range_bin_m, 0.5)
 
 
-@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-2])
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[: len(CELLWISE)])
 @pytest.mark.parametrize("shape", [(2, 2), (2, 3), (3, 5), (4, 4), (2, 32), (32, 2)])
 def test_few_elements_show_resolved_scatterers_and_nothing_else(estimator, shape):
     scenario = scene(THREE, shape=shape)
@@ -121,7 +131,7 @@ def test_echoes_that_cancel_are_no_points(estimator, amplitude, phase_rad, snr_d
     assert len(image(estimator, scene(points, amplitude, phase_rad), snr_db)) == 0
 
 
-@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-2])
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[: len(CELLWISE)])
 @pytest.mark.parametrize(("exponent", "snr_db"), [(-500, 10.0), (500, np.inf)])
 def test_images_are_the_same_at_any_amplitude(estimator, exponent, snr_db):
     expected, cloud = (
@@ -133,7 +143,7 @@ def test_images_are_the_same_at_any_amplitude(estimator, exponent, snr_db):
     np.testing.assert_array_equal(cloud.power, expected.power * 4.0**exponent)
 
 
-@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-2])
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[: len(CELLWISE)])
 def test_cells_of_tiny_numbers_and_one_huge_element_are_imaged_without_a_warning(estimator):
     shot = Simulator(scene(THREE)).observe(10.0)
     tiny = np.full_like(shot.cells, 1e-300)
@@ -145,7 +155,7 @@ def test_cells_of_tiny_numbers_and_one_huge_element_are_imaged_without_a_warning
         assert np.isfinite(cloud.to_array()).all()
 
 
-@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[:-2])
+@pytest.mark.parametrize("estimator", CELLWISE, ids=NAMES[: len(CELLWISE)])
 def test_cells_whose_power_is_no_number_are_refused(estimator):
     shot = Simulator(scene(THREE)).observe(10.0)
     with pytest.raises(

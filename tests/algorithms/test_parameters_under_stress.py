@@ -11,7 +11,7 @@ from isacbench.errors import InputError
 from isacbench.plugins.registry import get_detector, get_estimator
 
 
-@pytest.mark.parametrize("name", ["music2d", "music2d_joint", "esprit2d"])
+@pytest.mark.parametrize("name", ["music2d", "music2d_joint", "esprit2d", "capon2d"])
 @pytest.mark.parametrize("shape", [(8, 8), (5, 12), (3, 2)])
 @pytest.mark.parametrize("fraction", [0.01, 0.5, 1.0])
 def test_one_echo_is_one_point_whatever_share_of_the_array_a_subarray_takes(name, shape, fraction):
@@ -21,7 +21,7 @@ def test_one_echo_is_one_point_whatever_share_of_the_array_a_subarray_takes(name
         assert promise.drift(imaging) <= promise.bound, promise.name
 
 
-@pytest.mark.parametrize("name", ["fft4d", "music2d", "esprit2d"])
+@pytest.mark.parametrize("name", ["fft4d", "music2d", "esprit2d", "iaa2d", "omp4d"])
 @pytest.mark.parametrize("training", [1, 5, 12])
 def test_echoes_are_found_with_any_window_that_fits_the_map(name, training):
     detector = get_detector("osca", training=training, order_axis=1)

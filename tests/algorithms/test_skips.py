@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from isacbench_algorithms.bartlett2d import Bartlett2d
+from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.iaa2d import Iaa2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
@@ -36,7 +39,10 @@ def crowd():
     return Simulator(scenario).observe(10.0)
 
 
-@pytest.mark.parametrize("estimator", [Music2d(), Fft4d(), Esprit2d(), Music2dJoint()], ids=lambda e: e.name)
+SINGLE_CELLS = [Music2d(), Fft4d(), Esprit2d(), Music2dJoint(), Bartlett2d(), Capon2d(), Iaa2d()]
+
+
+@pytest.mark.parametrize("estimator", SINGLE_CELLS, ids=lambda e: e.name)
 def test_angles_of_detected_cells_are_those_of_all_cells_selected(crowd, estimator):
     gated = GatedMap(crowd.cells, crowd.gate)
     detector = estimator.cell_detector()

@@ -1,11 +1,15 @@
 """What a whole image costs, by each estimator, and what each metric does."""
 
 import pytest
+from isacbench_algorithms.bartlett2d import Bartlett2d
+from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.iaa2d import Iaa2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench_algorithms.nomp4d import Nomp4d
+from isacbench_algorithms.omp4d import Omp4d
 from isacbench_algorithms.oracle import Oracle
 
 from isacbench.metrics.cloud_scores import cloud_scores, gospa_m
@@ -16,7 +20,12 @@ from isacbench.model.echo import Simulator
 
 
 @pytest.mark.parametrize(
-    "estimator", [Music2d(), Fft4d(), Music2dJoint(), Esprit2d(), Nomp4d()], ids=lambda one: one.name
+    "estimator",
+    [
+        *(Music2d(), Fft4d(), Music2dJoint(), Esprit2d(), Nomp4d()),
+        *(Bartlett2d(), Capon2d(), Iaa2d(), Omp4d()),
+    ],
+    ids=lambda one: one.name,
 )
 def test_estimate(benchmark, scene, estimator):
     assert len(benchmark(estimator.estimate, scene.observation)) > 10

@@ -78,7 +78,11 @@ def test_music_against_a_dense_grid(against, street):
     def by_lines():
         lines = Plane(*snapshots.shape[1:]).lines(snapshots.astype(np.complex128))
         limits = observation.cosine_limits
-        return [Music2d().line_music(*of_axis, floor) for of_axis in zip(lines, limits, strict=True)]
+        music = Music2d()
+        return [
+            music.line_music(*music.line_subspaces(line, floor), limit)
+            for line, limit in zip(lines, limits, strict=True)
+        ]
 
     along_u, along_w = against(by_lines, {"dense 300 x 150 grid": by_grid}, rounds=5)
     steps = np.array([np.ptp(dense.u) / DENSE_SHAPE[0], np.ptp(dense.w) / DENSE_SHAPE[1]])

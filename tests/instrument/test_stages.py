@@ -129,10 +129,14 @@ CELLWISE = {"rdm", "detection", "spectrum", "peaks", "refinement"}
 
 MARKED = {
     "fft4d": CELLWISE,
+    "bartlett2d": CELLWISE,
+    "capon2d": CELLWISE,
+    "iaa2d": CELLWISE,
     "music2d": {*STAGES},
     "music2d_joint": {*STAGES},
     "esprit2d": {*STAGES} - {"spectrum"},
     "nomp4d": CELLWISE,
+    "omp4d": CELLWISE,
     "sbl4d": CELLWISE,
 }
 

@@ -2,11 +2,13 @@
 
 __all__ = [
     "aperture",
+    "beamformers",
     "eigenpairs",
     "esprit",
     "line_subspaces",
     "model_order",
     "peaks",
+    "planar_spectra",
     "planar_subspaces",
     "plane_waves",
 ]

@@ -20,13 +20,19 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+import scipy.fft
 from numpy.typing import ArrayLike
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
+from isacbench.dsp.angles.peaks import Peaks
 from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.model.region import Interval
 
 SMALLEST_NULL = 1e-15
 """Squared distance from the signal subspace, relative, below which there is only rounding."""
+
+LEAST_RADIUS = 0.5
+"""Distance from 0 above which a root is a source: the spectrum of one farther in is flat."""
 
 NEWTON_STEPS = 3
 """From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""
@@ -215,3 +221,55 @@ def music_null_minima(
     minima = place.copy()
     minima[cell, entry] = moved
     return minima
+
+
+def music_roots(eigenvectors: Floats, order: Integers, limits: Interval) -> Peaks:
+    """Directions of the roots of the null spectrum's polynomial that are nearest to the unit circle.
+
+    The null spectrum a^H (I - E_s E_s^H) a is a polynomial in exp(jπ cosine) of
+    degree 2 L - 2, whose roots come in pairs mirrored at the unit circle. The
+    inner one of each pair counts.
+
+    Parameters
+    ----------
+    eigenvectors : ndarray of float64, shape (n, L, L)
+        Columns by descending eigenvalue.
+    order : ndarray of int64, shape (n,)
+        Dimension of the signal subspace: most roots of each cell.
+    limits : (float, float)
+        Lowest and highest direction cosine.
+
+    Returns
+    -------
+    Peaks
+        Nearest to the circle first.
+
+    References
+    ----------
+    Barabell, "Improving the resolution performance of eigenstructure-based
+    direction-finding algorithms", ICASSP (1983).
+    Rao and Hari, "Performance analysis of root-MUSIC", IEEE Trans. ASSP 37
+    (1989).
+    """
+    n_sensors = eigenvectors.shape[1]
+    basis = unitary_transform(n_sensors) @ _signal_basis(eigenvectors, order)
+    # Sums along the diagonals of E_s E_s^H are correlations of its columns with themselves.
+    lines = scipy.fft.fft(basis, 2 * n_sensors, axis=1)
+    lags = scipy.fft.ifft(np.sum(lines.real**2 + lines.imag**2, axis=2), axis=1)[:, :n_sensors]
+    lags[:, 0] -= n_sensors
+    polynomial = np.concatenate([lags[:, :0:-1].conj(), lags], axis=1)
+    # Without a leading term two roots would lie at 0 and at infinity: far from the circle as well.
+    leading = np.where(np.abs(polynomial[:, :1]) > SMALLEST_NULL, polynomial[:, :1], SMALLEST_NULL)
+    companion = np.tile(np.eye(2 * n_sensors - 2, k=-1, dtype=np.complex128), (len(basis), 1, 1))
+    companion[:, 0] = -polynomial[:, 1:] / leading
+    roots = np.linalg.eigvals(companion)
+    outward = np.take_along_axis(roots, np.argsort(np.abs(roots), axis=1), axis=1)
+    inner, outer = outward[:, n_sensors - 2 :: -1], outward[:, n_sensors - 1 :]
+    apart = np.abs(outer[:, None] * inner.conj()[:, :, None] - 1)
+    mirrored = np.take_along_axis(outer, apart.argmin(axis=2), axis=1)
+    # Half of the digits of a double root are lost, but not those of the mean of the two.
+    cosine = -np.angle(inner + mirrored) / np.pi
+    inside = (cosine >= limits[0]) & (cosine <= limits[1]) & (np.abs(inner) > LEAST_RADIUS)
+    nearest = np.argsort(~inside, axis=1, kind="stable")[:, : int(order.max(initial=0))]
+    found = np.take_along_axis(inside, nearest, axis=1) & (np.arange(nearest.shape[1]) < order[:, None])
+    return Peaks(np.take_along_axis(cosine, nearest, axis=1), found)

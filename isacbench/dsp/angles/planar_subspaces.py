@@ -18,16 +18,14 @@ Halko, Martinsson and Tropp, "Finding structure with randomness", SIAM Review
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
-from scipy.ndimage import minimum_filter
 
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
-from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes, unitary_transform
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.dsp.angles.line_subspaces import unitary_transform
+from isacbench.dsp.angles.planar_spectra import Minima, planar_minima, squared_projections
+from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.instrument.stages import stage
 
 SPARE_DIMENSIONS = 4
@@ -37,14 +35,8 @@ ITERATIONS = 4
 """Steps of a subspace iteration. A source at the edge of the noise is then right to 1e-3 of its eigenvector,
 far below the effect of the noise; a strong one to rounding."""
 
-CHUNK_VALUES = 2**16
-"""Projections computed at once: half a megabyte stays in the cache."""
-
 DEEP_NULL = 0.5
 """Share of a steering vector outside the subspace from which a minimum is no source: half of it."""
-
-NEWTON_STEPS = 3
-"""From a sample next to a minimum: digits double with every step."""
 
 
 def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
@@ -147,39 +139,12 @@ def planar_null_spectrum(basis: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
     ndarray of float64, shape (n, g, h)
         0 on a source, L M in empty directions.
     """
-    n, n_u, n_w, k = basis.shape
-    towards_u, towards_w = (real_steering(*line).astype(basis.dtype) for line in ((n_u, u), (n_w, w)))
-    towards_u = towards_u.T
-    columns = np.ascontiguousarray(basis.transpose(0, 3, 1, 2))
-    null = np.empty((n, len(towards_u), towards_w.shape[1]), dtype=basis.dtype)
-    n_cells = max(CHUNK_VALUES // max(k * null[:1].size, 1), 1)
-    for first in range(0, n, n_cells):
-        projection = towards_u @ (columns[first : first + n_cells] @ towards_w)
-        null[first : first + n_cells] = np.einsum("nkgh,nkgh->ngh", projection, projection)
-    np.subtract(n_u * n_w, null, out=null)
+    null = squared_projections(basis, u, w)
+    np.subtract(basis.shape[1] * basis.shape[2], null, out=null)
     return np.maximum(null, 0.0, out=null)
 
 
-class Nulls(NamedTuple):
-    """Minima of the null spectra of n cells, deepest first; rows are filled up to the same length.
-
-    Attributes
-    ----------
-    u, w : ndarray of float64, shape (n, m)
-        Direction cosines.
-    found : ndarray of bool, shape (n, m)
-        Mask of the minima.
-    curvature : ndarray of float64, shape (n, m, 2, 2)
-        Second derivatives of the null spectrum at the minima.
-    """
-
-    u: Floats
-    w: Floats
-    found: Mask
-    curvature: Floats
-
-
-def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Nulls:
+def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Minima:
     """Deepest local minima of joint null spectra, placed off the grid by Newton's method.
 
     Parameters
@@ -194,59 +159,11 @@ def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Null
 
     Returns
     -------
-    Nulls
-        Minima that hold half of their steering vector, and the deepest in any
+    Minima
+        Those that hold half of their steering vector, and the deepest in any
         case.
     """
     with stage("spectrum"):
         null = planar_null_spectrum(basis, u, w)
-    inner = null[:, 1:-1, 1:-1]
-    is_minimum = inner <= minimum_filter(null, size=(1, 3, 3))[:, 1:-1, 1:-1]
-    deepest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)
-    is_minimum &= (inner <= deepest) | (inner < DEEP_NULL * basis.shape[1] * basis.shape[2])
-    depth = np.where(is_minimum, inner, np.inf).reshape(len(null), inner.shape[1] * inner.shape[2])
-    index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=0))]
-    found = np.isfinite(np.take_along_axis(depth, index, axis=1))
-    found &= np.arange(index.shape[1]) < n_minima[:, None]
-    row, column = np.divmod(index, inner.shape[2])
-    start_u, start_w = u[row + 1], w[column + 1]
-    place_u, place_w = start_u, start_w
-    step_limit = np.array([u[1] - u[0], w[1] - w[0]])
-    for _ in range(NEWTON_STEPS):
-        gradient, curvature = _null_slopes(basis, place_u, place_w)
-        step = _newton_step(gradient, curvature, step_limit)
-        # A minimum lies within a sample of its start.
-        place_u = np.clip(place_u + step[:, :, 0], start_u - step_limit[0], start_u + step_limit[0])
-        place_w = np.clip(place_w + step[:, :, 1], start_w - step_limit[1], start_w + step_limit[1])
-    return Nulls(place_u, place_w, found, _null_slopes(basis, place_u, place_w)[1])
-
-
-def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
-    """Steps (n, m, 2) towards a minimum; where the spectrum is not convex, downhill."""
-    values, axes = np.linalg.eigh(curvature * np.multiply.outer(limit, limit))
-    along = np.einsum("nmij,nmi->nmj", axes, gradient * limit)
-    size = np.abs(values)
-    step = -np.divide(along, size, out=np.zeros_like(along), where=size > 0)
-    clipped = np.clip(step, -0.5, 0.5)
-    scaled: Floats = np.einsum("nmij,nmj->nmi", axes, clipped) * limit
-    return scaled
-
-
-def _null_slopes(basis: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats]:
-    """First (n, m, 2) and second (n, m, 2, 2) derivatives of the null spectrum at u and w (n, m)."""
-    n, n_u, n_w, k = basis.shape
-    a, b = real_steering_slopes(n_u, u), real_steering_slopes(n_w, w)
-    lines = basis.reshape(n, n_u, n_w * k)
-
-    def projection(u_order: int, w_order: int) -> Floats:
-        along_u = (a[u_order] @ lines).reshape(*u.shape, n_w, k)
-        projected: Floats = np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
-        return projected
-
-    level, along_u, along_w = projection(0, 0), projection(1, 0), projection(0, 1)
-    gradient = -2 * np.stack([np.sum(level * along, axis=2) for along in (along_u, along_w)], axis=-1)
-    uu = np.sum(along_u**2 + level * projection(2, 0), axis=2)
-    uw = np.sum(along_u * along_w + level * projection(1, 1), axis=2)
-    ww = np.sum(along_w**2 + level * projection(0, 2), axis=2)
-    curvature = -2 * np.stack([uu, uw, uw, ww], axis=-1).reshape(*u.shape, 2, 2)
-    return gradient, curvature
+    highest = DEEP_NULL * basis.shape[1] * basis.shape[2]
+    return planar_minima(null, basis, (u, w), n_minima, highest, sign=-1)

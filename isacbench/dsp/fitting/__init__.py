@@ -4,6 +4,7 @@ __all__ = [
     "atom_fits",
     "atoms",
     "grating_lobes",
+    "grid_pursuit",
     "joint_selection",
     "maximum_likelihood",
     "pursuit",

@@ -58,7 +58,13 @@ def rayleigh_cells(scene, cloud):
     return cells.max(axis=0)
 
 
-@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d"])
+ESTIMATORS = [
+    *("fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d"),
+    *("bartlett2d", "capon2d", "iaa2d", "omp4d"),
+]
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_scatterer_anywhere_is_one_point_at_its_own_speed(space, name, seed):
     rng = np.random.default_rng(seed)
@@ -69,7 +75,7 @@ def test_a_scatterer_anywhere_is_one_point_at_its_own_speed(space, name, seed):
     assert cloud.power[0] == pytest.approx(1, rel=0.1)
 
 
-@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d"])
+@pytest.mark.parametrize("name", ESTIMATORS)
 def test_a_mover_at_another_place_is_kept_though_its_speed_is_that_of_a_lobe(space, name):
     places = np.array([[8.0, 5.0, 8.0], [24.0, 5.0, 24.0]])
     # As far from the array, and a lobe apart: only directions tell the two apart.
@@ -149,6 +155,6 @@ def test_frames_of_any_length_have_one_point_a_scatterer(space, name, n_symbols)
     assert rayleigh_cells(scene, cloud)[0] < 0.2
 
 
-@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d"])
+@pytest.mark.parametrize("name", ESTIMATORS)
 def test_an_empty_space_has_an_empty_image(space, name):
     assert len(image(name, space)) == 0

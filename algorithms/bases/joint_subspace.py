@@ -46,7 +46,7 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Spectrum
 
-from .chain import CellSnapshots, CellwiseEstimator, Levels, Reading, ReadMap, determined_order
+from ..chain import CellSnapshots, CellwiseEstimator, Levels, Reading, ReadMap, determined_order
 
 CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""

@@ -1,0 +1,136 @@
+"""Base of the estimators that find the plane waves of a cell as peaks of an angular power spectrum."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from isacbench.dsp.angles.planar_spectra import AngularSpectrum, cosine_samples
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Floats
+from isacbench.errors import require
+from isacbench.instrument.stages import stage
+from isacbench.model.observation import Observation
+from isacbench.plugins.contracts import Spectrum
+
+from ..chain import CellSnapshots, CellwiseEstimator, Reading
+
+LOWEST_DB = -200.0
+"""Level of an exact null in a diagnosis."""
+
+
+@dataclass(frozen=True)
+class AngularSpectrumEstimator(CellwiseEstimator):
+    """Parameters and stages that spectral methods share; subclasses compute the spectrum.
+
+    Attributes
+    ----------
+    samples_per_cell : int
+        Samples of the spectrum a Rayleigh cell of the array, 2/P in u and 2/Q in w.
+    angle_dynamic_range_db : float
+        Range below the strongest peak of a cell; weaker peaks count as its sidelobes.
+    demix : bool
+        Whether the Doppler lines of a cell are read apart
+        (`isacbench.dsp.doppler_lines`).
+    detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+    """
+
+    dynamic_range_db: float = 33.0
+    samples_per_cell: int = 4
+    angle_dynamic_range_db: float = 12.0
+    demix: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.samples_per_cell >= 2, "samples_per_cell", self.samples_per_cell, "2 and more")
+        limit_db = self.angle_dynamic_range_db
+        require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
+
+    def readings(self) -> tuple[Reading, ...]:
+        """One reading of the cells, their Doppler lines apart with `demix`."""
+        return (Reading(self.range_window, self.doppler_window, demix=self.demix),)
+
+    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find the peaks of the angular spectra.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+            One row a cell.
+        """
+        with stage("spectrum"):
+            spectrum = self.angular_spectrum(cells, *self.grid(observation))
+        with stage("peaks"):
+            return spectrum.waves(self.angle_dynamic_range_db, self.max_sources)
+
+    @abstractmethod
+    def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:
+        """Compute the angular power spectrum of each cell.
+
+        Parameters
+        ----------
+        cells : CellSnapshots
+        u, w : ndarray of float64, shapes (g,) and (h,)
+            Direction cosines of the samples.
+
+        Returns
+        -------
+        AngularSpectrum
+        """
+
+    def grid(self, observation: Observation) -> tuple[Floats, Floats]:
+        """Sample the directions that the region spans, and one sample beyond to either side.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        u, w : ndarray of float64, shapes (g,) and (h,)
+        """
+        u, w = (
+            cosine_samples(limits, 2 / (n * self.samples_per_cell))
+            for limits, n in zip(observation.cosine_limits, observation.array.shape, strict=True)
+        )
+        return u, w
+
+    def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
+        """Cut the first cell's spectrum through its maximum along u and along w, in dB below it.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        tuple of Spectrum
+        """
+        found = self.angular_spectrum(cells, *self.grid(observation))
+        waves = found.waves(self.angle_dynamic_range_db, self.max_sources)
+        power = found.power[0]
+        row, column = np.unravel_index(power.argmax(), power.shape)
+
+        def cut(cosine: Floats, line: Floats, places: Floats, label: Literal["u", "w"]) -> Spectrum:
+            ratio = line / power.max()
+            level_db = 10 * np.log10(np.maximum(ratio, 10 ** (LOWEST_DB / 10)))
+            return Spectrum(cosine, level_db, None, places[0][waves.found[0]], label)
+
+        return cut(found.u, power[:, column], waves.u, "u"), cut(found.w, power[row], waves.w, "w")

@@ -1,0 +1,150 @@
+"""Iterative adaptive approach in every detected range-Doppler cell: a covariance made of the spectrum itself.
+
+For every detected range-Doppler cell, on all P x Q elements and from the one
+snapshot that there is:
+
+1. Bartlett's spectrum over the directions that the region spans is a first
+   model of the power from each of them.
+2. The covariance of that model and of white noise gives a filter for each
+   direction that suppresses all others. The power behind it is the next model.
+   A few iterations sharpen the spectrum to a few peaks.
+3. Peaks grow on the samples. From there maximum likelihood on the whole snapshot
+   moves the directions of a cell together, and drops those as weak as noise.
+
+There is no smoothing, which would cost aperture, and no model order. What the
+cells show is then explained jointly (`isacbench_algorithms.chain`).
+
+Cost of n cells, g x h directions whose steering vectors span s dimensions of
+the array: n (2 s³ + s² (g + h)) an iteration, n (k P Q + k³) a step of the
+likelihood for k sources, then m (15 P Q + m²) for m candidates.
+
+Fails where sources are closer than a sample of the grid. A finer grid is no
+help: the power that it starts from grows with the number of samples, and takes
+more iterations to come down.
+
+References
+----------
+Yardibi, Li, Stoica, Xue and Baggeroer, "Source localization and sensing: a
+nonparametric iterative adaptive approach based on weighted least squares",
+IEEE Trans. AES 46 (2010).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from isacbench.dsp.angles.beamformers import iaa_spectrum
+from isacbench.dsp.angles.planar_spectra import AngularSpectrum
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Floats
+from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
+from isacbench.errors import require
+from isacbench.instrument.stages import stage
+from isacbench.model.cloud import PointCloud
+from isacbench.model.observation import Observation
+
+from .bases.angular_spectra import AngularSpectrumEstimator
+from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
+
+
+@dataclass(frozen=True)
+class Iaa2d(AngularSpectrumEstimator):
+    """2D-FFT with OSCA-CFAR, then the iterative adaptive approach in every cell.
+
+    Attributes
+    ----------
+    iterations : int
+        Times that the power is estimated anew.
+    polish : int
+        Most steps of maximum likelihood; 0 leaves directions between the samples.
+    samples_per_cell, angle_dynamic_range_db, demix
+        See `isacbench_algorithms.bases.angular_spectra.AngularSpectrumEstimator`.
+    detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
+    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+        See `isacbench_algorithms.chain.CellwiseEstimator`.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> from isacbench import load_scenario, observe
+    >>> cloud = Iaa2d().estimate(observe(load_scenario("street"), snr_db=10))
+    >>> 60 < len(cloud) < 466
+    True
+    """
+
+    name: ClassVar[str] = "iaa2d"
+
+    angle_dynamic_range_db: float = 20.0
+    samples_per_cell: int = 3
+    iterations: int = 6
+    polish: int = 3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, least in (("iterations", 1), ("polish", 0)):
+            require(getattr(self, name) >= least, name, getattr(self, name), f"{least} and more")
+
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation.
+
+        Parameters
+        ----------
+        observation : Observation
+
+        Returns
+        -------
+        PointCloud
+        """
+        rdm = read_map(observation, self)  # 2D-FFT
+        detected = detect(rdm, self)  # OSCA-CFAR
+        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        if not len(cells):
+            return PointCloud.empty()
+        waves = self.plane_waves(observation, cells)  # adapted spectrum, peaks, maximum likelihood
+        located = locate(cells, waves, self)  # range and velocity
+        candidates = self.merge(self.own_cell_test(located))
+        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        return self.to_cloud(rdm, found)
+
+    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find the peaks of the angular spectra, and refine their directions by maximum likelihood.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+
+        Returns
+        -------
+        PlaneWaves
+            One row a cell.
+        """
+        waves = super().plane_waves(observation, cells)
+        if not self.polish:
+            return waves
+        with stage("refinement"):
+            data = cells.own[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
+            return resolve_directions(data, waves, cells.levels.floor, self.angle_pfa, self.polish)
+
+    def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:
+        """Compute the spectrum of each cell by the iterative adaptive approach.
+
+        Parameters
+        ----------
+        cells : CellSnapshots
+        u, w : ndarray of float64, shapes (g,) and (h,)
+            Direction cosines of the samples.
+
+        Returns
+        -------
+        AngularSpectrum
+        """
+        return iaa_spectrum(cells.own, cells.levels.floor, self.iterations, u, w)

@@ -1,0 +1,178 @@
+"""Beamformers of a planar array: Bartlett's, Capon's and the iterative adaptive approach.
+
+Snapshots become real by the unitary transform of both axes, and steering
+vectors referred to the middle of the array become real vectors: a complex
+snapshot is two real ones, its real and its imaginary part.
+
+References
+----------
+Bartlett, "Smoothing periodograms from time-series with continuous spectra",
+Nature 161 (1948).
+Capon, "High-resolution frequency-wavenumber spectrum analysis", Proc. IEEE 57
+(1969).
+Carlson, "Covariance matrix estimation errors and diagonal loading in adaptive
+arrays", IEEE Trans. AES 24 (1988).
+Yardibi, Li, Stoica, Xue and Baggeroer, "Source localization and sensing: a
+nonparametric iterative adaptive approach based on weighted least squares",
+IEEE Trans. AES 46 (2010).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
+from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpectrum, squared_projections
+from isacbench.dsp.angles.planar_subspaces import planar_covariance
+from isacbench.dsp.array_types import Complex, Floats
+
+LEAST_LOADING = 1e-12
+"""Loading relative to the mean eigenvalue: without noise, covariances of few waves are singular."""
+
+NEGLIGIBLE = 1e-4
+"""Singular value, relative to the largest, below which a dimension of steering vectors is left out."""
+
+CHUNK_VALUES = 2**20
+"""Entries of the covariances that are inverted at once: 8 MiB."""
+
+
+def bartlett_spectrum(snapshots: Complex, u: Floats, w: Floats) -> BeamformerSpectrum:
+    """Power |a^H x|² / (P Q)² of beams steered to a grid of directions.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, P, Q)
+    u, w : ndarray of float64, shapes (g,) and (h,)
+
+    Returns
+    -------
+    BeamformerSpectrum
+        In noise of power σ² its mean is σ² / (P Q); of a unit wave it is 1.
+    """
+    columns = real_columns(snapshots)
+    power = squared_projections(columns, u, w) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
+    return BeamformerSpectrum(u, w, power, columns, reciprocal=False)
+
+
+def capon_spectrum(
+    snapshots: Complex, subarray: tuple[int, int], loading: float, u: Floats, w: Floats
+) -> BeamformerSpectrum:
+    """Power 1 / (a^H R^-1 a) behind the filters that pass a direction and least of all else (MVDR).
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, P, Q)
+    subarray : (int, int)
+        Elements L, M of the subarrays over which R is smoothed, forwards and
+        backwards.
+    loading : float
+        Power added to the diagonal of R.
+    u, w : ndarray of float64, shapes (g,) and (h,)
+
+    Returns
+    -------
+    BeamformerSpectrum
+        In white noise of power σ² (loading included) it is σ² / (L M).
+    """
+    covariance = planar_covariance(snapshots, subarray)
+    n_sensors = covariance.shape[1]
+    diagonal = np.einsum("nii->ni", covariance)
+    mean = diagonal.mean(axis=1, keepdims=True)
+    # A cell without any power has no spectrum; 1 in place of 0 keeps its matrix regular.
+    diagonal += np.where(mean > 0, loading + LEAST_LOADING * mean, 1)
+    # |C^-1 a|² with R = C C^T.
+    columns = np.linalg.inv(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
+    columns = columns.reshape(len(snapshots), *subarray, n_sensors)
+    return BeamformerSpectrum(u, w, 1 / squared_projections(columns, u, w), columns, reciprocal=True)
+
+
+def iaa_spectrum(
+    snapshots: Complex, noise: float, n_iterations: int, u: Floats, w: Floats
+) -> AngularSpectrum:
+    """Power by the iterative adaptive approach, from one snapshot a cell.
+
+    Starting from Bartlett's spectrum P, each iteration models the covariance,
+    R = Σ P a a^H + σ² I over all directions of the grid, and estimates P anew,
+    |a^H R^-1 x|² / (a^H R^-1 a)².
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, P, Q)
+    noise : float
+        Power σ² of white noise, positive.
+    n_iterations : int
+    u, w : ndarray of float64, shapes (g,) and (h,)
+
+    Returns
+    -------
+    AngularSpectrum
+
+    Notes
+    -----
+    Snapshots are read in the dimensions that the steering vectors of the grid
+    span (`NEGLIGIBLE`): noise in the others tells nothing about P. As R is a
+    sum over a grid, it and all quadratic forms with its inverse are products
+    of matrices along u and along w.
+    """
+    a, into_u = _spanned(real_steering(snapshots.shape[1], u))
+    b, into_w = _spanned(real_steering(snapshots.shape[2], w))
+    columns = np.einsum("npqs,pi,qj->nijs", real_columns(snapshots), into_u, into_w, optimize=True)
+    power = np.empty((len(snapshots), u.size, w.size))
+    n_cells = max(CHUNK_VALUES // (len(a) * len(b)) ** 2, 1)
+    for first in range(0, len(snapshots), n_cells):
+        chunk = columns[first : first + n_cells]
+        level = _matched_power(chunk, a, b) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
+        for _ in range(n_iterations):
+            level = _adapted_power(level, chunk, a, b, noise)
+        power[first : first + n_cells] = level
+    return AngularSpectrum(u, w, power)
+
+
+def _adapted_power(power: Floats, columns: Floats, a: Floats, b: Floats, noise: float) -> Floats:
+    """One iteration (n, g, h) from the power of the one before."""
+    (n_u, n_g), (n_w, n_h), n = a.shape, b.shape, len(power)
+    n_sensors = n_u * n_w
+    # Products of the entries of a steering vector, one column a direction.
+    aa = (a[:, None] * a).reshape(n_u * n_u, n_g)
+    bb = (b[:, None] * b).reshape(n_w * n_w, n_h)
+    model = (aa @ power @ bb.T).reshape(n, n_u, n_u, n_w, n_w).transpose(0, 1, 3, 2, 4)
+    model = model.reshape(n, n_sensors, n_sensors)
+    np.einsum("nii->ni", model)[...] += noise
+    inverse = np.linalg.inv(model)
+    whitened = (inverse @ columns.reshape(n, n_sensors, -1)).reshape(columns.shape)
+    paired = inverse.reshape(n, n_u, n_w, n_u, n_w).transpose(0, 1, 3, 2, 4)
+    gain = aa.T @ paired.reshape(n, n_u * n_u, n_w * n_w) @ bb
+    adapted: Floats = _matched_power(whitened, a, b) / gain**2
+    return adapted
+
+
+def _matched_power(columns: Floats, a: Floats, b: Floats) -> Floats:
+    """Squared projections (n, g, h) of columns (n, i, j, s) on steering vectors."""
+    matched: Floats = np.sum((a.T @ (columns.transpose(0, 3, 1, 2) @ b)) ** 2, axis=1)
+    return matched
+
+
+def _spanned(steering: Floats) -> tuple[Floats, Floats]:
+    """Steering vectors (d, g) in the dimensions that they span, and the basis (L, d) of those."""
+    directions, strength, _ = np.linalg.svd(steering, full_matrices=False)
+    basis: Floats = directions[:, strength > NEGLIGIBLE * strength[0]]
+    return basis.T @ steering, basis
+
+
+def real_columns(snapshots: Complex) -> Floats:
+    """Read complex snapshots as two real ones each, sensors after the unitary transform.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, P, Q)
+
+    Returns
+    -------
+    ndarray of float64, shape (n, P, Q, 2)
+        Real and imaginary parts, in the precision of the snapshots.
+    """
+    into_u, into_w = (
+        unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in snapshots.shape[1:]
+    )
+    turned = into_u.T @ snapshots @ into_w
+    return np.stack([turned.real, turned.imag], axis=-1)

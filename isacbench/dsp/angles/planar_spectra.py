@@ -1,0 +1,278 @@
+"""Angular power spectra of planar snapshots over a grid of direction cosines, and their peaks off the grid.
+
+Bartlett's and Capon's power and the null spectrum of MUSIC are all made of one
+sum over real matrices B_k of L x M sensors, the squared projections
+Σ_k (aᵀ B_k b)² of the steering vectors a along u and b along w. It is evaluated
+separably, and its slopes lead from a sample to the extremum by Newton's method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes
+from isacbench.dsp.angles.peaks import plane_peaks
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.array_types import Floats, Integers, Mask
+from isacbench.model.region import Interval
+
+CHUNK_VALUES = 2**16
+"""Projections computed at once: half a megabyte stays in the cache."""
+
+FLAT = 1e-6
+"""Relative height of the peaks of a spectrum up to which it has none."""
+
+NEWTON_STEPS = 3
+"""From a sample next to an extremum: digits double with every step."""
+
+
+def cosine_samples(limits: Interval, widest: float) -> Floats:
+    """Sample direction cosines between two limits, and once beyond either.
+
+    Parameters
+    ----------
+    limits : (float, float)
+        Lowest and highest cosine.
+    widest : float
+        Largest distance of two samples.
+
+    Returns
+    -------
+    ndarray of float64, shape (g,)
+        Equidistant; the limits are the second and the last but one.
+    """
+    n_steps = max(int(np.ceil((limits[1] - limits[0]) / widest)), 1)
+    step = (limits[1] - limits[0]) / n_steps or widest
+    return np.linspace(limits[0] - step, limits[0] + (n_steps + 1) * step, n_steps + 3)
+
+
+def squared_projections(columns: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
+    """Sum the squared projections of the steering vectors of a grid onto real matrices.
+
+    Parameters
+    ----------
+    columns : ndarray of float64, shape (n, L, M, k)
+        Matrices B_k of each cell, sensors after the unitary transform
+        (`isacbench.dsp.angles.line_subspaces.unitary_transform`).
+    u : array_like, shape (g,)
+    w : array_like, shape (h,)
+
+    Returns
+    -------
+    ndarray of float64, shape (n, g, h)
+        Σ_k (aᵀ B_k b)², with the real steering vectors a of u and b of w, of
+        squared norms L and M.
+    """
+    n, n_u, n_w, k = columns.shape
+    towards_u, towards_w = (real_steering(*line).astype(columns.dtype) for line in ((n_u, u), (n_w, w)))
+    towards_u = towards_u.T
+    matrices = np.ascontiguousarray(columns.transpose(0, 3, 1, 2))
+    total = np.empty((n, len(towards_u), towards_w.shape[1]), dtype=columns.dtype)
+    n_cells = max(CHUNK_VALUES // max(k * total[:1].size, 1), 1)
+    for first in range(0, n, n_cells):
+        projection = towards_u @ (matrices[first : first + n_cells] @ towards_w)
+        total[first : first + n_cells] = np.einsum("nkgh,nkgh->ngh", projection, projection)
+    return total
+
+
+class Minima(NamedTuple):
+    """Minima of the spectra of n cells, lowest first; rows are filled up to the same length.
+
+    Attributes
+    ----------
+    u, w : ndarray of float64, shape (n, m)
+        Direction cosines.
+    found : ndarray of bool, shape (n, m)
+        Mask of the minima.
+    curvature : ndarray of float64, shape (n, m, 2, 2)
+        Second derivatives at the minima.
+    """
+
+    u: Floats
+    w: Floats
+    found: Mask
+    curvature: Floats
+
+
+def planar_minima(
+    level: Floats,
+    columns: Floats,
+    grid: tuple[Floats, Floats],
+    n_minima: Integers,
+    highest: float | Floats,
+    sign: Literal[-1, 1],
+) -> Minima:
+    """Find the lowest local minima of sampled spectra, and place them off the grid by Newton's method.
+
+    Parameters
+    ----------
+    level : ndarray of float64, shape (n, g, h)
+        Samples of ``sign`` times the squared projections onto `columns`, but
+        for a constant. Those on the border are no minima: the spectrum may
+        fall beyond.
+    columns : ndarray of float64, shape (n, L, M, k)
+        As for `squared_projections`.
+    grid : (ndarray of float64, ndarray of float64), shapes (g,) and (h,)
+        Equidistant u and w of the samples, three and more.
+    n_minima : ndarray of int64, shape (n,)
+        Most minima to return of each cell.
+    highest : float or ndarray of float64, shape (n, 1, 1)
+        Level below which a minimum counts; the lowest of a cell counts in any case.
+    sign : {-1, 1}
+
+    Returns
+    -------
+    Minima
+    """
+    row, column, found = _lowest_samples(level, highest, n_minima)
+    start_u, start_w = grid[0][row], grid[1][column]
+    place_u, place_w = start_u, start_w
+    step_limit = np.array([line[1] - line[0] for line in grid])
+    for _ in range(NEWTON_STEPS):
+        gradient, curvature = _slopes(columns, place_u, place_w)
+        step = _newton_step(sign * gradient, sign * curvature, step_limit)
+        # A minimum lies within a sample of its start.
+        place_u = np.clip(place_u + step[:, :, 0], start_u - step_limit[0], start_u + step_limit[0])
+        place_w = np.clip(place_w + step[:, :, 1], start_w - step_limit[1], start_w + step_limit[1])
+    return Minima(place_u, place_w, found, sign * _slopes(columns, place_u, place_w)[1])
+
+
+def _lowest_samples(
+    level: Floats, highest: float | Floats, n_minima: Integers
+) -> tuple[Integers, Integers, Mask]:
+    """Indices (n, m) along u and w of the lowest local minima of samples, and which of them there are."""
+    inner = level[:, 1:-1, 1:-1]
+    is_minimum = inner <= minimum_filter(level, size=(1, 3, 3))[:, 1:-1, 1:-1]
+    lowest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)
+    is_minimum &= (inner <= lowest) | (inner < highest)
+    depth = np.where(is_minimum, inner, np.inf).reshape(len(level), inner.shape[1] * inner.shape[2])
+    index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=0))]
+    found = np.isfinite(np.take_along_axis(depth, index, axis=1))
+    found &= np.arange(index.shape[1]) < n_minima[:, None]
+    row, column = np.divmod(index, inner.shape[2])
+    return row + 1, column + 1, found
+
+
+def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
+    """Steps (n, m, 2) towards a minimum; where the spectrum is not convex, downhill."""
+    values, axes = np.linalg.eigh(curvature * np.multiply.outer(limit, limit))
+    along = np.einsum("nmij,nmi->nmj", axes, gradient * limit)
+    size = np.abs(values)
+    step = -np.divide(along, size, out=np.zeros_like(along), where=size > 0)
+    clipped = np.clip(step, -0.5, 0.5)
+    scaled: Floats = np.einsum("nmij,nmj->nmi", axes, clipped) * limit
+    return scaled
+
+
+def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats]:
+    """First (n, m, 2) and second (n, m, 2, 2) derivatives of the squared projections at u and w (n, m)."""
+    n, n_u, n_w, k = columns.shape
+    a, b = real_steering_slopes(n_u, u), real_steering_slopes(n_w, w)
+    lines = columns.reshape(n, n_u, n_w * k)
+
+    def projection(u_order: int, w_order: int) -> Floats:
+        along_u = (a[u_order] @ lines).reshape(*u.shape, n_w, k)
+        projected: Floats = np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
+        return projected
+
+    level, along_u, along_w = projection(0, 0), projection(1, 0), projection(0, 1)
+    gradient = 2 * np.stack([np.sum(level * along, axis=2) for along in (along_u, along_w)], axis=-1)
+    uu = np.sum(along_u**2 + level * projection(2, 0), axis=2)
+    uw = np.sum(along_u * along_w + level * projection(1, 1), axis=2)
+    ww = np.sum(along_w**2 + level * projection(0, 2), axis=2)
+    curvature = 2 * np.stack([uu, uw, uw, ww], axis=-1).reshape(*u.shape, 2, 2)
+    return gradient, curvature
+
+
+@dataclass(frozen=True, eq=False)
+class AngularSpectrum:
+    """Angular power spectra of n cells over the directions of a region.
+
+    Attributes
+    ----------
+    u, w : ndarray of float64, shapes (g,) and (h,)
+        Direction cosines of the samples, from `cosine_samples`.
+    power : ndarray of float64, shape (n, g, h)
+        Per element.
+    """
+
+    u: Floats
+    w: Floats
+    power: Floats
+
+    def waves(self, dynamic_range_db: float, n_most: int) -> PlaneWaves:
+        """Find the strongest local maxima: plane waves between the samples.
+
+        Parameters
+        ----------
+        dynamic_range_db : float
+            Range below the strongest maximum of a cell.
+        n_most : int
+            Most maxima of a cell.
+
+        Returns
+        -------
+        PlaneWaves
+            Placed by parabolas through levels in dB.
+        """
+        power = self.power[:, 1:-1, 1:-1]
+        is_peak = power >= maximum_filter(self.power, size=(1, 3, 3))[:, 1:-1, 1:-1]
+        strongest = power.max(axis=(1, 2), keepdims=True, where=is_peak, initial=0)
+        is_peak &= power >= strongest * 10 ** (-dynamic_range_db / 10)
+        is_peak &= ~self._is_flat[:, None, None]
+        framed = np.pad(is_peak, ((0, 0), (1, 1), (1, 1)))
+        row, column, found = plane_peaks(self.power, framed, n_most)
+        u, w = (line[0] + (line[1] - line[0]) * at for line, at in ((self.u, row), (self.w, column)))
+        return PlaneWaves(u, w, found)
+
+    @property
+    def _is_flat(self) -> Mask:
+        """Mask (n,) of the spectra whose peaks are rounding."""
+        flat: Mask = self.power.max(axis=(1, 2)) <= (1 + FLAT) * self.power.min(axis=(1, 2))
+        return flat
+
+
+@dataclass(frozen=True, eq=False)
+class BeamformerSpectrum(AngularSpectrum):
+    """Angular power spectra that are squared projections, or the reciprocals of such.
+
+    Attributes
+    ----------
+    u, w, power
+        See `AngularSpectrum`.
+    columns : ndarray of float64, shape (n, L, M, k)
+        As for `squared_projections`.
+    reciprocal : bool
+        Whether the power is a reciprocal.
+    """
+
+    columns: Floats
+    reciprocal: bool
+
+    def waves(self, dynamic_range_db: float, n_most: int) -> PlaneWaves:
+        """Find the strongest local maxima: plane waves between the samples.
+
+        Parameters
+        ----------
+        dynamic_range_db : float
+            Range below the strongest maximum of a cell.
+        n_most : int
+            Most maxima of a cell.
+
+        Returns
+        -------
+        PlaneWaves
+            Placed by Newton's method.
+        """
+        sign: Literal[-1, 1] = 1 if self.reciprocal else -1
+        level = 1 / self.power if self.reciprocal else -self.power
+        lowest = level[:, 1:-1, 1:-1].min(axis=(1, 2), keepdims=True)
+        highest = lowest * 10 ** (sign * dynamic_range_db / 10)
+        n_minima = np.full(len(level), n_most)
+        found = planar_minima(level, self.columns, (self.u, self.w), n_minima, highest, sign)
+        return PlaneWaves(found.u, found.w, found.found & ~self._is_flat[:, None])

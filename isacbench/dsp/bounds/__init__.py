@@ -1,0 +1,31 @@
+"""Cramér-Rao bounds of range, velocity and direction cosines.
+
+Data are the echoes of `isacbench.model.echo` on all sensed resource elements
+and all virtual elements in white circular complex Gaussian noise of power σ²
+each. Each scatterer has four unknown parameters (R, v, u, w) and an unknown
+complex amplitude, magnitude and phase: a constant G in the deterministic
+bound, random from frame to frame in the stochastic one. The carrier phase
+exp(-j4π f_c R/c), which would tell the range to a fraction of the wavelength,
+is part of the amplitude and tells nothing here.
+"""
+
+from __future__ import annotations
+
+from isacbench.dsp.bounds.deterministic_bounds import N_NUISANCE, joint_bound, single_bound, tone_std_bins
+from isacbench.dsp.bounds.echo_slopes import N_PARAMETERS
+from isacbench.dsp.bounds.fisher_inverse import NEGLIGIBLE, Bound, JointBound
+from isacbench.dsp.bounds.position_covariances import position_covariance
+from isacbench.dsp.bounds.stochastic_bounds import stochastic_bound
+
+__all__ = [
+    "NEGLIGIBLE",
+    "N_NUISANCE",
+    "N_PARAMETERS",
+    "Bound",
+    "JointBound",
+    "joint_bound",
+    "position_covariance",
+    "single_bound",
+    "stochastic_bound",
+    "tone_std_bins",
+]
