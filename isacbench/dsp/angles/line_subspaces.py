@@ -270,6 +270,6 @@ def music_roots(eigenvectors: Floats, order: Integers, limits: Interval) -> Peak
     # Half of the digits of a double root are lost, but not those of the mean of the two.
     cosine = -np.angle(inner + mirrored) / np.pi
     inside = (cosine >= limits[0]) & (cosine <= limits[1]) & (np.abs(inner) > LEAST_RADIUS)
-    nearest = np.argsort(~inside, axis=1, kind="stable")[:, : int(order.max(initial=0))]
-    found = np.take_along_axis(inside, nearest, axis=1) & (np.arange(nearest.shape[1]) < order[:, None])
-    return Peaks(np.take_along_axis(cosine, nearest, axis=1), found)
+    n_most = min(int(order.max(initial=0)), n_sensors - 1)
+    found = inside[:, :n_most] & (np.arange(n_most) < order[:, None])
+    return Peaks(cosine[:, :n_most], found)

@@ -33,11 +33,14 @@ EQUAL = 1e-9
 FLAT = 1e-6
 """Relative difference of three energies up to which a parabola through them is rounding."""
 
+STEPS_BETWEEN = 2**12
+"""Places between two samples of the finer grid."""
+
 TINY = float(np.finfo(np.float64).tiny)
 """Level of an exact null."""
 
-LEAST_NEW = 1e-9
-"""Least share of an atom's energy that is orthogonal to those chosen before; less is rounding."""
+LEAST_NEW = 1e-3
+"""Least share of an atom's energy that is orthogonal to those before: two atoms 0.02 Rayleigh cells apart."""
 
 
 class PlaceGrid(NamedTuple):
@@ -264,6 +267,8 @@ def _between(gain: Floats, best: tuple[np.intp, ...], line: Floats, axis: int) -
     if at in (0, len(line) - 1) or levels[at - 1 : at + 2].min() > -FLAT:
         return float(line[at])
     offset = vertex(levels[at - 1 : at], levels[at : at + 1], levels[at + 1 : at + 2])[0]
+    # To a few digits: later atoms would magnify what rounding makes of the others.
+    offset = np.rint(offset * STEPS_BETWEEN) / STEPS_BETWEEN
     return float(line[at] + offset * (line[1] - line[0]))
 
 
@@ -276,7 +281,7 @@ def _matched(cells: Complex, lines: list[Floats]) -> Complex:
         here = range_of_place == k
         snapshots[here] = lines[1][here] @ row
     beams = np.asarray(lines[2] @ (snapshots.reshape(-1, n_u, n_w) @ lines[3].T), dtype=np.complex128)
-    return beams.reshape(len(snapshots), -1)
+    return beams.reshape(len(snapshots), len(lines[2]) * len(lines[3]))
 
 
 def _matched_separably(cells: Complex, lines: list[Floats]) -> Complex:

@@ -26,8 +26,8 @@ def specs(name):
 @pytest.mark.parametrize(
     ("name", "counts", "seeds", "errors"),
     [
-        ("population", COUNTS, range(1200, 1300), (0.0, 0.0)),
-        ("population-errors", COUNTS, range(1200, 1300), (0.5, 5.0)),
+        ("population", COUNTS, range(1300, 1400), (0.0, 0.0)),
+        ("population-errors", COUNTS, range(1300, 1400), (0.5, 5.0)),
         ("population-quick", dict.fromkeys(COUNTS, 4), range(500, 532), (0.0, 0.0)),
     ],
 )
@@ -51,5 +51,5 @@ def test_each_seed_of_a_block_occurs_once_and_each_condition_in_a_quarter_of_eac
 def test_the_suites_of_one_version_meet_the_same_estimators():
     suites = [load_suite(f"population{suffix}") for suffix in ("", "-errors", "-quick")]
     assert len({suite.estimators for suite in suites}) == 1
-    assert {suite.version for suite in suites} == {3}
+    assert {suite.version for suite in suites} == {4}
     assert suites[0].snr_db == (-10, 10, 25)

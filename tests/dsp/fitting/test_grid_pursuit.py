@@ -1,0 +1,140 @@
+"""Orthogonal matching pursuit on a grid, against dense dictionaries."""
+
+import warnings
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from doa_py.algorithm import omp
+
+from isacbench.dsp.fitting.atoms import AtomMap
+from isacbench.dsp.fitting.grid_pursuit import PlaceGrid, pursue_on_grid
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.model.gate import Gate
+from isacbench.model.kernels import steering
+from isacbench.model.numerology import System
+
+SYSTEM = System(n_subcarriers=12, n_symbols=8)
+SHAPE = (4, 5)
+WHOLE = Gate(np.arange(12), np.arange(-4, 4), slice(0, 12), slice(0, 8))
+PART = Gate(np.arange(2, 9), np.arange(-3, 3), slice(1, 5), slice(1, 5))
+U, W = np.arange(-3, 4) / 2, np.arange(-4, 5) / 2
+BINS = np.array([(r, d) for r in np.arange(3, 7, 0.5) for d in np.arange(-1, 2, 0.5)])
+ENERGY = 1e-6
+
+
+def echo(place, gate):
+    """Unit-energy echo (rows, columns, P, Q) at a place in Rayleigh cells, by transforms of exponentials."""
+    n_c, n_s = SYSTEM.n_subcarriers, SYSTEM.n_symbols
+    subcarriers, symbols = np.arange(n_c), np.arange(n_s)
+    along_range = np.exp(-2j * np.pi * subcarriers * place[0] / n_c) / np.sqrt(n_c)
+    along_doppler = np.exp(2j * np.pi * symbols * place[1] / n_s) / np.sqrt(n_s)
+    rows = np.exp(2j * np.pi * np.outer(gate.range_bins, subcarriers) / n_c) @ along_range / np.sqrt(n_c)
+    columns = np.exp(-2j * np.pi * np.outer(gate.doppler_bins, symbols) / n_s) @ along_doppler / np.sqrt(n_s)
+    along_u, along_w = (
+        steering(n, 2 / n * cells) / np.sqrt(n) for n, cells in zip(SHAPE, place[2:], strict=True)
+    )
+    return np.einsum("r,d,u,w->rduw", rows, columns, along_u, along_w)
+
+
+def scene(gate, *, level=0.02, seed=0):
+    """Map of three echoes on the grid and one off it, in noise."""
+    rng = np.random.default_rng(seed)
+    places = [(4.0, 0.5, -1.0, 1.0), (4.5, -0.5, 0.5, -1.5), (6.0, 1.0, 1.0, 0.0), (5.3, 0.2, -0.3, 0.8)]
+    cells = sum(g * echo(place, gate) for place, g in zip(places, (2.0, 1.5j, -1.0, 0.7 + 0.3j), strict=True))
+    return cells + level * rng.standard_normal((*cells.shape, 2)).view(np.complex128)[..., 0]
+
+
+def grid_places():
+    """Places (m g h, 4) of the grid, in its order."""
+    return np.array([(*place, u, w) for place in BINS for u in U for w in W])
+
+
+def pursued(cells, gate, n_most, zoom=1, **kwargs):
+    """Atoms of the pursuit on the grid."""
+    atom_map = AtomMap.from_map(GatedMap(cells, gate), SYSTEM)
+    grid = PlaceGrid(BINS, U, W, np.array([0.5, 0.5, 0.5, 0.5]), zoom)
+    limits = {"least_energy": ENERGY, "dynamic_range_db": 200.0, **kwargs}
+    return pursue_on_grid(atom_map, grid, n_most=n_most, **limits)
+
+
+def plain_pursuit(cells, gate, n_most):
+    """Places and least-squares amplitudes by a textbook pursuit over a filled dictionary."""
+    places = grid_places()
+    dictionary = np.stack([echo(place, gate).ravel() for place in places], axis=1)
+    norms = np.linalg.norm(dictionary, axis=0)
+    data = cells.ravel()
+    residual, chosen = data, []
+    for _ in range(n_most):
+        chosen.append(int(np.argmax(np.abs(dictionary.conj().T @ residual) / norms)))
+        amplitude = np.linalg.lstsq(dictionary[:, chosen], data, rcond=None)[0]
+        residual = data - dictionary[:, chosen] @ amplitude
+    return places[chosen], amplitude
+
+
+@pytest.mark.parametrize("gate", [WHOLE, PART], ids=["whole", "part"])
+@pytest.mark.parametrize("seed", range(3))
+def test_atoms_and_amplitudes_are_those_of_a_filled_dictionary(gate, seed):
+    cells = scene(gate, seed=seed)
+    places, amplitude = plain_pursuit(cells, gate, 8)
+    found = pursued(cells, gate, 8)
+    np.testing.assert_array_equal(found.places, places)
+    np.testing.assert_allclose(np.abs(found.amplitude), np.abs(amplitude), rtol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_atoms_are_those_of_another_implementation(seed):
+    cells = scene(WHOLE, seed=seed)
+    dictionary = np.stack([echo(place, WHOLE).ravel() for place in grid_places()], axis=1)
+    array = SimpleNamespace(steering_vector=lambda frequency, grids, unit: dictionary)
+    with warnings.catch_warnings(action="ignore", category=PendingDeprecationWarning):  # of its matrices
+        theirs = omp(cells.reshape(-1, 1), 6, array, 1.0, np.arange(len(grid_places())))
+    ours = pursued(cells, WHOLE, 6).places
+    np.testing.assert_array_equal(grid_places()[theirs], sorted(ours.tolist()))
+
+
+def test_what_is_left_is_orthogonal_to_every_atom():
+    cells = scene(PART)
+    found = pursued(cells, PART, 12, zoom=4)
+    atom_map = AtomMap.from_map(GatedMap(cells, PART), SYSTEM)
+    lines = atom_map.lines(found.places)
+    left = atom_map.without(lines, found.amplitude).correlate(lines).value
+    assert np.abs(left).max() < 1e-9 * np.abs(atom_map.correlate(lines).value).max()
+
+
+def test_every_atom_takes_energy_and_the_residual_falls():
+    cells = scene(PART)
+    atom_map = AtomMap.from_map(GatedMap(cells, PART), SYSTEM)
+    left = []
+    for n in range(1, 10):
+        found = pursued(cells, PART, n)
+        left.append(atom_map.without(atom_map.lines(found.places), found.amplitude).energy)
+    assert np.all(np.diff(left) < -ENERGY)
+
+
+@pytest.mark.parametrize(
+    "place", [(4.31, 0.17, -0.62, 0.93), (5.0, 0.5, 0.25, -1.25), (3.24, -0.74, 1.4, 0.1)]
+)
+def test_a_lone_echo_off_the_grid_is_one_atom_at_its_place(place):
+    found = pursued(3.0 * echo(place, WHOLE), WHOLE, 5, zoom=4, least_energy=0.01)
+    assert len(found) == 1
+    np.testing.assert_allclose(found.places[0], place, atol=5e-3)
+    assert found.shown[0] == pytest.approx(9.0, rel=1e-3)
+
+
+def test_the_pursuit_ends_with_the_energy_the_dynamic_range_or_the_number_asked_for():
+    cells = scene(PART)
+    everything = pursued(cells, PART, 40, least_energy=0.02)
+    assert len(everything) < 40
+    assert len(pursued(cells, PART, 3)) == 3
+    fewer = pursued(cells, PART, 40, least_energy=0.02, dynamic_range_db=10.0)
+    assert 0 < len(fewer) < len(everything)
+    assert len(pursued(cells, PART, 40, least_energy=1e6)) == 0
+    np.testing.assert_array_equal(fewer.places, everything.places[: len(fewer)])
+
+
+def test_a_map_without_power_and_a_grid_without_places_give_no_atoms():
+    assert len(pursued(np.zeros((*PART.shape, *SHAPE), dtype=complex), PART, 5)) == 0
+    atom_map = AtomMap.from_map(GatedMap(scene(PART), PART), SYSTEM)
+    nowhere = PlaceGrid(np.empty((0, 2)), U, W, np.full(4, 0.5), 4)
+    assert len(pursue_on_grid(atom_map, nowhere, ENERGY, 30.0, 5)) == 0
