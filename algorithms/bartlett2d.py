@@ -9,13 +9,14 @@ It is the matched filter of one plane wave, and so the best estimator of a lone
 one. Compared with `fft4d` there is no CFAR over the angles: a maximum counts if
 it is not more than 12 dB below the strongest.
 
-Cost of n cells, g x h directions: n (g P Q + g h Q) for the spectra, then
+Cost of n cells, g x h directions: n (h P Q + g h P) for the spectra, then
 m (15 P Q + m²) for m candidates.
 
 Fails where sources of one cell are closer than a Rayleigh cell (2/P in u,
 2/Q in w): they have one maximum, between them or, where they interfere, beside
 them. Sources more than 12 dB below another are taken for its sidelobes, which
-lie at -13 dB.
+lie at -13 dB. Those of lines of 3 and 4 elements are higher, at -9.5 and
+-11.3 dB, and are left to the joint explanation.
 
 References
 ----------

@@ -5,8 +5,8 @@ For every detected range-Doppler cell:
 1. Forward-backward smoothing over all subarrays of the snapshot gives a real
    covariance R. Echoes of one cell are coherent: without smoothing they
    would cancel each other.
-2. A multiple of the noise power is added to its diagonal, so that small errors
-   of R do not cancel the source itself.
+2. Power relative to the floor of noise and leakage is added to its diagonal, so
+   that small errors of R do not cancel the source itself.
 3. The power behind the filter that passes a direction and least of all else,
    1 / (a^H R^-1 a), is sampled over the directions that the region spans, and
    its maxima placed off the grid by Newton's method.
@@ -14,8 +14,8 @@ For every detected range-Doppler cell:
 What the cells show is then explained jointly (`isacbench_algorithms.chain`).
 
 Cost of n cells on subarrays of L x M, S shifts of them and g x h directions:
-n (S (L M)² + (L M)³) for the covariances and their inverses, n L M g (M + h) for
-the spectra, then m (15 P Q + m²) for m candidates.
+n (S (L M)² + (L M)³) for the covariances and their inverses, n L² M h (M + g)
+for the spectra, then m (15 P Q + m²) for m candidates.
 
 Fails where sources are closer than about half the Rayleigh cell of a subarray,
 more so in phase, which smoothing over few shifts hardly changes; and where the
@@ -56,7 +56,8 @@ class Capon2d(AngularSpectrumEstimator):
     subarray_fraction : float
         Subarray length over array length, rounded, along u and along w.
     loading_db : float
-        Power added to the diagonal of the covariance, over the noise.
+        Power added to the diagonal of the covariance, over the floor of noise
+        and leakage that the detection measures.
     samples_per_cell, angle_dynamic_range_db, demix
         See `isacbench_algorithms.bases.angular_spectra.AngularSpectrumEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa

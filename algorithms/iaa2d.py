@@ -8,8 +8,9 @@ snapshot that there is:
 2. The covariance of that model and of white noise gives a filter for each
    direction that suppresses all others. The power behind it is the next model.
    A few iterations sharpen the spectrum to a few peaks.
-3. Peaks grow on the samples. From there maximum likelihood on the whole snapshot
-   moves the directions of a cell together, and drops those as weak as noise.
+3. Power gathers on samples of the grid, so that peaks are biased towards them.
+   Maximum likelihood on the whole snapshot moves the directions of a cell
+   together from there, and drops those as weak as noise.
 
 There is no smoothing, which would cost aperture, and no model order. What the
 cells show is then explained jointly (`isacbench_algorithms.chain`).
@@ -18,9 +19,9 @@ Cost of n cells, g x h directions whose steering vectors span s dimensions of
 the array: n (2 s³ + s² (g + h)) an iteration, n (k P Q + k³) a step of the
 likelihood for k sources, then m (15 P Q + m²) for m candidates.
 
-Fails where sources are closer than a sample of the grid. A finer grid is no
-help: the power that it starts from grows with the number of samples, and takes
-more iterations to come down.
+Fails where sources are closer than a sample of the grid. A finer grid is worse
+(docs/estimators.md): the power that it starts from grows with the number of
+samples, and takes more iterations to come down.
 
 References
 ----------
@@ -114,20 +115,18 @@ class Iaa2d(AngularSpectrumEstimator):
         found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
         return self.to_cloud(rdm, found)
 
-    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find the peaks of the angular spectra, and refine their directions by maximum likelihood.
+    def placed(self, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
+        """Refine the directions of each cell by maximum likelihood, and drop those as weak as noise.
 
         Parameters
         ----------
-        observation : Observation
         cells : CellSnapshots
+        waves : PlaneWaves
 
         Returns
         -------
         PlaneWaves
-            One row a cell.
         """
-        waves = super().plane_waves(observation, cells)
         if not self.polish:
             return waves
         with stage("refinement"):

@@ -8,6 +8,8 @@ For every detected range-Doppler cell:
    cell lack; eigenvalues above the noise edge span the signal subspace.
 2. The MUSIC spectrum over u and the one over w are each evaluated in 1-D,
    their peaks tested by CA-CFAR and placed off the grid by Newton's method.
+   With ``search="root"`` the roots of the spectra's polynomials take their
+   place: root-MUSIC, without samples and without a CFAR.
    The product spectrum of the paper peaks at every intersection of the two.
 3. The joint response of all elements that are read tells sources from ghosts
    among the intersections.
@@ -29,6 +31,8 @@ comparable in power: they merge into one between them.
 References
 ----------
 arXiv 2310.06401.
+Barabell, "Improving the resolution performance of eigenstructure-based
+direction-finding algorithms", ICASSP (1983): root-MUSIC.
 Schmidt, "Multiple emitter location and signal parameter estimation", IEEE
 Trans. AP 34 (1986).
 """
@@ -141,7 +145,7 @@ class Music2d(CellwiseEstimator):
     search : {"grid", "root"}
         Peaks of the spectra that pass their CFAR, or the roots of the null
         spectra's polynomials that are nearest to the unit circle (root-MUSIC),
-        which need neither samples nor a CFAR.
+        which need neither `grid_points` nor `spectrum_detector`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db

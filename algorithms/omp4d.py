@@ -1,23 +1,25 @@
 """Orthogonal matching pursuit on a grid in range, Doppler, u and w.
 
 1. A CFAR detector finds the range-Doppler cells that hold echoes.
-2. The grid is made of these cells and of all directions that the region spans.
-   The atom that explains most of the residual is sought on it, and then on
-   a grid eight times finer around it.
+2. The atom that explains most of the residual is sought in these cells and in
+   all directions that the region spans, on a grid of half a Rayleigh cell, then
+   on a finer one around the best place, and put between its samples by a
+   parabola along each coordinate.
 3. It joins the atoms before it, and the amplitudes of all are fitted
    anew, exactly: the residual is orthogonal to every atom. The pursuit goes on
    until an atom explains no more than noise does, or there are enough.
-4. Atoms far below their neighbours make up for places between the grid's, and
-   are dropped.
+4. Atoms far below their neighbours only correct the places of those, and are
+   dropped.
 
-Atoms stay on the grid where they were found: what their places lack against
-those of `nomp4d`, which moves all of them together, is the price of a grid.
+An atom never moves once it is chosen. That is the difference to `nomp4d`, which
+moves all of them together after each round.
 
-Cost of m cells, g x h directions whose steering vectors span s dimensions, and
-K atoms: m s (n + g h) once for n cells of the map, and K m g h an atom.
+Cost of m detected cells, g x h directions whose steering vectors span s
+dimensions, n cells of the map and K atoms: n s (m + g h) once, and n s + K m g h
+an atom.
 
 Fails where scatterers share a Rayleigh cell: the first atom lies between them,
-stays there, and the next ones make up for it. There is no refinement.
+stays there, and the next ones correct for it.
 
 References
 ----------
@@ -30,21 +32,24 @@ matching pursuit", IEEE Trans. Inf. Theory 53 (2007).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from typing import ClassVar
 
 import numpy as np
 
-from isacbench.dsp.angles.planar_spectra import cosine_samples
+from isacbench.dsp.angles.planar_spectra import cosine_samples, within_period
+from isacbench.dsp.array_types import Floats
+from isacbench.dsp.fitting.atom_fits import fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.fitting.grid_pursuit import PlaceGrid, Pursued, pursue_on_grid
+from isacbench.dsp.fitting.grid_pursuit import PlaceGrid, pursue_on_grid
 from isacbench.dsp.fitting.pursuit import strongest_around
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
+from isacbench.plugins.contracts import Needs
 
 from .chain import Detected, Levels, MapEstimator, detect, read_map
 
@@ -92,8 +97,14 @@ class Omp4d(MapEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, least in (("samples_per_cell", 1), ("zoom", 1), ("max_scatterers", 1)):
-            require(getattr(self, name) >= least, name, getattr(self, name), f"{least} and more")
+        for name in ("samples_per_cell", "max_scatterers"):
+            require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
+        require(1 <= self.zoom <= 8, "zoom", self.zoom, "1 to 8")
+
+    @property
+    def needs(self) -> Needs:
+        """All elements of all cells."""
+        return replace(super().needs, cells="gate")
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -113,8 +124,8 @@ class Omp4d(MapEstimator):
         with stage("spectrum"):
             atom_map = AtomMap.from_map(rdm.selection, observation.system, observation.cosine_limits)
             grid = self.grid(observation, detected, atom_map)
-        atoms = self.pursue(atom_map, grid, detected.levels)  # best atom, exact amplitudes, and so on
-        found = self.merge(self.strong(atoms, atom_map))
+        places = self.pursue(atom_map, grid, detected.levels)  # best atom, exact amplitudes, and so on
+        found = self.merge(self.strong(atom_map, places))
         return self.to_cloud(rdm, found)
 
     def grid(self, observation: Observation, detected: Detected, atom_map: AtomMap) -> PlaceGrid:
@@ -138,8 +149,8 @@ class Omp4d(MapEstimator):
         bins = np.stack(detected.cells.bins, axis=1).astype(np.float64)
         return PlaceGrid(bins, u, w, np.array([BIN_STEP, BIN_STEP, step, step]), self.zoom)
 
-    def pursue(self, atom_map: AtomMap, grid: PlaceGrid, levels: Levels) -> Pursued:
-        """Explain the map by atoms of the grid that exceed the noise.
+    def pursue(self, atom_map: AtomMap, grid: PlaceGrid, levels: Levels) -> Floats:
+        """Explain the map by atoms that exceed the highest output of noise.
 
         Parameters
         ----------
@@ -149,29 +160,37 @@ class Omp4d(MapEstimator):
 
         Returns
         -------
-        Pursued
+        ndarray of float64, shape (k, 4)
+            Their places in Rayleigh cells.
         """
         with stage("refinement"):
-            least_energy = -np.log(self.angle_pfa) * levels.white
-            return pursue_on_grid(
-                atom_map, grid, least_energy, self.dynamic_range_db, self.max_scatterers
+            n_independent = len(grid.bins) * prod(max(np.ptp(line), 1.0) for line in (grid.u, grid.w))
+            highest_noise = levels.white * np.log(n_independent / self.angle_pfa)
+            pursued = pursue_on_grid(
+                atom_map, grid, highest_noise, self.dynamic_range_db, self.max_scatterers
             )
+            return pursued.places
 
-    def strong(self, atoms: Pursued, atom_map: AtomMap) -> LocatedScatterers:
-        """Keep the atoms that are not far below others nearby, or below the sidelobes of others.
+    def strong(self, atom_map: AtomMap, places: Floats) -> LocatedScatterers:
+        """Keep and fit the atoms that are not far below others nearby, or below sidelobes of others.
 
         Parameters
         ----------
-        atoms : Pursued
         atom_map : AtomMap
+        places : ndarray of float64, shape (k, 4)
+            From `pursue`.
 
         Returns
         -------
         LocatedScatterers
         """
-        with stage("peaks"):
-            strongest = strongest_around(atoms.places, atoms, atom_map.bursts) if len(atoms) else 0.0
-            kept = atoms.shown >= strongest * 10 ** (-self.local_dynamic_range_db / 10)
-            range_bin, doppler_bin, u, w = (atoms.places[kept] * atom_map.cell_size).T
-            power = atoms.shown[kept] / prod(atom_map.array_shape)
-            return LocatedScatterers(range_bin, doppler_bin, u, w, power, np.full(power.size, -1))
+        if not len(places):
+            return LocatedScatterers.empty()
+        with stage("refinement"):
+            fit = fit_atoms(atom_map, places)
+            strongest = strongest_around(places, fit, atom_map.bursts)
+            stays = fit.shown >= strongest * 10 ** (-self.local_dynamic_range_db / 10)
+            fit = refit_atoms(atom_map, fit, stays, places)
+        range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
+        power, family = fit.shown / prod(atom_map.array_shape), np.full(len(fit), -1)
+        return LocatedScatterers(range_bin, doppler_bin, within_period(u), within_period(w), power, family)

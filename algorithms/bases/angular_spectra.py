@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from isacbench.dsp.angles.planar_spectra import AngularSpectrum, cosine_samples
+from isacbench.dsp.angles.planar_spectra import AngularSpectrum, cosine_samples, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Floats
 from isacbench.errors import require
@@ -17,6 +17,9 @@ from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
 from ..chain import CellSnapshots, CellwiseEstimator, Reading
+
+SAME_CELLS = 0.05
+"""Rayleigh cells within which two peaks are one: where the region spans all cosines, both ends show it."""
 
 LOWEST_DB = -200.0
 """Level of an exact null in a diagnosis."""
@@ -77,7 +80,50 @@ class AngularSpectrumEstimator(CellwiseEstimator):
         with stage("spectrum"):
             spectrum = self.angular_spectrum(cells, *self.grid(observation))
         with stage("peaks"):
-            return spectrum.waves(self.angle_dynamic_range_db, self.max_sources)
+            waves = spectrum.waves(self.angle_dynamic_range_db, self.max_sources)
+        waves = self.placed(cells, waves)
+        with stage("peaks"):
+            return self.audible(observation, cells, waves)
+
+    def placed(self, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
+        """Place the peaks of a spectrum better; by default they stay.
+
+        Parameters
+        ----------
+        cells : CellSnapshots
+        waves : PlaneWaves
+
+        Returns
+        -------
+        PlaneWaves
+        """
+        return waves
+
+    def audible(self, observation: Observation, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
+        """Keep the plane waves that exceed the noise of their cell, each direction once.
+
+        Parameters
+        ----------
+        observation : Observation
+        cells : CellSnapshots
+        waves : PlaneWaves
+
+        Returns
+        -------
+        PlaneWaves
+            With cosines from -1 to 1.
+        """
+        u, w = within_period(waves.u), within_period(waves.w)
+        apart = np.hypot(
+            *(
+                n / 2 * within_period(line[:, :, None] - line[:, None])
+                for n, line in zip(observation.array.shape, (u, w), strict=True)
+            )
+        )
+        before = np.tril(waves.found[:, None] & (apart < SAME_CELLS), -1)
+        waves = PlaneWaves(u, w, waves.found & ~before.any(axis=2))
+        power = np.abs(waves.amplitudes(cells.own[None], self.aperture(observation))[0]) ** 2
+        return PlaneWaves(u, w, waves.found & (power > cells.levels.min_power))
 
     @abstractmethod
     def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:

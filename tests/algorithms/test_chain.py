@@ -36,7 +36,7 @@ from isacbench.model.scene import Scatterers, Scenario
 
 CELLWISE = [Fft4d, Music2d, Music2dJoint, Esprit2d, Bartlett2d, Capon2d, Iaa2d]
 ALL = pytest.mark.parametrize("estimator", CELLWISE, ids=lambda e: e.name)
-DOCUMENT = Path(__file__).parents[2] / "docs" / "estimators.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "chain.md"
 MOST_CALLS = 4
 """From `Music2d.estimate` to the eigendecomposition, which is one of them."""
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
+from isacbench_algorithms.omp4d import Omp4d
 
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
@@ -64,10 +66,14 @@ def test_a_cross_is_declared_where_one_element_detects_and_the_plane_otherwise(e
     assert needs_of(estimator(integration="element")) == Needs("cross", "element", "detected")
 
 
-@pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
+@pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint, Capon2d, Omp4d])
 def test_planar_methods_declare_the_plane_however_they_detect(estimator):
     for integration in ("noncoherent", "element"):
         assert needs_of(estimator(integration=integration)).elements == "plane"
+
+
+def test_a_pursuit_declares_all_cells_of_the_gate():
+    assert needs_of(Omp4d()) == Needs("plane", "noncoherent", "gate")
 
 
 @SEPARABLE

@@ -201,3 +201,18 @@ def test_exact_nulls_of_a_spectrum_are_drawn_without_a_warning(integration):
     for spectrum in diagnosis.spectra:
         assert np.isfinite(spectrum.level_db).all()
         assert spectrum.level_db.max() == 0
+
+
+@pytest.mark.parametrize("estimator", EVERY, ids=NAMES)
+@pytest.mark.parametrize("u", [0.97, -0.97])
+def test_an_echo_at_the_end_of_all_directions_is_one_point_where_it_is(estimator, u):
+    # A station over the middle of its region: every cosine u is possible, and -1.03 looks like 0.97.
+    base_m, region = (
+        np.array([0.0, -0.5, 3.0]),
+        Region((-40.0, 40.0), (-30.0, -1.0), (0.0, 3.0), (-10.0, 10.0)),
+    )
+    point = [*(base_m + 30.0 * np.array([u, -np.sqrt(1 - u**2 - 0.05**2), -0.05])), 0.0]
+    cloud = image(estimator, scene(point, region=region, base_m=base_m, shape=(12, 12)))
+    nearest = np.linalg.norm(cloud.xyz - point[:3], axis=1).min(initial=np.inf)
+    assert len(cloud) == 1
+    assert nearest < 0.5

@@ -36,10 +36,13 @@ for looks in (1, 16, 256):
     detection = get_detector("learned", pfa=1e-2).detect(power, looks)
     found[looks] = float(detection.mask.mean())
     exact.append(bool(np.array_equal(detection.mask, power > detection.threshold)))
+power = np.random.default_rng(1).standard_gamma(256, (60, 60)) / 256
+power[29:32, 28:33] += 1e5 * np.outer([0.25, 1, 0.25], [1e-3, 0.25, 1, 0.25, 1e-3])
+around = np.argwhere(get_detector("learned").detect(power, 256).mask[25:36, 25:36]) - 5
 with redirect_stdout(io.StringIO()):
     trained = [train(4), train(4)]
 print(json.dumps({"check": checked.stdout, "list": listed.stdout, "rates": found, "exact": exact,
-                  "trained": trained, "features": FEATURES}))
+                  "around": around.tolist(), "trained": trained, "features": FEATURES}))
 """
 
 
@@ -83,6 +86,11 @@ def test_the_learned_detector_keeps_its_rate_in_white_noise(told, looks):
 
 def test_the_learned_detector_detects_where_power_exceeds_its_threshold(told):
     assert told["exact"] == [True, True, True]
+
+
+def test_a_strong_echo_is_detected_and_what_its_taper_spreads_is_not(told):
+    # All these cells exceed the noise by far: only what was learned tells them apart.
+    assert told["around"] == [[0, 0]]
 
 
 def test_training_repeats_and_gives_a_file_of_the_stored_kind(told):

@@ -74,15 +74,19 @@ def capon_spectrum(
     BeamformerSpectrum
         In white noise of power σ² (loading included) it is σ² / (L M).
     """
-    covariance = planar_covariance(snapshots, subarray)
-    n_sensors = covariance.shape[1]
-    diagonal = np.einsum("nii->ni", covariance)
-    mean = diagonal.mean(axis=1, keepdims=True)
-    # A cell without any power has no spectrum; 1 in place of 0 keeps its matrix regular.
-    diagonal += np.where(mean > 0, loading + LEAST_LOADING * mean, 1)
-    # |C^-1 a|² with R = C C^T.
-    columns = np.linalg.inv(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
-    columns = columns.reshape(len(snapshots), *subarray, n_sensors)
+    data = snapshots.astype(np.complex128, copy=False)
+    n_sensors = subarray[0] * subarray[1]
+    columns = np.empty((len(data), *subarray, n_sensors))
+    n_cells = max(CHUNK_VALUES // n_sensors**2, 1)
+    for first in range(0, len(data), n_cells):
+        covariance = planar_covariance(data[first : first + n_cells], subarray)
+        diagonal = np.einsum("nii->ni", covariance)
+        mean = diagonal.mean(axis=1, keepdims=True)
+        # A cell without any power has no spectrum; 1 in place of 0 keeps its matrix regular.
+        diagonal += np.where(mean > 0, loading + LEAST_LOADING * mean, 1)
+        # |C^-1 a|² with R = C C^T.
+        roots = np.linalg.inv(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
+        columns[first : first + n_cells] = roots.reshape(-1, *subarray, n_sensors)
     return BeamformerSpectrum(u, w, 1 / squared_projections(columns, u, w), columns, reciprocal=True)
 
 
@@ -93,7 +97,8 @@ def iaa_spectrum(
 
     Starting from Bartlett's spectrum P, each iteration models the covariance,
     R = Σ P a a^H + σ² I over all directions of the grid, and estimates P anew,
-    |a^H R^-1 x|² / (a^H R^-1 a)².
+    |a^H R^-1 x|² / (a^H R^-1 a)². The published R has no σ² I: the known
+    noise keeps it regular where few directions have power.
 
     Parameters
     ----------

@@ -24,6 +24,9 @@ from isacbench.model.region import Interval
 CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""
 
+CANDIDATES = 2
+"""Samples a peak asked for from which Newton's method starts."""
+
 FLAT = 1e-6
 """Relative height of the peaks of a spectrum up to which it has none."""
 
@@ -49,6 +52,21 @@ def cosine_samples(limits: Interval, widest: float) -> Floats:
     n_steps = max(int(np.ceil((limits[1] - limits[0]) / widest)), 1)
     step = (limits[1] - limits[0]) / n_steps or widest
     return np.linspace(limits[0] - step, limits[0] + (n_steps + 1) * step, n_steps + 3)
+
+
+def within_period(cosine: Floats) -> Floats:
+    """Cosines from -1 to 1: elements half a wavelength apart see no difference of 2.
+
+    Parameters
+    ----------
+    cosine : ndarray of float64
+
+    Returns
+    -------
+    ndarray of float64, same shape
+    """
+    within: Floats = cosine - 2 * np.rint(cosine / 2)
+    return within
 
 
 def squared_projections(columns: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
@@ -91,12 +109,15 @@ class Minima(NamedTuple):
         Mask of the minima.
     curvature : ndarray of float64, shape (n, m, 2, 2)
         Second derivatives at the minima.
+    level : ndarray of float64, shape (n, m)
+        Squared projections there, times the sign of the spectrum.
     """
 
     u: Floats
     w: Floats
     found: Mask
     curvature: Floats
+    level: Floats
 
 
 def planar_minima(
@@ -134,12 +155,13 @@ def planar_minima(
     place_u, place_w = start_u, start_w
     step_limit = np.array([line[1] - line[0] for line in grid])
     for _ in range(NEWTON_STEPS):
-        gradient, curvature = _slopes(columns, place_u, place_w)
+        _, gradient, curvature = _slopes(columns, place_u, place_w)
         step = _newton_step(sign * gradient, sign * curvature, step_limit)
         # A minimum lies within a sample of its start.
         place_u = np.clip(place_u + step[:, :, 0], start_u - step_limit[0], start_u + step_limit[0])
         place_w = np.clip(place_w + step[:, :, 1], start_w - step_limit[1], start_w + step_limit[1])
-    return Minima(place_u, place_w, found, sign * _slopes(columns, place_u, place_w)[1])
+    level, _, curvature = _slopes(columns, place_u, place_w)
+    return Minima(place_u, place_w, found, sign * curvature, sign * level)
 
 
 def _lowest_samples(
@@ -169,8 +191,8 @@ def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
     return scaled
 
 
-def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats]:
-    """First (n, m, 2) and second (n, m, 2, 2) derivatives of the squared projections at u and w (n, m)."""
+def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
+    """Squared projections (n, m) at u and w, their first (n, m, 2) and second derivatives (n, m, 2, 2)."""
     n, n_u, n_w, k = columns.shape
     a, b = real_steering_slopes(n_u, u), real_steering_slopes(n_w, w)
     lines = columns.reshape(n, n_u, n_w * k)
@@ -186,7 +208,7 @@ def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats]:
     uw = np.sum(along_u * along_w + level * projection(1, 1), axis=2)
     ww = np.sum(along_w**2 + level * projection(0, 2), axis=2)
     curvature = 2 * np.stack([uu, uw, uw, ww], axis=-1).reshape(*u.shape, 2, 2)
-    return gradient, curvature
+    return np.sum(level**2, axis=2), gradient, curvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,8 +293,11 @@ class BeamformerSpectrum(AngularSpectrum):
         """
         sign: Literal[-1, 1] = 1 if self.reciprocal else -1
         level = 1 / self.power if self.reciprocal else -self.power
-        lowest = level[:, 1:-1, 1:-1].min(axis=(1, 2), keepdims=True)
-        highest = lowest * 10 ** (sign * dynamic_range_db / 10)
-        n_minima = np.full(len(level), n_most)
-        found = planar_minima(level, self.columns, (self.u, self.w), n_minima, highest, sign)
-        return PlaneWaves(found.u, found.w, found.found & ~self._is_flat[:, None])
+        # A peak may be much narrower than the samples: its height counts, and not that of the sample.
+        n_minima = np.full(len(level), CANDIDATES * n_most)
+        minima = planar_minima(level, self.columns, (self.u, self.w), n_minima, np.inf, sign)
+        height = np.where(minima.found, minima.level, np.inf)
+        order = np.argsort(height, axis=1, kind="stable")[:, :n_most]
+        height, u, w = (np.take_along_axis(line, order, axis=1) for line in (height, minima.u, minima.w))
+        found = np.isfinite(height) & (height <= height[:, :1] * 10 ** (sign * dynamic_range_db / 10))
+        return PlaneWaves(u, w, found & ~self._is_flat[:, None])

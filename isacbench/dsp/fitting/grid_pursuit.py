@@ -1,10 +1,11 @@
 """Orthogonal matching pursuit over a grid of atoms in range, Doppler, u and w.
 
 The best atom is sought on a coarse grid, a list of range-Doppler places times
-all pairs of directions, and then among the atoms of a finer grid around it. An
-atom is a product of four real factors (`isacbench.dsp.fitting.atoms`): its
-products with the whole grid are products of small matrices, and neither the
-dictionary nor the residual map is ever filled.
+all pairs of directions, then among the atoms of a finer grid around it, and
+placed between those by a parabola along each coordinate. An atom is a product
+of four real factors (`isacbench.dsp.fitting.atoms`): its products with the
+whole grid are products of small matrices, and neither the dictionary nor the
+residual map is ever filled.
 
 References
 ----------
@@ -17,7 +18,6 @@ on updates by a growing Cholesky factor.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -65,8 +65,7 @@ class PlaceGrid(NamedTuple):
     zoom: int
 
 
-@dataclass(frozen=True, eq=False)
-class Pursued:
+class Pursued(NamedTuple):
     """Atoms of a pursuit, in the order in which they were chosen.
 
     Attributes
@@ -75,22 +74,10 @@ class Pursued:
         In Rayleigh cells.
     amplitude : ndarray of complex128, shape (k,)
         Least-squares amplitudes of unit-energy atoms, all fitted together.
-    periods : ndarray of float64, shape (4,)
-        `AtomMap.periods`.
     """
 
     places: Floats
     amplitude: Complex
-    periods: Floats
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-    @property
-    def shown(self) -> Floats:
-        """Energies (k,) of the atoms."""
-        energy: Floats = self.amplitude.real**2 + self.amplitude.imag**2
-        return energy
 
 
 def pursue_on_grid(
@@ -99,7 +86,8 @@ def pursue_on_grid(
     """Choose atoms one by one, each time the one that explains most of the residual by itself.
 
     After each choice all amplitudes are the least-squares fit: the residual is
-    orthogonal to every atom chosen.
+    orthogonal to every atom chosen. The pursuit also ends where the best atom
+    is nearly a sum of those chosen before.
 
     Parameters
     ----------
@@ -128,7 +116,7 @@ def pursue_on_grid(
         if len(members) == 1:
             least_energy = max(least_energy, members.first_energy * 10 ** (-dynamic_range_db / 10))
         search.subtract(members)
-    return Pursued(members.places, members.amplitude, atom_map.periods)
+    return Pursued(members.places, members.amplitude)
 
 
 class _Members:
@@ -139,8 +127,6 @@ class _Members:
     places : ndarray of float64, shape (k, 4)
     lines : list of four ndarray of float64, shape (k, size)
         Factors along each coordinate.
-    matched : ndarray of complex128, shape (k,)
-        Products with the map.
     """
 
     def __init__(self, atom_map: AtomMap, n_most: int) -> None:
@@ -207,23 +193,24 @@ class _Search:
         places = (grid.bins[:, 0], grid.bins[:, 1], grid.u, grid.w)
         self._lines = [atom_map.line(places[axis], axis).value for axis in range(N_COORDINATES)]
         energy = [np.sum(line**2, axis=1) for line in self._lines]
-        directions = np.multiply.outer(energy[2], energy[3]).ravel()
-        self._energy = np.multiply.outer(energy[0] * energy[1], directions)
+        self._energy = (energy[0] * energy[1])[:, None], np.multiply.outer(energy[2], energy[3]).ravel()
         self._residual = _matched(atom_map.cells, self._lines)
         self._over_bins = np.empty((0, len(grid.bins)))
-        self._over_directions = np.empty((0, self._energy.shape[1]))
+        self._over_directions = np.empty((0, self._energy[1].size))
 
     def best(self) -> Floats | None:
-        """Place (4,) of the atom that takes most energy from the residual; None without atoms."""
-        if not self._residual.size:
+        """Place (4,) of the atom that takes most energy from the residual; None if none takes any."""
+        if not self._residual.any():
             return None
-        gain = (self._residual.real**2 + self._residual.imag**2) / self._energy
+        gain = self._residual.real**2 + self._residual.imag**2
+        for energy in self._energy:
+            gain /= energy
         bins, direction = _largest(gain)
         u, w = np.divmod(direction, self._grid.w.size)
         return np.array([*self._grid.bins[bins], self._grid.u[u], self._grid.w[w]])
 
     def zoomed(self, place: Floats, members: _Members) -> Floats:
-        """Place (4,) of the best atom of the finer grid within a step of a place."""
+        """Place (4,) of the best atom within a step of a place, between the samples of the finer grid."""
         zoom = self._grid.zoom
         offsets = np.arange(-zoom, zoom + 1) / zoom
         around = place[:, None] + self._grid.steps[:, None] * offsets

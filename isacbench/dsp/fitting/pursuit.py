@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -65,25 +64,6 @@ LEAST_VARIANCE = 2.0**-1000
 
 LOST = 0.5
 """Standard deviation of a coordinate in Rayleigh cells from which an atom has no place."""
-
-
-class ShownAtoms(Protocol):
-    """Atoms in Rayleigh cells, and the energies that the map shows of them."""
-
-    @property
-    def places(self) -> Floats:
-        """Places (n, 4)."""
-
-    @property
-    def periods(self) -> Floats:
-        """Periods (4,) of the coordinates (`AtomMap.periods`)."""
-
-    @property
-    def shown(self) -> Floats:
-        """Energies (n,)."""
-
-    def __len__(self) -> int:
-        """Count the atoms."""
 
 
 UNGAPPED = whole_frame(1)
@@ -392,7 +372,7 @@ def sidelobe_energy(
     return amplitude**2
 
 
-def strongest_around(places: Floats, fit: ShownAtoms, bursts: SymbolBursts = UNGAPPED) -> Floats:
+def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPPED) -> Floats:
     """Bound the energy that the strongest atom shows at places.
 
     The larger of two: sidelobes of an atom anywhere, and all of the energy of
@@ -404,8 +384,8 @@ def strongest_around(places: Floats, fit: ShownAtoms, bursts: SymbolBursts = UNG
     ----------
     places : ndarray of float64, shape (n, 4)
         In Rayleigh cells.
-    fit : ShownAtoms
-        The atoms.
+    fit : AtomFit
+        Of the atoms.
     bursts : SymbolBursts
         Symbols that are sensed with.
 

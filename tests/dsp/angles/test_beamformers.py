@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.beamformers import bartlett_spectrum, capon_spectrum, iaa_spectrum
-from isacbench.dsp.angles.planar_spectra import AngularSpectrum, cosine_samples
+from isacbench.dsp.angles.planar_spectra import AngularSpectrum, cosine_samples, within_period
 from isacbench.model.kernels import steering
 
 U, W = np.linspace(-0.5, 0.4, 7), np.linspace(-0.3, 0.6, 6)
@@ -163,13 +163,43 @@ def test_capon_resolves_two_waves_that_have_one_maximum_in_bartlett_s_spectrum()
 
 
 @pytest.mark.parametrize("name", [*SPECTRA, "iaa"])
-def test_a_flat_spectrum_and_one_without_power_have_no_peaks(name):
+def test_a_spectrum_without_power_has_no_peaks(name):
     spectrum = SPECTRA.get(name, lambda x: iaa_spectrum(x, 1e-3, 3, FINE, FINE))
-    one_element, silence = np.zeros((2, 1, 16, 16), dtype=complex)
+    assert not spectrum(np.zeros((1, 16, 16), dtype=complex)).waves(10.0, 4).found.any()
+
+
+def test_the_flat_spectrum_of_an_element_alone_has_no_peaks():
+    one_element = np.zeros((1, 16, 16), dtype=complex)
     one_element[0, 3, 5] = 2.0
-    assert not spectrum(silence).waves(10.0, 4).found.any()
-    if name == "bartlett":
-        assert not spectrum(one_element).waves(10.0, 4).found.any()
+    assert not bartlett_spectrum(one_element, FINE, FINE).waves(10.0, 4).found.any()
+
+
+@pytest.mark.parametrize("snr", [1e2, 1e3, 1e4])
+@settings(max_examples=20)
+@given(shift=st.floats(0, 1 / 32))
+def test_two_equal_waves_are_both_peaks_of_capon_s_spectrum_wherever_the_samples_lie(snr, shift):
+    places = [(-0.1 + shift, 0.1, 1.0), (0.15 + shift, 0.1, 1j)]
+    x = waves((16, 16), *places, level=1 / snr)
+    found = capon_spectrum(x, (10, 10), 1 / snr, FINE, FINE).waves(15.0, 6)
+    for u, w, _ in places:
+        distance = np.hypot(found.u - u, found.w - w)[found.found]
+        assert distance.min() < 0.01
+
+
+def test_the_strongest_maximum_counts_and_no_flank_that_rises_beyond_the_border():
+    x = waves((16, 16), (0.0, 0.0, 1.0), (0.66, 0.0, 30.0))
+    found = bartlett_spectrum(x, FINE, FINE).waves(3.0, 4)
+    again = AngularSpectrum(FINE, FINE, bartlett_spectrum(x, FINE, FINE).power).waves(3.0, 4)
+    np.testing.assert_array_equal(found.found, again.found)
+
+
+def test_a_cosine_and_that_two_farther_are_one():
+    np.testing.assert_allclose(within_period(np.array([-1.02, 0.98, 0.3, 2.3])), [0.98, 0.98, 0.3, 0.3])
+
+
+def test_capon_takes_snapshots_of_single_precision():
+    x = waves((8, 8), (0.1, 0.2, 1.0)).astype(np.complex64)
+    assert capon_spectrum(x, (5, 5), 0.0, FINE, FINE).waves(10.0, 4).found.sum() == 1
 
 
 def test_peaks_beyond_the_dynamic_range_or_on_the_border_are_left_out():

@@ -117,24 +117,34 @@ def test_every_atom_takes_energy_and_the_residual_falls():
 )
 def test_a_lone_echo_off_the_grid_is_one_atom_at_its_place(place):
     found = pursued(3.0 * echo(place, WHOLE), WHOLE, 5, zoom=4, least_energy=0.01)
-    assert len(found) == 1
+    assert len(found.places) == 1
     np.testing.assert_allclose(found.places[0], place, atol=5e-3)
-    assert found.shown[0] == pytest.approx(9.0, rel=1e-3)
+    assert abs(found.amplitude[0]) ** 2 == pytest.approx(9.0, rel=1e-3)
 
 
 def test_the_pursuit_ends_with_the_energy_the_dynamic_range_or_the_number_asked_for():
     cells = scene(PART)
-    everything = pursued(cells, PART, 40, least_energy=0.02)
+    everything = pursued(cells, PART, 40, least_energy=0.02).places
     assert len(everything) < 40
-    assert len(pursued(cells, PART, 3)) == 3
-    fewer = pursued(cells, PART, 40, least_energy=0.02, dynamic_range_db=10.0)
+    assert len(pursued(cells, PART, 3).places) == 3
+    fewer = pursued(cells, PART, 40, least_energy=0.02, dynamic_range_db=10.0).places
     assert 0 < len(fewer) < len(everything)
-    assert len(pursued(cells, PART, 40, least_energy=1e6)) == 0
-    np.testing.assert_array_equal(fewer.places, everything.places[: len(fewer)])
+    assert len(pursued(cells, PART, 40, least_energy=1e6).places) == 0
+    np.testing.assert_array_equal(fewer, everything[: len(fewer)])
+
+
+def test_the_pursuit_ends_where_the_best_atom_is_a_sum_of_those_before():
+    # As many directions as the map has dimensions, and more: at last nothing is new.
+    cells = scene(PART)[:1, :1]
+    gate = Gate(PART.range_bins[:1], PART.doppler_bins[:1], slice(0, 1), slice(0, 1))
+    found = pursued(cells, gate, 60, least_energy=0.0)
+    assert len(found.places) <= 2 * np.prod(SHAPE)
+    assert np.isfinite(found.amplitude).all()
 
 
 def test_a_map_without_power_and_a_grid_without_places_give_no_atoms():
-    assert len(pursued(np.zeros((*PART.shape, *SHAPE), dtype=complex), PART, 5)) == 0
+    silence = np.zeros((*PART.shape, *SHAPE), dtype=complex)
+    assert len(pursued(silence, PART, 5).places) == len(pursued(silence, PART, 5, zoom=4).places) == 0
     atom_map = AtomMap.from_map(GatedMap(scene(PART), PART), SYSTEM)
     nowhere = PlaceGrid(np.empty((0, 2)), U, W, np.full(4, 0.5), 4)
-    assert len(pursue_on_grid(atom_map, nowhere, ENERGY, 30.0, 5)) == 0
+    assert len(pursue_on_grid(atom_map, nowhere, ENERGY, 30.0, 5).places) == 0

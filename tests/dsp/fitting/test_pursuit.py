@@ -292,6 +292,14 @@ def test_two_bins_apart_is_near_however_it_is_rounded():
     assert strongest_around(PLACE + apart, fit) == pytest.approx([16.0, 16.0])
 
 
+def test_the_strongest_around_is_near_across_the_end_of_a_coordinate():
+    fit = fitted(PLACE[None], [4.0])[1]
+    apart = np.array([0.5, 0.0, 0.0, 0.0])
+    here, beyond = (strongest_around(fit.places + apart + turns, fit)[0] for turns in (0.0, fit.periods))
+    assert beyond == pytest.approx(here)
+    assert here > 10.0
+
+
 def test_atoms_far_enough_apart_all_stay():
     _, fit = fitted([PLACE, PLACE + 1.5 * np.eye(N_COORDINATES)[0]], [1.0, 1.0])
     drop, places = redundant(fit, NOISE)

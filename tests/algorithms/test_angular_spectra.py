@@ -1,0 +1,67 @@
+"""Estimators with an angular spectrum: what all of them share."""
+
+import numpy as np
+import pytest
+from isacbench_algorithms.bartlett2d import Bartlett2d
+from isacbench_algorithms.capon2d import Capon2d
+from isacbench_algorithms.iaa2d import Iaa2d
+
+import isacbench
+from isacbench.errors import InputError
+from isacbench.model.scenes.scenario import load_scenario
+
+ALL = pytest.mark.parametrize("estimator", [Bartlett2d, Capon2d, Iaa2d], ids=lambda one: one.name)
+
+
+@pytest.fixture(scope="module")
+def street():
+    return isacbench.observe(load_scenario("street"), snr_db=-25)
+
+
+@ALL
+def test_noise_is_taken_for_a_plane_wave_no_more_often_than_angle_pfa_says(street, estimator):
+    often, hardly = (len(estimator(explain="none", angle_pfa=pfa).estimate(street)) for pfa in (0.5, 1e-300))
+    assert hardly < often
+
+
+@ALL
+def test_a_diagnosis_cuts_the_spectrum_through_its_maximum(street, estimator):
+    along_u, along_w = estimator().diagnose(street).spectra
+    for cut in (along_u, along_w):
+        assert cut.level_db.max() == pytest.approx(0.0)
+        assert cut.cosine.shape == cut.level_db.shape
+        assert np.all((cut.peaks >= cut.cosine[0]) & (cut.peaks <= cut.cosine[-1]))
+    assert (along_u.label, along_w.label) == ("u", "w")
+
+
+@ALL
+@pytest.mark.parametrize(("name", "value"), [("samples_per_cell", 1), ("angle_dynamic_range_db", 0.0)])
+def test_a_parameter_out_of_range_is_refused_by_name(estimator, name, value):
+    with pytest.raises(InputError, match=name):
+        estimator(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("estimator", "name", "value"),
+    [
+        (Capon2d, "subarray_fraction", 0.0),
+        (Capon2d, "loading_db", 300.0),
+        (Iaa2d, "iterations", 0),
+        (Iaa2d, "polish", -1),
+    ],
+)
+def test_a_parameter_of_a_method_out_of_range_is_refused_by_name(estimator, name, value):
+    with pytest.raises(InputError, match=name):
+        estimator(**{name: value})
+
+
+def test_maximum_likelihood_brings_the_peaks_of_the_adaptive_approach_nearer_to_the_truth():
+    scenario = load_scenario("sparse[seed=1]")
+    observation = isacbench.observe(scenario, snr_db=10)
+    off_m = [
+        np.linalg.norm(
+            Iaa2d(polish=polish).estimate(observation).xyz[:, None] - scenario.truth.xyz, axis=2
+        ).min(axis=0)
+        for polish in (0, 3)
+    ]
+    assert np.median(off_m[1]) < 0.2 * np.median(off_m[0])
