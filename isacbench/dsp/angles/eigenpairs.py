@@ -74,8 +74,9 @@ def with_rounding(values: Floats, vectors: Floats) -> Eigenpairs:
     last_digit = float(np.finfo(values.dtype).eps)
     rounding = ROUNDING_UNITS * vectors.shape[1] * last_digit * np.maximum(values[:, 0], 0)
     gap = values[:, :-1] - values[:, 1:]
-    rotation = np.divide(rounding[:, None], gap, out=np.ones_like(gap), where=gap > 0)
-    return Eigenpairs(values, vectors, np.minimum(rotation, 1), rounding)
+    # Where a gap is less than rounding the angle is anything, and the ratio may overflow.
+    rotation = np.divide(rounding[:, None], gap, out=np.ones_like(gap), where=gap > rounding[:, None])
+    return Eigenpairs(values, vectors, rotation, rounding)
 
 
 def separated_order(rotation: Floats, order: Integers) -> Integers:

@@ -111,3 +111,9 @@ def test_noise_80_db_below_leaves_the_subspace_of_the_sources_determined():
     data = noise + 1e4 * snapshot([0.1, -0.4], [0.2, 0.3], [1, 0.01])
     pairs = planar_eigenpairs(data, (8, 8), 7)
     assert (separated_order(pairs.rotation, np.full(20, 2)) == 2).all()
+
+
+def test_eigenvalues_that_are_hardly_numbers_are_not_separated():
+    pairs = with_rounding(np.array([[1.0, 3e-310, 1e-310, 0.0]]), np.eye(4)[None])
+    assert (pairs.rotation < 1).tolist() == [[True, False, False]]
+    assert pairs.rotation.max() == 1
