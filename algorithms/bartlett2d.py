@@ -5,8 +5,8 @@ beam, |a^H x|² / (P Q)², is sampled over the directions that the region spans,
 and its maxima placed off the grid by Newton's method. What the cells show is
 then explained jointly (`isacbench_algorithms.chain`).
 
-It is the matched filter of one plane wave, and so the best estimator of a lone
-one. Compared with `fft4d` there is no CFAR over the angles: a maximum counts if
+It is the matched filter of one plane wave, and so the best estimator of a wave
+that is alone in its cell. Compared with `fft4d` there is no CFAR over the angles: a maximum counts if
 it is not more than 12 dB below the strongest.
 
 Cost of n cells, g x h directions: n (h P Q + g h P) for the spectra, then

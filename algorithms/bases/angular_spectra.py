@@ -170,7 +170,7 @@ class AngularSpectrumEstimator(CellwiseEstimator):
         tuple of Spectrum
         """
         found = self.angular_spectrum(cells, *self.grid(observation))
-        waves = found.waves(self.angle_dynamic_range_db, self.max_sources)
+        waves = self.plane_waves(observation, cells)
         power = found.power[0]
         row, column = np.unravel_index(power.argmax(), power.shape)
 

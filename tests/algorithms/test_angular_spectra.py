@@ -34,6 +34,12 @@ def test_a_diagnosis_cuts_the_spectrum_through_its_maximum(street, estimator):
     assert (along_u.label, along_w.label) == ("u", "w")
 
 
+def test_a_diagnosis_marks_the_directions_that_the_image_has(street):
+    # Polished ones, which lie between the samples.
+    polished, raw = (Iaa2d(polish=polish).diagnose(street).spectra[0].peaks for polish in (3, 0))
+    assert not np.array_equal(polished, raw)
+
+
 @ALL
 @pytest.mark.parametrize(("name", "value"), [("samples_per_cell", 1), ("angle_dynamic_range_db", 0.0)])
 def test_a_parameter_out_of_range_is_refused_by_name(estimator, name, value):
