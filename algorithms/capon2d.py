@@ -38,6 +38,7 @@ from typing import ClassVar
 
 from isacbench.dsp.angles.beamformers import capon_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
+from isacbench.dsp.angles.planar_subspaces import subarray_shape
 from isacbench.dsp.array_types import Floats
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
@@ -126,6 +127,6 @@ class Capon2d(AngularSpectrumEstimator):
         AngularSpectrum
         """
         snapshots = cells.own
-        n_u, n_w = (min(max(2, round(self.subarray_fraction * n)), n) for n in snapshots.shape[1:])
+        subarray = subarray_shape(snapshots.shape[1:], self.subarray_fraction)
         loading = cells.levels.floor * 10 ** (self.loading_db / 10)
-        return capon_spectrum(snapshots, (n_u, n_w), loading, u, w)
+        return capon_spectrum(snapshots, subarray, loading, u, w)

@@ -49,6 +49,7 @@ from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
 from . import chain
+from .bases.angular_spectra import spectrum_cut
 from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, Reading
 from .detectors import CaCfar
 
@@ -197,8 +198,8 @@ class Fft4d(CellwiseEstimator):
         power, threshold = found.power[0], self.angle_detector.detect(found.power).threshold[0]
         u, w = (places[0][found.waves.found[0]] for places in (found.waves.u, found.waves.w))
         return (
-            _cut(found.u, power[:, column], threshold[:, column], u, "u"),
-            _cut(found.w, power[row], threshold[row], w, "w"),
+            spectrum_cut(found.u, power[:, column], threshold[:, column], u, "u"),
+            spectrum_cut(found.w, power[row], threshold[row], w, "w"),
         )
 
     def _angle_spectra(self, observation: Observation, snapshots: Complex) -> _AngleSpectra:
@@ -264,7 +265,7 @@ class Fft4d(CellwiseEstimator):
     def _line_cut(self, line: _LineSpectra, label: Literal["u", "w"]) -> Spectrum:
         threshold = self.line_detector.detect(line.power).threshold[0]
         places = line.peaks.place[0][line.peaks.found[0]]
-        return _cut(line.cosine, line.power[0], threshold, places, label)
+        return spectrum_cut(line.cosine, line.power[0], threshold, places, label)
 
 
 def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> Floats:
@@ -278,14 +279,3 @@ def _between(cosine: Floats, sample: Floats) -> Floats:
     """Cosines at fractional samples."""
     between: Floats = cosine[0] + 2 / cosine.size * sample
     return between
-
-
-def _cut(
-    cosine: Floats, power: Floats, threshold: Floats, places: Floats, label: Literal["u", "w"]
-) -> Spectrum:
-    """Line through the maximum of a spectrum, in dB below it; exact nulls are as low as rounding."""
-    lowest, strongest = np.finfo(np.float64).eps ** 2, power.max()
-    level_db, threshold_db = (
-        10 * np.log10(np.maximum(level / strongest, lowest)) for level in (power, threshold)
-    )
-    return Spectrum(cosine, level_db, threshold_db, places, label)

@@ -21,9 +21,6 @@ from ..chain import CellSnapshots, CellwiseEstimator, Reading
 SAME_CELLS = 0.05
 """Rayleigh cells within which two peaks are one: where the region spans all cosines, both ends show it."""
 
-LOWEST_DB = -200.0
-"""Level of an exact null in a diagnosis."""
-
 
 @dataclass(frozen=True)
 class AngularSpectrumEstimator(CellwiseEstimator):
@@ -173,10 +170,36 @@ class AngularSpectrumEstimator(CellwiseEstimator):
         waves = self.plane_waves(observation, cells)
         power = found.power[0]
         row, column = np.unravel_index(power.argmax(), power.shape)
+        u, w = (places[0][waves.found[0]] for places in (waves.u, waves.w))
+        return (
+            spectrum_cut(found.u, power[:, column], None, u, "u"),
+            spectrum_cut(found.w, power[row], None, w, "w"),
+        )
 
-        def cut(cosine: Floats, line: Floats, places: Floats, label: Literal["u", "w"]) -> Spectrum:
-            ratio = line / power.max()
-            level_db = 10 * np.log10(np.maximum(ratio, 10 ** (LOWEST_DB / 10)))
-            return Spectrum(cosine, level_db, None, places[0][waves.found[0]], label)
 
-        return cut(found.u, power[:, column], waves.u, "u"), cut(found.w, power[row], waves.w, "w")
+def spectrum_cut(
+    cosine: Floats, power: Floats, threshold: Floats | None, places: Floats, label: Literal["u", "w"]
+) -> Spectrum:
+    """Draw a line through the maximum of a spectrum, in dB below it.
+
+    Parameters
+    ----------
+    cosine, power : ndarray of float64, shape (g,)
+        Exact nulls are shown as low as rounding.
+    threshold : ndarray of float64, shape (g,), or None
+        Power that a peak has to exceed.
+    places : ndarray of float64, shape (k,)
+        Direction cosines that are taken for echoes.
+    label : {"u", "w"}
+
+    Returns
+    -------
+    Spectrum
+    """
+
+    def below_db(level: Floats) -> Floats:
+        lowest: Floats = np.maximum(level / power.max(), np.finfo(np.float64).eps ** 2)
+        return 10 * np.log10(lowest)
+
+    threshold_db = None if threshold is None else below_db(threshold)
+    return Spectrum(cosine, below_db(power), threshold_db, places, label)

@@ -33,7 +33,7 @@ import numpy as np
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.esprit import most_sources
 from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
-from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs
+from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs, subarray_shape
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.fitting.joint_selection import explain_map, select_jointly
@@ -345,8 +345,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         (int, int)
             Elements along u and along w.
         """
-        n_u, n_w = (min(max(2, round(self.subarray_fraction * n)), n) for n in shape)
-        return n_u, n_w
+        return subarray_shape(shape, self.subarray_fraction)
 
     def signal_order(
         self, pairs: Eigenpairs, shape: tuple[int, int], subarray: tuple[int, int], noise: float

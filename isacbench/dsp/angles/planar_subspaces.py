@@ -39,6 +39,25 @@ DEEP_NULL = 0.5
 """Share of a steering vector outside the subspace from which a minimum is no source: half of it."""
 
 
+def subarray_shape(shape: tuple[int, ...], fraction: float) -> tuple[int, int]:
+    """Size of subarrays of a share of an array, two elements at least along each axis that has them.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Elements P, Q of the array.
+    fraction : float
+        Length over array length, above 0, up to 1.
+
+    Returns
+    -------
+    (int, int)
+        Elements along u and along w.
+    """
+    n_u, n_w = (min(max(2, round(fraction * n)), n) for n in shape)
+    return n_u, n_w
+
+
 def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
     """Forward-backward spatially smoothed covariance of planar snapshots after the unitary transform.
 
