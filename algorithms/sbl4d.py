@@ -123,9 +123,10 @@ class Sbl4d:
     Examples
     --------
     >>> from isacbench import load_scenario, observe
-    >>> cloud = Sbl4d().estimate(observe(load_scenario("street"), snr_db=10))
-    >>> 150 < len(cloud) < 350
-    True
+    >>> scene = load_scenario("sparse[seed=1]")
+    >>> cloud = Sbl4d().estimate(observe(scene, snr_db=10))
+    >>> len(scene.truth), 15 < len(cloud) < 25
+    (18, True)
     """
 
     name: ClassVar[str] = "sbl4d"
