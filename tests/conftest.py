@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import os
 import sys
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,12 +19,22 @@ from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins import import_closure, plugin_versions
 from isacbench.plugins.discovery import isolated_plugins
 
-# How long an example takes on a busy machine decides no test. More examples: --hypothesis-profile=thorough
-settings.register_profile("quick", deadline=None, max_examples=50)
+# How long an example takes on a busy machine decides no test. The default run tries the same examples each
+# time; the scheduled workflow tries others, and more, with --hypothesis-profile=thorough.
+settings.register_profile("quick", deadline=None, max_examples=25, derandomize=True)
 settings.register_profile("thorough", deadline=None, max_examples=500)
 settings.load_profile("quick")
 
+
+def few(test):
+    """Give a test whose examples take long a fifth of the examples."""
+    return settings(max_examples=settings.default.max_examples // 5)(test)
+
+
 MOST_WORKERS = 8
+
+# Compiling the tests is half of their collection, so they are kept compiled whatever Python was told.
+sys.dont_write_bytecode = False
 
 
 def pytest_xdist_auto_num_workers(config):
@@ -33,6 +44,28 @@ def pytest_xdist_auto_num_workers(config):
     """
     asked = [Path(text.partition("::")[0]) for text in config.args]
     return 0 if all(path.is_file() for path in asked) else min((os.cpu_count() or 1) + 1, MOST_WORKERS)
+
+
+def pytest_collection(session):
+    """Let each worker begin with other files: it reads what the others have compiled by then."""
+    config = session.config
+    folders = [Path(text) for text in config.args]
+    chosen = config.getoption("ignore") or config.getoption(
+        "ignore_glob"
+    )  # files that are named are not ignored
+    if hasattr(config, "workerinput") and not chosen and all(folder.is_dir() for folder in folders):
+        left_out = set(config.getini("norecursedirs"))
+        found = ((path, path.relative_to(folder)) for folder in folders for path in folder.rglob("test_*.py"))
+        files = sorted(str(path) for path, inner in found if left_out.isdisjoint(inner.parts))
+        worker = int(config.workerinput["workerid"].removeprefix("gw"))
+        first = worker * len(files) // config.workerinput["workercount"]
+        config.args = files[first:] + files[:first]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Order tests by their files, wherever a worker began."""
+    items.sort(key=lambda item: item.path)
 
 
 PLUGINS = '''
@@ -164,6 +197,16 @@ def one_thread():
     import scipy.linalg  # noqa: F401
 
     with threadpool_limits(limits=1):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def commands_built_once():
+    """Build the commands once a session: it takes longer than most of what tests ask of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        if "typer.testing" in sys.modules:
+            typer = sys.modules["typer"]
+            patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command), raising=False)
         yield
 
 
