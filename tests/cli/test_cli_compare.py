@@ -1,19 +1,23 @@
 import errno
 import json
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from typer.testing import CliRunner
 
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.cli import app
+from isacbench.report.comparisons import comparison_figure
+from isacbench.report.drawing.style import new_figure
+
+DRAW_CHANGES = comparison_figure.draw_changes
 
 
 @pytest.fixture
-def cli(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: CliRunner().invoke(app, ["compare", *map(str, args)])
+def cli(command_line, monkeypatch):
+    """Run the command in a folder of its own; figures are left empty."""
+    monkeypatch.setattr(comparison_figure, "draw_changes", lambda *_: new_figure(1, 1))
+    return partial(command_line, "compare")
 
 
 @pytest.fixture
@@ -28,12 +32,25 @@ def folders(made_run, written_run):
     written_run("worse", worse, manifest)
 
 
-def test_without_a_regression_the_exit_code_is_0_and_a_figure_is_drawn(cli, folders, tmp_path):
+def everything(folder):
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+
+def test_without_a_regression_the_exit_code_is_0_and_nothing_but_a_figure_is_made(
+    cli, folders, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(comparison_figure, "draw_changes", DRAW_CHANGES)
+    before = everything(tmp_path)
     result = cli("base", "same")
     assert result.exit_code == 0, result.output
     assert result.stdout.splitlines()[-1] == "no regression: of 2 curves 2 same; of 6 points 6 same"
-    assert (tmp_path / "same" / "figures" / "compare-deviation.png").is_file()
     assert result.stderr == ""
+    after = everything(tmp_path)
+    new = {path.relative_to(tmp_path).as_posix() for path in after.keys() - before.keys()}
+    assert new == {"same/figures", "same/figures/compare-deviation.png"}
+    assert {path: after[path] for path in before if path.is_file()} == {
+        path: time for path, time in before.items() if path.is_file()
+    }
 
 
 def test_a_regression_ends_in_exit_code_4_and_is_tabulated(cli, folders):
@@ -70,24 +87,20 @@ def test_json_is_all_that_is_printed_and_draws_only_where_asked(cli, folders, tm
     }
 
 
-@pytest.mark.parametrize(
-    ("args", "fragment"),
-    [
-        (("base", "nowhere"), "nowhere: not the folder of a run"),
-        (("base", "same", "--tolerance", "deviation"), "tolerance 'deviation': allowed is"),
-        (("base", "same", "--tolerance", "deviatoin=5%"), "did you mean 'deviation'"),
-        (("base", "same", "--tolerance", "n_estimated=5%"), "no better direction"),
-        (("base", "same", "--alpha", "2"), "alpha = 2.0: allowed is"),
-        (("base", "same", "--plot", "my.doc"), "my.doc: a picture takes the extension"),
-    ],
-)
-def test_a_mistake_ends_in_one_line_and_exit_code_2(cli, folders, tmp_path, args, fragment):
-    result = cli(*args)
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert fragment in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert not list(tmp_path.rglob("*.png"))
+def test_a_mistake_ends_in_one_line_and_exit_code_2(cli, folders, tmp_path):
+    for words, fragment in (
+        ("base nowhere", "nowhere: not the folder of a run"),
+        ("base same --tolerance deviation", "tolerance 'deviation': allowed is"),
+        ("base same --tolerance deviatoin=5%", "did you mean 'deviation'"),
+        ("base same --tolerance n_estimated=5%", "no better direction"),
+        ("base same --alpha 2", "alpha = 2.0: allowed is"),
+        ("base same --plot my.doc", "my.doc: a picture takes the extension"),
+    ):
+        result = cli(*words.split())
+        assert (result.exit_code, result.stdout) == (2, ""), words
+        assert fragment in result.stderr
+        assert result.stderr.count("\n") == 1, words
+        assert not list(tmp_path.rglob("*.png")), words
 
 
 @pytest.fixture
@@ -128,52 +141,41 @@ def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, 
     assert json.loads(back.stdout)["between"] == ["nomp4d[pfa=0.001]", "chance"]
 
 
-@pytest.mark.parametrize(
-    ("args", "fragment"),
-    [
-        (("old",), "only one run was given; give two runs"),
-        (("old", "--between", "chance"), "--between and --and must be given together"),
-        (("old", "new", "--between", "chance", "--and", "nomp4d"), "between needs exactly one run"),
-        (("old", "new", "--map", "nomp4d"), "map 'nomp4d': allowed is OLD[param=value,...]=NEW"),
-        (("old", "new", "--map", "nomp4d=nomb4d"), "new: no estimator fits 'nomb4d': did you mean"),
-        (("old", "new", "--markdown", "nowhere/x.md"), "x.md: cannot be written: there is no folder nowhere"),
-        (("old", "new", "--junit", "old"), "old: cannot be written: is a folder, not a file"),
-        (("old", "new", "--junit", "link"), "link: is a symbolic link"),
-        (("old", "new", "--plot", "plain/x.png"), "plain: cannot be written"),
-    ],
-)
-def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned, tmp_path, args, fragment):
+def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned, tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     (tmp_path / "plain").touch()
-    result = cli(*args)
-    assert result.exit_code == 2
-    assert fragment in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert not (tmp_path / "elsewhere").exists()
+    for words, fragment in (
+        ("old", "only one run was given; give two runs"),
+        ("old --between chance", "--between and --and must be given together"),
+        ("old new --between chance --and nomp4d", "between needs exactly one run"),
+        ("old new --map nomp4d", "map 'nomp4d': allowed is OLD[param=value,...]=NEW"),
+        ("old new --map nomp4d=nomb4d", "new: no estimator fits 'nomb4d': did you mean"),
+        ("old new --markdown nowhere/x.md", "x.md: cannot be written: there is no folder nowhere"),
+        ("old new --junit old", "old: cannot be written: is a folder, not a file"),
+        ("old new --junit link", "link: is a symbolic link"),
+        ("old new --plot plain/x.png", "plain: cannot be written"),
+    ):
+        result = cli(*words.split())
+        assert result.exit_code == 2, words
+        assert fragment in result.stderr
+        assert result.stderr.count("\n") == 1, words
+        assert not (tmp_path / "elsewhere").exists()
 
 
-@pytest.mark.parametrize(
-    ("args", "code", "verdict"),
-    [
-        (("base", "same"), 0, "no regression"),
-        (("base", "worse", "--json"), 4, "regression"),
-        (("base", "other"), 5, "not comparable"),
-    ],
-)
-def test_files_for_continuous_integration_are_written_whatever_the_exit_code(
-    cli, folders, tmp_path, args, code, verdict
-):
+def test_files_for_continuous_integration_are_written_whatever_the_exit_code(cli, folders, tmp_path):
     (tmp_path / "ci.md").write_text("of an earlier run")
-    result = cli(*args, "--markdown", "ci.md", "--junit", "ci.xml")
-    assert result.exit_code == code
-    assert (tmp_path / "ci.md").read_text().startswith(f"### isacbench compare: {verdict}\n")
-    suites = ElementTree.parse(tmp_path / "ci.xml").getroot()
-    assert (suites.attrib["failures"] > "0", suites.attrib["errors"] > "0") == (code == 4, code == 5)
-    assert {path.name for path in tmp_path.iterdir()} == {"base", "same", "worse", "other", "ci.md", "ci.xml"}
-
-
-def everything(folder):
-    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    for words, code, verdict in (
+        ("base same", 0, "no regression"),
+        ("base worse --json", 4, "regression"),
+        ("base other", 5, "not comparable"),
+    ):
+        result = cli(*words.split(), "--markdown", "ci.md", "--junit", "ci.xml")
+        assert result.exit_code == code
+        assert (tmp_path / "ci.md").read_text().startswith(f"### isacbench compare: {verdict}\n")
+        suites = ElementTree.parse(tmp_path / "ci.xml").getroot()
+        assert (suites.attrib["failures"] > "0", suites.attrib["errors"] > "0") == (code == 4, code == 5)
+        files = {path.name for path in tmp_path.iterdir()}
+        assert files == {"base", "same", "worse", "other", "ci.md", "ci.xml"}
 
 
 def test_a_run_that_is_being_written_is_compared_and_not_drawn_into(cli, folders, tmp_path):
@@ -198,27 +200,13 @@ def test_a_folder_that_cannot_be_written_is_compared_and_not_drawn_into(cli, fol
     assert everything(tmp_path) == before
 
 
-def test_nothing_but_figures_is_made_in_either_folder(cli, folders, tmp_path):
+def test_files_do_not_take_the_place_of_a_run_or_of_each_other(cli, folders, tmp_path):
     before = everything(tmp_path)
-    cli("base", "same")
-    after = everything(tmp_path)
-    new = {path.relative_to(tmp_path).as_posix() for path in after.keys() - before.keys()}
-    assert new == {"same/figures", "same/figures/compare-deviation.png"}
-    assert {path: after[path] for path in before if path.is_file()} == {
-        path: time for path, time in before.items() if path.is_file()
-    }
-
-
-@pytest.mark.parametrize(
-    ("args", "told"),
-    [
-        (("--junit", "same/results.parquet"), "is a table of a run and is not overwritten"),
-        (("--markdown", "one.md", "--junit", "./one.md"), "is named by two options"),
-    ],
-)
-def test_files_do_not_take_the_place_of_a_run_or_of_each_other(cli, folders, tmp_path, args, told):
-    before = everything(tmp_path)
-    result = cli("base", "same", *args)
-    assert result.exit_code == 2
-    assert told in result.stderr
-    assert everything(tmp_path) == before
+    for words, told in (
+        ("--junit same/results.parquet", "is a table of a run and is not overwritten"),
+        ("--markdown one.md --junit ./one.md", "is named by two options"),
+    ):
+        result = cli("base", "same", *words.split())
+        assert result.exit_code == 2
+        assert told in result.stderr
+        assert everything(tmp_path) == before

@@ -1,26 +1,9 @@
 import pandas as pd
-import pytest
-from typer.testing import CliRunner
-
-from isacbench.cli import app
 
 RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "0,5", "-n", "4")
 
 
-@pytest.fixture
-def cli(plugins, tiny, tmp_path, monkeypatch):
-    """Run the command line in a folder that holds a small scenario, without drawing figures."""
-    drawing = "isacbench.report.html.guarded_pages.draw_run_and_page"
-    monkeypatch.setattr(drawing, lambda folder, *_: [folder / "deviation.png"])
-    monkeypatch.chdir(tmp_path)
-
-    def call(*args):
-        return CliRunner().invoke(app, [str(arg) for arg in args])
-
-    return call
-
-
-def test_merge_reports_what_it_has_and_says_what_is_missing_if_anything_is(cli):
+def test_merge_says_what_is_missing_if_anything_is_and_rescore_tells_what_changed(cli):
     for k in (1, 2):
         assert cli(*RUN, "--shard", f"{k}/2", "-o", k).exit_code == 0
     result = cli("merge", "1", "-o", "half")
@@ -39,6 +22,21 @@ def test_merge_reports_what_it_has_and_says_what_is_missing_if_anything_is(cli):
     assert result.stdout.splitlines()[-1] == "all: 16 of 16 cells"
     assert cli("report", "all").exit_code == 0
 
+    before = pd.read_parquet("all/results.parquet")
+    wrong = before.copy()
+    wrong.attrs = {}
+    wrong.loc[[1, 4], "deviation"] += [0.5, -0.25]
+    wrong.to_parquet("all/results.parquet", index=False)
+    result = cli("rescore", "all")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines()[-2:] == [
+        "all: 16 rows scored again, 2 of them differ",
+        "deviation: 2 rows, by at most 0.5",
+    ]
+    pd.testing.assert_frame_equal(pd.read_parquet("all/results.parquet"), before)
+    again = cli("rescore", "all")
+    assert again.stdout.splitlines()[-1] == "all: 16 rows scored again, 0 of them differ"
+
 
 def test_many_gaps_are_counted(cli):
     names = [word for n in range(1, 13) for word in ("-e", f"blob[n={n}]")]
@@ -48,35 +46,11 @@ def test_many_gaps_are_counted(cli):
     assert lines[-1] == "missing: and of 2 more"
 
 
-@pytest.mark.parametrize(
-    ("args", "message"),
-    [
-        (("merge", "gone", "-o", "all"), "gone: not the folder of a run, manifest.json missing"),
-        (("rescore", "gone"), "gone: not the folder of a run, manifest.json missing"),
-    ],
-)
-def test_a_folder_that_is_none_ends_in_one_message(cli, tmp_path, args, message):
-    result = cli(*args)
-    assert result.exit_code == 2
-    assert result.stderr.startswith(f"isacbench: {message}")
-    assert result.stderr.count("\n") == 1
-    assert not (tmp_path / "all").exists()
-    assert not (tmp_path / "gone").exists()
-
-
-def test_rescore_tells_what_changed_and_redraws(cli):
-    cli(*RUN, "-o", "out")
-    before = pd.read_parquet("out/results.parquet")
-    wrong = before.copy()
-    wrong.attrs = {}
-    wrong.loc[[1, 4], "deviation"] += [0.5, -0.25]
-    wrong.to_parquet("out/results.parquet", index=False)
-    result = cli("rescore", "out")
-    assert result.exit_code == 0, result.output
-    assert result.stdout.splitlines()[-2:] == [
-        "out: 16 rows scored again, 2 of them differ",
-        "deviation: 2 rows, by at most 0.5",
-    ]
-    pd.testing.assert_frame_equal(pd.read_parquet("out/results.parquet"), before)
-    again = cli("rescore", "out")
-    assert again.stdout.splitlines()[-1] == "out: 16 rows scored again, 0 of them differ"
+def test_a_folder_that_is_none_ends_in_one_message(cli, tmp_path):
+    for words in ("merge gone -o all", "rescore gone"):
+        result = cli(*words.split())
+        assert result.exit_code == 2, words
+        message = "isacbench: gone: not the folder of a run, manifest.json missing"
+        assert result.stderr.startswith(message)
+        assert result.stderr.count("\n") == 1, words
+        assert not list(tmp_path.glob("all")) + list(tmp_path.glob("gone")), words

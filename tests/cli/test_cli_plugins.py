@@ -4,13 +4,11 @@ import json
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from isacbench.bench.run.runner import run
 from isacbench.bench.studies.study import build_estimators
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.suite import Suite
-from isacbench.cli import app
 from isacbench.errors import InputError
 
 LOCAL = '''
@@ -49,16 +47,10 @@ class Half:
 
 
 @pytest.fixture
-def cli(plugins, write_plugin, tiny, tmp_path, monkeypatch):
+def cli(cli, write_plugin):
     """Run the command line in a folder that holds a small scenario and a plugin file."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("isacbench.report.html.guarded_pages.draw_run_and_page", lambda *_: [])
     write_plugin("local.py", LOCAL)
-
-    def call(*args):
-        return CliRunner().invoke(app, [str(arg) for arg in args])
-
-    return call
+    return cli
 
 
 def test_run_takes_estimators_of_a_plugin_file_in_grids(cli):
@@ -83,11 +75,10 @@ def test_list_and_image_know_plugin_files_and_several_of_them(cli, write_plugin)
     assert "1 point " in result.stdout
 
 
-@pytest.mark.parametrize("command", ["run", "list", "image"])
-def test_a_plugin_file_that_is_none_ends_in_one_line_and_code_2(cli, command):
-    result = cli(command, "--plugin", "gone.py")
-    assert result.exit_code == 2
-    assert result.stderr == "isacbench: gone.py: does not exist\n"
+def test_a_plugin_file_that_is_none_ends_in_one_line_and_code_2(cli):
+    for command in ("run", "list", "image"):
+        result = cli(command, "--plugin", "gone.py")
+        assert (result.exit_code, result.stderr) == (2, "isacbench: gone.py: does not exist\n"), command
 
 
 def test_an_image_takes_one_estimator_and_no_grid(cli):
@@ -113,39 +104,23 @@ def test_variants_that_mean_the_same_are_refused(plugins, estimators):
         build_estimators(suite(*estimators))
 
 
-def test_a_detection_suite_takes_grids_of_detectors_and_of_estimators(plugins, tiny):
-    records = run(
-        DetectionSuite(
-            kind="detection",
-            name="s",
-            scenarios=[str(tiny)],
-            estimators=["fft4d[max_sources=[1,2]]"],
-            detectors=["ca[pfa=[1e-3,1e-4]]", "level"],
-            maps=["homogeneous"],
-            snr_db=[-36],
-            trials=1,
-        )
-    )
+@pytest.fixture
+def detection(plugins, tiny):
+    """Return a function that runs detectors behind an estimator."""
+    common = {"name": "s", "scenarios": [str(tiny)], "maps": ["homogeneous"], "snr_db": [-36], "trials": 1}
+    return lambda **options: run(DetectionSuite(kind="detection", **common, **options))
+
+
+def test_a_detection_suite_takes_grids_of_detectors_and_of_estimators(detection):
+    grid = "ca[pfa=[1e-3,1e-4]]"
+    records = detection(estimators=["fft4d[max_sources=[1,2]]"], detectors=[grid, "level"])
     on_map, behind = (records[(records["scenario"] == "homogeneous") == chosen] for chosen in (True, False))
     detectors = ["ca[pfa=1e-3]", "ca[pfa=1e-4]", "level"]
     assert on_map["detector"].tolist() == detectors
     assert behind["detector"].tolist() == 2 * detectors
     assert (records["status"] != "error").all()
-
-
-def test_a_detector_that_two_entries_of_a_suite_yield_is_refused(plugins, tiny):
     with pytest.raises(InputError, match="'ca\\[pfa=1e-3\\]' repeats a detector"):
-        run(
-            DetectionSuite(
-                kind="detection",
-                name="s",
-                scenarios=[str(tiny)],
-                estimators=["fft4d"],
-                detectors=["ca[pfa=[1e-3,1e-4]]", "ca[pfa=1e-3]"],
-                snr_db=[-36],
-                trials=1,
-            )
-        )
+        detection(estimators=["fft4d"], detectors=[grid, "ca[pfa=1e-3]"])
 
 
 REMARKING = '''

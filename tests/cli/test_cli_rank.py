@@ -1,15 +1,12 @@
 import json
+from functools import partial
 
 import pytest
-from typer.testing import CliRunner
-
-from isacbench.cli import app
 
 
 @pytest.fixture
-def cli(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: CliRunner().invoke(app, ["rank", *map(str, args)])
+def cli(command_line):
+    return partial(command_line, "rank")
 
 
 @pytest.fixture

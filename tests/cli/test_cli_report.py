@@ -1,98 +1,91 @@
 """The command report: what each option makes, and names that the shell completes."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from isacbench.cli import app
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.suites.suite import Suite
 from isacbench.cli.completion import estimators_like, metrics_like, scenarios_like, suites_like
+from isacbench.report.drawing.style import new_figure
+from isacbench.report.figures import run_figures
+from tests.conftest import TINY, TINY_POINTS
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Folder of two stored runs of one suite without figures, to be copied."""
+    folder = tmp_path_factory.mktemp("runs")
+    (folder / "tiny.toml").write_text(TINY)
+    (folder / "tiny.csv").write_text(TINY_POINTS)
+    for estimator, name in (("fft4d", "one"), ("oracle", "two")):
+        scenarios = [str(folder / "tiny.toml")]
+        suite = Suite(name="s", scenarios=scenarios, estimators=[estimator], snr_db=[0, 10], trials=1)
+        run_suite(suite, folder / name)
+    return folder
 
 
 @pytest.fixture
-def cli(plugins, tiny, tmp_path, monkeypatch):
-    """Run the command line in a folder with two stored runs of one suite."""
-    monkeypatch.chdir(tmp_path)
-
-    def invoke(*args):
-        return CliRunner().invoke(app, [str(arg) for arg in args])
-
-    for estimator, folder in (("blob", "one"), ("seer", "two")):
-        made = invoke(
-            "run",
-            "quick",
-            "-s",
-            "tiny.toml",
-            "-e",
-            estimator,
-            "--snr",
-            "0,10",
-            "-n",
-            1,
-            "-o",
-            folder,
-            "--no-html",
-        )
-        assert made.exit_code == 0, made.output
-    return invoke
+def cli(runs, command_line, tmp_path, monkeypatch):
+    """Run the command line in a folder with a scenario and two stored runs; figures are left empty."""
+    for name in ("draw_deviations", "draw_scores", "draw_clouds"):
+        monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
+    shutil.copytree(runs, tmp_path, dirs_exist_ok=True)
+    return command_line
 
 
 def files_of(folder):
     return {
         path.relative_to(folder).as_posix()
-        for path in folder.rglob("*")
+        for path in Path(folder).rglob("*")
         if path.suffix in {".html", ".png", ".pdf"}
     }
 
 
-def test_a_run_leaves_the_page_out_where_it_is_told_to(cli, tmp_path):
-    before = {"figures/deviation.png", "figures/curves-tiny.png", "figures/clouds-tiny.png"}
-    assert files_of(tmp_path / "one") == before
+def test_a_run_leaves_the_page_out_where_it_is_told_to_and_a_report_writes_it(cli):
+    figures = {"figures/deviation.png", "figures/curves-tiny.png", "figures/clouds-tiny.png"}
+    words = "run quick -s tiny.toml -e fft4d --snr 0 -n 1 -o new --no-html"
+    made = cli(*words.split())
+    assert made.exit_code == 0, made.output
+    assert files_of("new") == figures
     assert "report.html" in cli("report", "one").stdout
-    assert files_of(tmp_path / "one") == {*before, "report.html"}
+    assert files_of("one") == {*figures, "report.html"}
 
 
-def test_html_writes_the_page_alone(cli, tmp_path):
-    (tmp_path / "one" / "summary.md").unlink()
+def test_html_writes_pages_alone_and_several_runs_become_one(cli):
     result = cli("report", "one", "--html")
     assert (result.exit_code, result.stdout.strip()) == (0, "one/report.html")
-    assert not (tmp_path / "one" / "summary.md").exists()
-
-
-def test_several_runs_become_one_page(cli, tmp_path):
+    assert not Path("one/summary.md").exists()
     result = cli("report", "one", "two", "--html", "-o", "board.html")
     assert (result.exit_code, result.stdout.strip()) == (0, "board.html")
-    assert (tmp_path / "board.html").stat().st_size > 1e6
+    assert Path("board.html").stat().st_size > 1e6
     assert cli("report", "one", "two", "--html").stdout.strip() == "leaderboard.html"
 
 
-def test_chosen_figures_are_drawn_and_nothing_else(cli, tmp_path):
-    before = files_of(tmp_path / "one")
+def test_chosen_figures_are_drawn_and_nothing_else(cli):
     result = cli("report", "one", "--metric", "recall", "--format", "pdf")
     assert result.stdout.strip() == "figures: one/figures/recall-tiny.pdf"
-    assert files_of(tmp_path / "one") - before == {"figures/recall-tiny.pdf"}
+    assert files_of("one") == {"figures/recall-tiny.pdf"}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["one", "two"], "several folders, and -o, need --html"),
-        (["one", "-o", "a.html"], "several folders, and -o, need --html"),
-        (["one", "--html", "--snr", "10"], "--html cannot be combined with"),
-        (["one", "two", "--html", "-o", "board.txt"], "give -o FILE.html"),
-        (["one", "one", "--html"], "given twice"),
-        (["one", "--snr", "7"], "no SNR in dB of 7; allowed are 0, 10"),
-        (["none", "--html"], "none"),
-    ],
-)
-def test_a_wrong_report_ends_in_exit_code_2_with_one_message(cli, arguments, message):
-    result = cli("report", *arguments)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert len(result.stderr.splitlines()) == 1
+def test_a_wrong_report_ends_in_exit_code_2_with_one_message(cli):
+    for words, message in (
+        ("one two", "several folders, and -o, need --html"),
+        ("one -o a.html", "several folders, and -o, need --html"),
+        ("one --html --snr 10", "--html cannot be combined with"),
+        ("one two --html -o board.txt", "give -o FILE.html"),
+        ("one one --html", "given twice"),
+        ("one --snr 7", "no SNR in dB of 7; allowed are 0, 10"),
+        ("none --html", "none"),
+    ):
+        result = cli("report", *words.split())
+        assert result.exit_code == 2, words
+        assert message in result.stderr
+        assert len(result.stderr.splitlines()) == 1, words
 
 
 def test_names_that_begin_alike_are_completed():

@@ -1,24 +1,20 @@
 import json
+from functools import partial
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from isacbench.cli import app
 from isacbench.link.waveform.figures_of_merit import draw_papr_db
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.report.drawing.style import new_figure
+from isacbench.report.figures import waveform_figures
 
 
 @pytest.fixture
-def cli(tiny, tmp_path, monkeypatch):
+def cli(tiny, command_line):
     """Run the command line in a folder that holds a small scenario."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*args):
-        return CliRunner().invoke(app, ["waveform", "-s", "tiny.toml", *map(str, args)])
-
-    return call
+    return partial(command_line, "waveform", "-s", "tiny.toml")
 
 
 def test_it_prints_tables_and_no_figure_unless_asked(cli, tmp_path):
@@ -43,7 +39,9 @@ def test_json_holds_what_the_modules_compute(cli):
     assert found["sampling_rate_hz"] == system.bandwidth_hz
 
 
-def test_figures_are_drawn_into_a_folder_and_named(cli, tmp_path):
+def test_figures_are_drawn_into_a_folder_and_named(cli, tmp_path, monkeypatch):
+    for name in ("draw_spectrum", "draw_papr", "draw_resource_grid"):
+        monkeypatch.setattr(waveform_figures, name, lambda *_: new_figure(1, 1))
     result = cli("--frames", 1, "--modulation", "qpsk", "-o", "figures")
     assert result.exit_code == 0, result.output
     names = {"spectrum.png", "papr.png", "grid.png"}

@@ -1,12 +1,12 @@
 """`isacbench image` with a choice of what is sent and what is sensed with."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import isacbench
 from isacbench.bench.cells.scored_images import image_reference
-from isacbench.cli import app
 from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import resource_grid
@@ -14,10 +14,9 @@ from isacbench.model.scenes.scenario import load_scenario
 
 
 @pytest.fixture
-def image(tiny, tmp_path, monkeypatch):
+def image(tiny, command_line):
     """Image the tiny scene in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *options: CliRunner().invoke(app, ["image", "-s", str(tiny), *options])
+    return partial(command_line, "image", "-s", "tiny.toml")
 
 
 def test_the_image_is_that_of_the_observation_through_the_same_signal(image, tiny):
@@ -40,20 +39,17 @@ def test_a_signal_that_does_not_exist_is_refused_in_one_sentence(image):
     )
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_a_recorded_frame_has_its_data_and_its_noise_already(image):
+    for words, message in (
         (
-            ["--modulation", "16qam"],
+            "--modulation 16qam",
             "--trial, --seed, --modulation and --waveform cannot be combined with --cube",
         ),
-        (["--snr", "10"], "with --cube, --snr needs --division wiener"),
-    ],
-)
-def test_a_recorded_frame_has_its_data_and_its_noise_already(image, options, message):
-    result = image("--cube", "frame.npy", *options)
-    assert result.exit_code == 2
-    assert message in result.output
+        ("--snr 10", "with --cube, --snr needs --division wiener"),
+    ):
+        result = image("--cube", "frame.npy", *words.split())
+        assert result.exit_code == 2, words
+        assert message in result.output
 
 
 def test_a_recorded_frame_is_sensed_with_its_prs(image, tiny):

@@ -8,6 +8,7 @@ import pandas as pd
 
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.link_kind import LinkSuite
+from isacbench.report.figures import run_figures
 from isacbench.report.figures.link_figures import draw_link, draw_trade
 from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.tables.link_tables import receiver_labels, signal_label
@@ -83,16 +84,10 @@ def test_without_users_or_without_images_there_is_no_trade_and_the_rest_is_drawn
 
 
 def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, tiny, tmp_path):
-    suite = LinkSuite(
-        name="test",
-        scenarios=[str(tiny)],
-        estimators=["blob"],
-        modulations=["qpsk", "16qam"],
-        channels=["awgn"],
-        snr_db=[0, 40],
-        trials=2,
+    suite = {"name": "test", "scenarios": [str(tiny)], "estimators": ["blob"], "channels": ["awgn"]}
+    results = run_suite(
+        LinkSuite(**suite, modulations=["qpsk", "16qam"], snr_db=[0, 40], trials=2), tmp_path / "run"
     )
-    results = run_suite(suite, tmp_path / "run")
     imaged_grid, known, estimated = grids_of(results.records, "link")
     header = ["SNR [dB]", "QPSK", "16QAM, reciprocal", "16QAM, matched", "16QAM, Wiener", "PRS alone"]
     assert imaged_grid.header == header
@@ -107,50 +102,30 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, 
     assert known.rows[1][1].startswith("0 (0) | -40")
     assert not math.isnan(results.records["ber_expected"].max())
     assert {path.name for path in draw_run(tmp_path / "run")} == {"link-tiny.png", "trade-tiny.png"}
+    # One trial is no trials, and no decibel has no sign.
+    first = results.records.query("trial == 0").assign(evm_db=-0.01)
+    imaged_grid, known, _ = grids_of(first, "link")
+    assert ", 1 trial, " in imaged_grid.title
+    assert imaged_grid.title.endswith(" ms")
+    assert ", 1 frame;" in known.title
+    assert " | 0.0 | " in known.rows[0][1]
 
 
-def test_a_suite_without_users_has_tables_and_a_figure_of_images(plugins, tiny, tmp_path):
-    suite = LinkSuite(
-        name="test",
-        scenarios=[str(tiny)],
-        estimators=["blob"],
-        modulations=["qpsk"],
-        sensing=["all"],
-        channels=[],
-        snr_db=[40],
-        trials=1,
+def test_a_suite_without_users_has_tables_and_a_figure_of_images(plugins, tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_figures, "save", lambda _, path: path)
+    suite = {"name": "test", "scenarios": [str(tiny)], "estimators": ["blob"], "channels": []}
+    results = run_suite(
+        LinkSuite(**suite, modulations=["qpsk"], sensing=["all"], snr_db=[40], trials=1), tmp_path / "run"
     )
-    results = run_suite(suite, tmp_path / "run")
     (grid,) = grids_of(results.records, "link")
     assert grid.header == ["SNR [dB]", "QPSK"]
     assert [path.name for path in draw_run(tmp_path / "run")] == ["link-tiny.png"]
 
 
-def test_one_trial_is_no_trials_and_no_decibel_has_no_sign(plugins, tiny, tmp_path):
-    records = run_suite(
-        LinkSuite(
-            name="test",
-            scenarios=[str(tiny)],
-            estimators=["blob"],
-            modulations=["qpsk"],
-            sensing=["all"],
-            channels=["awgn"],
-            snr_db=[0],
-            trials=1,
-        ),
-        tmp_path / "run",
-    ).records
-    sensed, known, _ = grids_of(records.assign(evm_db=-0.01), "link")
-    assert ", 1 trial, " in sensed.title
-    assert sensed.title.endswith(" ms")
-    assert ", 1 frame;" in known.title
-    assert " | 0.0 | " in known.rows[0][1]
-
-
 def test_snrs_beside_the_points_do_not_cover_each_other():
     # Once all bits arrive, neither the rate nor the image grows any further.
     figure = draw_trade(summary().assign(rate_bps=1e9, deviation_mean=4.0), "room")
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     for axes in figure.axes:
         boxes = [text.get_window_extent() for text in axes.texts]
         assert len(boxes) == len(SNRS)
@@ -169,7 +144,7 @@ def test_a_channel_of_many_parameters_has_a_title_as_wide_as_its_panel():
     figure = draw_link(summary().replace({"channel": {"awgn": name}}), "room")
     panel = figure.axes[0]
     assert panel.get_title().replace("\n", " ").endswith(name.replace(",", ", "))
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     assert panel.title.get_window_extent().width < 1.25 * panel.get_window_extent().width
 
 

@@ -1,11 +1,6 @@
-import copy
 import dataclasses
 from xml.etree import ElementTree
 
-import pytest
-
-from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import RunTable
 from isacbench.report.comparisons.ci_files import (
     MAX_CHARACTERS,
     comparison_junit,
@@ -15,22 +10,6 @@ from isacbench.report.comparisons.ci_files import (
 )
 
 HOSTILE = "<b>&\x00\x1b[31m\uffff]]>|`x`\nnext"
-
-
-@pytest.fixture
-def compared(made_run):
-    """Return a function that compares a made-up run with a changed one."""
-
-    def make(change=lambda records: None, is_between=False, **options):
-        records, manifest = made_run(**{"trials": 12, "estimators": ("blob", "nomp4d"), **options})
-        changed = records.copy()
-        change(changed)
-        base, new = RunTable("base", records, manifest), RunTable("new", changed, copy.deepcopy(manifest))
-        if is_between:
-            return compare_tables(new, new, partners={("blob", "{}"): ("nomp4d", "{}")}, is_between=True)
-        return compare_tables(base, new)
-
-    return make
 
 
 def worse_at_10_db(records):
@@ -52,7 +31,7 @@ def cases(text):
 
 
 def test_a_case_is_a_curve_a_changed_point_or_lost_cells_and_fails_where_it_is_worse(compared):
-    found = cases(comparison_junit(compared(worse_at_10_db)))
+    found = cases(comparison_junit(compared(worse_at_10_db, trials=12)))
     suite = "deviation=5%: street"
     point = found.pop(f"{suite}: nomp4d, at 10 dB")
     assert point[0] == "failure"
@@ -73,7 +52,7 @@ def test_a_case_is_a_curve_a_changed_point_or_lost_cells_and_fails_where_it_is_w
 
 
 def test_numbers_of_cases_and_failures_are_those_of_the_file(compared):
-    suites = ElementTree.fromstring(comparison_junit(compared(worse_at_10_db)).encode())
+    suites = ElementTree.fromstring(comparison_junit(compared(worse_at_10_db, trials=12)).encode())
     for element in (suites, *suites):
         assert int(element.attrib["tests"]) == len(list(element.iter("testcase")))
         assert int(element.attrib["failures"]) == len(list(element.iter("failure")))
@@ -81,7 +60,7 @@ def test_numbers_of_cases_and_failures_are_those_of_the_file(compared):
 
 
 def test_of_two_estimators_cases_and_tables_say_worse_and_better(compared):
-    found = compared(is_between=True)
+    found = compared(is_between=True, trials=12)
     curve = cases(comparison_junit(found))["deviation=5%: street: whole curve"]
     assert curve[1].startswith("worse; A ")
     text = comparison_markdown(found)
@@ -95,7 +74,7 @@ def test_any_text_makes_valid_xml_and_harmless_markdown(compared):
     def change(records):
         records.loc[0, ["status", "reason"]] = ["error", HOSTILE]
 
-    found = compared(change, scenarios=(HOSTILE,), estimators=("nomp4d", HOSTILE))
+    found = compared(change, trials=12, scenarios=(HOSTILE,), estimators=("nomp4d", HOSTILE))
     xml, text = comparison_junit(found), comparison_markdown(found)
     assert any(r"<b>&\x00\x1b[31m" in name for name in cases(xml))
     halved = f"{HOSTILE}\ud800"
@@ -108,7 +87,7 @@ def test_any_text_makes_valid_xml_and_harmless_markdown(compared):
 
 
 def test_markdown_begins_with_the_verdict_and_has_tables_cells_and_notes(compared):
-    lines = comparison_markdown(compared(worse_at_10_db)).splitlines()
+    lines = comparison_markdown(compared(worse_at_10_db, trials=12)).splitlines()
     assert lines[0] == "### isacbench compare: regression"
     assert lines[2].startswith("of 2 curves ")
     assert "- new new: isacbench 0.1.0 (0123456789)" in [" ".join(line.split()) for line in lines]
@@ -117,7 +96,7 @@ def test_markdown_begins_with_the_verdict_and_has_tables_cells_and_notes(compare
 
 
 def test_markdown_fits_into_a_comment_and_says_that_something_is_left_out(compared):
-    text = comparison_markdown(dataclasses.replace(compared(), notes=("x" * 10_000,) * 200))
+    text = comparison_markdown(dataclasses.replace(compared(trials=12), notes=("x" * 10_000,) * 200))
     assert MAX_CHARACTERS - 2000 < len(text) <= 65_536
     assert text.startswith("### isacbench compare: no regression\n")
     assert text.endswith("`isacbench compare --json` has all of it.\n")

@@ -1,5 +1,6 @@
 """Figures for a paper: what is chosen is drawn, and nothing else."""
 
+import itertools
 import sys
 
 import pytest
@@ -82,17 +83,10 @@ def run_of(shower, tiny, tmp_path):
 @pytest.fixture
 def quick_figures(monkeypatch):
     """Leave figures empty."""
-    for module in (run_figures, chosen_figures, diagnosed_images):
-        for name in (
-            "draw_deviations",
-            "draw_scores",
-            "draw_score",
-            "draw_clouds",
-            "draw_map",
-            "draw_spectra",
-        ):
-            if hasattr(module, name):
-                monkeypatch.setattr(module, name, lambda *_: new_figure(1, 1))
+    names = ("deviations", "scores", "score", "clouds", "map", "spectra")
+    for module, name in itertools.product((run_figures, chosen_figures, diagnosed_images), names):
+        if hasattr(module, f"draw_{name}"):
+            monkeypatch.setattr(module, f"draw_{name}", lambda *_: new_figure(1, 1))
 
 
 def names_of(paths):
@@ -103,12 +97,7 @@ def test_a_score_is_drawn_for_the_chosen_scenario_in_the_chosen_format(run_of):
     folder = run_of("blob", "seer", scenarios=2)
     paths = draw_chosen(folder, FigureChoice(scenario="tiny1", metric="gospa_m"), "svg")
     assert names_of(paths) == ["gospa_m-tiny1.svg"]
-    text = paths[0].read_text()
-    assert text.startswith("<?xml")
-    assert names_of(draw_chosen(folder, FigureChoice(metric="recall"), "pdf")) == [
-        "recall-tiny.pdf",
-        "recall-tiny1.pdf",
-    ]
+    assert paths[0].read_text().startswith("<?xml")
 
 
 def test_an_snr_and_a_trial_draw_clouds_maps_and_spectra(run_of, quick_figures):
@@ -125,9 +114,18 @@ def test_an_snr_and_a_trial_draw_clouds_maps_and_spectra(run_of, quick_figures):
     ]
 
 
-def test_without_a_choice_all_figures_are_drawn_in_the_format(run_of, quick_figures):
-    names = names_of(draw_chosen(run_of("blob"), FigureChoice(), "pdf"))
-    assert names == ["deviation.pdf", "curves-tiny.pdf", "clouds-tiny.pdf"]
+def test_without_a_choice_all_figures_of_all_scenarios_are_drawn_in_the_format(run_of, quick_figures):
+    folder = run_of("blob", scenarios=2)
+    names = names_of(draw_chosen(folder, FigureChoice(), "pdf"))
+    assert names == [
+        "deviation.pdf",
+        "curves-tiny.pdf",
+        "curves-tiny1.pdf",
+        "clouds-tiny.pdf",
+        "clouds-tiny1.pdf",
+    ]
+    names = names_of(draw_chosen(folder, FigureChoice(metric="recall"), "pdf"))
+    assert names == ["recall-tiny.pdf", "recall-tiny1.pdf"]
 
 
 def test_a_diagnosis_that_fails_costs_its_own_figures_alone(run_of, quick_figures):
@@ -153,20 +151,15 @@ def test_of_very_many_estimators_the_best_show_their_work(run_of, quick_figures,
     ]
 
 
-@pytest.mark.parametrize(
-    ("choice", "message"),
-    [
+def test_what_a_run_has_not_and_no_format_are_refused_with_what_is_allowed(run_of):
+    folder = run_of("blob")
+    for choice, message in (
         (FigureChoice(scenario="tyni"), "unknown scenario 'tyni': allowed are tiny"),
         (FigureChoice(snr_db=3.0), "no SNR in dB of 3; allowed are 0, 10"),
         (FigureChoice(trial=7), "no trial of 7; allowed are 0, 1"),
         (FigureChoice(metric="gopsa_m"), "did you mean 'gospa_m'"),
-    ],
-)
-def test_what_a_run_has_not_is_refused_with_what_it_has(run_of, choice, message):
-    with pytest.raises(InputError, match=message):
-        draw_chosen(run_of("blob"), choice)
-
-
-def test_a_format_that_cannot_be_drawn_is_refused(run_of):
+    ):
+        with pytest.raises(InputError, match=message):
+            draw_chosen(folder, choice)
     with pytest.raises(InputError, match=r"\.png, \.pdf or \.svg"):
-        draw_chosen(run_of("blob"), FigureChoice(metric="deviation"), "gif")
+        draw_chosen(folder, FigureChoice(metric="deviation"), "gif")

@@ -8,7 +8,7 @@ from isacbench.bench.studies.population_study import scene_cells, summarise_popu
 from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.drawing.style import assign_looks
-from isacbench.report.figures import run_figures
+from isacbench.report.figures import population_figures, run_figures
 from isacbench.report.figures.population_figures import (
     CURVES,
     LARGEST_RATIO,
@@ -121,6 +121,7 @@ def population(plugins, tiny, monkeypatch):
 def test_every_figure_of_a_population_is_written_with_the_worst_scene_of_each_estimator(
     population, tmp_path, monkeypatch
 ):
+    monkeypatch.setattr(population_figures, "CURVES", CURVES[::4])
     titles, save = [], run_figures.save
     monkeypatch.setattr(
         run_figures, "save", lambda figure, path: titles.append(figure.get_suptitle()) or save(figure, path)
@@ -137,6 +138,9 @@ def test_every_figure_of_a_population_is_written_with_the_worst_scene_of_each_es
     assert "the worst ratio of 2 scenes" in titles[-1]
 
 
-def test_without_an_oracle_there_are_no_ratios(population, tmp_path):
+def test_without_an_oracle_there_are_no_ratios(population, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_figures, "save", lambda _, path: path)
+    for name in ("draw_score_curves", "draw_targets"):
+        monkeypatch.setattr(population_figures, name, lambda *_: None)
     run_suite(population(estimators=["blob"], snr_db=[0]), tmp_path / "run")
     assert [path.name for path in draw_run(tmp_path / "run")] == ["scores.png", "targets-sparse.png"]

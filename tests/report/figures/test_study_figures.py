@@ -7,6 +7,7 @@ from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.report.drawing.style import assign_looks
+from isacbench.report.figures import run_figures
 from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.figures.study_figures import (
     draw_detection,
@@ -36,7 +37,7 @@ def efficiency_summary():
     return pd.concat(parts).iloc[::-1].reset_index(drop=True)
 
 
-def test_errors_bound_ratio_and_misses_are_drawn_in_order_of_snr():
+def test_errors_bound_ratio_and_misses_are_drawn_in_order_of_snr_a_panel_a_dimension():
     figure = draw_efficiency(efficiency_summary(), "room", LOOKS)
     errors, ratio, missed = figure.axes[0], figure.axes[5], figure.axes[4]
     bound, found, lost = errors.lines
@@ -50,10 +51,6 @@ def test_errors_bound_ratio_and_misses_are_drawn_in_order_of_snr():
     assert [line.get_ydata()[0] for line in missed.lines] == [0, 1]
     assert [line.get_ydata()[0] for line in figure.axes[9].lines] == [0.5, 0.5]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b", "Cramér-Rao bound"]
-
-
-def test_every_dimension_has_a_panel_with_its_unit():
-    figure = draw_efficiency(efficiency_summary(), "room", LOOKS)
     assert [axes.get_title() for axes in figure.axes[:4]] == [
         "Range",
         "Velocity",
@@ -152,13 +149,16 @@ def test_deviation_detection_and_false_alarms_of_a_scenario_stand_side_by_side()
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["os", "ca", "nominal P_fa"]
 
 
+SMALL = {"name": "test", "scenarios": ["room.toml"], "estimators": ["seer"], "snr_gain_db": [20], "trials": 1}
+
+
 @pytest.mark.parametrize(
     ("make", "changes", "names"),
     [
         (Suite, {"kind": "efficiency", "estimators": ["seer", "trouble"]}, ["efficiency-room"]),
         (
             ResolutionSuite,
-            {"separations_cells": [1], "snr_gain_db": [60, 70]},
+            {"separations_cells": [1], "snr_gain_db": [60, 70], "dimensions": ["u"]},
             ["resolution-room-60dB", "resolution-room-70dB"],
         ),
         (
@@ -171,22 +171,23 @@ def test_deviation_detection_and_false_alarms_of_a_scenario_stand_side_by_side()
             },
             ["maps", "roc", "detection-tiny"],
         ),
-        (
-            DetectionSuite,
-            {"scenarios": ["tiny.toml"], "estimators": ["blob"], "detectors": ["ca"], "maps": []},
-            ["detection-tiny"],
-        ),
     ],
 )
 def test_figures_of_a_stored_study_are_written_where_they_are_said_to_be(
     plugins, room_file, tiny, tmp_path, monkeypatch, all_axes_named, make, changes, names
 ):
     monkeypatch.chdir(tmp_path)
-    common = {"scenarios": ["room.toml"], "estimators": ["seer"], "snr_gain_db": [20], "trials": 1}
-    run_suite(make(**{"name": "test", **common, **changes}), out=tmp_path / "run")
+    run_suite(make(**{**SMALL, **changes}), out=tmp_path / "run")
     paths = draw_run(tmp_path / "run")
     assert [path.relative_to(tmp_path / "run").as_posix() for path in paths] == [
         f"figures/{name}.png" for name in names
     ]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
     assert len(all_axes_named) == len(names)
+
+
+def test_detection_without_maps_has_the_figure_of_its_scenario_alone(plugins, tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_figures, "save", lambda _, path: path)
+    suite = {"scenarios": [str(tiny)], "estimators": ["blob"], "detectors": ["ca"], "maps": []}
+    run_suite(DetectionSuite(**{**SMALL, **suite}), out=tmp_path / "run")
+    assert [path.stem for path in draw_run(tmp_path / "run")] == ["detection-tiny"]

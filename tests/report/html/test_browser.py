@@ -214,7 +214,7 @@ def test_a_key_turns_all_clouds_and_the_address_keeps_the_view(visit):
     assert other.locator("fieldset input:checked").count() == 1
 
 
-def test_the_page_can_be_used_with_the_keyboard_alone_and_shows_the_focus(visit):
+def test_the_page_can_be_used_with_the_keyboard_alone_and_shows_and_keeps_the_focus(visit):
     page = visit("images", "#est=fft4d")
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
@@ -231,24 +231,26 @@ def test_the_page_can_be_used_with_the_keyboard_alone_and_shows_the_focus(visit)
     page.keyboard.press("ArrowLeft")
     assert "snr=-10" in page.evaluate("location.hash")
     assert page.evaluate("document.activeElement.getAttribute('aria-valuetext')") == "-10 dB"
-
-
-def test_the_focus_stays_on_a_control_that_is_drawn_anew(visit):
-    page = visit("images", "#view=overview")
-    head = page.locator("th button", has_text="gospa_m").first
-    head.focus()
-    page.keyboard.press("Enter")
+    go_to(page, "Overview")
+    page.locator("th button", has_text="gospa_m").first.focus()
+    page.keyboard.press("Enter")  # which draws the control anew
     settle(page)
     assert page.evaluate("document.activeElement.textContent") == "gospa_m"
     assert page.locator("th[aria-sort]").first.inner_text().startswith("gospa_m")
 
 
-def test_a_link_to_the_mean_over_scenes_opens_the_mean_over_scenes(visit):
+def test_a_link_to_the_mean_over_scenes_opens_it_and_its_curves_take_the_scene_as_the_unit(visit, runs):
     page = visit("scenes", "#view=curves")
     page.get_by_label("Scene").select_option("*")
     other = visit("scenes", page.evaluate("location.hash"))
     assert other.get_by_label("Scene").input_value() == "*"
     assert "means over scenes" in other.locator("main").inner_text()
+    wanted = average_scenarios(load_run(runs("scenes")).rows)
+    for number, name in enumerate(["fft4d", "music2d"]):
+        got = other.evaluate(f"curveOf('', {number}, metricOf('deviation'))")
+        row = wanted[wanted["estimator"] == name].iloc[0]
+        assert got["y"] == pytest.approx([row["deviation_mean"]], rel=1e-4)
+        assert got["high"][0] - got["y"][0] == pytest.approx(row["deviation_band"], rel=1e-3)
 
 
 def test_a_point_of_a_curve_opens_its_trials_and_a_trial_its_image(visit):
@@ -270,10 +272,9 @@ def test_a_point_of_a_curve_opens_its_trials_and_a_trial_its_image(visit):
     assert page.locator("h2", has_text="Trials of music2d at 10 dB").count() == 1
 
 
-def test_curves_of_the_page_are_those_of_the_tables(visit, runs):
-    page = visit("images")
-    records = load_run(runs("images")).rows
-    wanted = summarise_scores(records)
+def test_curves_and_distances_of_the_page_are_those_of_the_tables_and_the_metric(visit, runs):
+    page, stored = visit("images"), load_run(runs("images"))
+    wanted = summarise_scores(stored.rows)
     for number, name in enumerate(["fft4d", "music2d", "oracle"]):
         for metric in ("deviation", "gospa_m", "recall"):
             got = page.evaluate(f"curveOf('yard', {number}, metricOf('{metric}'))")
@@ -282,20 +283,7 @@ def test_curves_of_the_page_are_those_of_the_tables(visit, runs):
             np.testing.assert_allclose(got["y"], rows[f"{metric}_mean"], rtol=1e-4, atol=1e-9)
             half = np.subtract(got["high"], got["y"])
             np.testing.assert_allclose(half, rows[f"{metric}_band"], rtol=1e-3, atol=1e-4)
-
-
-def test_curves_over_scenes_take_the_scene_as_the_unit(visit, runs):
-    page = visit("scenes")
-    wanted = average_scenarios(load_run(runs("scenes")).rows)
-    for number, name in enumerate(["fft4d", "music2d"]):
-        got = page.evaluate(f"curveOf('', {number}, metricOf('deviation'))")
-        row = wanted[wanted["estimator"] == name].iloc[0]
-        assert got["y"] == pytest.approx([row["deviation_mean"]], rel=1e-4)
-        assert got["high"][0] - got["y"][0] == pytest.approx(row["deviation_band"], rel=1e-3)
-
-
-def test_distances_and_the_pairs_that_make_each_hausdorff_distance_are_those_of_the_metric(visit, runs):
-    page, stored = visit("images"), load_run(runs("images"))
+    # Nearest neighbours, and the pairs that make each Hausdorff distance.
     row = stored.rows[(stored.rows["estimator"] == "music2d") & (stored.rows["trial"] == 2)].iloc[0]
     truth, cloud = stored.truth(row), stored.cloud(row)
     got = page.evaluate(
@@ -310,7 +298,7 @@ def test_distances_and_the_pairs_that_make_each_hausdorff_distance_are_those_of_
         assert np.linalg.norm(apart) == pytest.approx(own["distance"], abs=2e-3)
 
 
-def test_filtered_rows_are_saved_as_csv_without_formulas(visit):
+def test_filtered_rows_are_saved_as_csv_without_formulas_and_figures_as_svg_and_png(visit):
     page = visit("images", "#view=rows&snr=10&est=fft4d")
     with page.expect_download() as saved:
         page.locator("button", has_text="Save rows as CSV").click()
@@ -318,18 +306,14 @@ def test_filtered_rows_are_saved_as_csv_without_formulas(visit):
     assert {(row["estimator"], row["SNR [dB]"]) for row in rows} == {("fft4d", "10")}
     assert len(rows) == 10
     assert page.evaluate("csvCell('=1+1')") == '"\'=1+1"'
-
-
-def test_figures_are_saved_as_svg_and_png(visit):
-    page = visit("images", "#view=curves")
-    settle(page)
+    go_to(page, "Curves")
     for form, start in (("SVG", b"<svg"), ("PNG", b"\x89PNG")):
         with page.expect_download() as saved:
             page.locator("button", has_text=f"Save {form}").first.click()
         assert saved.value.path().read_bytes().startswith(start)
 
 
-def test_hostile_names_are_text_and_nothing_else(visit, pages):
+def test_hostile_names_and_reasons_of_failures_are_text_and_nothing_else(visit):
     page = visit("hostile")
     for title in PAGES["hostile"]:
         go_to(page, title)
@@ -337,7 +321,9 @@ def test_hostile_names_are_text_and_nothing_else(visit, pages):
         assert page.locator(".plot a").count() == 0
     assert page.locator("script").count() == 5  # three of data, the page's own, and plotly's
     go_to(page, "Overview")
-    assert "<img src=x onerror=alert(1)>" in page.locator("main").inner_text()
+    text = page.locator("main").inner_text()
+    assert "Failed cells: 2" in text
+    assert "ValueError: <img src=x onerror=alert(1)>" in text
 
 
 def test_an_address_that_is_nonsense_opens_the_page_all_the_same(visit):
@@ -358,12 +344,6 @@ def test_in_the_dark_no_rule_of_accessibility_is_broken_either(visit, name):
     for title in PAGES[name]:
         go_to(page, title)
         hold_to_rules(page, axe)
-
-
-def test_failed_cells_stand_in_the_overview_with_their_reasons(visit):
-    text = visit("hostile").locator("main").inner_text()
-    assert "Failed cells: 2" in text
-    assert "ValueError: <img src=x onerror=alert(1)>" in text
 
 
 def test_clouds_of_the_page_are_base64_without_markup(pages):

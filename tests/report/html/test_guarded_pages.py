@@ -5,40 +5,14 @@ import pytest
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
-from isacbench.plugins.discovery import isolated_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures import run_figures
 from isacbench.report.html import guarded_pages, page_content
 from isacbench.report.html.guarded_pages import draw_run_and_page
 
-SHOWING = """
-import os
-from dataclasses import dataclass
-from typing import ClassVar
-
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Showing:
-    name: ClassVar[str] = "showing"
-    deed: str = "raise"
-
-    def estimate(self, observation):
-        return PointCloud.empty()
-
-    def diagnose(self, observation):
-        if self.deed == "exit":
-            os._exit(3)
-        while self.deed == "hang":
-            pass
-        raise ZeroDivisionError("no luck")
-"""
-
 
 @pytest.fixture
-def run_of(tiny, tmp_path):
+def run_of(tiny, tmp_path, showing):
     """Run an estimator that shows its work, and return the folder."""
 
     def make(estimator):
@@ -47,9 +21,7 @@ def run_of(tiny, tmp_path):
         run_suite(suite, folder)
         return folder
 
-    with isolated_plugins():
-        register_plugin(PluginFile("showing.py", SHOWING))
-        yield make
+    return make
 
 
 @pytest.fixture(autouse=True)

@@ -47,8 +47,14 @@ def worsened(estimator):
     return change
 
 
-def test_a_page_forbids_every_request_and_every_script_but_its_two(runs):
-    text = write_run_page(runs("images")).read_text(encoding="utf-8")
+@pytest.fixture(scope="module")
+def page(runs):
+    """Path of the page of the run of images."""
+    return write_run_page(runs("images"))
+
+
+def test_a_page_forbids_every_request_and_every_script_but_its_two(page):
+    text = page.read_text(encoding="utf-8")
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
     assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == "'none'"
@@ -63,9 +69,8 @@ def test_a_page_forbids_every_request_and_every_script_but_its_two(runs):
     assert not re.search(r"https?://", text.replace("http://www.w3.org", ""))
 
 
-def test_rows_of_a_page_are_those_of_the_run(runs):
-    folder = runs("images")
-    content, records = content_of(write_run_page(folder)), read_results(folder).records
+def test_rows_of_a_page_are_those_of_the_run_and_one_scene_has_no_ranks(runs, page):
+    content, records = content_of(page), read_results(runs("images")).records
     rows = content["rows"]
     names = [content["estimators"][one]["name"] for one in rows["estimator"]]
     assert names == list(records["estimator"])
@@ -75,21 +80,28 @@ def test_rows_of_a_page_are_those_of_the_run(runs):
     objects = content["scenes"][0]["objects"]
     assert objects["levels"] == ["car 1", "pole 1"]
     assert len(objects["codes"]) == records["n_true"].iloc[0]
+    assert "6 or more" in content["ranks"]["deviation"]["reason"]
 
 
-def test_a_run_of_an_older_version_has_a_page_without_objects(runs, tmp_path):
+def test_a_run_of_an_older_version_has_a_page_without_objects_and_keeps_all_digits_of_its_snrs(
+    runs, tmp_path
+):
     folder = shutil.copytree(runs("images"), tmp_path / "old")
     rewrite(folder / "truth.parquet", lambda table: table.drop(columns="objects"))
-    assert content_of(write_run_page(folder))["scenes"][0]["objects"] == {"codes": [], "levels": []}
+    for name in ("results.parquet", "clouds.parquet"):
+        rewrite(folder / name, lambda table: table.assign(snr_db=table["snr_db"] + 1 / 3))
+    content = content_of(write_run_page(folder))
+    assert content["scenes"][0]["objects"] == {"codes": [], "levels": []}
+    assert set(content["rows"]["snr_db"]) == {-10 + 1 / 3, 10 + 1 / 3}
+    assert all(content["rows"]["has_image"])
 
 
-def test_a_page_of_a_ranking_has_its_rank_sets_and_says_why_there_are_none(runs):
+def test_a_page_of_a_ranking_has_its_rank_sets(runs):
     found = content_of(write_rank_page(runs("scenes"), "gospa_m"))
     wanted = rank(runs("scenes"), "gospa_m").ranks
     listed = found["ranks"]["gospa_m"]["ranks"]
     assert found["metric"] == "gospa_m"
     assert [row["rank_low"] for row in listed if not row["is_reference"]] == list(wanted["rank_low"].dropna())
-    assert "6 or more" in content_of(write_run_page(runs("images")))["ranks"]["deviation"]["reason"]
 
 
 def test_a_leaderboard_has_every_estimator_once_under_the_name_of_its_run_where_needed(runs, tmp_path):
@@ -131,19 +143,6 @@ def test_an_estimator_without_common_cells_is_no_part_of_a_leaderboard(runs, tmp
         write_leaderboard([early, late], tmp_path / "board.html")
 
 
-def test_snrs_keep_all_their_digits(runs, tmp_path):
-    folder = shutil.copytree(runs("images"), tmp_path / "odd")
-
-    def moved(table):
-        return table.assign(snr_db=table["snr_db"] + 1 / 3)
-
-    for name in ("results.parquet", "clouds.parquet"):
-        rewrite(folder / name, moved)
-    content = content_of(write_run_page(folder))
-    assert set(content["rows"]["snr_db"]) == {-10 + 1 / 3, 10 + 1 / 3}
-    assert all(content["rows"]["has_image"])
-
-
 def test_runs_of_other_scenes_have_no_common_page(runs, tmp_path):
     with pytest.raises(InputError, match="have no common page: only one of them has the scenes yard, yard0"):
         write_leaderboard([runs("images"), runs("scenes")], tmp_path / "board.html")
@@ -158,6 +157,7 @@ def test_a_comparison_shows_the_worst_verdict_first_with_both_images_where_it_is
     first, compared = found["comparison"]["rows"][0], found["comparison"]
     assert compared["is_regression"]
     assert first["verdict"] == "regression"
+    assert {row["what"] for row in compared["rows"]} == {"curve", "point"}
     assert first["worst"] == {"scene": "yard", "snr_db": 10.0, "trial": 3}
     labels = [one["label"] for one in found["estimators"]]
     assert [labels[first["base"]], labels[first["new"]]] == ["music2d (images)", "music2d (worse)"]
@@ -197,7 +197,7 @@ def test_every_kind_of_run_has_a_page_with_its_own_charts(runs):
         for s in rates["series"]
         for y, low, high in zip(s["y"], s["low"], s["high"], strict=True)
     )
-    timed = content_of(write_run_page(runs("timed")))
+    timed = content_of(write_run_page(runs("timed-once")))
     assert {point["label"] for point in timed["times"]["points"]} == {"fft4d", "oracle"}
     assert timed["times"]["stages"]
 

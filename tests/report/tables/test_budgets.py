@@ -1,4 +1,3 @@
-import io
 import json
 
 import numpy as np
@@ -6,15 +5,10 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console
 
-from isacbench.report.tables.budgets import (
-    budget_grids,
-    budget_series,
-    summarise_budgets,
-)
-from isacbench.report.tables.run_tables import rich_table
+from isacbench.report.tables.budgets import budget_grids, budget_series, summarise_budgets
 from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
+from tests.report.tables.printed import printed
 
 positive = st.floats(1e-6, 1e4)
 
@@ -132,6 +126,4 @@ def test_what_is_printed_has_the_budgets_after_the_summary_in_lines_that_fit(tim
     summary, *_, budgets = grids_of(rows)
     assert summary.title == "street: mean of 8 trials, 95 % confidence band; median time of an image"
     assert "least mean deviation within a time" in budgets.title
-    console = Console(width=300, record=True, file=io.StringIO())
-    console.print(rich_table(budgets))
-    assert max(len(line.rstrip()) for line in console.export_text().splitlines()) <= 100
+    assert max(map(len, printed(budgets))) <= 100

@@ -1,11 +1,9 @@
-import io
 import json
 from pkgutil import resolve_name
 
 import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.detection_kind import DetectionSuite
@@ -13,8 +11,8 @@ from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.tables.failures import failure_grids
-from isacbench.report.tables.run_tables import rich_table
 from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
+from tests.report.tables.printed import printed
 
 WIDTH = 100
 COMMON = {"name": "test", "trials": 2}
@@ -70,12 +68,6 @@ def rows_of(suites, runs):
     return rows
 
 
-def printed(grid):
-    console = Console(width=300, record=True, file=io.StringIO())
-    console.print(rich_table(grid))
-    return console.export_text()
-
-
 @pytest.mark.parametrize("kind", ["efficiency", "resolution"])
 def test_times_are_medians_of_the_cells_that_did_not_fail(rows_of, kind):
     records = rows_of(kind)
@@ -88,10 +80,20 @@ def test_times_are_medians_of_the_cells_that_did_not_fail(rows_of, kind):
 
 
 @pytest.mark.parametrize("kind", STUDIES)
-def test_every_table_fits_a_terminal_of_a_hundred_columns(rows_of, kind):
-    for grid in grids_of(rows_of(kind), kind):
+def test_every_table_fits_a_terminal_of_a_hundred_columns_and_is_written_with_the_summary(
+    rows_of, tmp_path, kind
+):
+    records = rows_of(kind)
+    grids = grids_of(records, kind)
+    for grid in grids:
         assert all(len(row) == len(grid.header) for row in grid.rows)
-        assert max(len(line.rstrip()) for line in printed(grid).splitlines()) <= WIDTH
+        assert max(map(len, printed(grid))) <= WIDTH
+    paths = write_run_tables(tmp_path, records, kind)
+    summary = pd.read_csv(paths[0])
+    assert len(summary) == len(resolve_name(KINDS[kind].tables.summary)(records))
+    assert isinstance(json.loads(summary["params"].iloc[0]), dict)
+    lines = paths[1].read_text(encoding="utf-8").splitlines()
+    assert sum(line.startswith("**") for line in lines) == len(grids) + len(failure_grids(records))
 
 
 def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(rows_of):
@@ -131,15 +133,3 @@ def test_detection_has_a_table_a_map_at_the_papers_rate_and_one_a_scenario(rows_
     # No map is shown by this estimator, so that there is nothing to count.
     assert tiny.rows[0][2].endswith(" - -")
     assert float(tiny.rows[0][2].split()[0]) > 0
-
-
-@pytest.mark.parametrize("kind", STUDIES)
-def test_summaries_are_written_as_csv_and_markdown(rows_of, tmp_path, kind):
-    records = rows_of(kind)
-    paths = write_run_tables(tmp_path, records, kind)
-    summary = pd.read_csv(paths[0])
-    assert len(summary) == len(resolve_name(KINDS[kind].tables.summary)(records))
-    assert isinstance(json.loads(summary["params"].iloc[0]), dict)
-    lines = paths[1].read_text(encoding="utf-8").splitlines()
-    n_grids = len(grids_of(records, kind)) + len(failure_grids(records))
-    assert sum(line.startswith("**") for line in lines) == n_grids

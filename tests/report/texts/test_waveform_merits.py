@@ -94,8 +94,9 @@ def test_the_grid_is_drawn_as_it_is():
 
 
 def test_figures_are_files_and_replace_older_ones(tmp_path, papr_db):
-    for _ in range(2):
-        paths = draw_waveform(tmp_path / "new", "a $name$", SYSTEM, draw_grid(SYSTEM), papr_db)
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "papr.png").write_text("older")
+    paths = draw_waveform(tmp_path / "new", "a $name$", SYSTEM, draw_grid(SYSTEM), papr_db)
     assert [path.name for path in paths] == ["spectrum.png", "papr.png", "grid.png"]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
     assert len(list((tmp_path / "new").iterdir())) == 3

@@ -1,0 +1,14 @@
+"""What a terminal shows of a table."""
+
+import io
+
+from rich.console import Console
+
+from isacbench.report.tables.run_tables import rich_table
+
+
+def printed(grid):
+    """Lines of a table in a terminal that is wider than any table, without blanks at their ends."""
+    console = Console(width=300, record=True, file=io.StringIO())
+    console.print(rich_table(grid))
+    return [line.rstrip() for line in console.export_text().splitlines()]
