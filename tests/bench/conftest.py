@@ -1,6 +1,9 @@
 """A room with space for one scatterer or two, images made up for it, and plugins that go wrong."""
 
 import dataclasses
+import shutil
+import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +11,9 @@ import pytest
 
 from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.radio_coordinates import space_places
+from isacbench.bench.run.runner import run
+from isacbench.bench.store import run_store
+from isacbench.bench.suites.suite import Suite
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import PanelFrame
@@ -15,6 +21,43 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.plugins.discovery import load_plugin_file
+from tests.conftest import PLUGINS, PluginFolder
+
+known_git_state = cache(run_store.git_state)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def git_asked_once():
+    """Let runs take the state of the checkout from the first one: each would call git."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_store, "git_state", known_git_state)
+        yield
+
+
+@pytest.fixture(scope="session")
+def plugin_library(tmp_path_factory):
+    """Install the plugins of the fixture `plugins` once: looking for what is installed takes its time."""
+    folder = PluginFolder(tmp_path_factory.mktemp("library"))
+    names = {"blob": "Blob", "seer": "Seer", "trouble": "Trouble"}
+    folder.install("test-plugins", PLUGINS, estimators=names, detectors={"level": "Level"})
+    return folder
+
+
+@pytest.fixture(scope="session")
+def plugin_modules():
+    """Return a place for the module of these plugins, which keeps what is known of its code."""
+    return {}
+
+
+@pytest.fixture
+def plugins(plugin_library, plugin_modules, monkeypatch):
+    """Have the estimators blob, seer and trouble, and the detector level, in a folder that stays as it is."""
+    monkeypatch.syspath_prepend(plugin_library.path)
+    monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
+    sys.modules.update(plugin_modules)
+    yield plugin_library
+    if "test_plugins" in sys.modules:
+        plugin_modules["test_plugins"] = sys.modules.pop("test_plugins")
 
 
 @pytest.fixture(scope="session")
@@ -60,3 +103,43 @@ def wreck(write_plugin):
     path = write_plugin("wreck.py", Path(__file__).with_name("wreck.py").read_text())
     load_plugin_file(path)
     return path
+
+
+@pytest.fixture
+def suite(plugins, tiny):
+    """Return a suite of twelve cells of two estimators; tests of other runs have suites of their own."""
+    return Suite(
+        name="test", scenarios=[str(tiny)], estimators=["blob", "seer"], snr_db=[-10, 0], trials=3, seed=1
+    )
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    """Return a folder for runs that several tests of a module begin with or read."""
+    return tmp_path_factory.mktemp("shelf")
+
+
+@pytest.fixture(scope="module")
+def remembered():
+    """Return a place for what several tests of a module read: the first that asks makes it."""
+    return {}
+
+
+@pytest.fixture
+def records(suite, remembered):
+    """Rows of a run of the module's suite."""
+    if "records" not in remembered:
+        remembered["records"] = run(suite)
+    return remembered["records"].copy()
+
+
+@pytest.fixture
+def run_once(shelf, tmp_path):
+    """Return a function that makes a run of a suite, once in a module, and returns the folder of a copy."""
+
+    def copied(name, suite, **options):
+        if not (shelf / name).exists():
+            run(suite, out=shelf / name, **options)
+        return shutil.copytree(shelf / name, tmp_path / name)
+
+    return copied

@@ -20,6 +20,8 @@ SOURCES = [
 def plainly(tree, package):
     """Names of all import statements outside of blocks for type checkers."""
     for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.expr):  # which holds no statement
+            continue
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             continue
         if isinstance(node, ast.Import):

@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS
+from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES, TIMING_COLUMNS
 from isacbench.bench.cells.timing import Trial, repeat
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.matching import read_run
 from isacbench.bench.compare.tolerance import parse_tolerance
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
-from isacbench.bench.run.runner import Execution, run
+from isacbench.bench.run.runner import Execution, run, run_suite
 from isacbench.bench.store.run_store import read_manifest, read_results
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
@@ -121,10 +121,8 @@ def moody(write_plugin):
 
 
 @pytest.fixture
-def suite(plugins, tiny):
-    return Suite(
-        name="test", scenarios=[str(tiny)], estimators=["blob", "seer"], snr_db=[-10, 0], trials=3, seed=1
-    )
+def suite(suite):
+    return suite.replace(snr_db=[0])
 
 
 @pytest.fixture
@@ -133,6 +131,18 @@ def moody_suite(moody, tiny):
 
 
 timed_run = partial(run, timing=True, repeats=2)
+
+
+@pytest.fixture
+def ordinary(suite, run_once):
+    """Return a folder with a run that was not timed."""
+    return run_once("ordinary", suite)
+
+
+@pytest.fixture
+def timed(suite, run_once):
+    """Return a folder with a timed run."""
+    return run_once("timed", suite, timing=True, repeats=2)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -244,21 +254,28 @@ def test_the_peak_memory_is_what_is_allocated_at_once_beyond_what_was_there():
     assert 3 <= repeat(Trial(lambda: None, call), 2).columns["peak_memory_mib"] < 3.1
 
 
-@pytest.mark.parametrize("jobs", [None, 1])
-def test_rows_of_a_timed_run_say_so_and_have_stages_and_memory_beside_the_same_scores(
-    moody_suite, tiny, jobs
-):
-    records, ordinary = timed_run(moody_suite, jobs=jobs), run(moody_suite)
-    assert records["timing"].all()
+def test_rows_of_a_timed_run_say_so_and_have_stages_and_memory_beside_the_same_scores(moody_suite):
+    ordinary = run(moody_suite)
     assert not ordinary["timing"].any()
-    assert records.columns.tolist() == [*ordinary.columns, *TIMING_COLUMNS]
     columns = ordinary.columns.drop([*TIMES, "timing"])
-    pd.testing.assert_frame_equal(records[columns], ordinary[columns])
-    (row,) = records.to_dict("records")
-    assert row["status"] == "ok"
-    assert 0 < row["time_detection_s"] + row["time_peaks_s"] <= 2 * row["time_estimate_s"]
-    assert row["time_rdm_s"] == row["time_refinement_s"] == 0
-    assert row["peak_memory_mib"] > 0
+    for jobs in (None, 1):
+        records = timed_run(moody_suite, jobs=jobs)
+        assert records["timing"].all()
+        assert records.columns.tolist() == [*ordinary.columns, *TIMING_COLUMNS]
+        pd.testing.assert_frame_equal(records[columns], ordinary[columns])
+        (row,) = records.to_dict("records")
+        assert row["status"] == "ok"
+        assert 0 < row["time_detection_s"] + row["time_peaks_s"] <= 2 * row["time_estimate_s"]
+        assert row["time_rdm_s"] == row["time_refinement_s"] == 0
+        assert row["peak_memory_mib"] > 0
+
+
+def test_references_are_timed_like_others(moody_suite):
+    records = run(moody_suite, estimators=["oracle", "chance"], timing=True, repeats=1)
+    assert records["status"].tolist() == ["ok", "ok"]
+    assert records["timing"].all()
+    assert records.columns.tolist()[-len(REFERENCE_COLUMNS) :] == list(REFERENCE_COLUMNS)
+    assert set(TIMING_COLUMNS) <= set(records)
 
 
 def test_every_kind_of_suite_can_be_timed(moody, plugins, tiny, room_file):
@@ -287,19 +304,15 @@ def test_every_kind_of_suite_can_be_timed(moody, plugins, tiny, room_file):
 
 
 @pytest.mark.parametrize("jobs", [None, 1])
-@pytest.mark.parametrize(
-    ("kind", "status", "reason"),
-    [
-        ("drift", "error", "1 of 3 repeats of the same estimate gave another result; only"),
-        ("fail", "error", "ZeroDivisionError: no luck"),
-    ],
-)
-def test_a_cell_whose_repeats_differ_has_failed(moody_suite, kind, status, reason, jobs):
-    (row,) = timed_run(moody_suite, estimators=[f"moody[kind={kind}]"], jobs=jobs).to_dict("records")
-    assert (row["status"], row["timing"]) == (status, True)
-    assert row["reason"].startswith(reason)
-    assert row["n_estimated"] == 0
-    assert np.isnan([row[name] for name in ("deviation", *TIMING_COLUMNS)]).all()
+def test_a_cell_whose_repeats_differ_or_fail_has_failed(moody_suite, jobs):
+    records = timed_run(moody_suite, estimators=["moody[kind=[drift,fail]]"], jobs=jobs)
+    assert records["status"].tolist() == ["error", "error"]
+    reasons = ("1 of 3 repeats of the same estimate gave another result; only", "ZeroDivisionError: no luck")
+    for reason, told in zip(reasons, records["reason"], strict=True):
+        assert told.startswith(reason)
+    assert records["timing"].all()
+    assert set(records["n_estimated"]) == {0}
+    assert records[["deviation", *TIMING_COLUMNS]].isna().all(axis=None)
 
 
 def test_a_plugin_that_draws_from_the_shared_generators_repeats_itself(wreck, tiny):
@@ -313,27 +326,19 @@ def test_every_repeat_meets_an_observation_that_nobody_has_read(moody_suite):
     assert set(timed_run(moody_suite, estimators=["reader"])["status"]) == {"ok"}
 
 
-@pytest.mark.parametrize(
-    ("kind", "at", "status", "reason"),
-    [
-        ("hang", 0, "timeout", "more than 0.5 s"),
-        ("hang", 1, "timeout", "more than 1.5 s, in 3 repeats"),
-        ("leave", 1, "killed", "the process exited with code 7, in 3 repeats"),
-    ],
-)
-def test_the_first_estimate_has_the_deadline_and_the_repeats_have_one_each(
-    moody_suite, kind, at, status, reason
-):
-    estimators = [f"moody[kind={kind},at={at}]", "moody[kind=steady]"]
+def test_the_first_estimate_has_the_deadline_and_the_repeats_have_one_each(moody_suite):
+    troubles = {
+        "hang,at=0": ("timeout", "more than 0.5 s"),
+        "hang,at=1": ("timeout", "more than 1.5 s, in 3 repeats"),
+        "leave,at=1": ("killed", "the process exited with code 7, in 3 repeats"),
+    }
+    estimators = [f"moody[kind={trouble}]" for trouble in troubles] + ["moody[kind=steady]"]
     records = timed_run(moody_suite, estimators=estimators, jobs=1, timeout_s=0.5)
-    assert records["status"].tolist() == [status, "ok"]
-    assert records["reason"].tolist() == [reason, ""]
+    assert [*zip(records["status"], records["reason"], strict=True)] == [*troubles.values(), ("ok", "")]
     assert records["timing"].all()
 
 
 def test_the_worker_is_idle_while_its_answers_are_taken(moody_suite, tmp_path):
-    from isacbench.bench.run.runner import run_suite
-
     log = tmp_path / "log"
     suite = moody_suite.replace(estimators=[f"moody[log={log}]"], snr_db=[0, 5], trials=2)
     seen = []
@@ -359,52 +364,46 @@ def test_what_cannot_be_timed_is_refused(suite, options, message):
         run(suite, **options)
 
 
-def test_sessions_say_whether_they_were_timed_and_how_often_they_repeated(suite, tmp_path):
-    run(suite, trials=1, out=tmp_path / "run")
-    timed_run(suite, trials=1, out=tmp_path / "run")
-    sessions = read_manifest(tmp_path / "run")["sessions"]
-    assert [(one["timing"], one["repeats"]) for one in sessions] == [(False, None), (True, 2)]
-
-
 def n_made(suite, folder, **options):
     """Run into a folder and return the records and the number of cells that were made."""
-    from isacbench.bench.run.runner import run_suite
-
     calls = []
     execution = Execution(**options)
     results = run_suite(suite, folder, lambda *done: calls.append(done), execution)
     return results.records, len(calls)
 
 
-def test_rows_that_were_not_timed_are_made_again_by_a_timed_run(suite, tmp_path):
-    ordinary, _ = n_made(suite, tmp_path / "run")
-    records, n = n_made(suite, tmp_path / "run", repeats=2)
-    assert n == len(records) == len(ordinary)
+def test_rows_that_were_not_timed_are_made_again_by_a_timed_run_whose_session_says_so(suite, ordinary):
+    records, n = n_made(suite, ordinary, repeats=2)
+    assert n == len(records) == 6
     assert records["timing"].all()
     assert records[STAGE_COLUMNS].notna().all(axis=None)
-    assert n_made(suite, tmp_path / "run", repeats=3)[1] == 0
+    sessions = read_manifest(ordinary)["sessions"]
+    assert [(one["timing"], one["repeats"]) for one in sessions] == [(False, None), (True, 2)]
+    text = (ordinary / "manifest.json").read_text()
+    json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    assert n_made(suite, ordinary, repeats=3)[1] == 0
 
 
-def test_timed_rows_are_kept_by_a_run_that_is_not_timed(suite, tmp_path):
-    timed, _ = n_made(suite, tmp_path / "run", repeats=2)
-    records, n = n_made(suite.replace(trials=4), tmp_path / "run")
-    assert n == len(records) - len(timed)
+def test_timed_rows_are_kept_by_a_run_that_is_not_timed_and_by_scoring_again(suite, timed):
+    before = read_results(timed).records
+    assert rescore(timed).n_changed == 0
+    pd.testing.assert_frame_equal(read_results(timed).records, before)
+    records, n = n_made(suite.replace(trials=4), timed)
+    assert n == len(records) - len(before)
     assert (records["timing"] == (records["trial"] < 3)).all()
     assert (records[STAGE_COLUMNS].notna().all(axis=1) == records["timing"]).all()
-    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "run" / "results.parquet"), records)
+    pd.testing.assert_frame_equal(pd.read_parquet(timed / "results.parquet"), records)
 
 
 def test_a_timed_run_that_was_interrupted_goes_on(suite, tmp_path):
-    from isacbench.bench.run.runner import run_suite
-
     def progress(n_done, n_cells):
-        if n_done == 5:
+        if n_done == 4:
             raise KeyboardInterrupt
 
     first = run_suite(suite, tmp_path / "run", progress, Execution(n_jobs=1, repeats=2))
-    assert (first.interrupted, len(first.records)) == (True, 5)
+    assert (first.interrupted, len(first.records)) == (True, 4)
     records, n = n_made(suite, tmp_path / "run", repeats=2)
-    assert n == len(records) - 5
+    assert n == len(records) - 4
     assert records["timing"].all()
     assert records[ALL_TIMES].notna().all(axis=None)
     whole = run(suite)
@@ -412,88 +411,58 @@ def test_a_timed_run_that_was_interrupted_goes_on(suite, tmp_path):
     pd.testing.assert_frame_equal(records[columns], whole[columns])
 
 
-def test_a_timed_shard_makes_only_its_own_rows_again(suite, tmp_path):
-    n_made(suite, tmp_path / "run")
-    records = timed_run(suite, out=tmp_path / "run", shard="1/3")
+def test_a_timed_shard_makes_only_its_own_rows_again(suite, ordinary):
+    records = timed_run(suite, out=ordinary, shard="1/3")
     assert (records["timing"] == (records["trial"] == 0)).all()
 
 
-def test_timed_shards_are_merged_with_their_times(suite, tmp_path):
+def test_timed_shards_are_merged_with_their_times_and_stay_where_another_part_has_not_timed(
+    suite, ordinary, tmp_path
+):
     shards = [tmp_path / f"shard{k}" for k in (1, 2)]
     parts = [timed_run(suite, out=folder, shard=f"{folder.name[-1]}/2") for folder in shards]
     merged = merge(shards, tmp_path / "merged").records
     assert merged["timing"].all()
     assert sorted(merged["time_estimate_s"]) == sorted(pd.concat(parts)["time_estimate_s"])
     assert merged[STAGE_COLUMNS].notna().all(axis=None)
-
-
-@pytest.mark.parametrize("order", [("timed", "ordinary"), ("ordinary", "timed")])
-def test_of_a_cell_that_one_part_has_timed_and_another_has_not_the_timed_row_stays(suite, tmp_path, order):
-    run(suite, out=tmp_path / "ordinary")
-    timed = timed_run(suite, out=tmp_path / "timed", shard="1/3")
-    merged = merge([tmp_path / name for name in order], tmp_path / "merged").records
-    assert (merged["timing"] == (merged["trial"] == 0)).all()
-    assert merged.loc[merged["timing"], "time_estimate_s"].tolist() == timed["time_estimate_s"].tolist()
-    assert len(merged) == 12
-
-
-def test_scoring_again_leaves_the_times_as_they_are(suite, tmp_path):
-    records = timed_run(suite, out=tmp_path / "run")
-    assert rescore(tmp_path / "run").n_changed == 0
-    pd.testing.assert_frame_equal(read_results(tmp_path / "run").records, records)
+    for n, folders in enumerate(([shards[0], ordinary], [ordinary, shards[0]])):
+        mixed = merge(folders, tmp_path / f"mixed{n}").records
+        assert len(mixed) == 6
+        assert (mixed["timing"] == mixed["trial"].isin(parts[0]["trial"])).all()
+        of_shard = mixed.loc[mixed["timing"], "time_estimate_s"]
+        assert of_shard.tolist() == parts[0]["time_estimate_s"].tolist()
 
 
 TIME = [parse_tolerance("time_estimate_s=10%"), parse_tolerance("time_detection_s=10%")]
 
 
-@pytest.fixture(scope="module")
-def shelf(tmp_path_factory):
-    """Return a folder for runs that several tests read."""
-    return tmp_path_factory.mktemp("runs")
-
-
 @pytest.fixture
-def two_timed_runs(moody_suite, shelf):
-    folders = shelf / "base", shelf / "new"
-    for folder in folders:
-        if not folder.exists():
-            timed_run(moody_suite, out=folder, trials=12)
-    return folders
+def timed_trials(moody_suite, run_once):
+    """Return a folder with a timed run of many trials."""
+    return run_once("trials", moody_suite.replace(trials=10), timing=True, repeats=2)
 
 
-def test_the_times_of_two_timed_runs_are_compared(two_timed_runs):
-    found = compare_tables(*map(read_run, two_timed_runs), TIME)
-    times = found.curves.set_index("metric").loc[["time_estimate_s", "time_detection_s"]]
-    assert times["n_pairs"].tolist() == [12, 12]
-    assert times["change"].notna().all()
-    assert not found.notes
-    assert found.n_lost_scores == 0
-
-
-def test_a_stage_that_takes_twice_as_long_is_a_regression(two_timed_runs):
-    base, new = map(read_run, two_timed_runs)
+def test_the_times_of_two_timed_runs_are_compared_stage_by_stage(timed_trials):
+    base, new = read_run(timed_trials), read_run(timed_trials)
+    same = compare_tables(base, new, TIME)
+    times = same.curves.set_index("metric").loc[["time_estimate_s", "time_detection_s"]]
+    assert times["n_pairs"].tolist() == [10, 10]
+    assert (times["change"] == 0).all()
+    assert not same.notes
+    assert same.n_lost_scores == 0
     for name in ("time_estimate_s", "time_detection_s"):
         new.records[name] = 2 * base.records[name]
-    found = compare_tables(base, new, TIME)
-    verdicts = found.curves.set_index("metric")["verdict"]
+    slower = compare_tables(base, new, TIME)
+    verdicts = slower.curves.set_index("metric")["verdict"]
     assert verdicts[["time_estimate_s", "time_detection_s"]].tolist() == ["regression"] * 2
-    assert found.is_regression
-
-
-def test_times_of_a_run_that_was_not_timed_are_not_compared(two_timed_runs, moody_suite, tmp_path):
-    run(moody_suite, out=tmp_path / "ordinary", trials=12)
-    found = compare_tables(read_run(two_timed_runs[0]), read_run(tmp_path / "ordinary"), TIME[:1])
-    assert "time_estimate_s: 0 of 12 paired cells compared; 12 were not timed" in found.notes[0]
-    with pytest.raises(InputError, match="unknown score 'time_detection_s'"):
-        compare_tables(read_run(two_timed_runs[0]), read_run(tmp_path / "ordinary"), TIME)
-
-
-def test_a_spread_is_neither_better_nor_worse(two_timed_runs):
+    assert slower.is_regression
     with pytest.raises(InputError, match="no better direction"):
-        compare_tables(*map(read_run, two_timed_runs), [parse_tolerance("time_spread_s=10%")])
+        compare_tables(base, new, [parse_tolerance("time_spread_s=10%")])
 
 
-def test_the_manifest_of_a_timed_run_is_json(suite, tmp_path):
-    timed_run(suite, trials=1, out=tmp_path / "run")
-    text = (tmp_path / "run" / "manifest.json").read_text()
-    json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+def test_times_of_a_run_that_was_not_timed_are_not_compared(timed_trials, moody_suite, tmp_path):
+    run(moody_suite, out=tmp_path / "ordinary", trials=10)
+    found = compare_tables(read_run(timed_trials), read_run(tmp_path / "ordinary"), TIME[:1])
+    assert "time_estimate_s: 0 of 10 paired cells compared; 10 were not timed" in found.notes[0]
+    with pytest.raises(InputError, match="unknown score 'time_detection_s'"):
+        compare_tables(read_run(timed_trials), read_run(tmp_path / "ordinary"), TIME)

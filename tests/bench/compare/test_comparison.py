@@ -18,14 +18,16 @@ KEYS = ["metric", "scenario", "estimator", "params"]
 
 
 @pytest.fixture
-def two_runs(made_run):
+def two_runs(made_run, remembered):
     """Return a function that makes up a run and a second one, equal but for a change to its records."""
 
     def make(change=lambda records: None, **options):
-        records, manifest = made_run(**options)
-        changed = records.copy()
-        change(changed)
-        return RunTable("base", records, manifest), RunTable("new", changed, copy.deepcopy(manifest))
+        made = str(options)
+        if made not in remembered:
+            remembered[made] = made_run(**options)
+        base, new = (RunTable(name, *copy.deepcopy(remembered[made])) for name in ("base", "new"))
+        change(new.records)
+        return base, new
 
     return make
 
@@ -48,7 +50,7 @@ def verdicts(table):
 
 
 def test_a_run_is_the_same_as_itself_in_every_point_whatever_the_number_of_trials(two_runs):
-    for trials in (1, 2, 10):
+    for trials in (1, 10):
         found = compare_tables(*two_runs(trials=trials))
         assert set(found.curves["verdict"]) == set(found.points["verdict"]) == {"same"}
         assert (found.curves["p_worse"] == 1).all()
@@ -56,23 +58,34 @@ def test_a_run_is_the_same_as_itself_in_every_point_whatever_the_number_of_trial
         assert not found.notes
 
 
-def test_rounding_of_another_library_is_no_change(two_runs):
-    found = compare_tables(*two_runs(scaled(1 + 1e-12), trials=2))
-    assert verdicts(found.points) == {"fft4d": "same", "music2d": "same"}
-    assert (found.points["change"] == 0).all()
+def test_a_curve_is_judged_by_its_change_and_the_tolerance_however_significant(two_runs):
+    factors = {"rounded": 1 + 1e-12, "within": 1.02, "worse": 1.1, "better": 0.8}
+    spread = np.random.default_rng(1).normal(0, 0.05, 60)
 
+    def change(records):
+        for name, factor in factors.items():
+            chosen = records["estimator"] == name
+            records.loc[chosen, "deviation"] *= factor + (spread if name == "worse" else 0)
 
-def test_a_curve_ten_per_cent_worse_is_found_with_twenty_trials(two_runs):
-    found = compare_tables(*two_runs(scaled(1.1, spread=0.05), trials=20))
-    assert verdicts(found.curves) == {"fft4d": "same", "music2d": "regression"}
+    found = compare_tables(*two_runs(change, trials=20, estimators=("fft4d", *factors)))
+    assert verdicts(found.curves) == {
+        "fft4d": "same",
+        "rounded": "same",
+        "within": "same",
+        "worse": "regression",
+        "better": "improvement",
+    }
     assert found.is_regression
-    (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
+    curves = found.curves.set_index("estimator")
+    assert (found.points.set_index("estimator").loc["rounded", "change"] == 0).all()
+    assert curves.loc["within", "p_worse"] < 0.01
+    row = curves.loc["worse"]
     assert row["relative_low"] < 0.1 < row["relative_high"]
     assert row["n_pairs"] == 20
 
 
 def test_a_single_point_that_got_worse_is_found_among_curves_that_stay_within_the_tolerance(two_runs):
-    snr_db = [*range(-30, 25, 5)]
+    snr_db = [*range(-20, 15, 5)]
     found = compare_tables(*two_runs(scaled(1.15, snr_db=10, spread=0.05), trials=20, snr_db=snr_db))
     worse = found.points[found.points["verdict"] == "regression"]
     assert worse[["estimator", "snr_db"]].to_numpy().tolist() == [["music2d", 10]]
@@ -95,13 +108,12 @@ def test_a_change_within_the_tolerance_is_the_same_however_significant(two_runs)
 def test_a_tolerance_is_relative_or_absolute_and_replaces_the_default(two_runs):
     runs = two_runs(scaled(1.02), trials=20)
     assert compare_tables(*runs, [parse_tolerance("deviation=1%")]).is_regression
-    assert compare_tables(*runs, [parse_tolerance("deviation=0.1")]).is_regression
     absolute = compare_tables(*runs, [parse_tolerance("deviation=0.5")])
     assert not absolute.is_regression
     assert (absolute.curves["limit"] == 0.5).all()
 
 
-def test_two_trials_are_inconclusive_and_told_how_many_are_needed(two_runs):
+def test_few_trials_are_inconclusive_and_told_how_many_are_needed(two_runs):
     found = compare_tables(*two_runs(scaled(1.5), trials=2))
     (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
     assert row["verdict"] == "inconclusive"
@@ -111,14 +123,11 @@ def test_two_trials_are_inconclusive_and_told_how_many_are_needed(two_runs):
     assert not found.is_regression
     enough = compare_tables(*two_runs(scaled(1.5), trials=8))
     assert verdicts(enough.curves)["music2d"] == "regression"
-
-
-def test_the_trials_needed_are_enough_for_points_too(two_runs):
-    few = compare_tables(*two_runs(scaled(1.5), trials=3)).points
-    needed = int(few["trials_needed"].max())
+    needed = int(found.points["trials_needed"].max())
+    assert needed > 8
     for trials, verdict in ((needed - 1, "inconclusive"), (needed, "regression")):
-        found = compare_tables(*two_runs(scaled(1.5), trials=trials))
-        assert verdicts(found.points)["music2d"] == verdict
+        points = compare_tables(*two_runs(scaled(1.5), trials=trials)).points
+        assert verdicts(points)["music2d"] == verdict
 
 
 def test_noise_of_trials_that_hides_a_change_is_inconclusive_with_the_effect_it_would_show(two_runs):
@@ -130,7 +139,7 @@ def test_noise_of_trials_that_hides_a_change_is_inconclusive_with_the_effect_it_
 
 def test_what_is_unchanged_costs_what_changed_no_level(two_runs):
     alone = compare_tables(*two_runs(scaled(1.1, spread=0.02), estimators=("music2d",)))
-    names = ("music2d", *(f"e{n}" for n in range(20)))
+    names = ("music2d", *(f"e{n}" for n in range(5)))
     among = compare_tables(*two_runs(scaled(1.1, spread=0.02), estimators=names))
     assert among.curves["p_worse"].min() == alone.curves["p_worse"].min() == 2.0**-9
 
@@ -204,20 +213,23 @@ def test_a_curve_of_one_snr_is_tested_once(two_runs):
     assert found.curves["p_worse"].min() == found.points["p_worse"].min() == 2.0**-7
 
 
-@pytest.mark.parametrize("status", ["error", "skipped"])
-def test_a_new_failure_is_a_regression_a_repaired_one_is_told(two_runs, status):
+def test_new_failures_are_a_regression_repaired_ones_are_told(two_runs):
+    statuses = ["error", "skipped"]
+
     def change(records):
-        records.loc[5, ["status", "reason"]] = [status, "ValueError: no"]
-        records.loc[5, "deviation"] = np.nan
+        records.loc[[5, 6], "status"] = statuses
+        records.loc[[5, 6], "reason"] = "ValueError: no"
+        records.loc[[5, 6], "deviation"] = np.nan
 
     base, new = two_runs(change)
     found = compare_tables(base, new)
     assert found.is_regression
-    assert found.cells.new_failures[["status", "reason"]].to_numpy().tolist() == [[status, "ValueError: no"]]
-    assert found.cells.n_paired == len(base.records) - 1
+    failures = found.cells.new_failures[["status", "reason"]].to_numpy().tolist()
+    assert sorted(failures) == [[status, "ValueError: no"] for status in statuses]
+    assert found.cells.n_paired == len(base.records) - 2
     back = compare_tables(new, base)
     assert not back.is_regression
-    assert back.cells.repaired["status"].tolist() == [status]
+    assert sorted(back.cells.repaired["status"]) == statuses
 
 
 def test_nothing_detected_is_delivered_and_what_failed_in_both_is_left_out(two_runs):
@@ -285,13 +297,16 @@ def test_points_without_scores_by_design_are_left_out(two_runs):
     assert empty.notes == ("deviation: no cell of both sides has one, nothing compared",)
 
 
-def test_a_score_that_only_one_run_has_is_told(two_runs):
-    def change(records):
+def test_scores_that_disappear_are_told_and_a_regression(two_runs):
+    def lose(records):
         records.loc[records["estimator"] == "fft4d", "deviation"] = np.nan
 
-    found = compare_tables(*two_runs(change))
+    found = compare_tables(*two_runs(lose))
     assert verdicts(found.points)["fft4d"] == "inconclusive"
     assert found.notes[0].startswith("deviation: 30 cells that have one in the base alone, and 0")
+    assert found.n_lost_scores == 30
+    assert found.is_regression
+    assert "30 scores missing in the new run" in comparison_summary(found)
 
 
 def test_higher_is_better_where_the_metric_says_so(two_runs):
@@ -305,22 +320,16 @@ def test_higher_is_better_where_the_metric_says_so(two_runs):
     assert not compare_tables(*turned, [parse_tolerance("recall=5%")]).is_regression
 
 
-def test_a_share_of_yes_and_no_is_compared(two_runs):
+def test_shares_of_yes_and_no_are_compared_and_a_score_of_zero_may_not_grow_by_any_per_cent(two_runs):
     base, new = two_runs(trials=20)
-    base.records["resolved"] = True
-    new.records["resolved"] = new.records["estimator"] == "fft4d"
-    found = compare_tables(base, new, [Tolerance("resolved", 0.1, is_relative=False)])
-    chosen = found.curves[found.curves["metric"] == "resolved"]
-    assert verdicts(chosen) == {"fft4d": "same", "music2d": "regression"}
-
-
-def test_a_score_that_was_zero_may_not_grow_by_any_per_cent(two_runs):
-    base, new = two_runs(trials=20)
-    base.records["velocity_nmse"] = 0.0
-    new.records["velocity_nmse"] = np.where(new.records["estimator"] == "fft4d", 0.0, 1e-3)
-    found = compare_tables(base, new, [parse_tolerance("velocity_nmse=50%")])
-    chosen = found.curves[found.curves["metric"] == "velocity_nmse"]
-    assert verdicts(chosen) == {"fft4d": "same", "music2d": "regression"}
+    is_fft4d = new.records["estimator"] == "fft4d"
+    base.records["resolved"], base.records["velocity_nmse"] = True, 0.0
+    new.records["resolved"], new.records["velocity_nmse"] = is_fft4d, np.where(is_fft4d, 0.0, 1e-3)
+    tolerances = [Tolerance("resolved", 0.1, is_relative=False), parse_tolerance("velocity_nmse=50%")]
+    found = compare_tables(base, new, tolerances)
+    for metric in ("resolved", "velocity_nmse"):
+        chosen = found.curves[found.curves["metric"] == metric]
+        assert verdicts(chosen) == {"fft4d": "same", "music2d": "regression"}
 
 
 def slower(records):
@@ -364,12 +373,15 @@ def test_run_time_of_other_machines_is_not_compared_and_said_so(two_runs, key, v
     assert "120 ran on other machines (P, 2 cores, and" in found.notes[0]
 
 
-def test_differing_code_is_what_comparing_is_for(two_runs):
+def test_differing_code_is_what_comparing_is_for_and_is_told(two_runs):
     base, new = two_runs()
     new.manifest["git"] = {"commit": "fedcba9876543210", "dirty": True}
+    for run, version in ((base, "1.0"), (new, "2.0")):
+        run.manifest["environments"]["e1"]["versions"] = {"numpy": version, "python": "3.11"}
     found = compare_tables(base, new)
     assert found.base_version == "0.1.0 (0123456789)"
     assert found.new_version == "0.1.0 (fedcba9876, changed)"
+    assert found.notes == ("made by other versions: numpy 2.0 instead of 1.0",)
     new.manifest["git"] = None
     assert compare_tables(base, new).new_version == "0.1.0"
 
@@ -403,20 +415,19 @@ def test_a_scene_whose_rows_have_another_content_forbids_a_comparison(two_runs):
         compare_tables(base, new)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_what_cannot_be_asked_is_refused(two_runs):
+    runs = two_runs()
+    refused = [
         ({"alpha": 0}, "alpha = 0: allowed is"),
         ({"alpha": 0.5}, "allowed is a number above 0 and below 0.5"),
         ({"tolerances": [Tolerance("deviatoin", 0.1, True)]}, "did you mean 'deviation'"),
         ({"tolerances": [Tolerance("n_estimated", 0.1, True)]}, "no better direction"),
         ({"tolerances": [Tolerance("trial", 0.1, True)]}, "unknown score 'trial'"),
         ({"tolerances": [Tolerance("timing", 0.1, True)]}, "allowed are deviation, recall, time_estimate_s"),
-    ],
-)
-def test_what_cannot_be_asked_is_refused(two_runs, options, message):
-    with pytest.raises(InputError, match=message):
-        compare_tables(*two_runs(), **options)
+    ]
+    for options, message in refused:
+        with pytest.raises(InputError, match=message):
+            compare_tables(*runs, **options)
 
 
 def variant(records, name, params, **change):
@@ -441,18 +452,18 @@ def retuned(made_run, written_run):
     return base, written_run("new", variant(records.assign(deviation=worse), "music2d", NEW), manifest)
 
 
-@pytest.mark.parametrize("asked", [{"map": "music2d[pfa=1e-3]=music2d"}, {"match": "music2d"}])
 def test_estimators_that_are_paired_by_a_map_or_a_name_are_compared_as_if_nothing_else_had_changed(
-    retuned, two_runs, asked
+    retuned, two_runs
 ):
-    found = compare(*retuned, **asked)
     expected = compare_tables(*two_runs(scaled(1.2), trials=12))
-    pd.testing.assert_frame_equal(found.curves[NUMBERS], expected.curves[NUMBERS])
-    pd.testing.assert_frame_equal(found.points[NUMBERS], expected.points[NUMBERS])
-    (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
-    assert (row["params"], row["new_estimator"], row["new_params"]) == (OLD, "music2d", NEW)
-    assert len(found.cells.missing) == len(found.cells.added) == 0
-    assert not found.notes
+    for asked in ({"map": "music2d[pfa=1e-3]=music2d"}, {"match": "music2d"}):
+        found = compare(*retuned, **asked)
+        pd.testing.assert_frame_equal(found.curves[NUMBERS], expected.curves[NUMBERS])
+        pd.testing.assert_frame_equal(found.points[NUMBERS], expected.points[NUMBERS])
+        (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
+        assert (row["params"], row["new_estimator"], row["new_params"]) == (OLD, "music2d", NEW)
+        assert len(found.cells.missing) == len(found.cells.added) == 0
+        assert not found.notes
 
 
 def test_without_a_map_cells_under_other_parameters_are_missing_and_the_options_that_pair_them_named(retuned):
@@ -483,20 +494,18 @@ def test_cells_of_a_pair_that_one_side_lacks_are_told_under_both_names(two_runs)
     assert (cell["estimator"], cell["new_estimator"]) == ("fft4d", "music2d")
 
 
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [
+def test_pairs_that_cannot_be_are_refused(retuned):
+    refused = [
         ({"map": ["music2d=fft4d", "music2d=music2d"]}, "base: 'music2d' is paired twice"),
         ({"map": ["fft4d=fft4d"], "match": "fft4d"}, "base: 'fft4d' is paired twice"),
         ({"map": ["fft4d=music2d", "music2d=music2d"]}, "new: 'music2d' is paired twice"),
         ({"match": "music2d[pfa=1e-3]"}, r"match 'music2d\[pfa=1e-3\]': give the bare name"),
         ({"match": "sbl4d"}, "base: no estimator fits 'sbl4d'"),
         ({"between": ("music2d", "fft4d")}, "between needs exactly one run"),
-    ],
-)
-def test_pairs_that_cannot_be_are_refused(retuned, asked, message):
-    with pytest.raises(InputError, match=message):
-        compare(*retuned, **asked)
+    ]
+    for asked, message in refused:
+        with pytest.raises(InputError, match=message):
+            compare(*retuned, **asked)
 
 
 def test_a_name_that_stands_for_several_variants_of_a_run_asks_for_a_map(made_run, written_run):
@@ -585,26 +594,8 @@ def test_of_unchanged_code_no_more_regressions_are_reported_than_alpha_says(made
     assert n_false >= 4  # a test that never rejects would prove nothing
 
 
-def test_scores_that_disappear_are_a_regression(two_runs):
-    def lose(records):
-        records.loc[records["snr_db"] == 10, "deviation"] = np.nan
-
-    comparison = compare_tables(*two_runs(lose))
-    assert comparison.n_lost_scores == 20
-    assert comparison.is_regression
-    assert "20 scores missing in the new run" in comparison_summary(comparison)
-
-
 def test_a_run_that_has_not_come_to_its_end_is_refused(made_run, written_run):
     folder = written_run("run", *made_run())
     (folder / "journal.jsonl").write_text("")
     with pytest.raises(InputError, match="the run is not finished; resume it"):
         read_run(folder)
-
-
-def test_versions_that_differ_are_told(two_runs):
-    base, new = two_runs()
-    assert not compare_tables(base, new).notes
-    for run, version in ((base, "1.0"), (new, "2.0")):
-        run.manifest["environments"]["e1"]["versions"] = {"numpy": version, "python": "3.11"}
-    assert compare_tables(base, new).notes == ("made by other versions: numpy 2.0 instead of 1.0",)

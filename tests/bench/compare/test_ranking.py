@@ -14,6 +14,20 @@ from isacbench.errors import InputError
 ALL = "all scenes"
 
 
+@pytest.fixture
+def run(scenes_run):
+    """Return a run over eight scenes."""
+    return scenes_run(town=8)
+
+
+@pytest.fixture
+def ranked(run, remembered):
+    """Return its ranking."""
+    if "ranking" not in remembered:
+        remembered["ranking"] = rank_table(run)
+    return remembered["ranking"]
+
+
 def of(table, estimator, group=ALL, **equal):
     rows = table[(table["estimator"] == estimator) & (table["group"] == group)]
     for name, value in equal.items():
@@ -41,17 +55,15 @@ def test_the_score_of_a_scene_is_the_mean_over_its_snrs_and_trials(scenes_run):
     assert of(found.ranks, "music2d")["mean"] == pytest.approx(found.scores["music2d", "{}"].mean())
 
 
-def test_more_trials_of_a_scene_are_no_more_scenes(scenes_run):
-    run = scenes_run(town=8)
+def test_more_trials_of_a_scene_are_no_more_scenes(run, ranked):
     copies = [run.records.assign(trial=trial) for trial in range(5)]
     many = rank_table(dataclasses.replace(run, records=pd.concat(copies, ignore_index=True)))
-    once = rank_table(run)
-    pd.testing.assert_frame_equal(many.ranks, once.ranks)
-    pd.testing.assert_frame_equal(many.wins, once.wins)
+    pd.testing.assert_frame_equal(many.ranks, ranked.ranks)
+    pd.testing.assert_frame_equal(many.wins, ranked.wins)
 
 
-def test_estimators_are_sorted_best_first_and_references_stand_beside_without_a_rank(scenes_run):
-    ranks = rank_table(scenes_run(town=8)).ranks
+def test_estimators_are_sorted_best_first_and_references_stand_beside_without_a_rank(ranked):
+    ranks = ranked.ranks
     assert ranks["estimator"].tolist() == ["fft4d", "music2d", "esprit2d", "oracle"]
     assert ranks["is_reference"].tolist() == [False, False, False, True]
     assert ranks["rank_low"].tolist()[:3] == [1, 2, 3]
@@ -91,31 +103,28 @@ def test_wins_are_the_shares_of_scenes_in_plain_loops_and_ties_count_half(scenes
         assert row["change_low"] == pytest.approx(expected["change_low"].iloc[0])
 
 
-def test_both_directions_of_a_pair_are_each_others_mirror(scenes_run):
-    wins = rank_table(scenes_run(town=9)).wins
+def test_both_directions_of_a_pair_are_each_others_mirror(ranked):
+    wins = ranked.wins
     one, other = of(wins, "fft4d", other="music2d"), of(wins, "music2d", other="fft4d")
     assert one["probability"] + other["probability"] == 1
     assert one["low"] + other["high"] == pytest.approx(1)
     assert one["change"] == pytest.approx(-other["change"])
 
 
-def test_a_failed_cell_counts_as_the_worst_score_of_the_run_and_never_flatters(scenes_run):
+def test_a_failed_cell_counts_as_the_worst_score_of_the_run_and_never_flatters(scenes_run, run, ranked):
     hard = "town[seed=3]"
-    before = rank_table(scenes_run(town=8))
     found = rank_table(scenes_run(lambda records: fail(records, "fft4d", hard, snr_db=10), town=8))
-    run = scenes_run(town=8).records
-    ranked = run[(run["estimator"] != "oracle")]
-    worst = ranked["deviation"].max()
-    left = ranked[(ranked["scenario"] == hard) & (ranked["estimator"] == "fft4d") & (ranked["snr_db"] == -10)]
+    rows = run.records[run.records["estimator"] != "oracle"]
+    worst = rows["deviation"].max()
+    left = rows[(rows["scenario"] == hard) & (rows["estimator"] == "fft4d") & (rows["snr_db"] == -10)]
     assert found.scores.loc[hard, ("fft4d", "{}")] == pytest.approx((worst + left["deviation"].iloc[0]) / 2)
     others = found.scores.drop(columns=[("fft4d", "{}")])
-    pd.testing.assert_frame_equal(others, before.scores[others.columns])
-    assert of(found.ranks, "fft4d")["mean"] > of(before.ranks, "fft4d")["mean"]
+    pd.testing.assert_frame_equal(others, ranked.scores[others.columns])
+    assert of(found.ranks, "fft4d")["mean"] > of(ranked.ranks, "fft4d")["mean"]
     assert any("failed cells of fft4d: 1" in note for note in found.notes)
 
 
-def test_a_cell_at_which_an_estimator_has_no_row_is_left_out_for_all_and_told(scenes_run):
-    run = scenes_run(town=8)
+def test_a_cell_at_which_an_estimator_has_no_row_is_left_out_for_all_and_told(run):
     gone = (run.records["estimator"] == "fft4d") & (run.records["scenario"] == "town[seed=1]")
     found = rank_table(dataclasses.replace(run, records=run.records[~gone]))
     assert "town[seed=1]" not in found.scores.index
@@ -166,8 +175,7 @@ def test_the_worst_scenes_are_listed_with_the_command_that_shows_the_worst_cell(
     }
 
 
-def test_the_command_spells_a_scene_as_the_suite_does_whatever_the_name_of_its_file(scenes_run):
-    run = scenes_run(town=8)
+def test_the_command_spells_a_scene_as_the_suite_does_whatever_the_name_of_its_file(run):
     texts = [f"made/scene{seed}.toml" for seed in range(8)]
     run.manifest["suite"]["scenarios"] = texts
     found = rank_table(run).worst
@@ -199,8 +207,7 @@ def test_counts_of_lone_scatterers_rank_over_scenes_of_lone_scatterers_alone(sce
     assert {name.partition("[")[0] for name in found.scores.index} == {"sparse"}
 
 
-def test_scenarios_that_are_no_scenes_are_not_ranked_over(scenes_run):
-    run = scenes_run(town=8)
+def test_scenarios_that_are_no_scenes_are_not_ranked_over(run):
     run.manifest["suite"]["kind"] = "resolution"
     with pytest.raises(
         InputError, match=r"kind 'resolution' are no scenes to rank over; allowed are .* imaging"
@@ -231,16 +238,15 @@ def test_too_few_scenes_or_estimators_are_refused_in_words(scenes_run, options, 
         rank_table(scenes_run(**options))
 
 
-def test_a_metric_that_the_run_has_not_is_refused_with_those_it_has(scenes_run):
+def test_a_metric_that_the_run_has_not_is_refused_with_those_it_has(run):
     with pytest.raises(InputError, match=r"deviatoin.*deviation"):
-        rank_table(scenes_run(town=8), "deviatoin")
+        rank_table(run, "deviatoin")
     with pytest.raises(InputError, match="no better direction"):
-        rank_table(scenes_run(town=8), "n_estimated")
+        rank_table(run, "n_estimated")
 
 
-def test_a_folder_is_ranked_as_its_table_is(scenes_run, written_run):
-    run = scenes_run(town=8)
+def test_a_folder_is_ranked_as_its_table_is(run, ranked, written_run):
     folder = written_run("r", run.records, run.manifest)
     found = isacbench.rank(folder)
-    pd.testing.assert_frame_equal(found.ranks, rank_table(run).ranks)
+    pd.testing.assert_frame_equal(found.ranks, ranked.ranks)
     assert repr(found).splitlines()[1] == " fft4d[far_dynamic_range_db=none,demix=false]: 1"

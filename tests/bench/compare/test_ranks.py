@@ -2,7 +2,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.compare.ranks import rank_sets
@@ -66,7 +66,7 @@ def below_nominal(n_runs):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_all_sets_together_hold_the_true_ranks_in_95_per_cent_of_all_runs(law):
-    assert coverage(law, 20, 150) >= below_nominal(150)
+    assert coverage(law, 20, 80) >= below_nominal(80)
 
 
 @pytest.mark.slow
@@ -88,7 +88,6 @@ def test_with_rare_large_failures_the_sets_miss_more_often_but_less_than_twenty_
 
 
 @given(st.integers(0, 2**32 - 1), st.permutations(range(4)))
-@settings(max_examples=20)
 def test_sets_follow_the_estimators_whatever_their_order_and_the_difficulty_of_scenes(seed, order):
     rng = np.random.default_rng(seed)
     scores = rng.normal([0, 0.5, 1.0, 2.0], size=(12, 4))
@@ -99,17 +98,13 @@ def test_sets_follow_the_estimators_whatever_their_order_and_the_difficulty_of_s
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=20)
 def test_stepdown_sets_lie_within_those_of_simultaneous_intervals(seed):
     rng = np.random.default_rng(seed)
     scores = rng.normal([0, 0.5, 1.0, 4.0], size=(20, 4))
     sets = rank_sets(scores)
     changes = np.stack([scores[:, j] - scores[:, k] for j, k in itertools.combinations(range(4), 2)], axis=1)
-    draws = np.random.default_rng(0).integers(0, 20, (2000, 20))
-    largest = []
-    for draw in draws:
-        part = changes[draw]
-        largest.append(np.max(np.abs(part.mean(0) - changes.mean(0)) / part.std(0, ddof=1)) * np.sqrt(20))
+    parts = changes[np.random.default_rng(0).integers(0, 20, (2000, 20))]
+    largest = np.max(np.abs(parts.mean(1) - changes.mean(0)) / parts.std(1, ddof=1), axis=1) * np.sqrt(20)
     # A little wider than nominal: the other resamples are not those of the function.
     critical = np.quantile(largest, 0.97)
     for j in range(4):

@@ -158,6 +158,7 @@ def test_a_scene_that_one_side_lacks_is_left_out_and_a_failed_one_is_a_regressio
     assert found.curves.set_index("estimator")["n_pairs"].to_dict() == {"fft4d": 7, "music2d": 8}
 
 
+@pytest.mark.slow
 def test_two_estimators_that_are_equal_on_average_are_seldom_told_apart_however_many_trials(scenes_run):
     """Their difference is a property of the scene, which trials repeat: were trials the units, most runs
     would be regressions."""

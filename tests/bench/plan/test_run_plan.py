@@ -6,7 +6,7 @@ from itertools import groupby
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.plan.run_plan import BlockQueue, Plan, Shard
@@ -63,23 +63,16 @@ def marks(plan, data):
     return np.array(drawn, dtype=np.bool_)
 
 
-@settings(max_examples=30)
-@given(plans())
-def test_the_position_of_a_cell_is_its_place_in_the_order_of_the_table(plan):
-    cells = every_cell(plan)
-    assert plan.n_cells == len(cells)
-    np.testing.assert_array_equal(plan.positions(cells), np.arange(len(cells)))
-
-
-@settings(max_examples=30)
 @given(plans(), st.randoms(use_true_random=False))
-def test_positions_follow_their_keys_through_every_order(plan, shuffler):
-    order = list(range(plan.n_cells))
+def test_the_position_of_a_cell_is_its_place_in_the_table_whoever_asks_in_which_order(plan, shuffler):
+    cells = every_cell(plan)
+    order = list(range(len(cells)))
+    assert plan.n_cells == len(cells)
+    np.testing.assert_array_equal(plan.positions(cells), order)
     shuffler.shuffle(order)
-    np.testing.assert_array_equal(plan.positions(every_cell(plan).iloc[order]), order)
+    np.testing.assert_array_equal(plan.positions(cells.iloc[order]), order)
 
 
-@settings(max_examples=30)
 @given(plans(), st.data())
 def test_a_cell_that_the_plan_does_not_have_has_no_position(plan, data):
     cells = every_cell(plan)
@@ -98,7 +91,6 @@ def test_a_cell_that_the_plan_does_not_have_has_no_position(plan, data):
     assert (plan.positions(cells) == -1).all()
 
 
-@settings(max_examples=30)
 @given(plans(), st.data())
 def test_blocks_hold_the_marked_cells_each_once_and_in_order(plan, data):
     todo = marks(plan, data)
@@ -109,17 +101,11 @@ def test_blocks_hold_the_marked_cells_each_once_and_in_order(plan, data):
     assert len({block[:3] for block in blocks}) == len(blocks)
 
 
-@settings(max_examples=30)
 @given(plans(), st.integers(1, 12))
-def test_the_parts_of_a_run_share_its_cells(plan, n):
+def test_parts_share_the_cells_and_none_is_empty_while_another_has_two_observations(plan, n):
     parts = np.array([plan.shard(Shard(k, n)) for k in range(1, n + 1)])
     np.testing.assert_array_equal(parts.sum(axis=0), 1)
-
-
-@settings(max_examples=30)
-@given(plans(), st.integers(1, 12))
-def test_no_part_is_empty_while_another_one_has_two_observations(plan, n):
-    sizes = [len(plan.blocks(plan.shard(Shard(k, n)))) for k in range(1, n + 1)]
+    sizes = [len(plan.blocks(part)) for part in parts]
     n_trials = sum(1 for _ in groupby(plan.blocks(np.ones(plan.n_cells, dtype=np.bool_)), lambda b: b[:2]))
     if n_trials >= n:
         assert min(sizes) > 0
@@ -127,7 +113,6 @@ def test_no_part_is_empty_while_another_one_has_two_observations(plan, n):
         assert max(sizes) - min(sizes) <= 1
 
 
-@settings(max_examples=30)
 @given(plans(), st.integers(1, 5), st.data())
 def test_every_block_is_handed_out_once_whoever_asks_when(plan, n_workers, data):
     blocks = plan.blocks(marks(plan, data))
@@ -145,17 +130,10 @@ def test_every_block_is_handed_out_once_whoever_asks_when(plan, n_workers, data)
     assert set(got) == set(blocks)
 
 
-@settings(max_examples=30)
 @given(plans())
-def test_a_single_worker_gets_the_blocks_in_order(plan):
+def test_one_worker_gets_blocks_in_order_and_two_share_no_echo_while_there_are_others(plan):
     blocks = plan.blocks(np.ones(plan.n_cells, dtype=np.bool_))
     assert list(BlockQueue(blocks).blocks()) == blocks
-
-
-@settings(max_examples=30)
-@given(plans())
-def test_two_workers_do_not_share_an_echo_while_there_are_others(plan):
-    blocks = plan.blocks(np.ones(plan.n_cells, dtype=np.bool_))
     queue = BlockQueue(blocks)
     first, second = next(queue.blocks()), next(queue.blocks(), None)
     if len({block[:2] for block in blocks}) > 1:

@@ -146,11 +146,6 @@ def finish(tiny, plugin):
         yield call
 
 
-@pytest.fixture(scope="module")
-def shelf(tmp_path_factory):
-    return tmp_path_factory.mktemp("runs")
-
-
 @pytest.fixture
 def undisturbed(finish, shelf):
     folder = shelf / "undisturbed"
@@ -187,7 +182,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="look
 @linux
 def test_a_killed_run_leaves_its_rows_no_process_and_no_lock(start, finish, tmp_path, undisturbed):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
-    process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker, DRAW_NOTHING="yes")
+    process = start(folder, "-j", "1", SLUGGISH_S="0.2", MARKER=marker, DRAW_NOTHING="yes")
     wait_until(lambda: rows_in(folder) >= 4)
     assert len(running(marker)) >= 3
     process.kill()
@@ -226,8 +221,9 @@ def by_what_ends_all_processes_of_a_job(process, marker):
     ("interrupt", "code", "environment"),
     [
         (from_the_keyboard, 130, {"DRAW_NOTHING": "yes"}),
-        # The process that draws is terminated, too.
-        (by_what_ends_all_processes_of_a_job, 143, {}),
+        (by_what_ends_all_processes_of_a_job, 143, {"DRAW_NOTHING": "yes"}),
+        # The process that draws has the same server, which is terminated, too.
+        pytest.param(by_what_ends_all_processes_of_a_job, 143, {}, marks=pytest.mark.slow),
     ],
 )
 def test_an_interrupt_writes_the_rows_so_far(

@@ -54,24 +54,26 @@ def put_run(shelf):
 
 
 @pytest.fixture
-def suite(plugins, tiny):
-    return Suite(
-        name="test", scenarios=[str(tiny)], estimators=["blob", "seer"], snr_db=[-10, 0], trials=3, seed=1
-    )
+def halves(suite, put_run, tmp_path):
+    """Return the folders of the two halves of the suite."""
+    folders = [tmp_path / "1", tmp_path / "2"]
+    for k, folder in enumerate(folders, 1):
+        put_run(suite, folder, f"{k}/2")
+    return folders
 
 
 def suites(tiny, room_file):
     """Suites of all kinds."""
-    common = {"name": "test", "estimators": ["seer", "blob"], "trials": 3}
+    common = {"name": "test", "estimators": ["seer", "blob"], "trials": 2}
     rooms = {**common, "scenarios": [str(room_file)], "snr_gain_db": [20, 40]}
     return [
         Suite(**common, scenarios=[str(tiny)], snr_db=[0, -10]),
         Suite(kind="efficiency", **rooms),
         ResolutionSuite(
-            **{**rooms, "trials": 2, "snr_gain_db": [20]},
+            **{**rooms, "snr_gain_db": [20]},
             dimensions=["u", "range"],
-            separations_cells=[1, 0.5],
-            phases_deg=[0, 90],
+            separations_cells=[1],
+            phases_deg=[90],
         ),
         DetectionSuite(
             name="test",
@@ -80,10 +82,10 @@ def suites(tiny, room_file):
             estimators=["blob"],
             detectors=["level", "ca"],
             maps=["homogeneous", "interferers"],
-            pfa=[1e-2, 1e-3],
+            pfa=[1e-2],
             snr_db=[-10],
         ),
-        PopulationSuite(**common, version=1, scenarios=[str(tiny)], snr_db=[0, -10]),
+        PopulationSuite(**common, version=1, scenarios=[str(tiny)], snr_db=[0]),
     ]
 
 
@@ -114,27 +116,25 @@ def test_all_shards_together_are_the_undisturbed_run_and_need_no_plugin(
     shards = [tmp_path / f"shard{k}" for k in (2, 1)]
     for folder in shards:
         run(any_suite, out=folder, shard=f"{folder.name[-1]}/2")
+    plan = load_job(any_suite).plan
     forget_plugins(monkeypatch)
     merged = merge(shards, tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
     assert (len(merged.records), merged.gaps) == (merged.n_cells, [])
     columns = pd.read_csv(tmp_path / "merged" / "results.csv").columns
     assert columns.equals(pd.read_csv(tmp_path / "whole" / "results.csv").columns)
-
-
-def test_the_outline_of_a_plan_places_rows_as_the_plan_does(any_suite, put_run, tmp_path):
-    put_run(any_suite, tmp_path / "run")
-    records = read_results(tmp_path / "run").records
-    manifest = read_manifest(tmp_path / "run")
+    # The outline of a plan places rows as the plan does.
+    manifest = read_manifest(tmp_path / "whole")
     again = restore_plan(manifest)
-    assert manifest["scenes"] == outline(load_job(any_suite).plan)
-    np.testing.assert_array_equal(again.positions(records), np.arange(again.n_cells))
-    np.testing.assert_array_equal(load_job(any_suite).plan.positions(records), np.arange(again.n_cells))
+    assert manifest["scenes"] == outline(plan)
+    records = read_results(tmp_path / "whole").records
+    for one in (plan, again):
+        np.testing.assert_array_equal(one.positions(records), np.arange(again.n_cells))
 
 
 def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, put_run, tmp_path):
     for k in (1, 3):
-        run(suite, out=tmp_path / str(k), shard=f"{k}/3")
+        put_run(suite, tmp_path / str(k), f"{k}/3")
     merged = merge([tmp_path / "1", tmp_path / "3"], tmp_path / "merged")
     assert (len(merged.records), merged.n_cells) == (8, 12)
     assert [(gap.scenario, gap.estimator, gap.n_cells, gap.trials) for gap in merged.gaps] == [
@@ -151,9 +151,10 @@ def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, put_run, tmp_
     "changes",
     [
         [{"trials": 2}, {"trials": 3}],
-        [{"estimators": ["blob"]}, {"estimators": ["seer"]}],
-        [{"estimators": ["blob[n=[4,5]]"]}, {"estimators": ["blob[n=[5,6]]", "seer"]}],
-        [{"snr_db": [5, 10]}, {"snr_db": [-10, 5]}],
+        [
+            {"estimators": ["blob[n=[4,5]]"], "trials": 2},
+            {"estimators": ["blob[n=[5,6]]", "seer"], "snr_db": [5, 10], "trials": 2},
+        ],
         [{"estimators": ["blob"], "snr_db": [0]}, {"estimators": ["seer"], "snr_db": [0, 5], "trials": 1}],
     ],
 )
@@ -165,6 +166,8 @@ def test_runs_of_one_suite_are_united_and_the_whole_suite_completes_them(suite, 
     whole = read_results(tmp_path / "merged").suite
     assert merged.n_cells - len(merged.records) == sum(gap.n_cells for gap in merged.gaps)
     assert whole.trials == max(change.get("trials", 3) for change in changes)
+    snr_db = {snr_db for change in changes for snr_db in change.get("snr_db", suite.snr_db)}
+    assert whole.snr_db == tuple(sorted(snr_db))
     put_run(whole, tmp_path / "whole")
     run(whole, out=tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
@@ -199,13 +202,6 @@ def test_another_version_of_a_population_is_refused(plugins, tiny, put_run, tmp_
         merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
 
 
-def test_snrs_that_rise_in_each_part_rise_together(suite, put_run, tmp_path):
-    put_run(suite.replace(snr_db=[5, 10]), tmp_path / "one")
-    put_run(suite.replace(snr_db=[-10, 5]), tmp_path / "two")
-    merge([tmp_path / "one", tmp_path / "two"], tmp_path / "merged")
-    assert read_results(tmp_path / "merged").suite.snr_db == (-10, 5, 10)
-
-
 def test_a_scenario_may_have_another_path_in_each_part(suite, tiny, put_run, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -230,55 +226,38 @@ def test_ranges_of_generated_scenes_are_united_scene_by_scene(suite, put_run, tm
     assert whole.snr_db == (0, 10)
 
 
-def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(suite, put_run, tmp_path):
-    for k in (1, 2):
-        put_run(suite, tmp_path / str(k), f"{k}/2")
-    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(halves, tmp_path):
+    merge(halves, tmp_path / "merged")
     manifest = read_manifest(tmp_path / "merged")
     assert [session.get("shard") for session in manifest["sessions"]] == ["1/2", "2/2", None]
-    assert manifest["sessions"][-1]["merged"] == [str(tmp_path / "1"), str(tmp_path / "2")]
-    assert set(manifest["environments"]) == set(
-        pd.read_parquet(tmp_path / "1" / "results.parquet").environment
-    )
+    assert manifest["sessions"][-1]["merged"] == [str(folder) for folder in halves]
+    assert set(manifest["environments"]) == set(pd.read_parquet(halves[0] / "results.parquet").environment)
     assert not manifest["interrupted"]
     assert manifest["seed"] == 1
 
 
-def test_equal_rows_of_a_cell_count_once(suite, put_run, tmp_path):
-    put_run(suite, tmp_path / "1")
-    run(suite, trials=2, out=tmp_path / "2")
-    merged = merge([tmp_path / "2", tmp_path / "1"], tmp_path / "merged")
+def test_equal_rows_of_a_cell_count_once(suite, halves, put_run, tmp_path):
+    put_run(suite, tmp_path / "whole")
+    merged = merge([tmp_path / "whole", halves[0]], tmp_path / "merged")
     assert len(merged.records) == merged.n_cells == 12
 
 
-def rewrite(folder, change):
-    """Change the rows of a run, in a file that is as whole as one can be."""
-    table = pd.read_parquet(folder / "results.parquet")
-    table.attrs = {}
-    change(table)
-    table.to_parquet(folder / "results.parquet", index=False)
-
-
-def test_rows_that_disagree_about_a_cell_are_refused_with_its_name(suite, put_run, tmp_path):
-    for name in ("1", "2"):
+def test_rows_and_clouds_that_disagree_about_a_cell_are_refused_with_its_name(suite, put_run, tmp_path):
+    for name in ("1", "rows", "clouds"):
         put_run(suite, tmp_path / name)
-    rewrite(
-        tmp_path / "2", lambda table: table.__setitem__("deviation", table["deviation"] + (table.index == 3))
-    )
-    with pytest.raises(InputError, match=r"two parts disagree about seer on tiny at 0 dB, trial 0"):
-        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
-    assert not (tmp_path / "merged").exists()
-
-
-def test_clouds_that_disagree_are_refused_too(suite, put_run, tmp_path):
-    for name in ("1", "2"):
-        put_run(suite, tmp_path / name)
-    clouds = pd.read_parquet(tmp_path / "2" / "clouds.parquet")
-    clouds.attrs = {}
-    clouds.loc[0, "x"] += 1
-    clouds.to_parquet(tmp_path / "2" / "clouds.parquet", index=False)
-    with pytest.raises(InputError, match=r"two parts disagree about blob on tiny at -10 dB, trial 0"):
-        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    for name, file, row, column in (("rows", "results", 3, "deviation"), ("clouds", "clouds", 0, "x")):
+        path = tmp_path / name / f"{file}.parquet"
+        table = pd.read_parquet(path)
+        table.attrs = {}
+        table.loc[row, column] += 1
+        table.to_parquet(path, index=False)
+    for name, cell in (
+        ("rows", "seer on tiny at 0 dB, trial 0"),
+        ("clouds", "blob on tiny at -10 dB, trial 0"),
+    ):
+        with pytest.raises(InputError, match=f"two parts disagree about {cell}"):
+            merge([tmp_path / "1", tmp_path / name], tmp_path / "merged")
+        assert not (tmp_path / "merged").exists()
 
 
 @pytest.mark.parametrize(
@@ -291,38 +270,44 @@ def test_clouds_that_disagree_are_refused_too(suite, put_run, tmp_path):
     ],
 )
 def test_runs_that_do_not_belong_together_are_refused_with_what_differs(
-    suite, put_run, tmp_path, changes, message
+    suite, halves, tmp_path, changes, message
 ):
-    put_run(suite.replace(trials=1), tmp_path / "1")
-    other = Suite.model_validate({**suite.model_dump(), "trials": 1, **changes})
-    run(other, out=tmp_path / "2")
+    other = Suite.model_validate({**suite.model_dump(), "trials": 1, "estimators": ["seer"], **changes})
+    shutil.rmtree(halves[1])
+    run(other, out=halves[1])
     with pytest.raises(InputError, match=message):
-        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+        merge(halves, tmp_path / "merged")
     assert not (tmp_path / "merged").exists()
 
 
-def test_another_content_of_a_scenario_is_refused(suite, tiny, put_run, tmp_path):
-    put_run(suite, tmp_path / "1", "1/2")
+@pytest.fixture
+def half_again(suite, halves):
+    """Return a function that makes the second half again, as another isacbench or of another scenario."""
+
+    def again(**changes):
+        shutil.rmtree(halves[1])
+        run(suite, out=halves[1], shard="2/2", **changes)
+        return halves
+
+    return again
+
+
+def test_another_content_of_a_scenario_is_refused(tiny, half_again, tmp_path):
     other = shutil.copy(tiny, tmp_path)
     (tmp_path / "tiny.csv").write_text("x,y,z,v,amplitude\n1,2,3,0,2\n")
-    run(suite, scenarios=[other], out=tmp_path / "2", shard="2/2")
     with pytest.raises(InputError, match="content of scenario 'tiny'"):
-        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+        merge(half_again(scenarios=[other]), tmp_path / "merged")
 
 
-def test_another_metric_is_refused(suite, put_run, tmp_path, monkeypatch):
-    put_run(suite, tmp_path / "1", "1/2")
+def test_another_metric_is_refused(half_again, tmp_path, monkeypatch):
     monkeypatch.setattr("isacbench.bench.store.run_store.METRIC_VERSION", 0)
-    run(suite, out=tmp_path / "2", shard="2/2")
     with pytest.raises(InputError, match=r"metric differs \(.*'version': 1\}, "):
-        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+        merge(half_again(), tmp_path / "merged")
 
 
-def test_other_versions_are_refused_unless_they_may_be_mixed(suite, put_run, tmp_path, monkeypatch):
-    put_run(suite, tmp_path / "1", "1/2")
+def test_other_versions_are_refused_unless_they_may_be_mixed(half_again, tmp_path, monkeypatch):
     monkeypatch.setattr("isacbench.bench.store.provenance.package_version", lambda package: "0.0")
-    run(suite, out=tmp_path / "2", shard="2/2")
-    folders = [tmp_path / "1", tmp_path / "2"]
+    folders = half_again()
     with pytest.raises(
         InputError, match=rf"blob: .* by numpy {np.__version__} instead of 0\.0.*--mix-versions"
     ):
@@ -332,23 +317,14 @@ def test_other_versions_are_refused_unless_they_may_be_mixed(suite, put_run, tmp
     assert merged.gaps == []
 
 
-def test_a_part_without_its_clouds_is_refused(suite, put_run, tmp_path):
-    put_run(suite, tmp_path / "1")
-    (tmp_path / "1" / "clouds.parquet").unlink()
-    with pytest.raises(InputError, match=r"damaged run: some clouds are missing"):
-        merge([tmp_path / "1"], tmp_path / "merged")
-
-
-def test_a_manifest_without_an_outline_is_refused(suite, put_run, tmp_path):
-    put_run(suite, tmp_path / "1")
-    manifest = read_manifest(tmp_path / "1")
-    del manifest["scenes"]
-    (tmp_path / "1" / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match=r"its manifest has no scenes \(written by an older isacbench\)"):
-        merge([tmp_path / "1"], tmp_path / "merged")
-
-
-def test_a_folder_with_a_run_is_not_merged_into(suite, put_run, tmp_path):
-    put_run(suite, tmp_path / "1")
+def test_damaged_old_and_occupied_folders_are_refused(halves, tmp_path):
     with pytest.raises(InputError, match="holds a run; give a new folder"):
-        merge([tmp_path / "1"], tmp_path / "1")
+        merge(halves[:1], halves[0])
+    (halves[1] / "clouds.parquet").unlink()
+    with pytest.raises(InputError, match=r"damaged run: some clouds are missing"):
+        merge(halves[1:], tmp_path / "merged")
+    manifest = read_manifest(halves[0])
+    del manifest["scenes"]
+    (halves[0] / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=r"its manifest has no scenes \(written by an older isacbench\)"):
+        merge(halves[:1], tmp_path / "merged")

@@ -6,12 +6,13 @@ import pytest
 
 import isacbench
 from isacbench.bench.cells import scored_images
-from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS
+from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES
 from isacbench.bench.cells.scored_images import image_reference
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.store.run_store import read_results
 from isacbench.bench.store.stored_run import load_run
 from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.suites.suite import Suite
@@ -51,22 +52,29 @@ def suite(plugins, close):
         name="test",
         scenarios=[str(close)],
         estimators=["blob", *REFERENCES, "trouble"],
-        snr_db=[-10, 0, 10],
+        snr_db=[-10, 0],
         trials=2,
     )
 
 
-@pytest.fixture(autouse=True)
-def nothing_remembered():
-    scored_images._imaged.cache_clear()
+@pytest.fixture
+def folder(suite, run_once):
+    """Return a folder that holds a run of the suite."""
+    return run_once("first", suite)
+
+
+@pytest.fixture
+def first(folder):
+    """Rows of this run."""
+    return read_results(folder).records
 
 
 def is_of_reference(records):
     return records["estimator"].isin(["oracle", "chance"])
 
 
-def test_rows_are_means_over_the_realisations_with_their_spreads(suite, close):
-    records, scenario = run(suite), load_scenario(close)
+def test_rows_are_means_over_the_realisations_with_their_spreads(first, close):
+    records, scenario = first, load_scenario(close)
     given = {"region": scenario.region, "velocity_bin_mps": scenario.system.velocity_bin_mps}
     for spec in REFERENCES:
         name, params = ("oracle", {"cell": 0.5}) if "cell" in spec else (spec, {})
@@ -76,7 +84,7 @@ def test_rows_are_means_over_the_realisations_with_their_spreads(suite, close):
         rows = records[
             (records["estimator"] == name) & (records["params"].str.contains("cell") == bool(params))
         ]
-        assert len(rows) == 6
+        assert len(rows) == 4
         for _, row in rows.iterrows():
             for score_name in METRICS["paper"]:
                 mean = expected[score_name].mean()
@@ -93,13 +101,13 @@ def test_rows_are_means_over_the_realisations_with_their_spreads(suite, close):
             assert row["n_stored"] == len(clouds[nearest])
 
 
-def test_only_a_run_with_references_has_columns_of_spreads_and_only_their_rows_have_values(suite):
-    records = run(suite)
+def test_only_a_run_with_references_has_columns_of_spreads_and_only_their_rows_have_values(suite, first):
+    records = first
     assert records.columns.tolist()[-len(REFERENCE_COLUMNS) :] == list(REFERENCE_COLUMNS)
     spreads = records[list(REFERENCE_COLUMNS)].notna()
     assert spreads[is_of_reference(records)].all(axis=None)
     assert not spreads[~is_of_reference(records)].any(axis=None)
-    assert not set(REFERENCE_COLUMNS) & set(run(suite, estimators=["blob", "seer"]))
+    assert not set(REFERENCE_COLUMNS) & set(run(suite, estimators=["blob", "seer"], trials=1))
 
 
 def test_a_reference_is_scored_once_for_all_snrs_and_trials_of_a_scenario(suite, monkeypatch):
@@ -111,8 +119,9 @@ def test_a_reference_is_scored_once_for_all_snrs_and_trials_of_a_scenario(suite,
         return score_all(*arguments, **given)
 
     monkeypatch.setattr(scored_images, "score_realisations", counted)
+    scored_images._imaged.cache_clear()
     records = run_suite(suite).records
-    assert is_of_reference(records).sum() == 18
+    assert is_of_reference(records).sum() == 12
     assert len(calls) == len(REFERENCES)
 
 
@@ -134,11 +143,11 @@ def test_what_is_remembered_is_that_of_equal_content_only(close):
     assert image_reference(isacbench.get_estimator("oracle", cell=2.0), scenario) is not first
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
 def test_the_stored_cloud_is_that_of_the_estimate_and_a_resumed_run_keeps_all_rows(
-    suite, close, tmp_path, jobs
+    suite, first, close, tmp_path
 ):
-    first = run(suite, jobs=jobs, out=tmp_path / "run")
+    guarded = run(suite, jobs=1, out=tmp_path / "run")
+    pd.testing.assert_frame_equal(guarded.drop(columns=TIMES), first.drop(columns=TIMES))
     scenario, stored = load_scenario(close), load_run(tmp_path / "run")
     observation = isacbench.observe(scenario, 0.0)
     oracle, chance = isacbench.get_estimator("oracle"), isacbench.get_estimator("chance")
@@ -147,26 +156,25 @@ def test_the_stored_cloud_is_that_of_the_estimate_and_a_resumed_run_keeps_all_ro
         expected = reference.estimate(observation, scenario.truth)
         np.testing.assert_array_equal(cloud.to_array(), expected.to_array())
     again = run(suite, out=tmp_path / "run")
-    pd.testing.assert_frame_equal(again, first)
+    pd.testing.assert_frame_equal(again, guarded)
     from_csv = pd.read_csv(tmp_path / "run" / "results.csv")
     np.testing.assert_allclose(from_csv["deviation_spread"], first["deviation_spread"], rtol=1e-12)
 
 
-def test_a_stored_cloud_that_lost_points_is_noticed_and_made_again(suite, tmp_path):
-    first = run(suite, out=tmp_path / "run")
-    clouds = pd.read_parquet(tmp_path / "run" / "clouds.parquet")
+def test_a_stored_cloud_that_lost_points_is_noticed_and_made_again(suite, first, folder):
+    clouds = pd.read_parquet(folder / "clouds.parquet")
     clouds.attrs = {}
     lost = clouds.index[clouds["estimator"] == "oracle"][0]
-    clouds.drop(index=lost).to_parquet(tmp_path / "run" / "clouds.parquet", index=False)
+    clouds.drop(index=lost).to_parquet(folder / "clouds.parquet", index=False)
     with pytest.raises(InputError, match=r"1 of \d+ clouds are missing or damaged"):
-        rescore(tmp_path / "run")
-    again = run(suite, out=tmp_path / "run")
-    times = ["time_estimate_s", "time_score_s"]
-    pd.testing.assert_frame_equal(again.drop(columns=times), first.drop(columns=times))
-    assert rescore(tmp_path / "run").n_changed == 0
+        rescore(folder)
+    again = run(suite, out=folder)
+    pd.testing.assert_frame_equal(again.drop(columns=TIMES), first.drop(columns=TIMES))
+    assert rescore(folder).n_changed == 0
 
 
 def test_runs_with_and_without_references_are_merged(suite, tmp_path):
+    suite = suite.replace(snr_db=[0], trials=1)
     run(suite, estimators=["blob"], out=tmp_path / "one")
     run(suite, estimators=["oracle", "chance"], out=tmp_path / "two")
     records = merge([tmp_path / "one", tmp_path / "two"], tmp_path / "both").records
@@ -181,21 +189,19 @@ def spoil(folder):
     records.to_parquet(folder / "results.parquet", index=False)
 
 
-def test_rows_of_references_are_scored_again_from_their_realisations(suite, tmp_path):
-    first = run(suite, out=tmp_path / "run")
-    spoil(tmp_path / "run")
+def test_rows_of_references_are_scored_again_from_their_realisations(first, folder):
+    spoil(folder)
     scored_images._imaged.cache_clear()
-    rescored = rescore(tmp_path / "run")
+    rescored = rescore(folder)
     assert rescored.n_changed == (first["status"] == "ok").sum()
     pd.testing.assert_frame_equal(rescored.records, first)
 
 
 @pytest.mark.parametrize("gone", ["all", "chance"])
 def test_a_reference_that_is_not_installed_cannot_be_scored_again_and_the_run_stays(
-    suite, tmp_path, monkeypatch, gone
+    folder, monkeypatch, gone
 ):
-    run(suite, out=tmp_path / "run")
-    before = (tmp_path / "run" / "results.parquet").read_bytes()
+    before = (folder / "results.parquet").read_bytes()
     if gone == "all":
         monkeypatch.setattr("isacbench.plugins.discovery._installed", lambda *_: ())
     else:
@@ -205,21 +211,14 @@ def test_a_reference_that_is_not_installed_cannot_be_scored_again_and_the_run_st
         )
     what = "'oracle'.*unknown estimator" if gone == "all" else "'chance'.*has no realisations"
     with pytest.raises(InputError, match=f"the scores of {what}"):
-        rescore(tmp_path / "run")
-    assert (tmp_path / "run" / "results.parquet").read_bytes() == before
-
-
-def test_references_are_timed_like_others(suite):
-    records = run(suite, estimators=["oracle", "chance"], snr_db=[0.0], trials=1, timing=True, repeats=2)
-    assert records["status"].tolist() == ["ok", "ok"]
-    assert records["timing"].all()
-    assert records.columns.tolist()[-len(REFERENCE_COLUMNS) :] == list(REFERENCE_COLUMNS)
-    assert set(TIMING_COLUMNS) <= set(records)
+        rescore(folder)
+    assert (folder / "results.parquet").read_bytes() == before
 
 
 def test_the_band_of_a_reference_is_its_spread_whatever_the_number_of_trials(suite):
+    all_trials = run(suite, estimators=["blob", "oracle"], snr_db=[0.0, 5.0], trials=6)
     for trials in (1, 6):
-        records = run(suite, estimators=["blob", "oracle"], snr_db=[0.0, 5.0], trials=trials)
+        records = all_trials[all_trials["trial"] < trials]
         summary = summarise_scores(records)
         oracle, blob = (summary[summary["estimator"] == name] for name in ("oracle", "blob"))
         for name in ("deviation", "hausdorff_sum_m", "gospa_m", "n_estimated"):

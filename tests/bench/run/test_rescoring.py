@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.bench.cells.record import TIMES
 from isacbench.bench.run.rescoring import Change, rescore
-from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.run.runner import run
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.run_store import read_manifest
 from isacbench.bench.suites.detection_kind import DetectionSuite
@@ -27,13 +28,15 @@ MEASURED = {
 @pytest.fixture(params=list(MEASURED))
 def suite(request, plugins, tiny, room_file):
     """Suite of each kind, with a failing estimator and one that detects nothing."""
-    common = {"name": "test", "trials": 2, "estimators": ["seer", "blob", "trouble", "trouble[kind=empty]"]}
+    common = {"name": "test", "trials": 1, "estimators": ["seer", "blob", "trouble", "trouble[kind=empty]"]}
     rooms = {**common, "scenarios": [str(room_file)], "snr_gain_db": [20, 40]}
     scenes = {**common, "scenarios": [str(tiny)], "snr_db": [-10, 0]}
     return {
         "imaging": lambda: Suite(**scenes),
         "efficiency": lambda: Suite(kind="efficiency", **rooms),
-        "resolution": lambda: ResolutionSuite(**rooms, separations_cells=[1], phases_deg=[0, 90]),
+        "resolution": lambda: ResolutionSuite(
+            **rooms, dimensions=["u"], separations_cells=[1], phases_deg=[0, 90]
+        ),
         "detection": lambda: DetectionSuite(
             **{**scenes, "estimators": ["blob", "music2d"]}, detectors=["ca"], maps=["homogeneous"]
         ),
@@ -56,11 +59,16 @@ def tables(folder):
     }
 
 
-def test_scores_come_back_bit_for_bit_without_any_plugin(suite, tmp_path, monkeypatch):
+def test_scores_come_back_bit_for_bit_without_any_plugin_and_none_differs_without_a_change(
+    suite, tmp_path, monkeypatch
+):
     run(suite, out=tmp_path / "run")
     before = tables(tmp_path / "run")
+    unchanged = rescore(tmp_path / "run")
+    assert (unchanged.n_scored > 0, unchanged.n_changed, unchanged.changes) == (True, 0, [])
+    assert tables(tmp_path / "run") == before
+    failed_rows = pd.read_parquet(tmp_path / "run" / "results.parquet")["status"] == "error"
     columns = [*SCORES, *MEASURED[suite.kind]]
-    failed_rows = run_suite(suite, tmp_path / "run").records["status"] == "error"
     corrupt(tmp_path / "run", [name for name in columns if name != "n_true"])
     spoilt = pd.read_parquet(tmp_path / "run" / "results.parquet")
     monkeypatch.setattr("isacbench.plugins.discovery._installed", lambda *_: ())
@@ -78,15 +86,6 @@ def test_scores_come_back_bit_for_bit_without_any_plugin(suite, tmp_path, monkey
         assert after == before
 
 
-def test_nothing_differs_where_nothing_has_changed(suite, tmp_path):
-    run(suite, out=tmp_path / "run")
-    before = tables(tmp_path / "run")
-    rescored = rescore(tmp_path / "run")
-    assert rescored.n_scored > 0
-    assert (rescored.n_changed, rescored.changes) == (0, [])
-    assert tables(tmp_path / "run") == before
-
-
 @pytest.fixture
 def street(plugins, tiny):
     """Suite that images one small scene."""
@@ -94,14 +93,19 @@ def street(plugins, tiny):
     return Suite(name="test", scenarios=[str(tiny)], estimators=estimators, snr_db=[0], trials=2)
 
 
-def test_changes_are_counted_by_column_with_the_largest(street, tmp_path):
-    run(street, out=tmp_path / "run")
-    records = pd.read_parquet(tmp_path / "run" / "results.parquet")
+@pytest.fixture
+def done(street, run_once):
+    """Return a folder that holds its run."""
+    return run_once("street", street)
+
+
+def test_changes_are_counted_by_column_with_the_largest(done):
+    records = pd.read_parquet(done / "results.parquet")
     records.attrs = {}
     records.loc[[0, 1], "gospa_m"] += [0.25, -0.5]
     records.loc[3, "recall"] = np.nan
-    records.to_parquet(tmp_path / "run" / "results.parquet", index=False)
-    rescored = rescore(tmp_path / "run")
+    records.to_parquet(done / "results.parquet", index=False)
+    rescored = rescore(done)
     assert (rescored.n_scored, rescored.n_changed) == (4, 3)
     gospa, recall = rescored.changes
     assert (gospa.column, gospa.n_rows, gospa.n_filled) == ("gospa_m", 2, 0)
@@ -123,28 +127,22 @@ def test_the_manifest_has_the_metric_and_the_call_and_a_run_goes_on(street, tmp_
     assert len(run(street, trials=3, out=tmp_path / "run")) == 9
 
 
-def test_a_killed_run_is_scored_with_the_rows_of_its_journal(street, tmp_path, monkeypatch):
-    with monkeypatch.context() as patched:
-        patched.setattr("isacbench.bench.run.runner._finish", lambda *_: None)
-        run(street, out=tmp_path / "run")
+def test_a_killed_run_is_scored_with_the_rows_of_its_journal(street, done, tmp_path, monkeypatch):
+    monkeypatch.setattr("isacbench.bench.run.runner._finish", lambda *_: None)
+    run(street, out=tmp_path / "run")
     assert not (tmp_path / "run" / "results.parquet").exists()
     assert rescore(tmp_path / "run").n_scored == 4
     assert not (tmp_path / "run" / "journal.jsonl").exists()
-    run(street, out=tmp_path / "other")
-    times = ["time_estimate_s", "time_score_s"]
-    found = [
-        pd.read_parquet(tmp_path / name / "results.parquet").drop(columns=times) for name in ("run", "other")
-    ]
+    folders = (tmp_path / "run", done)
+    found = [pd.read_parquet(folder / "results.parquet").drop(columns=TIMES) for folder in folders]
     pd.testing.assert_frame_equal(*found)
 
 
 @pytest.fixture
-def drawn(plugins, room_file, tmp_path):
+def drawn(plugins, room_file, run_once):
     """Folder of a run that drew its scatterers."""
     rooms = {"scenarios": [str(room_file)], "snr_gain_db": [40], "trials": 3}
-    suite = Suite(kind="efficiency", name="test", estimators=["seer", "blob"], **rooms)
-    run(suite, out=tmp_path / "run")
-    return tmp_path / "run"
+    return run_once("drawn", Suite(kind="efficiency", name="test", estimators=["seer", "blob"], **rooms))
 
 
 def test_draws_that_are_not_kept_are_drawn_again(drawn):
@@ -191,20 +189,18 @@ def tear(folder):
         (tear, r"damaged run: ValueError: clouds\.parquet"),
     ],
 )
-def test_missing_and_damaged_clouds_are_refused_and_nothing_changes(street, tmp_path, damage, message):
-    run(street, out=tmp_path / "run")
-    damage(tmp_path / "run")
-    shutil.copytree(tmp_path / "run", tmp_path / "copy")
+def test_missing_and_damaged_clouds_are_refused_and_nothing_changes(done, tmp_path, damage, message):
+    damage(done)
+    shutil.copytree(done, tmp_path / "copy")
     with pytest.raises(InputError, match=message):
-        rescore(tmp_path / "run")
+        rescore(done)
     names = [path.name for path in (tmp_path / "copy").iterdir() if path.name != ".lock"]
-    assert all((tmp_path / "copy" / x).read_bytes() == (tmp_path / "run" / x).read_bytes() for x in names)
+    assert all((tmp_path / "copy" / x).read_bytes() == (done / x).read_bytes() for x in names)
 
 
-def test_a_run_that_is_written_into_is_refused(street, tmp_path):
-    run(street, out=tmp_path / "run")
-    with open_folder(tmp_path / "run"), pytest.raises(InputError, match="another run is writing into it"):
-        rescore(tmp_path / "run")
+def test_a_run_that_is_written_into_is_refused(done):
+    with open_folder(done), pytest.raises(InputError, match="another run is writing into it"):
+        rescore(done)
 
 
 def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path):

@@ -73,16 +73,10 @@ def kill_after(suite, folder, n_cells, *rerun):
 def table(folder):
     """Everything of a folder's tables that a second run must reproduce."""
     records = pd.read_csv(folder / "results.csv", dtype=str).drop(columns=TIMES)
-    return records.to_csv(), read_results(folder).clouds.to_csv()
+    return records.to_csv(), pd.read_parquet(folder / "clouds.parquet").to_csv()
 
 
 remembered_table = cache(table)
-
-
-@pytest.fixture(scope="module")
-def shelf(tmp_path_factory):
-    """Return a folder for runs that several tests go on with."""
-    return tmp_path_factory.mktemp("runs")
 
 
 @pytest.fixture
@@ -105,22 +99,17 @@ def undisturbed(complete):
     return remembered_table(complete)
 
 
-@pytest.mark.parametrize("n_cells", [1, 18])
-def test_a_killed_run_goes_on_where_it_was_and_ends_in_the_same_table(suite, folder, undisturbed, n_cells):
-    kill_after(suite, folder, n_cells)
-    assert len(read_results(folder).records) == n_cells
+@pytest.mark.parametrize("kills", [(1,), (5, 5, 8)])
+def test_a_run_that_is_killed_once_or_again_and_again_ends_in_the_same_table(
+    suite, folder, undisturbed, kills
+):
+    for n, n_cells in enumerate(kills, 1):
+        kill_after(suite, folder, n_cells)
+        assert len(read_results(folder).records) == sum(kills[:n])
     _, n_made = go(suite, folder)
-    assert n_made == 18 - n_cells
+    assert n_made == 18 - sum(kills)
     assert table(folder) == undisturbed
     assert not (folder / "journal.jsonl").exists()
-
-
-def test_a_run_that_is_killed_again_and_again_ends_in_the_same_table(suite, folder, undisturbed):
-    for _ in range(3):
-        kill_after(suite, folder, 5)
-    _, n_made = go(suite, folder)
-    assert n_made == 3
-    assert table(folder) == undisturbed
 
 
 # After one step is before the next, but for what the step itself has left to be tidied up.
@@ -157,22 +146,9 @@ def test_a_run_that_is_killed_while_it_writes_its_tables_loses_no_row(
     assert table(folder) == undisturbed
 
 
-def test_a_complete_run_makes_nothing_again(suite, folder, finished):
-    before = table(folder)
-    _, n_made = go(suite, folder)
-    assert n_made == 0
-    assert table(folder) == before
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        {"trials": 4, "snr_db": [-5, 0, 5, 10]},
-        {"estimators": ["dice", "good[n=1]", "good[n=2]", FAILING], "snr_db": [10, 0]},
-    ],
-)
-def test_a_run_may_grow_and_be_put_into_another_order(suite, folder, tmp_path, more, finished):
-    wider = suite.replace(**more)
+def test_a_run_may_grow_and_be_put_into_another_order(suite, folder, tmp_path, finished):
+    estimators = ["dice", "good[n=1]", "good[n=2]", FAILING]
+    wider = suite.replace(estimators=estimators, trials=4, snr_db=[10, -5, 0])
     results, n_made = go(wider, folder)
     assert n_made == len(results.records) - 18
     go(wider, tmp_path / "at once")
@@ -201,14 +177,12 @@ def test_rows_that_would_be_lost_are_refused_and_left_alone(suite, folder, chang
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"} == before
 
 
-def test_failures_are_kept_unless_they_are_asked_for(suite, folder, wreck, finished):
+def test_rows_are_kept_unless_they_are_asked_for(suite, folder, undisturbed, finished):
     assert go(suite, folder)[1] == 0
+    assert table(folder) == undisturbed
     results, n_made = go(suite, folder, "failed")
     assert n_made == 6
     assert len(results.records) == 18
-
-
-def test_everything_is_made_again_if_asked_for(suite, folder, undisturbed, finished):
     assert go(suite, folder, "all")[1] == 18
     assert table(folder) == undisturbed
 
@@ -231,7 +205,9 @@ def moved(suite, tiny):
     return move
 
 
-def test_rows_of_another_content_of_the_scenario_are_refused(suite, folder, moved, finished):
+def test_rows_of_another_content_of_the_scenario_are_refused_or_made_again(
+    suite, folder, tmp_path, moved, finished
+):
     moved()
     with pytest.raises(
         InputError, match="18 of its 18 cells were made with different content of scenario 'tiny'"
@@ -239,10 +215,6 @@ def test_rows_of_another_content_of_the_scenario_are_refused(suite, folder, move
         go(suite, folder)
     with pytest.raises(InputError, match="different content"):
         go(suite, folder, mix_versions=True)
-
-
-def test_rows_of_another_content_are_made_again_if_asked_for(suite, folder, tmp_path, moved, finished):
-    moved()
     assert go(suite, folder, "stale")[1] == 18
     go(suite, tmp_path / "new")
     assert table(folder) == table(tmp_path / "new")
@@ -269,12 +241,9 @@ def updated(wreck):
     return update
 
 
-def test_rows_of_other_versions_are_refused_with_what_differs(suite, folder, updated, finished):
+def test_rows_of_other_versions_are_refused_with_what_differs_or_made_again(suite, folder, updated, finished):
     with pytest.raises(InputError, match=r"18 of its 18 cells were made by other versions.*wreck\.py digest"):
         updated(lambda: go(suite, folder))
-
-
-def test_rows_of_other_versions_are_made_again_if_asked_for(suite, folder, updated, finished):
     assert updated(lambda: go(suite, folder, "stale")[1]) == 18
 
 
@@ -363,9 +332,20 @@ def test_a_damaged_journal_loses_the_damaged_lines_alone(suite, tmp_path, undist
         shutil.rmtree(folder)
 
 
-@FEW_OR_MANY
-@pytest.mark.parametrize("how", ["cut", "flip"])
-@pytest.mark.parametrize("name", ["truth.parquet", "manifest.json", "results.csv"])
+@pytest.mark.parametrize(
+    ("name", "how", "n_places"),
+    [
+        ("truth.parquet", "cut", 1),
+        ("manifest.json", "cut", 1),
+        ("manifest.json", "flip", 1),
+        ("results.csv", "flip", 1),
+        *(
+            pytest.param(name, how, 40, marks=SLOW)
+            for name in ("truth.parquet", "manifest.json", "results.csv")
+            for how in ("cut", "flip")
+        ),
+    ],
+)
 def test_damage_to_what_can_be_written_anew_costs_no_cell(
     suite, tmp_path, complete, undisturbed, name, how, n_places
 ):
@@ -389,20 +369,24 @@ def other_metric_version(folder):
         return None
 
 
-def test_only_the_version_of_the_metric_counts_for_going_on(suite, complete, tmp_path):
-    folder = shutil.copytree(complete, tmp_path / "run")
+def test_only_the_version_of_the_metric_counts_for_going_on(suite, folder, finished):
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["metric"]["version"] == METRIC_VERSION
     manifest["metric"]["name"] = "papep"
     (folder / "manifest.json").write_text(json.dumps(manifest))
     assert go(suite, folder)[1] == 0
+    manifest["metric"]["version"] = 0
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match="version 0 of the metric, not 1; rescore it first"):
+        go(suite, folder, mix_versions=True)
 
 
 @pytest.mark.parametrize(
-    "name", ["results.parquet", "clouds.parquet", "truth.parquet", "manifest.json", "results.csv"]
+    "names", [["results.parquet"], ["clouds.parquet", "manifest.json"], ["truth.parquet", "results.csv"]]
 )
-def test_a_missing_file_is_made_anew(suite, folder, undisturbed, name, finished):
-    (folder / name).unlink()
+def test_missing_files_are_made_anew(suite, folder, undisturbed, names, finished):
+    for name in names:
+        (folder / name).unlink()
     go(suite, folder)
     assert table(folder) == undisturbed
 
@@ -447,14 +431,9 @@ def test_a_folder_that_cannot_be_locked_is_told(suite, folder):
 
 
 @pytest.mark.parametrize("n_jobs", [pytest.param(1, marks=SLOW), 2])
-def test_guarded_processes_give_the_table_of_this_process(suite, folder, undisturbed, n_jobs):
-    go(suite, folder, n_jobs=n_jobs)
-    assert table(folder) == undisturbed
-
-
-def test_a_process_goes_on_with_what_this_process_began(suite, folder, undisturbed):
+def test_processes_go_on_with_what_this_process_began_and_give_its_table(suite, folder, undisturbed, n_jobs):
     kill_after(suite, folder, 7)
-    assert go(suite, folder, n_jobs=1)[1] == 11
+    assert go(suite, folder, n_jobs=n_jobs)[1] == 11
     assert table(folder) == undisturbed
 
 
@@ -464,10 +443,10 @@ def test_parts_of_a_run_make_its_cells_once(suite, folder, undisturbed):
     assert table(folder) == undisturbed
 
 
-@pytest.mark.parametrize(("rerun", "n_expected"), [("failed", 2), ("all", 6)])
-def test_a_part_of_a_run_drops_no_rows_of_the_others(suite, folder, finished, undisturbed, rerun, n_expected):
-    assert go(suite, folder, rerun, shard=Shard(2, 3))[1] == n_expected
-    assert table(folder) == undisturbed
+def test_a_part_of_a_run_drops_no_rows_of_the_others(suite, folder, finished, undisturbed):
+    for rerun, n_expected in (("failed", 2), ("all", 6)):
+        assert go(suite, folder, rerun, shard=Shard(2, 3))[1] == n_expected
+        assert table(folder) == undisturbed
 
 
 def test_a_full_disk_ends_the_run_with_one_message_and_keeps_the_rows(
@@ -525,11 +504,3 @@ def test_rows_to_be_made_again_stay_until_there_is_somebody_to_make_them(
     with pytest.raises(InputError, match="dask"):
         run_suite(suite, folder, execution=nowhere)
     assert table(folder) == undisturbed
-
-
-def test_a_run_that_another_version_of_the_metric_scored_is_not_gone_on_with(suite, folder, finished):
-    manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["metric"]["version"] = 0
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match="version 0 of the metric, not 1; rescore it first"):
-        run_suite(suite, folder, execution=Execution(mix_versions=True))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pandas as pd
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import CLOUD_KEYS
@@ -34,7 +34,6 @@ def clouds_of(rows):
     ]
 
 
-@settings(max_examples=40)
 @given(sizes, st.data())
 def test_rows_that_are_picked_bring_their_clouds(n_points, data):
     rows = rows_of(n_points)
@@ -43,7 +42,6 @@ def test_rows_that_are_picked_bring_their_clouds(n_points, data):
     assert clouds_of(rows.take(np.array(picked, dtype=np.int64))) == [whole[index] for index in picked]
 
 
-@settings(max_examples=40)
 @given(sizes, st.data())
 def test_a_mask_picks_what_its_indices_pick(n_points, data):
     rows = rows_of(n_points)
@@ -53,7 +51,6 @@ def test_a_mask_picks_what_its_indices_pick(n_points, data):
     assert clouds_of(rows.take(mask)) == clouds_of(rows.take(np.flatnonzero(mask)))
 
 
-@settings(max_examples=40)
 @given(st.lists(sizes, max_size=3))
 def test_joined_rows_are_those_of_all_parts(parts):
     starts = np.cumsum([0, *map(len, parts)])
@@ -63,7 +60,6 @@ def test_joined_rows_are_those_of_all_parts(parts):
     assert set(joined.environments) == {name for rows in split for name in rows.environments}
 
 
-@settings(max_examples=40)
 @given(sizes, st.randoms(use_true_random=False))
 def test_a_table_of_points_finds_its_rows_in_any_order(n_points, shuffler):
     rows = rows_of(n_points)

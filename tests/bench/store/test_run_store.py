@@ -17,27 +17,19 @@ from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo
 
 
-@pytest.fixture(scope="module")
-def made():
-    """Return a list for the run that all tests read, of a copy."""
-    return []
-
-
 @pytest.fixture
-def written(made, plugins, tiny, tmp_path, tmp_path_factory):
+def written(plugins, tiny, tmp_path, shelf, remembered):
     """Return the results of a run, and a folder that holds it."""
     suite = Suite(
         name="test",
         scenarios=[str(tiny), "street"],
         estimators=["blob[n=5]", "seer", "trouble", "trouble[kind=empty]"],
         snr_db=[0, 10],
-        trials=2,
+        trials=1,
     )
-    if not made:
-        folder = tmp_path_factory.mktemp("made") / "run"
-        made.append((run_suite(suite, out=folder), folder))
-    results, folder = made[0]
-    return results, shutil.copytree(folder, tmp_path / "results" / "mine")
+    if not remembered:
+        remembered["results"] = run_suite(suite, out=shelf / "made")
+    return remembered["results"], shutil.copytree(shelf / "made", tmp_path / "results" / "mine")
 
 
 def test_a_run_is_read_back_as_it_was_written(written):

@@ -94,31 +94,28 @@ def test_without_rates_each_detector_keeps_its_own(suite):
     }
 
 
-@pytest.mark.parametrize(
-    ("kind", "reason"),
-    [
-        ("raise", "ZeroDivisionError: no luck"),
-        ("write", "ValueError: assignment destination is read-only"),
-        ("list", "TypeError: detect() must return a Detection, not list"),
-        ("shape", "ValueError: detect() must mark cells of a map of shape (128, 1024), not bool (3, 3)"),
-    ],
-)
-def test_a_detector_that_fails_is_a_row_with_its_reason(suite, plugins, kind, reason):
-    plugins.install("bad-plugins", BAD, detectors={"bad": "Bad"})
-    records = run(suite.replace(detectors=[f"bad[kind={kind}]", "level"], pfa=[1e-3]), snr_db=[0])
-    on_map = records[records["scenario"] == "homogeneous"].set_index("estimator")
-    assert on_map.loc["bad", "status"] == "error"
-    assert on_map.loc["bad", "reason"] == reason
-    assert on_map.loc["bad", "n_targets"] == 0
-    assert on_map.loc["level", "status"] == "ok"
+FAILURES = {
+    "raise": "ZeroDivisionError: no luck",
+    "write": "ValueError: assignment destination is read-only",
+    "list": "TypeError: detect() must return a Detection, not list",
+    "shape": "ValueError: detect() must mark cells of a map of shape (128, 1024), not bool (3, 3)",
+}
+
+
+def test_a_detector_that_fails_is_a_row_with_its_reason_and_one_that_sees_nothing_no_detection(
+    suite, plugin_folder
+):
+    plugin_folder.install("bad-plugins", BAD, detectors={"bad": "Bad"})
+    bad = {kind: f"bad[kind={kind}]" for kind in (*FAILURES, "none")}
+    records = run(suite.replace(detectors=[*bad.values(), "level"], pfa=[1e-3]), snr_db=[0])
+    on_map = records[records["scenario"] == "homogeneous"].set_index("detector")
     summary = summarise_detection(records).set_index(["scenario", "detector"])
-    assert summary.loc[("homogeneous", f"bad[kind={kind}]"), "n_failed"] == 1
-
-
-def test_a_detector_that_sees_nothing_is_no_detection(suite, plugins):
-    plugins.install("bad-plugins", BAD, detectors={"bad": "Bad"})
-    records = run(suite.replace(detectors=["bad[kind=none]"], pfa=[1e-3]), snr_db=[0])
-    assert records.loc[records["estimator"] == "bad", "status"].tolist() == ["no_detection"]
+    for kind, reason in FAILURES.items():
+        row = on_map.loc[bad[kind]]
+        assert (row["status"], row["reason"], row["n_targets"]) == ("error", reason, 0)
+        assert summary.loc[("homogeneous", bad[kind]), "n_failed"] == 1
+    assert on_map.loc[bad["none"], "status"] == "no_detection"
+    assert on_map.loc["level", "status"] == "ok"
 
 
 class Shower:
@@ -167,28 +164,34 @@ def test_an_estimator_that_does_not_show_its_map_has_nothing_counted(suite):
     assert imaged["deviation_mean"].notna().all()
 
 
-def test_the_summary_pools_the_counts_of_trials(suite):
-    records = run(suite.replace(trials=2))
-    summary = summarise_detection(records)
+@pytest.fixture
+def of_two_trials(suite):
+    return run(suite.replace(trials=2))
+
+
+def test_the_summary_pools_the_counts_of_trials(of_two_trials):
+    summary = summarise_detection(of_two_trials)
     row = summary[(summary["estimator"] == "ca") & (summary["pfa"] == 1e-2)].iloc[0]
-    part = records[(records["params"] == row["params"]) & (records["snr_db"] == row["snr_db"])]
+    part = of_two_trials[
+        (of_two_trials["params"] == row["params"]) & (of_two_trials["snr_db"] == row["snr_db"])
+    ]
     assert row["n_cells"] == len(part) == 2
     assert row["pd"] == part["n_hits"].sum() / part["n_targets"].sum()
     assert math.isnan(row["pd_low"])
-    often = summarise_detection(pd.concat([records] * 3, ignore_index=True)).loc[row.name]
+    often = summarise_detection(pd.concat([of_two_trials] * 3, ignore_index=True)).loc[row.name]
     assert often["pd_low"] < row["pd"] == often["pd"] < often["pd_high"]
     assert row["pfa_measured"] == part["n_false"].sum() / part["n_clear"].sum()
     assert math.isnan(row["deviation_mean"])
 
 
-@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
-def test_the_summary_counts_failures_of_every_kind(suite, failure):
-    records = run(suite.replace(trials=2))
-    assert not summarise_detection(records)["n_failed"].any()
-    struck = records["detector"] == "ca"
-    records.loc[struck & (records["trial"] == 1), "status"] = failure
-    summary = summarise_detection(records)
-    assert (summary["n_failed"] == summary["detector"].eq("ca")).all()
+def test_the_summary_counts_failures_of_every_kind(of_two_trials):
+    assert not summarise_detection(of_two_trials)["n_failed"].any()
+    struck = of_two_trials["detector"].str.startswith("ca") & (of_two_trials["trial"] == 1)
+    for failure in ("error", "timeout", "killed", "skipped"):
+        records = of_two_trials.copy()
+        records.loc[struck, "status"] = failure
+        summary = summarise_detection(records)
+        assert (summary["n_failed"] == summary["detector"].str.startswith("ca")).all()
 
 
 @pytest.mark.parametrize(

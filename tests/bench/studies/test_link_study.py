@@ -36,8 +36,7 @@ def test_signals_that_yield_the_same_are_sensed_with_once(suite):
     assert list(signals_of(suite)) == names
 
 
-def test_rows_are_those_of_every_signal_and_of_every_channel_modulation_and_receiver(suite):
-    records = run(suite)
+def test_rows_are_those_of_every_signal_and_of_every_channel_modulation_and_receiver(suite, records):
     sensed, received = records[records["channel"] == ""], records[records["channel"] != ""]
     assert set(sensed["scenario"]) == {f"tiny-{name}" for name in signals_of(suite)}
     assert len(sensed) == 4 * 2 * 2
@@ -50,21 +49,20 @@ def test_rows_are_those_of_every_signal_and_of_every_channel_modulation_and_rece
     assert (received["status"] == "ok").all()
 
 
-def test_the_whole_grid_of_qpsk_is_what_an_ordinary_run_images(suite, tiny):
-    linked = run(suite)
+def test_the_whole_grid_of_qpsk_is_what_an_ordinary_run_images(records, tiny):
     plain = run(Suite(**SHARED, scenarios=[str(tiny)]))
-    linked = linked[linked["scenario"] == "tiny-all-qpsk"]
+    linked = records[records["scenario"] == "tiny-all-qpsk"]
     assert linked["deviation"].tolist() == plain["deviation"].tolist()
 
 
-def test_what_is_sensed_with_changes_the_image_and_the_draw_of_the_noise_does_not(suite):
-    sensed = run(suite).query("channel == '' and snr_db == 0 and trial == 0").set_index("scenario")
+def test_what_is_sensed_with_changes_the_image_and_the_draw_of_the_noise_does_not(records):
+    sensed = records.query("channel == '' and snr_db == 0 and trial == 0").set_index("scenario")
     deviations = sensed["deviation"]
     assert deviations.nunique() == 4
 
 
-def test_a_user_gets_all_bits_but_those_of_the_prs_and_errors_as_theory_has_them(suite, tiny):
-    received = run(suite).query("channel == 'awgn' and params.str.contains('perfect')")
+def test_a_user_gets_all_bits_but_those_of_the_prs_and_errors_as_theory_has_them(records, tiny):
+    received = records.query("channel == 'awgn' and params.str.contains('perfect')")
     system = load_scenario(tiny).system
     n_data = system.n_subcarriers * system.n_symbols - int(prs_elements(system).sum())
     for modulation, part in received.groupby("modulation"):
@@ -80,16 +78,15 @@ def test_a_user_gets_all_bits_but_those_of_the_prs_and_errors_as_theory_has_them
         np.testing.assert_allclose(at_0_db["evm_db"], 0, atol=0.2)
 
 
-def test_rates_fall_with_errors_from_what_the_prs_leaves(suite):
-    received = run(suite).query("channel == 'awgn'")
+def test_rates_fall_with_errors_from_what_the_prs_leaves(records):
+    received = records.query("channel == 'awgn'")
     best = received[received["snr_db"] == 60].groupby("modulation")["rate_bps"].max()
     assert best["64qam"] == pytest.approx(3 * best["qpsk"])
     worse = received[received["snr_db"] == 0]
     assert (worse["rate_bps"] < worse["modulation"].map(best)).all()
 
 
-def test_the_summary_pools_bits_and_averages_deviations(suite):
-    records = run(suite)
+def test_the_summary_pools_bits_and_averages_deviations(records):
     summary = summarise_link(records)
     received = summary.query("channel == 'awgn' and modulation == 'qpsk' and snr_db == 0")
     rows = records.query("channel == 'awgn' and modulation == 'qpsk' and snr_db == 0")
@@ -104,8 +101,8 @@ def test_the_summary_pools_bits_and_averages_deviations(suite):
     assert one["ber"].isna().all()
 
 
-def test_counts_of_errors_lie_within_the_family_wise_interval_and_others_are_told(suite):
-    summary = summarise_link(run(suite))
+def test_counts_of_errors_lie_within_the_family_wise_interval_and_others_are_told(records):
+    summary = summarise_link(records)
     outside = outside_interval(summary)
     assert len(outside) == 2 * 2 * 2
     assert not outside.any()

@@ -96,8 +96,7 @@ def test_a_pair_is_not_found(room, shoot, shifts, n_false):
     assert image(room, shoot, shifts) == {"resolved": False, "n_false": n_false}
 
 
-def test_there_is_a_scene_for_every_dimension_distance_and_phase_with_a_name_of_its_own(suite):
-    records = run(suite)
+def test_there_is_a_scene_for_every_dimension_distance_and_phase_with_a_name_of_its_own(records):
     assert len(records) == 2 * 2 * 2 * 2 * 2
     assert records["scenario"].nunique() == 8
     assert "room-u-0.5-180deg" in set(records["scenario"])
@@ -120,8 +119,7 @@ def test_all_scenes_of_a_trial_have_one_centre(suite, room):
         np.testing.assert_allclose(here[0], draw_place(room, trial, 0, 1.0), atol=1e-9)
 
 
-def test_who_sees_the_truth_finds_every_pair(suite):
-    records = run(suite)
+def test_who_sees_the_truth_finds_every_pair(records):
     assert records.groupby("estimator")["resolved"].mean().to_dict() == {"seer": 1.0, "blob": 0.0}
 
 

@@ -57,6 +57,14 @@ class Crash:
 
     def estimate(self, observation):
         os._exit(7)
+
+
+@dataclass(frozen=True)
+class Environment:
+    name: ClassVar[str] = "environment"
+
+    def estimate(self, observation):
+        raise RuntimeError(os.environ.get("MALLOC_TRIM_THRESHOLD_", "nothing"))
 """
 
 DEADLY = '''
@@ -84,11 +92,20 @@ class Deadly:
 '''
 
 
+QUIET = {
+    "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "10s",
+    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",
+    "DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL": "5s",
+    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+}
+"""What keeps processes of Dask from watching themselves many times a second."""
+
+
 class Cluster:
     """Processes of a scheduler and its workers."""
 
     def __init__(self, folder, environment):
-        self.folder, self.environment = folder, environment
+        self.folder, self.environment = folder, {**QUIET, **environment}
         self.processes = []
         self.scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0")
         while (address := self.read_address()) is None:
@@ -147,16 +164,11 @@ def installed(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory, installed):
-    with running_cluster(tmp_path_factory.mktemp("cluster"), PYTHONPATH=str(installed)) as found:
-        found.start_workers(1, "--nthreads", "2")
+    # A nanny would start its worker with this variable, and take as long again.
+    environment = {"PYTHONPATH": str(installed), "MALLOC_TRIM_THRESHOLD_": "65536"}
+    with running_cluster(tmp_path_factory.mktemp("cluster"), **environment) as found:
+        found.start_workers(1, "--no-nanny", "--nthreads", "2")
         yield found
-
-
-@pytest.fixture
-def suite(plugins, tiny):
-    return Suite(
-        name="test", scenarios=[str(tiny)], estimators=["blob", "seer"], snr_db=[-10, 0], trials=3, seed=1
-    )
 
 
 @pytest.fixture
@@ -187,7 +199,8 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
 ):
     monkeypatch.setitem(sys.modules, "isacbench.report.html.guarded_pages", FakePages)
     plugin = write_plugin("slow.py", SLOW)
-    estimators = [word for name in ("blob", "crash", "seer") for word in ("-e", name)]
+    names = ("blob", "crash", "environment", "seer")
+    estimators = [word for name in names for word in ("-e", name)]
     command = ["run", "quick", "-s", tiny, *estimators, "--snr", "-5,5", "-n", 1, "--plugin", plugin]
     outputs = []
     for options in (["--dask", cluster.address, "-o", tmp_path / "far"], ["-j", 1, "-o", tmp_path / "near"]):
@@ -195,12 +208,14 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
         assert result.exit_code == 3, result.output
         outputs.append(result.stderr)
     assert outputs[0] == outputs[1]
-    assert outputs[0].startswith("isacbench: 2 of 6 cells failed, the first one crash on tiny")
+    assert outputs[0].startswith("isacbench: 4 of 8 cells failed, the first one crash on tiny")
     far, near = (pd.read_parquet(tmp_path / name / "results.parquet") for name in ("far", "near"))
     pd.testing.assert_frame_equal(apart_from_times(far), apart_from_times(near))
     clouds = [(tmp_path / name / "clouds.parquet").read_bytes() for name in ("far", "near")]
     assert clouds[0] == clouds[1]
     assert set(far.loc[far["estimator"] == "crash", "reason"]) == {"the process exited with code 7"}
+    # Cells do not get the allocator that workers have from their nannies.
+    assert set(far.loc[far["estimator"] == "environment", "reason"]) == {"RuntimeError: nothing"}
     assert not lanes_of(cluster)
 
 
@@ -223,30 +238,7 @@ def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cl
     records = run_suite(slow, progress=kill, execution=Execution(dask=cluster.address)).records
     assert busy
     assert victim.wait() == -signal.SIGKILL
-    pd.testing.assert_frame_equal(apart_from_times(records), apart_from_times(run(slow, jobs=2)))
-
-
-ENVIRONMENT = """
-import os
-from dataclasses import dataclass
-from typing import ClassVar
-
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Environment:
-    name: ClassVar[str] = "environment"
-
-    def estimate(self, observation):
-        raise RuntimeError(os.environ.get("MALLOC_TRIM_THRESHOLD_", "nothing"))
-"""
-
-
-def test_cells_do_not_get_the_allocator_that_nannies_give_to_workers(cluster, suite, write_plugin):
-    load_plugin_file(write_plugin("environment.py", ENVIRONMENT))
-    records = run(suite, estimators=["environment"], dask=cluster.address)
-    assert set(records["reason"]) == {"RuntimeError: nothing"}
+    pd.testing.assert_frame_equal(apart_from_times(records), apart_from_times(run(slow)))
 
 
 def test_a_plugin_that_workers_lack_is_told_before_anything_is_made(cluster, suite, plugin_folder, tmp_path):
@@ -268,13 +260,10 @@ def changed_plugins(plugin_folder, tiny, monkeypatch, unknown_code):
     return Suite(name="test", scenarios=[str(tiny)], estimators=["blob"], snr_db=[0], trials=1)
 
 
-def test_another_code_of_a_plugin_is_told_with_what_is_there_and_what_is_wanted(cluster, changed_plugins):
+def test_another_code_of_a_plugin_is_told_and_may_do_where_versions_may_be_mixed(cluster, changed_plugins):
     told = r"worker tcp://\S+: blob: plugins test-plugins digest [0-9a-f]{12} instead of [0-9a-f]{12}"
     with pytest.raises(InputError, match=told):
         run(changed_plugins, dask=cluster.address)
-
-
-def test_another_code_may_do_where_versions_may_be_mixed(cluster, changed_plugins):
     records = run(changed_plugins, dask=cluster.address, mix_versions=True)
     assert set(records["status"]) == {"ok"}
 
@@ -289,7 +278,7 @@ def test_an_interrupt_keeps_the_rows_so_far_and_leaves_no_process_behind(cluster
     assert results.interrupted
     assert len(results.records) == 5
     assert not lanes_of(cluster)
-    again = run_suite(slow.replace(trials=4), tmp_path / "other", execution=execution)
+    again = run_suite(slow.replace(trials=1), tmp_path / "other", execution=execution)
     assert not again.interrupted
 
 
@@ -328,7 +317,7 @@ def test_a_scheduler_without_workers_is_told(suite, monkeypatch):
     ],
 )
 def test_an_address_without_a_scheduler_is_told(suite, tmp_path, monkeypatch, address, message):
-    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.5)
+    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.2)
     with pytest.raises(InputError, match=message):
         run(suite, dask=address, out=tmp_path / "run")
     assert not (tmp_path / "run").exists()
@@ -409,11 +398,6 @@ def test_every_hand_gets_a_piece_as_long_as_there_are_blocks_each_of_which_is_ta
     assert [block for piece in taken for block in piece] == blocks
 
 
-@pytest.fixture
-def order(suite):
-    return WorkOrder.of_job(load_job(suite), Guard())
-
-
 def process_id_of(lane):
     return lane._process.call(os.getpid)
 
@@ -426,14 +410,12 @@ def wait_for_end(process_id):
         time.sleep(0.05)
 
 
-def test_a_process_ends_with_the_task_that_it_was_started_for(order):
+def test_a_process_ends_with_the_task_that_it_was_started_for_or_with_its_run(suite):
+    order = WorkOrder.of_job(load_job(suite), Guard())
     with order.lane() as lane:
         assert len(list(lane.work([Block(0, 0, 0.0, (0, 1))]))) == 2
         process_id = process_id_of(lane)
     wait_for_end(process_id)
-
-
-def test_a_process_that_works_ends_when_its_run_does(order):
     with order.lane() as lane:
         list(lane.work([Block(0, 0, 0.0, (0,))]))
         process_id = process_id_of(lane)

@@ -82,3 +82,13 @@ def test_a_process_that_is_stopped_ends_at_once_and_answers_nobody():
         os.kill(process_id, 0)
     with pytest.raises(CancelledError):
         guarded.call(abs, -1)
+
+
+def test_what_terminates_a_whole_job_leaves_a_server_that_starts_the_processes_of_the_report():
+    servers = set()
+    for _ in range(2):
+        with GuardedProcess(os.getpid) as guarded:
+            servers.add(guarded.call(os.getppid))
+        for server in servers:
+            os.kill(server, signal.SIGTERM)
+    assert len(servers) == 1
