@@ -7,15 +7,15 @@ from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.iaa2d import Iaa2d
 
 import isacbench
+from isacbench.checking.promises.small_scenes import RESOLVED, observed
 from isacbench.errors import InputError
-from isacbench.model.scenes.scenario import load_scenario
 
 ALL = pytest.mark.parametrize("estimator", [Bartlett2d, Capon2d, Iaa2d], ids=lambda one: one.name)
 
 
 @pytest.fixture(scope="module")
-def street():
-    return isacbench.observe(load_scenario("street"), snr_db=-25)
+def street(small_street):
+    return isacbench.observe(small_street, snr_db=-25)
 
 
 @ALL
@@ -62,11 +62,10 @@ def test_a_parameter_of_a_method_out_of_range_is_refused_by_name(estimator, name
 
 
 def test_maximum_likelihood_brings_the_peaks_of_the_adaptive_approach_nearer_to_the_truth():
-    scenario = load_scenario("sparse[seed=1]")
-    observation = isacbench.observe(scenario, snr_db=10)
+    shot = observed(RESOLVED, 10.0)
     off_m = [
         np.linalg.norm(
-            Iaa2d(polish=polish).estimate(observation).xyz[:, None] - scenario.truth.xyz, axis=2
+            Iaa2d(polish=polish).estimate(shot.seen).xyz[:, None] - shot.scenario.truth.xyz, axis=2
         ).min(axis=0)
         for polish in (0, 3)
     ]

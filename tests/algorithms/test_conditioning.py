@@ -1,17 +1,13 @@
 """Subspace methods at the end of their digits: no noise, far apart in power, close together."""
 
-from dataclasses import replace
-from functools import cache
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
-from threadpoolctl import threadpool_limits
 
 from isacbench.checking.promises.image_promises import ANY_SCALE, ELEMENT_ORDER, Imaging
 from isacbench.checking.stress.cases.crowds import Close, Coherent
@@ -22,22 +18,13 @@ from isacbench.model.frame import PanelFrame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
+from tests.conftest import few
 
 SYSTEM = System(n_subcarriers=512, n_symbols=64)
 BASE_M = np.array([10.0, 50.0, 12.0])
 REGION = Region((0.0, 20.0), (0.0, 20.0), (0.0, 6.0), (-30.0, 30.0))
 RAYLEIGH = 2 / 10
-SCALES = np.array([20, 20, 20, 30])
-"""Coordinates of the region: metres and metres per second."""
-
 METHODS = (Music2d, Music2dJoint, Esprit2d)
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    """Small batched algebra waits for threads longer than it computes."""
-    with threadpool_limits(limits=1):
-        yield
 
 
 ALL = pytest.mark.parametrize("method", METHODS)
@@ -83,13 +70,6 @@ def farthest(cloud, points):
     """Largest distance in m of a point from the nearest of the others, either way."""
     distance = np.linalg.norm(cloud.xyz[:, None] - np.asarray(points)[:, :3], axis=2)
     return max(distance.min(axis=0).max(), distance.min(axis=1).max())
-
-
-def drift(one, other):
-    """Largest difference of two clouds' coordinates, in units of their scales."""
-    assert len(one) == len(other)
-    a, b = (cloud.to_array()[:, :4] / SCALES for cloud in (one, other))
-    return np.abs(a[:, None] - b).max(axis=2).min(axis=1).max(initial=0)
 
 
 @ALL
@@ -157,33 +137,8 @@ def test_a_diagnosis_says_whether_its_subspaces_are_separated(method):
     assert empty.separated is None
 
 
-@cache
-def crowded(snr_db):
-    rng = np.random.default_rng(3)
-    points = np.column_stack([rng.uniform(1, 19, (7, 2)), rng.uniform(1, 5, 7), rng.uniform(-25, 25, 7)])
-    return observe(points, (8, 6), snr_db=snr_db)
-
-
 @ALL
-@pytest.mark.parametrize("snr_db", [0.0, 60.0])
-def test_scale_memory_order_and_threads_move_nothing(method, snr_db):
-    seen = crowded(snr_db)
-    with threadpool_limits(limits=1):
-        cloud = method().estimate(seen)
-        scaled = method().estimate(replace(seen, cells=seen.cells * 2.0**-40))
-        np.testing.assert_array_equal(scaled.to_array()[:, :4], cloud.to_array()[:, :4])
-        # The joint methods end in a fit of the map, whose last step rounding still takes or leaves.
-        within = 1e-10 if method is Music2d else 1e-7
-        assert drift(method().estimate(replace(seen, cells=seen.cells * 0.3)), cloud) < within
-        strided = np.repeat(seen.cells, 2, axis=2)[:, :, ::2]
-        for cells in (np.asfortranarray(seen.cells), strided):
-            assert drift(method().estimate(replace(seen, cells=cells)), cloud) < 1e-9
-    with threadpool_limits(limits=2):
-        assert drift(method().estimate(seen), cloud) < 1e-9
-
-
-@ALL
-@settings(deadline=None, max_examples=8)
+@few
 @given(
     shape=st.sampled_from([(2, 2), (2, 9), (9, 2), (3, 5), (8, 8)]),
     angles=st.lists(st.floats(-0.15, 0.15), min_size=0, max_size=8),
@@ -202,15 +157,14 @@ def test_whatever_is_in_a_cell_points_are_finite_and_nothing_warns(
     assert np.isfinite(cloud.to_array()).all()
 
 
-@JOINT
 @pytest.mark.parametrize(
-    "case",
+    ("method", "case"),
     [
-        Close(exponent=-1.0, along="all"),
-        Close(exponent=-1.25, along="u"),
-        Coherent(n_echoes=3, separation=0.3),
+        (Music2dJoint, Close(exponent=-1.0, along="all")),
+        (Esprit2d, Close(exponent=-1.25, along="u")),
+        *((method, Coherent(n_echoes=3, separation=0.3)) for method in (Music2dJoint, Esprit2d)),
     ],
-    ids=lambda case: case.spec,
+    ids=lambda value: getattr(value, "spec", None),
 )
 def test_echoes_in_phase_a_tenth_of_a_cell_apart_are_told_apart_to_the_last_digits(method, case):
     imaging = Imaging(method(), case.shot(0))
@@ -223,8 +177,7 @@ def test_echoes_in_phase_a_tenth_of_a_cell_apart_are_told_apart_to_the_last_digi
     assert ELEMENT_ORDER.drift(imaging) < 1e-10
 
 
-@JOINT
-@pytest.mark.parametrize(("n_echoes", "separation"), [(3, 0.1), (4, 0.15)])
+@pytest.mark.parametrize(("method", "n_echoes", "separation"), [(Music2dJoint, 3, 0.1), (Esprit2d, 4, 0.15)])
 def test_fewer_points_than_coherent_echoes_are_as_certain(method, n_echoes, separation):
     imaging = Imaging(method(), Coherent(n_echoes=n_echoes, separation=separation).shot(0))
     assert 1 <= len(imaging.cloud) < n_echoes

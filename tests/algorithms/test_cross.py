@@ -1,10 +1,11 @@
 """Estimators on one column and one row of the array: what they read, and what they see."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.esprit2d import Esprit2d
@@ -15,20 +16,15 @@ from isacbench_algorithms.omp4d import Omp4d
 
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
-from isacbench.model.echo import Simulator, observe_echo
-from isacbench.model.frame import get_frame
-from isacbench.model.numerology import System
-from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.echo import observe_echo
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import Needs, needs_of
+from tests.algorithms import scenes
+from tests.algorithms.scenes import BASE_M, SYSTEM, XYZ
+from tests.conftest import few
 
-SYSTEM = System(n_subcarriers=256, n_symbols=64)
-BASE_M = np.array([15.0, 100.0, 20.0])
-REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
 ARRAY = VirtualArray((2, 2), (4, 6), 4, 1)
-XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0], [14.0, 36.0, 10.0]])
-VELOCITY = np.array([0.0, 13.3, -8.1, 20.0, -17.7])
+simulator = partial(scenes.simulator, array=ARRAY)
 
 SEPARABLE = pytest.mark.parametrize("estimator", [Music2d, Fft4d])
 
@@ -42,22 +38,6 @@ class OneCross:
     def __getattr__(self, name):
         assert name != "cells", "the whole array was read"
         return getattr(self._observation, name)
-
-
-def simulator(xyz=XYZ, velocity=VELOCITY, amplitude=None, array=ARRAY):
-    """Simulator of a scene in front of a panel."""
-    amplitude = np.ones(len(velocity)) if amplitude is None else np.array(amplitude)
-    return Simulator(
-        Scenario(
-            name="few",
-            system=SYSTEM,
-            array=array,
-            frame=get_frame("panel"),
-            base_station_m=BASE_M,
-            region=REGION,
-            scatterers=Scatterers(np.reshape(xyz, (-1, 3)), np.array(velocity), amplitude),
-        )
-    )
 
 
 @SEPARABLE
@@ -103,7 +83,7 @@ def test_what_other_elements_hold_does_not_matter(estimator):
 
 
 @SEPARABLE
-@settings(deadline=None, max_examples=25)
+@few
 @given(
     place=st.tuples(st.floats(2, 28), st.floats(2, 38), st.floats(1, 15)),
     velocity=st.floats(-24, 24),
@@ -130,39 +110,13 @@ def test_a_lone_strong_scatterer_is_found_alone_within_a_twentieth_of_a_cell(
 def test_two_of_one_range_and_speed_are_paired_by_what_column_and_row_have_in_common(estimator):
     offset_m = np.array([[-10.0, -80.0, -15.0], [10.0, -79.0, -4.0]])
     offset_m *= 40.4 * SYSTEM.range_bin_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
-    scene = simulator(BASE_M + offset_m, [3.1, 3.1], [1.0, 0.6], VirtualArray((2, 2), (8, 16), 8, 1))
+    scene = simulator(BASE_M + offset_m, [3.1, 3.1], [1.0, 0.6], array=VirtualArray((2, 2), (8, 16), 8, 1))
     for trial in range(5):
         cloud = estimator(integration="element").estimate(scene.observe(20.0, trial))
         assert len(cloud) == 2
         strongest = np.argsort(-cloud.power)
         # A fifth of a Rayleigh cell, which is what unresolved sidelobes cost; a wrong pair is off by 13 m.
         np.testing.assert_allclose(cloud.xyz[strongest], scene.scenario.truth.xyz, atol=2.5)
-
-
-@SEPARABLE
-def test_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_imaged(estimator):
-    scene, n_trials, pfa = simulator(np.empty((0, 3)), []), 60, 1e-2
-    detected, n_imaged = [], 0
-    for trial in range(n_trials):
-        observation = scene.observe(0.0, trial)
-        one = estimator(pfa=pfa, integration="element")
-        detected.append(one.diagnose(observation).detection.mask.mean())
-        n_imaged += len(one.estimate(observation)) > 0
-    # Tapers colour the noise: up to twice the nominal rate.
-    assert 0.5 * pfa < np.mean(detected) < 2 * pfa
-    assert n_imaged < 0.1 * n_trials
-
-
-@SEPARABLE
-def test_the_unit_of_the_echo_scales_powers_and_nothing_else(estimator):
-    observation = simulator().observe(20.0)
-    one = estimator(integration="element")
-    cloud, scaled = (
-        one.estimate(seen) for seen in (observation, replace(observation, cells=2.0**-30 * observation.cells))
-    )
-    assert len(cloud) == len(XYZ)
-    np.testing.assert_allclose(scaled.xyz, cloud.xyz, atol=1e-6)
-    np.testing.assert_allclose(scaled.power, 4.0**-30 * cloud.power, rtol=1e-6)
 
 
 @SEPARABLE

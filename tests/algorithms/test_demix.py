@@ -6,16 +6,13 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 
 from isacbench.added_fields import identity_fields
-from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
-from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
+from tests.algorithms.scenes import ARRAY, BASE_M, SYSTEM
 
 BOTH = pytest.mark.parametrize("estimator", [Music2d, Fft4d], ids=lambda e: e.name)
-SYSTEM = System(n_subcarriers=256, n_symbols=64)
-BASE_M = np.array([15.0, 100.0, 20.0])
 OBJECTS_U = (-0.015, 0.015)
 SPEED_BINS = (2.0, 2.45)
 
@@ -35,8 +32,7 @@ def observed(xyz, velocity):
     scatterers = Scatterers(xyz, velocity, np.ones(len(xyz)))
     sides = zip(xyz.min(axis=0) - 3, xyz.max(axis=0) + 3, strict=True)
     region = Region(*((float(lower), float(upper)) for lower, upper in sides), (-25.0, 25.0))
-    array = VirtualArray((2, 2), (4, 4), 4, 1)
-    scenario = Scenario("lines", SYSTEM, array, get_frame("panel"), BASE_M, region, scatterers)
+    scenario = Scenario("lines", SYSTEM, ARRAY, get_frame("panel"), BASE_M, region, scatterers)
     return scatterers, Simulator(scenario).observe(20.0)
 
 

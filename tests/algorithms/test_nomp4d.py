@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from isacbench_algorithms.nomp4d import Nomp4d
 
@@ -23,21 +23,12 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
-from isacbench.model.observation import Observation
 from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scene import Scatterers
+from tests.algorithms.scenes import EMPTY
+from tests.conftest import few
 
-SYSTEM = System(n_subcarriers=255, n_symbols=63)
-REGION = Region((-60.0, 60.0), (-25.0, 45.0), (-25.0, 60.0), (-40.0, 40.0))
-EMPTY = Scenario(
-    name="few",
-    system=SYSTEM,
-    array=VirtualArray((1, 1), (8, 8), 1, 1),
-    frame=get_frame("panel"),
-    base_station_m=np.array([0.0, 110.0, 25.0]),
-    region=REGION,
-    scatterers=Scatterers(np.empty((0, 3)), np.empty(0), np.empty(0)),
-)
+SYSTEM, REGION = EMPTY.system, EMPTY.region
 CELLS = rayleigh_cells(EMPTY)
 MIDDLE = np.array([90.0, 3.0, 0.04, 0.03])
 """Range, velocity, u and w well inside the region."""
@@ -88,12 +79,6 @@ def assert_found(scenario, cloud, cells, power=None):
     )
 
 
-def ordered(cloud):
-    """Rows of the cloud, ordered by range."""
-    rows = cloud.to_array()
-    return rows[rows[:, 1].argsort()]
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_few_scatterers_without_noise_are_exact(name):
     scenario = scene(near_middle(SCENES[name]))
@@ -110,18 +95,17 @@ def test_the_papers_frame_is_as_exact(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_few_scatterers_30_db_above_the_noise_are_found_and_nothing_else(name):
     scenario = scene(near_middle(SCENES[name]))
-    for trial in range(2):
-        assert_found(scenario, image(scenario, 30.0, trial), 0.12, power=0.5)
+    assert_found(scenario, image(scenario, 30.0), 0.12, power=0.5)
 
 
-@settings(max_examples=5, deadline=None)
+@few
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 4), st.floats(0, 6.28))
 def test_a_lone_scatterer_without_noise_is_exact_wherever_the_bins_lie(offset, phase_rad):
     scenario = scene(near_middle([offset]), phase_rad=phase_rad)
     assert_found(scenario, image(scenario), 1e-6)
 
 
-@settings(max_examples=4, deadline=None)
+@few
 @given(st.tuples(st.integers(-3, 3), st.integers(-2, 2), st.floats(-0.6, 0.6), st.floats(-0.6, 0.6)))
 def test_shifts_of_range_velocity_and_angle_shift_the_image(shift):
     # Without noise and far from sidelobes of bins that the shift would move in or out of the gate.
@@ -133,42 +117,56 @@ def test_shifts_of_range_velocity_and_angle_shift_the_image(shift):
     np.testing.assert_allclose(difference, np.broadcast_to(shift, (3, 4)), atol=2e-3)
 
 
-def test_the_order_of_scatterers_does_not_matter():
-    places = near_middle(SCENES["apart"])
-    phase_rad = np.array([0.3, 1.1, 2.0])
-    amplitude = np.array([1.0, 0.8, 1.2])
-    order = [2, 0, 1]
-    # The noise belongs to the name.
-    first = image(scene(places, amplitude, phase_rad), 30.0)
-    second = image(scene(places[order], amplitude[order], phase_rad[order]), 30.0)
-    np.testing.assert_allclose(ordered(first), ordered(second), rtol=1e-6)
+def spread(seed, n):
+    """Scatterers two Rayleigh cells apart at least."""
+    rng, offsets = np.random.default_rng(seed), np.empty((0, 4))
+    while len(offsets) < n:
+        one = rng.uniform(-1, 1, 4) * [8, 5, 0.6, 0.6]
+        if np.all(np.abs(offsets - one).max(axis=1) > 2):
+            offsets = np.vstack([offsets, one])
+    return scene(near_middle(offsets), 10 ** rng.uniform(-0.5, 0.3, n), rng.uniform(0, 6.28, n))
 
 
-@pytest.mark.parametrize("exponent", [-40, 40])
-def test_the_unit_of_the_echo_scales_powers_and_nothing_else(exponent):
-    observation = Simulator(scene(near_middle(SCENES["three on a line"]))).observe(-10.0)
-    other = Observation(
-        2.0**exponent * observation.cells,
-        observation.gate,
-        observation.system,
-        observation.array,
-        observation.frame,
-        observation.base_station_m,
-        observation.region,
-    )
-    cloud, scaled = Nomp4d().estimate(observation), Nomp4d().estimate(other)
-    assert len(cloud) == 3
-    np.testing.assert_array_equal(scaled.xyz, cloud.xyz)
-    np.testing.assert_array_equal(scaled.velocity, cloud.velocity)
-    np.testing.assert_array_equal(scaled.power, 4.0**exponent * cloud.power)
+@few
+@given(st.integers(0, 10_000), st.integers(1, 8))
+def test_without_noise_all_that_is_resolved_is_found_and_nothing_else(seed, n):
+    scenario = spread(seed, n)
+    cloud = image(scenario)
+    assert len(cloud) == n
+    assert np.abs(errors(scenario, cloud)).max(axis=2).min(axis=0).max() < 1e-2
 
 
-def test_the_observation_is_not_written_to_and_the_answer_repeats():
-    observation = Simulator(scene(near_middle(SCENES["apart"]))).observe(-10.0)
-    before = observation.cells.copy()
-    first, second = (Nomp4d().estimate(observation) for _ in range(2))
-    np.testing.assert_array_equal(first.to_array(), second.to_array())
-    np.testing.assert_array_equal(observation.cells, before)
+@pytest.mark.parametrize("seed", [1, 3, 9])
+def test_a_crowd_without_noise_leaves_no_points_around_it(seed):
+    # Within 4 x 2.5 bins, and within 2.4 Rayleigh cells along u and w.
+    rng = np.random.default_rng(seed)
+    offsets = rng.uniform(-1, 1, (8, 4)) * [2, 1.25, 1.2, 1.2]
+    crowd = scene(near_middle(offsets), 10 ** rng.uniform(-0.5, 0.3, 8), rng.uniform(0, 6.28, 8))
+    assert 1 <= len(image(crowd)) <= 8
+
+
+@pytest.mark.parametrize(
+    ("axis", "apart", "phase_rad"),
+    [
+        (axis, *[(1e-7, 0.0), (1e-6, np.pi / 2), (1e-3, np.pi / 2), (1e-2, 0.0)][(axis + k) % 4])
+        for axis in range(4)
+        for k in (0, 2)
+    ],
+)
+def test_a_pair_too_close_for_double_precision_is_two_points_at_most(axis, apart, phase_rad):
+    offsets = np.array([[0], [apart]]) * np.eye(4)[axis]
+    close = scene(near_middle(offsets), phase_rad=[0.0, phase_rad])
+    cloud = image(close)
+    assert 1 <= len(cloud) <= 2
+    assert np.abs(errors(close, cloud)[:, 0]).max() < 0.5
+
+
+def test_no_more_scatterers_are_sought_than_asked_for_and_the_strongest_first():
+    seen = Simulator(spread(2, 8)).observe(30.0)
+    every, some = Nomp4d().estimate(seen), Nomp4d(max_scatterers=3).estimate(seen)
+    assert len(every) == 8
+    assert len(some) == 3
+    assert some.power.min() > np.sort(every.power)[3] / 2
 
 
 def rmse_over_bound(snr_after_gain_db, n_trials):
@@ -188,7 +186,7 @@ def rmse_over_bound(snr_after_gain_db, n_trials):
 
 
 def test_a_lone_scatterer_20_db_above_the_noise_is_placed_as_well_as_the_bound_allows():
-    n_trials = 40
+    n_trials = 20
     # RMSE of n Gaussian errors: relative standard deviation (2n)^(-1/2).
     assert np.all(rmse_over_bound(20.0, n_trials) < 1.1 + 3 / np.sqrt(2 * n_trials))
 
@@ -224,8 +222,10 @@ def test_an_empty_scene_without_noise_has_no_points():
     assert len(image(EMPTY)) == 0
 
 
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-@pytest.mark.parametrize("phase_deg", [0.0, 90.0, 180.0])
+@pytest.mark.parametrize(
+    ("dimension", "phase_deg"),
+    [(dimension, 90.0 * ((i + k) % 3)) for i, dimension in enumerate(DIMENSIONS) for k in (0, 2)],
+)
 def test_coherent_pairs_a_third_of_a_cell_apart_are_two(dimension, phase_deg):
     scenario = pair(EMPTY, "pair", MIDDLE, dimension, 0.35, phase_deg)
     cloud = image(scenario, 60.0)
@@ -235,7 +235,7 @@ def test_coherent_pairs_a_third_of_a_cell_apart_are_two(dimension, phase_deg):
     assert abs(along[1] - 0.35) < 0.1
 
 
-@pytest.mark.parametrize("trial", range(4))
+@pytest.mark.parametrize("trial", range(2))
 def test_a_pair_in_velocity_in_nearly_opposite_phase_is_split_and_not_flanked(trial):
     scenario = pair(EMPTY, "pair135.0", MIDDLE, "velocity", 0.25, 135.0)
     along = np.sort(errors(scenario, image(scenario, 60.0, trial))[:, 0, DIMENSIONS.index("velocity")])
@@ -256,6 +256,7 @@ def test_pairs_a_quarter_of_a_cell_apart_are_two_in_nine_of_ten_images(dimension
     assert np.mean(resolved) >= 0.9
 
 
+@pytest.mark.slow
 def test_scatterers_of_which_two_rounds_explain_less_than_half_are_sought_to_the_end():
     scenario = load_scenario("town[seed=200]")
     cloud = Nomp4d().estimate(Simulator(scenario).observe(10.0))
@@ -266,6 +267,7 @@ def test_scatterers_of_which_two_rounds_explain_less_than_half_are_sought_to_the
 
 def test_no_atom_of_a_crowd_is_left_on_the_grid_where_it_began():
     scenario = load_scenario("facade[seed=218,frame=paper]")
+    scenario = replace(scenario, array=VirtualArray((1, 1), (8, 8), 1, 1))
     cloud = Nomp4d().estimate(Simulator(scenario).observe(10.0))
     halves = 2 * radio_places(scenario, cloud) / rayleigh_cells(scenario)
     assert len(cloud) > 20
@@ -274,7 +276,7 @@ def test_no_atom_of_a_crowd_is_left_on_the_grid_where_it_began():
 
 def test_a_weak_mover_beside_a_strong_scatterer_is_found():
     scenario = scene(near_middle([[0, 0, 0, 0], [0.4, 3.6, 0.3, -0.4]]), [10**1.5, 1.0])
-    for trial in range(3):
+    for trial in range(2):
         assert_found(scenario, image(scenario, 30.0, trial), 0.15, power=0.5)
 
 
@@ -333,6 +335,7 @@ def test_a_smaller_local_dynamic_range_drops_the_weak_beside_the_strong():
         ({"pfa": float("nan")}, r"pfa = nan"),
         ({"local_dynamic_range_db": 0.0}, r"local_dynamic_range_db = 0\.0: allowed is above 0"),
         ({"max_rounds": 0}, r"max_rounds = 0: allowed is 1 and more"),
+        ({"max_scatterers": 0}, r"max_scatterers = 0: allowed is 1 and more"),
     ],
 )
 def test_a_bad_parameter_is_refused_by_name(parameters, message):

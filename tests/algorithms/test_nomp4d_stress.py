@@ -10,17 +10,6 @@ from isacbench.checking.promises.image_promises import ANY_SCALE, FOUND_FIRST, L
 from isacbench.checking.stress.runs.examining import BROKEN, examine
 from isacbench.checking.stress.runs.families import find_cases
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
-
-@pytest.fixture
-def one_thread():
-    """Keep small matrices on one thread."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1):
-        yield
-
 
 def only(spec):
     (case,) = find_cases(spec)
@@ -70,8 +59,14 @@ def test_every_promise_is_kept(spec):
     assert not broken(spec)
 
 
-@pytest.mark.parametrize("filled", ["constant", "checkers"])
-@pytest.mark.parametrize("n_steps", [3, nomp4d.STEPS, 7])
+@pytest.mark.parametrize(
+    ("filled", "n_steps"),
+    [
+        ("constant", nomp4d.STEPS),
+        *(pytest.param("constant", n_steps, marks=pytest.mark.slow) for n_steps in (3, 7)),
+        *(pytest.param("checkers", n_steps, marks=pytest.mark.slow) for n_steps in (3, nomp4d.STEPS, 7)),
+    ],
+)
 def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(filled, n_steps, monkeypatch):
     monkeypatch.setattr(nomp4d, "STEPS", n_steps)
     imaging = Imaging(Nomp4d(), only(f"map[filled={filled},exponent=0.0]").shot(0))
@@ -85,7 +80,7 @@ def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(
         ("close[exponent=-1.0,along=range]", 2),
         ("close[exponent=-1.0,along=doppler]", 2),
         ("close[exponent=-1.0,along=u]", 2),
-        ("coherent[n_echoes=3,separation=0.3]", 3),
+        pytest.param("coherent[n_echoes=3,separation=0.3]", 3, marks=pytest.mark.slow),
     ],
 )
 def test_echoes_that_almost_coincide_are_known_to_the_last_digits(spec, n_echoes):

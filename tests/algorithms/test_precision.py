@@ -12,17 +12,7 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
 from isacbench.errors import InputError
-from isacbench.model.array import VirtualArray
-from isacbench.model.echo import Simulator
-from isacbench.model.frame import get_frame
-from isacbench.model.numerology import System
-from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
-
-SYSTEM = System(n_subcarriers=256, n_symbols=64)
-BASE_M = np.array([15.0, 100.0, 20.0])
-XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0], [14.0, 36.0, 10.0]])
-VELOCITY = np.array([0.0, 13.3, -8.1, 20.0, -17.7])
+from tests.algorithms.scenes import XYZ, simulator
 
 ALL = pytest.mark.parametrize("estimator", [Music2d, Fft4d, Esprit2d, Music2dJoint])
 STAGES: tuple[PrecisionStage, ...] = ("detection", "directions", "subspace", "selection")
@@ -31,16 +21,7 @@ STAGES: tuple[PrecisionStage, ...] = ("detection", "directions", "subspace", "se
 @cache
 def observation():
     """Few scatterers in front of a panel, 30 dB."""
-    scenario = Scenario(
-        name="few",
-        system=SYSTEM,
-        array=VirtualArray((2, 2), (4, 4), 4, 1),
-        frame=get_frame("panel"),
-        base_station_m=BASE_M,
-        region=Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0)),
-        scatterers=Scatterers(XYZ, VELOCITY, np.ones(5)),
-    )
-    return Simulator(scenario).observe(30.0)
+    return simulator().observe(30.0)
 
 
 def rows(cloud):

@@ -101,20 +101,17 @@ def test_a_local_plugin_keeps_the_promise_and_a_built_in_one(local, kernels):
         assert BLAS_KERNELS.drift(Imaging(estimator, SHOT)) < BLAS_KERNELS.bound
 
 
-@pytest.mark.parametrize(
-    ("deed", "told"),
-    [
+def test_what_happens_under_one_kernel_alone_breaks_it_in_words(local, kernels):
+    kernels["Other"] = "Nehalem"
+    for deed, told in (
         ("loses", "under the BLAS kernel Other: 3 points, then 0"),
         ("raises", "under the BLAS kernel Other: ZeroDivisionError: no luck"),
         ("dies", "under the BLAS kernel Other: the process ended with code 7"),
-    ],
-)
-def test_what_happens_under_one_kernel_alone_breaks_it_in_words(local, kernels, deed, told):
-    kernels["Other"] = "Nehalem"
-    with pytest.raises(BrokenPromiseError, match=told):
-        BLAS_KERNELS.drift(Imaging(local(deed), SHOT))
-    # The next one is asked in a process that lives.
-    assert BLAS_KERNELS.drift(Imaging(local("moves"), SHOT)) > 1e-7
+    ):
+        with pytest.raises(BrokenPromiseError, match=told):
+            BLAS_KERNELS.drift(Imaging(local(deed), SHOT))
+        # The next one is asked in a process that lives.
+        assert BLAS_KERNELS.drift(Imaging(local("moves"), SHOT)) > 1e-7
 
 
 def test_without_another_kernel_nothing_is_said():

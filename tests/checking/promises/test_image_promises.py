@@ -26,6 +26,7 @@ from isacbench.checking.stress.runs.random_search import cases_from
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.registry import get_detector, get_estimator
+from tests.checking.promises.narrowed import narrowed
 
 FAST = ("fft4d", "music2d", "esprit2d", "oracle")
 
@@ -99,15 +100,8 @@ class Twisted:
     ],
 )
 def test_a_fault_breaks_the_promise_that_is_meant_for_it(fault, promise):
-    class Narrow(Snr):
-        """Of its promises the first and the one that is meant."""
-
-        @property
-        def promises(self):
-            first, *others = super().promises
-            return (first, *(one for one in others if one.name == promise))
-
-    verdicts = {verdict.promise: verdict for verdict in examine(Narrow(100.0), Twisted(fault))}
+    case = narrowed(Snr(100.0), lambda one: one.name == promise)
+    verdicts = {verdict.promise: verdict for verdict in examine(case, Twisted(fault))}
     assert verdicts[promise].outcome in BROKEN
     assert verdicts[promise].message
 
@@ -241,7 +235,8 @@ class _Dazzled:
 
 
 def test_an_error_that_rises_with_the_snr_is_a_bump(monkeypatch):
-    monkeypatch.setattr(levels, "N_TRIALS", 6)  # half of them: what rises here rises in every trial
+    monkeypatch.setattr(levels, "N_TRIALS", 4)  # what rises here rises in every trial
+    monkeypatch.setattr(levels, "N_STEPS", 5)
     kept, broken = (
         examine(SnrLadder(from_db=0.0), estimator) for estimator in (get_estimator("music2d"), _Dazzled())
     )
@@ -302,29 +297,36 @@ def at_once(case, i):
 
 
 def in_turn(cases):
-    """Gives every case to a few estimators, and to the others among the slow tests."""
+    """Gives every case to a few estimators, each with the number of the case."""
     return [
-        pytest.param(
-            name,
-            case,
-            id=f"{name}-{case.spec}",
-            marks=() if name in at_once(case, i) else pytest.mark.slow,
-        )
+        pytest.param(name, case, i, id=f"{name}-{case.spec}")
         for i, case in enumerate(cases)
         for name in FAST
+        if name in at_once(case, i)
     ]
 
 
-@pytest.mark.parametrize(
-    ("name", "case"), in_turn([one.table()[0] for one in FAMILIES.values() if one.kind == "estimator"])
-)
-def test_the_first_case_of_every_family_is_kept(name, case):
-    assert [verdict for verdict in examine(case, get_estimator(name)) if verdict.outcome in BROKEN] == []
+FIRST_CASES = [one.table()[0] for one in FAMILIES.values() if one.kind == "estimator"]
+INVARIANCES = [one for one in image_promises.INVARIANT if one is not image_promises.BLAS_KERNELS]
 
 
-@pytest.mark.parametrize(("name", "case"), in_turn(Spread.table()))
-def test_without_noise_resolved_echoes_are_imaged_and_nothing_else(name, case):
-    assert [verdict for verdict in examine(case, get_estimator(name)) if verdict.outcome in BROKEN] == []
+def broken(case, name):
+    return [verdict for verdict in examine(case, get_estimator(name)) if verdict.outcome in BROKEN]
+
+
+@pytest.mark.parametrize(("name", "case", "i"), in_turn(FIRST_CASES) + in_turn(Spread.table()))
+def test_a_case_of_every_family_and_resolved_echoes_are_imaged_as_promised(name, case, i, monkeypatch):
+    # Of the invariances one, by turns: the tests of each estimator have them all.
+    monkeypatch.setattr(levels, "N_TRIALS", 6)
+    turn = INVARIANCES[i % len(INVARIANCES)]
+    assert not broken(narrowed(case, lambda one: one not in INVARIANCES or one is turn), name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAST)
+@pytest.mark.parametrize("case", [*FIRST_CASES, *Spread.table()], ids=lambda case: case.spec)
+def test_they_keep_every_promise(name, case):
+    assert not broken(case, name)
 
 
 @pytest.mark.slow

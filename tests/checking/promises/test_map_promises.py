@@ -1,6 +1,5 @@
 """Promises of detectors: kept by the built-in ones, and each broken by one that was made to break it."""
 
-import dataclasses
 import time
 import warnings
 from dataclasses import dataclass, field
@@ -8,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.checking.promises import map_promises
@@ -21,6 +20,8 @@ from isacbench.checking.stress.runs.random_search import cases_from
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection
 from isacbench.plugins.registry import detector_names, get_detector
+from tests.checking.promises.narrowed import narrowed
+from tests.conftest import few
 
 NAMES = detector_names()
 
@@ -125,15 +126,8 @@ FAULTS = [
 
 @pytest.mark.parametrize(("fault", "case", "promise"), FAULTS)
 def test_a_fault_breaks_the_promise_that_is_there_for_it(fault, case, promise):
-    class Narrow(type(case)):
-        """Of its promises the first and the one that is meant."""
-
-        @property
-        def promises(self):
-            first, *others = super().promises
-            return (first, *(one for one in others if one.name == promise))
-
-    assert promise in broken(Narrow(**dataclasses.asdict(case)), Faulty(fault=fault))
+    narrow = narrowed(case, lambda one: one.name == promise)
+    assert promise in broken(narrow, Faulty(fault=fault))
 
 
 @pytest.mark.parametrize("family", find_families([], {"detector"}))
@@ -159,9 +153,9 @@ CASES = [
 
 
 def in_turn(cases):
-    """Gives every case to every second detector, and to the others among the slow tests."""
+    """Gives every case to every third detector, and to the others among the slow tests."""
     return [
-        pytest.param(name, case, id=f"{name}-{case.spec}", marks=() if (i + j) % 2 else pytest.mark.slow)
+        pytest.param(name, case, id=f"{name}-{case.spec}", marks=pytest.mark.slow if (i + j) % 3 else ())
         for i, case in enumerate(cases)
         for j, name in enumerate(NAMES)
     ]
@@ -176,7 +170,7 @@ def test_built_in_detectors_keep_every_promise(name, case):
     case=st.sampled_from([MapLevel, MapRange, BlankMap, MapWindow]).flatmap(cases_from),
     name=st.sampled_from(NAMES),
 )
-@settings(max_examples=6, deadline=None)
+@few
 def test_built_in_detectors_keep_the_promises_of_whatever_the_search_draws(case, name):
     assert not broken(case, get_detector(name))
 

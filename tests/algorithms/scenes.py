@@ -1,0 +1,41 @@
+"""A few scatterers in front of a panel, of which the answer is known."""
+
+import numpy as np
+
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import get_frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
+
+SYSTEM = System(n_subcarriers=256, n_symbols=64)
+ARRAY = VirtualArray((2, 2), (4, 4), 4, 1)
+BASE_M = np.array([15.0, 100.0, 20.0])
+REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
+# Far enough apart in range that none lies in another's cell or next to it.
+XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.0, 4.0], [14.0, 36.0, 10.0]])
+VELOCITY = np.array([0.0, 13.3, -8.1, 20.0, -17.7])
+AMPLITUDE = np.array([1.0, 1.2, 0.8, 1.0, 1.0])
+NOTHING = np.empty((0, 3))
+
+
+def simulator(xyz=XYZ, velocity=None, amplitude=None, *, array=ARRAY, frame="panel", region=REGION):
+    """Simulator of as many of the five scatterers as there are places."""
+    xyz = np.reshape(xyz, (-1, 3))
+    velocity = VELOCITY[: len(xyz)] if velocity is None else np.array(velocity)
+    amplitude = AMPLITUDE[: len(xyz)] if amplitude is None else np.array(amplitude)
+    scatterers = Scatterers(xyz, velocity, amplitude)
+    return Simulator(Scenario("few", SYSTEM, array, get_frame(frame), BASE_M, region, scatterers))
+
+
+EMPTY = Scenario(
+    name="few",
+    system=System(n_subcarriers=255, n_symbols=63),
+    array=VirtualArray((1, 1), (8, 8), 1, 1),
+    frame=get_frame("panel"),
+    base_station_m=np.array([0.0, 110.0, 25.0]),
+    region=Region((-60.0, 60.0), (-25.0, 45.0), (-25.0, 60.0), (-40.0, 40.0)),
+    scatterers=Scatterers(NOTHING, np.empty(0), np.empty(0)),
+)
+"""Scenario without scatterers, with a region wide enough for any."""

@@ -1,0 +1,164 @@
+"""What rounding, units, precision, memory, threads and order may change in an image: nothing to be seen."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.oracle import Oracle
+from threadpoolctl import threadpool_limits
+
+from isacbench.bench.cells.radio_coordinates import rayleigh_cells, space_places
+from isacbench.checking.promises.drift import cloud_drift
+from isacbench.checking.promises.image_promises import ELEMENT_ORDER, Imaging
+from isacbench.checking.promises.small_scenes import RESOLVED, Echo, Layout, observed, scenario_of
+from isacbench.checking.stress.cases.crowds import Spread
+from isacbench.errors import InputError
+from isacbench.model.echo import Simulator
+from isacbench.model.scene import Scatterers
+from isacbench.plugins.registry import estimator_names, get_estimator
+from tests.algorithms.scenes import EMPTY
+from tests.conftest import few
+
+BLIND = {name: get_estimator(name) for name in estimator_names() if name not in ("oracle", "chance")}
+CROSSES = {
+    f"{one.name}-element": one for one in (Fft4d(integration="element"), Music2d(integration="element"))
+}
+EVERY = {**BLIND, **CROSSES, "music2d-root": Music2d(search="root")}
+FAR, NEAR = 498, -40
+"""Binary exponents: of cells whose powers are still numbers, and of those that no estimator scales itself."""
+
+
+def crowd():
+    """Twelve echoes within three range and two Doppler bins."""
+    rng = np.random.default_rng(3)
+    places = rng.uniform([8, -1, -0.5, -0.5], [11, 1, 0.5, 0.5], (12, 4))
+    levels = rng.uniform([0.5, 0], [1.5, 2 * np.pi], (12, 2))
+    return [Echo(*row) for row in np.column_stack([places, levels]).tolist()]
+
+
+APART = observed(RESOLVED, 10.0, layout=Layout(array=(6, 6)))
+CROWD = observed(crowd(), 30.0, layout=Layout(array=(8, 6)))
+
+
+def nudged(cells, seed=0):
+    """Cells with other last bits."""
+    noise = np.random.default_rng(seed).standard_normal((*cells.shape, 2)).view(complex)[..., 0]
+    return cells * (1 + 1e-15 * noise)
+
+
+def assert_scaled_by_a_power_of_two(imaging, exponent):
+    """Places are the same in every bit, and powers are those of the other unit."""
+    cloud, scaled = imaging.cloud, imaging.image_of(imaging.shot.seen.cells * 2.0**exponent)
+    np.testing.assert_array_equal(scaled.to_array()[:, :4], cloud.to_array()[:, :4], f"2^{exponent}")
+    np.testing.assert_array_equal(scaled.power, cloud.power * 2.0**exponent * 2.0**exponent)
+
+
+def assert_same_in_any_memory(imaging, factor, bound, single_bound):
+    """In Fortran order, in another unit and with two threads the drift is below a bound.
+
+    In single precision, with gaps between the elements, it is below another.
+    """
+    cells = imaging.shot.seen.cells
+    single = np.repeat(cells.astype(np.complex64), 2, axis=2)[:, :, ::2]
+    assert imaging.drift(imaging.image_of(single)) < single_bound
+    with threadpool_limits(limits=2):
+        scaled = imaging.image_of(np.asfortranarray(cells) * factor)
+    assert imaging.drift(replace(scaled, power=scaled.power / factor / factor)) < bound
+
+
+@cache
+def apart(name):
+    return Imaging(EVERY[name], APART)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_an_image_of_echoes_apart_is_the_same_in_any_unit_memory_precision_and_number_of_threads(name):
+    imaging, cells = apart(name), APART.seen.cells
+    assert len(imaging.cloud) == len(RESOLVED)
+    for exponent in (-FAR, NEAR, FAR):
+        assert_scaled_by_a_power_of_two(imaging, exponent)
+    assert_same_in_any_memory(imaging, 1e150, 1e-10, 1e-6)
+    assert imaging.drift(imaging.image_of(nudged(cells) * 1e-12), 1e-12) < 1e-10
+
+
+@pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d"])
+def test_so_is_the_image_of_a_crowd(name):
+    imaging = Imaging(get_estimator(name), CROWD)
+    assert len(imaging.cloud) > len(RESOLVED)
+    for exponent in (NEAR, FAR):
+        assert_scaled_by_a_power_of_two(imaging, exponent)
+    # The last step of the joint fit of a crowd is one that rounding takes or leaves.
+    assert_same_in_any_memory(imaging, 0.3, 1e-7, 1e-5)
+
+
+@few
+@given(
+    name=st.sampled_from(["nomp4d", "fft4d", "music2d"]),
+    n_echoes=st.integers(1, 8),
+    draw=st.integers(0, 9999),
+    snr_db=st.sampled_from([-10.0, 0.0, 30.0, np.inf]),
+    exponent=st.integers(-FAR, FAR),
+)
+@example(name="nomp4d", n_echoes=3, draw=1, snr_db=10.0, exponent=NEAR)
+def test_so_is_the_image_of_any_echoes_apart(name, n_echoes, draw, snr_db, exponent):
+    shot = Spread(n_echoes=n_echoes, draw=draw).shot(0)
+    imaging = Imaging(get_estimator(name), replace(shot, seen=Simulator(shot.scenario).observe(snr_db)))
+    cells = imaging.shot.seen.cells
+    assert_scaled_by_a_power_of_two(imaging, exponent)
+    assert imaging.drift(imaging.image_of(nudged(cells))) < 1e-9
+
+
+@pytest.mark.parametrize("name", BLIND)
+def test_a_mirrored_array_sees_the_mirrored_scene(name):
+    assert ELEMENT_ORDER.drift(apart(name)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "echoes"),
+    [
+        *(("fft4d", RESOLVED), ("nomp4d", RESOLVED), ("oracle", crowd())),
+        *((name, crowd()) for name in ("music2d", "music2d_joint", "esprit2d")),
+    ],
+    ids=lambda value: value if isinstance(value, str) else f"{len(value)} echoes",
+)
+def test_the_order_of_scatterers_moves_no_point(name, echoes):
+    estimator, clouds = get_estimator(name), []
+    for order in (echoes, echoes[5:] + echoes[2:5] + echoes[:2]):
+        scenario = scenario_of(order)
+        truth = (scenario.truth,) if isinstance(estimator, Oracle) else ()
+        clouds.append(estimator.estimate(Simulator(scenario).observe(20.0), *truth))
+    assert len(clouds[0]) >= 3
+    assert cloud_drift(scenario, *clouds) < 1e-7
+
+
+@pytest.mark.parametrize("estimator", EVERY.values(), ids=EVERY)
+def test_cells_whose_power_is_no_number_are_refused(estimator):
+    with pytest.raises(
+        InputError, match=r"observation: its largest amplitude = .*: allowed is less than 3\.3"
+    ):
+        estimator.estimate(replace(APART.seen, cells=APART.seen.cells * 1e200))
+
+
+@pytest.mark.parametrize("estimator", [Fft4d(), Music2d()], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "offsets",
+    [
+        [[0, 0.5, 0.5, 0.25]],
+        [[-1, 0.5, 0, 0], [1, 0.5, 0, 0]],
+        [[0, 0.5, i, k] for i in (-1, 1) for k in (-1, 1)],
+    ],
+    ids=["one", "two in range", "four in a square"],
+)
+def test_halfway_between_two_cells_rounding_decides_nothing(estimator, offsets):
+    middle = np.array([37 * EMPTY.system.range_bin_m, EMPTY.system.velocity_bin_mps, 0, 0])
+    xyz, velocity = space_places(EMPTY, middle + np.array(offsets) * rayleigh_cells(EMPTY))
+    seen = Simulator(replace(EMPTY, scatterers=Scatterers(xyz, velocity, np.ones(len(xyz))))).observe(np.inf)
+    cloud = estimator.estimate(seen)
+    for seed in range(2):
+        other = estimator.estimate(replace(seen, cells=nudged(seen.cells, seed)))
+        assert cloud_drift(EMPTY, cloud, other) < 1e-9
