@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.cubes import open_cube
@@ -35,7 +35,6 @@ def test_an_array_of_any_order_and_byte_order_comes_back(dtype, order):
     assert_gives(open_cube(array.astype(dtype.newbyteorder(">")), tile_bytes=200), array)
 
 
-@settings(max_examples=30, deadline=None)
 @given(
     case=shape_and_elements(),
     axes=st.permutations(range(4)),
@@ -52,7 +51,6 @@ def test_whatever_the_strides_and_the_list_of_elements_the_tiles_add_up(case, ax
     assert np.array_equal(sum_of_tiles(cube, elements), of_elements(array, elements))
 
 
-@settings(max_examples=30, deadline=None)
 @given(
     case=shape_and_elements(),
     chunks=st.tuples(*(st.integers(1, 9) for _ in range(4))),

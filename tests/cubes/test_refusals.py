@@ -241,6 +241,7 @@ def test_an_npy_file_of_a_version_that_arrays_of_numbers_do_not_have_is_refused(
     assert refusal(tmp_path / "cube.npy").startswith("cannot be read as npy: version (3, 0)")
 
 
+@pytest.mark.usefixtures("mat_files_read_as_by_users")
 def test_a_mat_file_that_ends_the_process_of_its_reader_is_refused(tmp_path):
     write_mat(tmp_path / "c.mat", cube=ARRAY)
     data = (tmp_path / "c.mat").read_bytes()

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from isacbench_algorithms.music2d import Music2d
 
@@ -13,6 +13,7 @@ from isacbench.cubes.simulating import FrameSimulator, write_frame
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.model.array import VirtualArray
 from isacbench.model.gate import build_gate
+from tests.conftest import few
 
 
 def frame_of(scenario, *which):
@@ -81,7 +82,7 @@ LAYOUTS = {
 }
 
 
-@settings(max_examples=12)
+@few
 @given(
     n_subcarriers=st.sampled_from([1, 2, 3, 16, 61, 128, 257]),
     n_symbols=st.sampled_from([1, 2, 3, 7, 14, 31]),

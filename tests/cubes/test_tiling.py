@@ -4,7 +4,7 @@ from itertools import pairwise
 from math import prod
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.cubes.tiling import box_lengths, extents, pick, progressions
@@ -21,7 +21,6 @@ def test_a_box_fits_and_is_cut_along_the_outermost_axes_alone(lengths, nesting, 
             assert all(box[outer] == 1 for outer in nesting[:place])
 
 
-@settings(max_examples=40)
 @given(
     lengths=st.tuples(st.integers(1, 9), st.integers(1, 9)),
     sizes=st.lists(st.integers(1, 5), min_size=1, max_size=4),

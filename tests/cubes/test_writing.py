@@ -8,7 +8,7 @@ from collections import namedtuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.cubes import create_cube, open_cube
@@ -71,7 +71,6 @@ def test_a_cube_of_zeros_is_complete(tmp_path, filename):
     shape=st.tuples(st.integers(1, 5000), st.integers(1, 5000), st.integers(1, 64), st.integers(1, 64)),
     itemsize=st.sampled_from([8, 16]),
 )
-@settings(deadline=None)
 def test_chunks_hold_half_a_mebibyte_or_all(shape, itemsize):
     chunks = chunk_lengths(shape, itemsize)
     size = np.prod(chunks) * itemsize

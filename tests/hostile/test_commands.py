@@ -5,11 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from functools import cache
 
 import pytest
-import typer.main
-import typer.testing
 from typer.testing import CliRunner
 
 from isacbench.cli import app
@@ -18,14 +15,6 @@ from .files import ANY, CLOUDS, CUBES, TOML
 from .test_results import made  # noqa: F401, a fixture
 
 ESCAPES = ("\x1b", "\x07", "\x9b", "\u202e")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _commands_built_once():
-    """Spare each of many runs the commands, which take longer to build than to refuse a file."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command), raising=False)
-        yield
 
 
 @pytest.fixture
@@ -94,21 +83,16 @@ WRITERS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("suffix", "write"),
-    [
-        pytest.param(suffix, write, id=f"{suffix}-{name}")
-        for suffix, of in WRITERS.items()
-        for name, write in of.items()
-    ],
-)
-def test_every_command_that_reads_a_file_refuses_a_hostile_one(tmp_path, told, suffix, write):
-    path = tmp_path / f"a\x1b[31m\u202e{{red}}[red]\n{suffix}"
-    write(path)
-    before = sorted(tmp_path.rglob("*"))
-    for arguments in commands(path).values():
-        assert "red" in told(*arguments)
-    assert sorted(tmp_path.rglob("*")) == before
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_every_command_that_reads_a_file_refuses_a_hostile_one(tmp_path, told, suffix):
+    for kind, write in WRITERS[suffix].items():
+        path = tmp_path / kind / f"a\x1b[31m\u202e{{red}}[red]\n{suffix}"
+        path.parent.mkdir()
+        write(path)
+        before = sorted(tmp_path.rglob("*"))
+        for arguments in commands(path).values():
+            assert "red" in told(*arguments)
+        assert sorted(tmp_path.rglob("*")) == before, kind
 
 
 @pytest.mark.parametrize("command", ["report", "rescore", "compare", "compare new", "merge", "run"])

@@ -54,8 +54,8 @@ def mat(**options):
     return lambda path: savemat(path, {"p": TABLE}, **options)
 
 
-def cube_mat(is_compressed):
-    return lambda path: savemat(path, {"cube": CUBE, "transmitted": GRID}, do_compression=is_compressed)
+def cube_mat(path):
+    savemat(path, {"cube": CUBE, "transmitted": GRID}, do_compression=True)
 
 
 def cube_npz(save):
@@ -76,14 +76,11 @@ SEEDS = {
     "cube npy": (load_cube, ".npy", lambda path: np.save(path, CUBE)),
     "cube npz": (load_cube, ".npz", cube_npz(np.savez)),
     "cube npz, compressed": (load_cube, ".npz", cube_npz(np.savez_compressed)),
-}
-"""Reader, extension, and what writes a valid file. Files of `IN_A_PROCESS` take longer to read."""
-
-IN_A_PROCESS = {
     "cloud mat": (PointCloud.read, *cloud_file(".mat")),
     "cloud, mat 4": (PointCloud.read, ".mat", mat(format="4")),
-    "cube mat, compressed": (load_cube, ".mat", cube_mat(True)),
+    "cube mat, compressed": (load_cube, ".mat", cube_mat),
 }
+"""Reader, extension, and what writes a valid file."""
 
 
 @st.composite
@@ -135,7 +132,7 @@ def read_or_refuse(bounded, reader, path):
 
 
 @pytest.mark.parametrize("name", SEEDS)
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=EXAMPLES, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mutate=mutations())
 def test_a_damaged_file_is_read_or_refused(tmp_path, bounded, name, mutate):
     reader, suffix, write = SEEDS[name]
@@ -147,34 +144,19 @@ def test_a_damaged_file_is_read_or_refused(tmp_path, bounded, name, mutate):
     read_or_refuse(bounded, reader, path)
 
 
-@pytest.mark.parametrize("name", IN_A_PROCESS)
-def test_a_damaged_file_that_a_process_reads_is_read_or_refused(tmp_path, bounded, name):
-    reader, suffix, write = IN_A_PROCESS[name]
-    path = tmp_path / f"damaged{suffix}"
-    write(path)
-    data = path.read_bytes()
-    rng = np.random.default_rng(0)
-    for size in (0, 100, 200, len(data) // 2, len(data) - 1):
-        path.write_bytes(data[:size])
-        read_or_refuse(bounded, reader, path)
-        damaged = bytearray(data)
-        damaged[rng.integers(len(data))] ^= 1 << rng.integers(8)
-        path.write_bytes(damaged)
-        read_or_refuse(bounded, reader, path)
-
-
 @pytest.mark.parametrize("name", SEEDS)
 def test_a_file_that_ends_anywhere_is_read_or_refused(tmp_path, bounded, name):
     reader, suffix, write = SEEDS[name]
     path = tmp_path / f"cut{suffix}"
     write(path)
     data = path.read_bytes()
-    for size in range(0, len(data), max(1, len(data) // 60)):
+    n_cuts = 12 if suffix == ".mat" else 60  # which another process reads
+    for size in [*range(0, len(data), max(1, len(data) // n_cuts)), len(data) - 1]:
         path.write_bytes(data[:size])
         read_or_refuse(bounded, reader, path)
 
 
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=EXAMPLES, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mutate=mutations())
 def test_a_damaged_scenario_is_read_or_refused(tiny, bounded, mutate):
     damaged = tiny.with_name("damaged.toml")

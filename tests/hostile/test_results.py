@@ -82,12 +82,9 @@ def written_empty(monkeypatch):
 
 
 def outside(run_folder):
-    """What lies outside of the folder, with its contents."""
-    return {
-        path: path.read_bytes()
-        for path in sorted((run_folder.parents[1] / "outside").rglob("*"))
-        if path.is_file()
-    }
+    """What lies outside of the folder, with the contents of files."""
+    paths = sorted((run_folder.parents[1] / "outside").rglob("*"))
+    return {path: path.read_bytes() if path.is_file() else None for path in paths}
 
 
 # What stands in the place of a file
@@ -103,8 +100,7 @@ def link_out(path):
 NO_FILES = ["a pipe", "a folder", "a link to nothing"]
 FILES = ["manifest.json", "results.parquet", "clouds.parquet", "truth.parquet"]
 PLACED = {
-    **{name: ANY[name] for name in ("a pipe", "a folder", "a link to nothing")},
-    **{name: ANY[name] for name in ("nothing in it", "pickled", "a page of zeros")},
+    **{name: ANY[name] for name in (*NO_FILES, "nothing in it", "pickled", "a page of zeros")},
     "a link out of the folder": link_out,
     "parquet signature": content(b"PAR1" + bytes(100) + b"PAR1"),
     "a list": content(b"[]"),
@@ -119,39 +115,40 @@ def place(run_folder, name, write):
 
 
 @pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("write", PLACED.values(), ids=PLACED)
-def test_no_hostile_file_is_a_part_of_a_run(refused, run_folder, name, write):
-    place(run_folder, name, write)
-    before = outside(run_folder)
-    refused(read_results, run_folder)
-    refused(rescore, run_folder)
-    refused(lambda folder: merge([folder, folder], folder.with_name("merged")), run_folder)
-    if name in ("manifest.json", "results.parquet"):
+def test_no_hostile_file_is_a_part_of_a_run(refused, made, tmp_path, name):
+    for kind, write in PLACED.items():
+        (tmp_path / kind / "outside").mkdir(parents=True)
+        run_folder = tmp_path / kind / "inside" / "run"
+        shutil.copytree(made[1], run_folder)
+        place(run_folder, name, write)
+        before = outside(run_folder)
+        refused(read_results, run_folder)
+        refused(rescore, run_folder)
+        refused(lambda folder: merge([folder, folder], folder.with_name("merged")), run_folder)
+        if name in ("manifest.json", "results.parquet"):
+            refused(read_run, run_folder)
+        assert outside(run_folder) == before, kind
+    assert not list(tmp_path.rglob("UNPICKLED"))
+
+
+def test_no_hostile_file_is_a_journal(refused, made, tmp_path):
+    for name in NO_FILES:
+        run_folder = shutil.copytree(made[1], tmp_path / name)
+        ANY[name](run_folder / "journal.jsonl")
+        refused(read_results, run_folder)
         refused(read_run, run_folder)
-    assert outside(run_folder) == before
-    assert not list(run_folder.parents[1].rglob("UNPICKLED"))
-
-
-@pytest.mark.parametrize("name", NO_FILES)
-def test_no_hostile_file_is_a_journal(refused, made, run_folder, name):
-    ANY[name](run_folder / "journal.jsonl")
-    refused(read_results, run_folder)
-    refused(read_run, run_folder)
-    refused(lambda folder: run_suite(made[0], out=folder), run_folder)
+        refused(lambda folder: run_suite(made[0], out=folder), run_folder)
 
 
 # Writing
 
 
-WRITTEN = [
-    ".lock",
-    "journal.jsonl",
+REPLACED = [
     "manifest.json",
     "results.parquet",
     "results.csv",
     "summary.csv",
     "summary.md",
-    "figures",
     ".manifest.json.part",
     ".results.parquet.part",
     ".clouds.parquet.part",
@@ -161,44 +158,51 @@ WRITTEN = [
     "figures/deviation.png",
     "figures/.deviation.png.part",
 ]
+KINDS = ["file", "nothing", "pipe"]
 
 
-LINKED_TO = ["file", "nothing", "pipe"]
-LINKS = [
-    pytest.param(name, kind, marks=[] if at % 3 == number % 3 else pytest.mark.slow)
-    for at, name in enumerate(WRITTEN)
-    for number, kind in enumerate(LINKED_TO)
-]
-"""Every name with one kind of link by default, and with all kinds among the slow tests."""
+def put_links(run_folder, kind, *names):
+    """Put symbolic links in the place of files, each to a target outside of the folder."""
+    for number, name in enumerate(names):
+        target = run_folder.parents[1] / "outside" / f"{kind} {number}"
+        if kind == "folder":
+            target.mkdir()
+        elif kind == "file":
+            target.write_text("precious")
+        elif kind == "pipe":
+            os.mkfifo(target)
+        path = run_folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.unlink(missing_ok=True)
+        path.symlink_to(target)
+
+
+def run_and_report(suite, run_folder):
+    results = run_suite(suite, out=run_folder)
+    write_run_tables(run_folder, results.records)
+    draw_run(run_folder)
 
 
 @pytest.mark.usefixtures("written_empty")
-@pytest.mark.parametrize(("name", "kind"), LINKS)
-def test_nothing_is_written_through_a_link_out_of_the_folder(made, run_folder, bounded, name, kind):
-    target = run_folder.parents[1] / "outside" / "target"
-    if name == "figures":
-        target.mkdir()
-    elif kind == "file":
-        target.write_text("precious")
-    elif kind == "pipe":
-        os.mkfifo(target)
-    path = run_folder / name
-    path.parent.mkdir(exist_ok=True)
-    path.unlink(missing_ok=True)
-    path.symlink_to(target)
+@pytest.mark.parametrize("kind", KINDS)
+def test_links_out_of_the_folder_are_replaced(made, run_folder, bounded, kind):
+    put_links(run_folder, kind, *REPLACED)
     before = outside(run_folder)
-    told = None
     with bounded(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try:
-            results = run_suite(made[0], out=run_folder)
-            write_run_tables(run_folder, results.records)
-            draw_run(run_folder)
-        except InputError as error:
-            told = str(error)
+        run_and_report(made[0], run_folder)
     assert outside(run_folder) == before
-    assert (told is not None) == (name in (".lock", "journal.jsonl", "figures"))
-    assert told is None or str(path) in told
+    assert not any((run_folder / name).is_symlink() for name in REPLACED if not name.endswith(".part"))
+
+
+@pytest.mark.usefixtures("written_empty")
+@pytest.mark.parametrize("name", [".lock", "journal.jsonl", "figures"])
+def test_a_link_in_the_place_of_what_is_not_replaced_is_refused(made, run_folder, refused, name):
+    for kind in KINDS if name != "figures" else ["folder"]:
+        put_links(run_folder, kind, name)
+        before = outside(run_folder)
+        refused(lambda _path: run_and_report(made[0], run_folder), run_folder / name)
+        assert outside(run_folder) == before, kind
 
 
 @pytest.mark.usefixtures("written_empty")
@@ -214,12 +218,7 @@ def test_what_cannot_be_replaced_is_told(made, run_folder, refused, name):
         path.mkdir(parents=True)
         (path / "inside").touch()
 
-    def work(_path):
-        results = run_suite(made[0], out=run_folder)
-        write_run_tables(run_folder, results.records)
-        draw_run(run_folder)
-
-    refused(work, path)
+    refused(lambda _path: run_and_report(made[0], run_folder), path)
 
 
 # Contents that are read

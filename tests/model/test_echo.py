@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
@@ -27,6 +27,7 @@ from isacbench.model.echo import (
 from isacbench.model.gate import build_gate
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
+from tests.conftest import few
 
 C = 299_792_458.0
 SIGMAS = 5.0
@@ -94,7 +95,6 @@ def test_the_closed_form_is_the_transformed_grid_whatever_the_size(
     assert_closed_form_is_the_transformed_grid(scenario, [(0, 0), (3, 1), (1, 3)])
 
 
-@settings(max_examples=25)
 @given(
     place=st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)),
     speed_mps=st.floats(-15, 15),
@@ -206,7 +206,6 @@ def alone_at(make_scenario, xyz, speed_mps, amplitude=(1.0,), **system):
         )
 
 
-@settings(max_examples=30)
 @given(
     place=st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)),
     speed_mps=st.floats(-15, 15),
@@ -287,7 +286,7 @@ def test_a_scene_too_large_for_memory_is_summed_in_parts(make_scenario, monkeypa
         np.testing.assert_allclose(part, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
-@settings(max_examples=15)
+@few
 @given(order=st.permutations(range(12)))
 def test_the_order_of_scatterers_does_not_matter(make_scenario, order):
     rng = np.random.default_rng(8)
@@ -298,7 +297,6 @@ def test_the_order_of_scatterers_does_not_matter(make_scenario, order):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
-@settings(max_examples=40)
 @given(exponent=st.integers(-480, 480), snr_db=st.sampled_from([-20.0, 10.0, 200.0, math.inf]))
 def test_an_observation_scales_exactly_with_powers_of_two(make_scenario, exponent, snr_db):
     scale = 2.0**exponent

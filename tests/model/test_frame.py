@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
@@ -29,7 +29,6 @@ def cosines(draw):
     return np.array([radius * np.cos(angle)]), np.array([radius * np.sin(angle)])
 
 
-@settings(max_examples=40)
 @given(FRAMES, offsets())
 def test_an_offset_survives_the_way_to_direction_cosines_and_back(frame, offset):
     range_m = np.linalg.norm(offset, axis=1)
@@ -67,7 +66,6 @@ def test_directions_outside_the_visible_region_have_no_offset(frame, angle, radi
     assert np.isnan(offset).any(axis=1).all()
 
 
-@settings(max_examples=40)
 @given(FRAMES, cosines(), st.floats(0.1, 600))
 def test_the_jacobian_is_the_slope_of_the_offsets(frame, cosine, range_m):
     u, w = cosine

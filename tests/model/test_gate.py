@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.model.gate import DOPPLER_MARGIN_BINS, RANGE_MARGIN_BINS, build_gate
@@ -33,7 +33,6 @@ def scenes(draw):
     return system, base_m, region
 
 
-@settings(max_examples=100)
 @given(scenes(), st.tuples(*[FRACTIONS] * 4))
 def test_the_reachable_cells_cover_every_scatterer_of_any_region(scene, place):
     system, base_m, region = scene
@@ -49,7 +48,6 @@ def test_the_reachable_cells_cover_every_scatterer_of_any_region(scene, place):
     assert doppler_bin % system.n_symbols in columns
 
 
-@settings(max_examples=40)
 @given(scenes())
 def test_bins_are_consecutive_and_never_more_than_the_map(scene):
     system = scene[0]
@@ -59,7 +57,6 @@ def test_bins_are_consecutive_and_never_more_than_the_map(scene):
         assert (np.diff(bins) == 1).all()
 
 
-@settings(max_examples=40)
 @given(scenes())
 def test_the_mask_is_what_the_slices_say_and_margins_are_equal_to_one_bin(scene):
     gate = build_gate(*scene)
@@ -89,7 +86,6 @@ def test_a_region_at_the_base_station_borrows_its_margin_from_the_far_end_of_the
     assert gate.reachable_doppler == slice(DOPPLER_MARGIN_BINS, DOPPLER_MARGIN_BINS + 1)
 
 
-@settings(max_examples=40)
 @given(scenes(), st.integers(0, 2), st.integers(0, 2))
 def test_trimming_takes_bins_off_both_ends_and_keeps_the_reachable_ones_that_are_left(scene, n, m):
     gate = build_gate(*scene)
@@ -108,14 +104,12 @@ def test_bins_cannot_be_written_to():
         gate.range_bins[0] = 1
 
 
-@settings(max_examples=40)
 @given(scenes())
 def test_a_gate_wraps_where_it_holds_all_bins(scene):
     system, gate = scene[0], build_gate(*scene)
     assert gate.wraps == (gate.shape[0] == system.n_subcarriers, gate.shape[1] == system.n_symbols)
 
 
-@settings(max_examples=40)
 @given(scenes(), st.integers(0, 3), st.integers(0, 3))
 def test_extending_a_gate_is_undone_by_trimming_it(scene, n, m):
     gate = build_gate(*scene)

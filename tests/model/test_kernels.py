@@ -4,7 +4,7 @@ import cmath
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.model.kernels import dirichlet, dirichlet_slopes, steering
@@ -13,14 +13,12 @@ LENGTHS = st.integers(1, 40)
 PLACES = st.floats(-100, 100)
 
 
-@settings(max_examples=40)
 @given(LENGTHS, st.integers(-100, 100), PLACES)
 def test_the_dirichlet_kernel_is_the_sum_it_stands_for(n, bin_, place):
     total = sum(cmath.exp(2j * cmath.pi * i * (bin_ - place) / n) for i in range(n))
     assert dirichlet([bin_], [place], n)[0, 0] == pytest.approx(total / n**0.5, abs=1e-10)
 
 
-@settings(max_examples=30)
 @given(st.integers(1, 40), st.lists(PLACES, min_size=1, max_size=3))
 def test_the_kernel_is_an_inverse_dft_and_its_conjugate_a_forward_one(n, places):
     phase = 2j * np.pi * np.outer(np.arange(n), places) / n
@@ -29,20 +27,17 @@ def test_the_kernel_is_an_inverse_dft_and_its_conjugate_a_forward_one(n, places)
     np.testing.assert_allclose(kernel.conj(), np.fft.fft(np.exp(phase), axis=0, norm="ortho"), atol=1e-10)
 
 
-@settings(max_examples=40)
 @given(LENGTHS, PLACES)
 def test_all_bins_together_hold_the_energy_of_the_exponential(n, place):
     assert np.sum(np.abs(dirichlet(np.arange(n), [place], n)) ** 2) == pytest.approx(n)
 
 
-@settings(max_examples=40)
 @given(LENGTHS, st.integers(-50, 50), PLACES, st.integers(-3, 3))
 def test_bins_repeat_after_the_transform_length(n, bin_, place, turns):
     expected = dirichlet([bin_], [place], n)
     np.testing.assert_allclose(dirichlet([bin_ + turns * n], [place], n), expected, atol=1e-10)
 
 
-@settings(max_examples=30)
 @given(st.integers(1, 16), st.lists(st.floats(-1, 1), max_size=3))
 def test_steering_is_one_phase_step_an_element(n_elements, cosines):
     response = steering(n_elements, cosines)
@@ -61,7 +56,6 @@ def test_steering_keeps_the_shape_of_its_cosines_in_front():
 DISTANCES = st.floats(-90, 90)
 
 
-@settings(max_examples=40)
 @given(LENGTHS, DISTANCES)
 def test_the_centred_kernel_and_its_slopes_are_sums_over_the_aperture(n, distance):
     middle = [i - (n - 1) / 2 for i in range(n)]
@@ -74,7 +68,6 @@ def test_the_centred_kernel_and_its_slopes_are_sums_over_the_aperture(n, distanc
     assert actual == pytest.approx([value, slope, curvature], abs=1e-5)
 
 
-@settings(max_examples=40)
 @given(LENGTHS, st.floats(-20, 20))
 def test_slopes_are_the_derivatives_of_the_kernel(n, distance):
     step = 1e-4
@@ -89,7 +82,6 @@ def test_the_series_at_the_peak_meets_the_quotients_beside_it(n):
     np.testing.assert_allclose(below[[0, 2]], above[[0, 2]], rtol=5e-7)
 
 
-@settings(max_examples=40)
 @given(st.integers(2, 3000), st.floats(1e-12, 0.1), st.integers(-3, 3))
 def test_slopes_keep_their_digits_near_every_peak(n, distance, turns):
     # At whole turns alone is the distance itself exact.

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.model.echo import observe_echo
@@ -43,7 +43,6 @@ def test_cells_are_those_of_the_gate_on_every_element(observation):
     assert observation.cells.dtype == np.complex128
 
 
-@settings(max_examples=40)
 @given(st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)), st.floats(-15, 15))
 def test_exact_detections_become_the_points_they_came_from(observation, place, speed_mps):
     cloud = observation.cloud(*detections(observation, [place], [speed_mps]), power=[2.5])
@@ -68,7 +67,6 @@ def test_no_detections_make_an_empty_cloud(observation):
     assert len(observation.cloud([], [], [], [], [])) == 0
 
 
-@settings(max_examples=40)
 @given(st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)))
 def test_the_cosine_limits_hold_every_point_of_the_region(observation, place):
     _, _, u, w = detections(observation, [place], [0.0])
@@ -77,7 +75,6 @@ def test_the_cosine_limits_hold_every_point_of_the_region(observation, place):
     assert w_low - 1e-3 <= w[0] <= w_high + 1e-3
 
 
-@settings(max_examples=40)
 @given(
     place=st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)),
     speed_mps=st.floats(-15, 15),

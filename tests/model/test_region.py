@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.model.region import Region
@@ -14,7 +14,6 @@ REGIONS = st.builds(Region, x_m=LIMITS, y_m=LIMITS, z_m=LIMITS, speed_mps=st.jus
 PLACES = st.tuples(*[st.floats(-150, 150)] * 3)
 
 
-@settings(max_examples=40)
 @given(REGIONS, PLACES)
 def test_range_limits_are_the_closest_and_farthest_points_of_a_sampled_box(region, base):
     nearest_m, farthest_m = region.range_limits_m(base)

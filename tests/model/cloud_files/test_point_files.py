@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.io import loadmat, savemat
@@ -19,6 +19,7 @@ from scipy.io import loadmat, savemat
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import read_points_csv
+from tests.conftest import few
 
 from ...cubes.samples import put_mat73, write_mat73
 
@@ -46,7 +47,7 @@ def text_file(folder: Path, name: str, text: str) -> Path:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@settings(max_examples=8, deadline=None)
+@few
 @given(table=st.integers(0, 6).flatmap(lambda n: arrays(np.float64, (n, 5), elements=finite)))
 def test_a_round_trip_returns_the_same_doubles(suffix: str, table: np.ndarray) -> None:
     cloud = PointCloud.from_array(table)

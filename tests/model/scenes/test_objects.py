@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
@@ -34,7 +34,6 @@ def test_default_objects_have_the_points_and_the_room_of_the_street(outline, n_p
     assert box(points)[1, 2] == upper[2]
 
 
-@settings(max_examples=40)
 @given(SIZES)
 def test_a_car_fills_exactly_the_size_it_is_given(size_m):
     width, length, height = size_m

@@ -156,10 +156,9 @@ def test_without_objects_there_is_nothing_to_hide(load):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("seed", [0, 4])
-def test_what_is_seen_of_a_family_is_part_of_its_objects(family, seed):
-    everything = load_scenario(f"{family}[seed={seed},visible=all]").scatterers
-    seen = load_scenario(f"{family}[seed={seed},visible=seen]").scatterers
+def test_what_is_seen_of_a_family_is_part_of_its_objects(family):
+    everything = load_scenario(f"{family}[seed=4,visible=all]").scatterers
+    seen = load_scenario(f"{family}[seed=4,visible=seen]").scatterers
     pairs = [np.column_stack([each.xyz, each.velocity]) for each in (seen, everything)]
     assert is_part(*pairs)
     assert (len(seen) == len(everything)) == (family == "sparse")
@@ -173,7 +172,9 @@ def test_lorries_hide_others_in_traffic():
         seen = load_scenario(f"traffic[seed={seed}]").scatterers.xyz
         groups = cKDTree(seen).query(everything)[0]
         lost += bool((groups > 1.5).any())
-    assert lost >= 3
+        if lost == 3:
+            return
+    pytest.fail(f"in {lost} scenes alone")
 
 
 # --- meshes -------------------------------------------------------------------------------------------------

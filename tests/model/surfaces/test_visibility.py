@@ -5,12 +5,13 @@ import functools
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench import load_scenario
 from isacbench.model.surfaces.shapes import cuboid, globe
 from isacbench.model.surfaces.visibility import NO_PART, TOLERANCE_M, seen_points
+from tests.conftest import few
 
 BASE_M = np.array([20.0, 100.0, 20.0])
 WALL = np.array([[[0, 10, 0], [40, 10, 0], [40, 10, 6]], [[0, 10, 0], [40, 10, 6], [0, 10, 6]]], dtype=float)
@@ -39,7 +40,6 @@ def seen_one_by_one(base_m, points, triangles):
     return np.array(found)
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 2**32))
 def test_batched_rays_find_what_a_double_loop_over_rays_and_triangles_finds(seed):
     random = np.random.default_rng(seed)
@@ -48,7 +48,6 @@ def test_batched_rays_find_what_a_double_loop_over_rays_and_triangles_finds(seed
     np.testing.assert_array_equal(seen(points, triangles), seen_one_by_one(BASE_M, points, triangles))
 
 
-@settings(max_examples=30)
 @given(st.floats(0, 9.5), st.floats(0, 9), st.floats(1, 39))
 def test_a_wall_casts_the_shadow_of_similar_triangles(y, z, x):
     """The sight line over the wall's upper edge falls by the base station's height over the edge."""
@@ -57,7 +56,6 @@ def test_a_wall_casts_the_shadow_of_similar_triangles(y, z, x):
         assert seen([20 + (x - 20) * 0.9, y, z], WALL).item() == (z > shadow_m)
 
 
-@settings(max_examples=30)
 @given(st.tuples(*[st.floats(0.5, 10)] * 3), st.integers(0, 99))
 def test_of_a_box_the_faces_that_look_at_the_base_station_are_seen(size_m, seed):
     random = np.random.default_rng(seed)
@@ -152,7 +150,7 @@ def test_triangles_without_area_hide_nothing():
     assert seen([20, 5, 1], flat).all()
 
 
-@settings(max_examples=10)
+@few
 @given(st.integers(0, 2**32), st.floats(1e-2, 10))
 def test_visibility_does_not_depend_on_where_the_origin_is(seed, spread):
     random = np.random.default_rng(seed)
