@@ -4,16 +4,15 @@ import ast
 import re
 import tomllib
 from collections import Counter, defaultdict
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
 from isacbench.former_paths import PRESENT
-
-ROOT = Path(__file__).parent.parent
+from tests.documents.sources import FILES, ROOT, trees
 
 BASE = {"errors", "choices", "cores", "added_fields", "former_paths"}
 LAYERS = {  # each may import what is named beside it, and nothing else
@@ -30,15 +29,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     "cubes": {*BASE, "files", "model", "dsp", "plugins", "link"},
     "bench": {
         *BASE,
-        "specifications",
-        "files",
-        "display",
-        "instrument",
-        "model",
-        "metrics",
-        "dsp",
-        "plugins",
-        "link",
+        *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins", "link"),
     },
     "checking": {
         *BASE,
@@ -47,61 +38,25 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     },
     "report": {
         *BASE,
-        *(
-            "specifications",
-            "files",
-            "display",
-            "instrument",
-            "model",
-            "metrics",
-            "plugins",
-            "link",
-            "cubes",
-            "bench",
-            "checking",
-        ),
+        *("specifications", "files", "display", "instrument", "model", "metrics", "plugins", "link"),
+        *("cubes", "bench", "checking"),
     },
     "cli": {
         *BASE,
-        *(
-            "specifications",
-            "files",
-            "instrument",
-            "model",
-            "metrics",
-            "plugins",
-            "link",
-            "cubes",
-            "bench",
-            "checking",
-            "report",
-        ),
+        *("specifications", "files", "instrument", "model", "metrics", "plugins", "link"),
+        *("cubes", "bench", "checking", "report"),
     },
 }
 ALGORITHMS = {*BASE, "instrument", "model", "metrics", "dsp", "plugins"}
+ROOMS = {name for name, path in FILES.items() if path.name == "__init__.py"}
 
 MOST_MODULES = 14
-
-
-def module_name(path):
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    parts = ("isacbench_algorithms", *parts[1:]) if parts[0] == "algorithms" else parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-FILES = {
-    module_name(path): path
-    for folder in ("isacbench", "algorithms")
-    for path in sorted((ROOT / folder).rglob("*.py"))
-}
-TREES = {name: ast.parse(path.read_text("utf-8")) for name, path in FILES.items()}
-ROOMS = {name for name, path in FILES.items() if path.name == "__init__.py"}
 
 
 def imports(module):
     """Modules that a module imports, and the names taken from them, wherever the statement stands."""
     package = module if module in ROOMS else module.rpartition(".")[0]
-    for node in ast.walk(TREES[module]):
+    for node in ast.walk(trees()[module]):
         if isinstance(node, ast.Import):
             yield from ((alias.name, None) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -112,14 +67,17 @@ def imports(module):
                 yield (inner, None) if inner in FILES else (source, alias.name)
 
 
-IMPORTS = {
-    name: [(source, taken) for source, taken in imports(name) if source in FILES and source != name]
-    for name in FILES
-}
+@cache
+def all_imports():
+    """Modules of the library that each module imports, and the names taken from them."""
+    return {
+        name: [(source, taken) for source, taken in imports(name) if source in FILES and source != name]
+        for name in FILES
+    }
 
 
 def exported(room):
-    for node in TREES[room].body:
+    for node in trees()[room].body:
         if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
             return set(ast.literal_eval(node.value))
     return set()
@@ -134,13 +92,13 @@ def test_packages_import_only_what_lies_below_them():
     allowed = {**LAYERS, "isacbench_algorithms": ALGORITHMS, "__main__": {"cli"}}
     offences = [
         f"{module} imports {source}"
-        for module, found in IMPORTS.items()
+        for module, found in all_imports().items()
         if module != "isacbench"  # which names the public names of all
         for source, _ in found
         if package_of(source) not in {package_of(module), ""} | allowed[package_of(module)]
     ]
     assert not offences
-    from_top = {name for module in FILES for source, name in IMPORTS[module] if source == "isacbench"}
+    from_top = {name for module in FILES for source, name in all_imports()[module] if source == "isacbench"}
     assert from_top <= {None, "__version__"}  # whose other names come from every layer
     order = TopologicalSorter(LAYERS)
     order.prepare()  # raises where the layers themselves go in a circle
@@ -148,7 +106,8 @@ def test_packages_import_only_what_lies_below_them():
 
 def test_no_imports_go_in_a_circle():
     graph = {
-        name: {source for source, _ in found if source != "isacbench"} for name, found in IMPORTS.items()
+        name: {source for source, _ in found if source != "isacbench"}
+        for name, found in all_imports().items()
     }
     for module, sources in graph.items():  # the packages above a module run before it
         above = {source[:end] for source in [*sources] for end in range(len(source)) if source[end] == "."}
@@ -162,7 +121,7 @@ def test_no_imports_go_in_a_circle():
 
 def test_others_reach_into_no_module_that_a_room_keeps_for_itself():
     offences = []
-    for module, found in IMPORTS.items():
+    for module, found in all_imports().items():
         for source, taken in found:
             room, _, leaf = source.rpartition(".")
             if source in ROOMS or room in {"", "isacbench"}:
@@ -178,8 +137,8 @@ def test_others_reach_into_no_module_that_a_room_keeps_for_itself():
 
 def test_rooms_name_what_exists():
     for room in ROOMS - {"isacbench", "isacbench_algorithms"}:
-        bound = {name for _, name in IMPORTS[room]} | {
-            node.name for node in TREES[room].body if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        bound = {name for _, name in all_imports()[room]} | {
+            node.name for node in trees()[room].body if isinstance(node, ast.FunctionDef | ast.ClassDef)
         }
         for name in exported(room):
             assert name in bound or f"{room}.{name}" in FILES, f"{room} names {name}"
@@ -202,7 +161,7 @@ def test_rooms_alone_list_their_names():
 
 def test_no_public_function_or_class_is_defined_twice():
     places = defaultdict(list)
-    for module, tree in TREES.items():
+    for module, tree in trees().items():
         if module in ROOMS:
             continue
         for node in tree.body:
@@ -260,7 +219,7 @@ def resolves(dotted):
             if n == len(parts):
                 return True
             words = ("name", "id", "attr", "arg")
-            names = {getattr(node, word, None) for node in ast.walk(TREES[module]) for word in words}
+            names = {getattr(node, word, None) for node in ast.walk(trees()[module]) for word in words}
             return parts[n] in names | exported(module) | {"__version__", "__file__", "__path__"}
     return False
 

@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
@@ -128,7 +128,6 @@ grids = st.tuples(
 )
 
 
-@settings(deadline=None)
 @given(grids)
 def test_every_variant_of_any_grid_is_one_specification_that_its_text_gives_back(grid):
     name, values = grid

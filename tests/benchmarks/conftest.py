@@ -1,6 +1,8 @@
 """Two scenes, what the stages of an image pass on, and how ratios are measured; all on one thread."""
 
 import math
+import resource
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
@@ -29,6 +31,16 @@ from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
 
 SNR_DB = 10.0
+SCORES = [
+    *("hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m", "density", "velocity_nmse", "deviation"),
+    *("chamfer_m", "gospa_m", "time_estimate_s", "precision", "recall", "time_score_s"),
+]
+
+
+def largest_memory_mib():
+    """Most memory that this process ever held."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
 
 
 def small_scenario():

@@ -29,12 +29,6 @@ def test_white_noise(benchmark, scene):
 
 
 @DETECTORS
-def test_detect(benchmark, scene, detector):
-    power, looks = power_map(scene.seen.cells, "noncoherent")
-    assert benchmark(detector.detect, power, looks).mask.any()
-
-
-@DETECTORS
 def test_detect_cells(benchmark, scene, detector):
     assert benchmark(detect_cells, scene.seen, detector, "noncoherent", 28.0).bins[0].size
 
@@ -48,10 +42,6 @@ def test_detect_on_a_whole_map(benchmark, noise_map, detector, n_cells):
         cells = tuple(rng.integers(0, length, n_cells) for length in noise_map.shape)
     found = benchmark(lambda: detector.detect(noise_map, cells=cells).threshold)
     assert found.size == (n_cells or noise_map.size)
-
-
-def test_mask_by_counting(benchmark, noise_map):
-    assert 300 < np.count_nonzero(benchmark(lambda: OsCfar().detect(noise_map).mask)) < 700
 
 
 @pytest.mark.parametrize("looks", [2, 16, 256])

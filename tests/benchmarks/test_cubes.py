@@ -6,9 +6,6 @@ then the same detection and angles. Ratios are printed and kept in the
 benchmark's ``extra_info``; they decide nothing.
 """
 
-import statistics
-import time
-
 import numpy as np
 import pytest
 import scipy.fft
@@ -72,53 +69,22 @@ def plain_chain(cube, scenario, estimator):
     return estimator.estimate(observation)
 
 
-def interleaved_medians_s(*works):
-    """Median time of each of some works, done in turns so that all see the same machine."""
-    times_s = [[] for _ in works]
-    for _ in range(ROUNDS):
-        for work, taken in zip(works, times_s, strict=True):
-            start = time.perf_counter()
-            work()
-            taken.append(time.perf_counter() - start)
-    return [statistics.median(taken) for taken in times_s]
-
-
-def report(benchmark, capsys, title, **numbers):
-    """Keep ratios beside the benchmark's own numbers, and show them."""
-    benchmark.extra_info.update(numbers)
-    with capsys.disabled():
-        print(f"\n{title}: " + ", ".join(f"{name} {value:.3g}" for name, value in numbers.items()))
-
-
 @pytest.mark.parametrize("integration", ["noncoherent", "element"])
 @pytest.mark.parametrize("estimator", [Music2d, Fft4d], ids=lambda one: one.name)
-def test_image_of_a_cube_against_the_plain_chain(
-    benchmark, capsys, street, cube, estimator, integration, request
-):
+def test_image_of_a_cube_against_the_plain_chain(against, street, cube, estimator, integration):
     imager = estimator(integration=integration)
-
-    def image():
-        return imager.estimate(observe_cube(cube, street, workers=N_THREADS))
-
-    assert len(benchmark.pedantic(image, rounds=ROUNDS, warmup_rounds=1)) > 20
-    ours_s, plain_s, range_fft_s = interleaved_medians_s(
-        image,
-        lambda: plain_chain(cube, street, imager),
-        lambda: scipy.fft.ifft(cube, axis=0, norm="ortho", workers=N_THREADS),
+    cloud = against(
+        lambda: imager.estimate(observe_cube(cube, street, workers=N_THREADS)),
+        {
+            "the plain chain": lambda: plain_chain(cube, street, imager),
+            "its FFT along range": lambda: scipy.fft.ifft(cube, axis=0, norm="ortho", workers=N_THREADS),
+        },
+        rounds=ROUNDS,
     )
-    report(
-        benchmark,
-        capsys,
-        request.node.name,
-        image_s=ours_s,
-        plain_chain_s=plain_s,
-        range_fft_s=range_fft_s,
-        plain_over_image=plain_s / ours_s,
-        image_over_range_fft=ours_s / range_fft_s,
-    )
+    assert len(cloud) > 20
 
 
-def test_gated_simulation_and_image_against_the_whole_frame(benchmark, capsys, street):
+def test_gated_simulation_and_image_against_the_whole_frame(against, street):
     imager = Music2d()
     positions = street.array.positions
 
@@ -136,12 +102,7 @@ def test_gated_simulation_and_image_against_the_whole_frame(benchmark, capsys, s
             cube[first : first + step] = block.reshape(-1, *shape[1:])
         return plain_chain(cube, street, imager)
 
-    assert len(benchmark.pedantic(gated, rounds=ROUNDS, warmup_rounds=1)) > 100
-    start = time.perf_counter()
-    assert len(plain()) > 100
-    plain_s = time.perf_counter() - start
-    (gated_s,) = interleaved_medians_s(gated)
-    report(benchmark, capsys, "simulate and image", gated_s=gated_s, plain_s=plain_s, ratio=plain_s / gated_s)
+    assert len(against(gated, {"the whole frame": plain}, rounds=1)) > 100
 
 
 @pytest.mark.parametrize("elements", ["cells", "cross"])

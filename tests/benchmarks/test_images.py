@@ -12,9 +12,7 @@ from isacbench_algorithms.nomp4d import Nomp4d
 from isacbench_algorithms.omp4d import Omp4d
 from isacbench_algorithms.oracle import Oracle
 
-from isacbench.metrics.cloud_scores import cloud_scores, gospa_m
-from isacbench.metrics.deviation import paper_deviation
-from isacbench.metrics.repository import repository_deviation
+from isacbench.metrics.cloud_scores import gospa_m
 from isacbench.metrics.score import METRICS, score
 from isacbench.model.echo import Simulator
 
@@ -52,19 +50,6 @@ def clouds(scene):
 @pytest.mark.parametrize("metric", METRICS)
 def test_score(benchmark, clouds, metric):
     assert benchmark(score, *clouds, metric)["n_true"] == len(clouds[0])
-
-
-def test_paper_deviation(benchmark, scene, clouds):
-    bin_mps = scene.scenario.system.velocity_bin_mps
-    assert benchmark(paper_deviation, *clouds, scene.scenario.region, bin_mps).deviation > 0
-
-
-def test_repository_deviation(benchmark, clouds):
-    assert benchmark(repository_deviation, *clouds).deviation > 0
-
-
-def test_cloud_scores(benchmark, scene, clouds):
-    assert benchmark(cloud_scores, *clouds, scene.scenario.region).chamfer_m > 0
 
 
 def test_gospa(benchmark, clouds):

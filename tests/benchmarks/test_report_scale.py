@@ -2,8 +2,6 @@
 
 import itertools
 import json
-import resource
-import sys
 import time
 from datetime import UTC, datetime
 
@@ -21,9 +19,8 @@ from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.tables.run_tables import score_grids
 from isacbench.report.tables.tables_by_kind import write_run_tables
+from tests.benchmarks.conftest import SCORES, largest_memory_mib
 
-SCORES = ["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m", "density", "velocity_nmse", "deviation"]
-SCORES += ["chamfer_m", "gospa_m", "time_estimate_s", "precision", "recall", "time_score_s"]
 N_POINTS = 2
 MAX_MEMORY_MIB = 2048
 
@@ -76,12 +73,6 @@ def made_up_results(n_snrs, n_trials, n_variants):
         wall_time_s=0.0,
         interrupted=False,
     )
-
-
-def largest_memory_mib():
-    """Most memory that this process ever held."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
 
 
 @pytest.mark.slow

@@ -2,10 +2,9 @@
 
 import ast
 import re
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-MODULES = [path for folder in ("isacbench", "algorithms") for path in sorted((ROOT / folder).rglob("*.py"))]
+from tests.documents.sources import FILES, trees
+
 QUESTION = re.compile(r"(What|Which|Whether|How|Where|Who|Whose|Why|When|That)\b")
 NO_SECTIONS = ("overload", "validator", "property", ".command")  # decorators
 
@@ -20,30 +19,25 @@ def definitions(node, prefix="", public=True):
                 yield from definitions(child, f"{prefix}{child.name}.", is_public)
 
 
-FOUND = [
-    (path, name, node, is_public)
-    for path in MODULES
-    for name, node, is_public in definitions(ast.parse(path.read_text("utf-8")))
-]
-
-
 def has_arguments(function):
     given = function.args
     names = [one.arg for one in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
     return bool({*names} - {"self", "cls"} or given.vararg or given.kwarg)
 
 
-def wants_sections(path, function):
+def wants_sections(module, function):
     decorators = " ".join(map(ast.unparse, function.decorator_list))
-    is_command = path.parent.name == "cli" and function.name.endswith("_command")  # its docstring is its help
+    is_command = FILES[module].parent.name == "cli" and function.name.endswith(
+        "_command"
+    )  # its docstring is its help
     return has_arguments(function) and not is_command and not any(word in decorators for word in NO_SECTIONS)
 
 
 def test_no_docstring_opens_with_a_question():
-    modules = [(path, "", ast.parse(path.read_text("utf-8"))) for path in MODULES]
     offences = [
-        f"{path.relative_to(ROOT)} {name}: {text.splitlines()[0]}"
-        for path, name, node in [*modules, *((path, name, node) for path, name, node, _ in FOUND)]
+        f"{module} {name}: {text.splitlines()[0]}"
+        for module, tree in trees().items()
+        for name, node, _ in [("", tree, True), *definitions(tree)]
         if (text := ast.get_docstring(node)) and QUESTION.match(text)
     ]
     assert offences == []
@@ -51,13 +45,14 @@ def test_no_docstring_opens_with_a_question():
 
 def test_public_functions_with_arguments_describe_them_and_what_they_return():
     offences = []
-    for path, name, node, is_public in FOUND:
-        if isinstance(node, ast.ClassDef) or not is_public or not wants_sections(path, node):
-            continue
-        text = ast.get_docstring(node) or ""
-        returns = ast.unparse(node.returns) if node.returns else "None"
-        if "Parameters\n---" not in text:
-            offences.append(f"{path.relative_to(ROOT)} {name}: Parameters")
-        if returns not in ("None", "NoReturn") and not re.search(r"(Returns|Yields)\n---", text):
-            offences.append(f"{path.relative_to(ROOT)} {name}: Returns")
+    for module, tree in trees().items():
+        for name, node, is_public in definitions(tree):
+            if isinstance(node, ast.ClassDef) or not is_public or not wants_sections(module, node):
+                continue
+            text = ast.get_docstring(node) or ""
+            returns = ast.unparse(node.returns) if node.returns else "None"
+            if "Parameters\n---" not in text:
+                offences.append(f"{module} {name}: Parameters")
+            if returns not in ("None", "NoReturn") and not re.search(r"(Returns|Yields)\n---", text):
+                offences.append(f"{module} {name}: Returns")
     assert offences == []

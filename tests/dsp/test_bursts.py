@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
@@ -36,7 +36,6 @@ def some_bursts(draw):
     return SymbolBursts(n_symbols, before, length, n_bursts, spacing)
 
 
-@settings(max_examples=30)
 @given(some_bursts(), st.lists(st.floats(-40, 40), min_size=1, max_size=5))
 def test_kernel_and_slopes_are_sums_over_the_symbols(bursts, distance):
     distance = np.array(distance)
@@ -44,7 +43,6 @@ def test_kernel_and_slopes_are_sums_over_the_symbols(bursts, distance):
         np.testing.assert_allclose(value, expected, atol=1e-6)
 
 
-@settings(max_examples=30)
 @given(some_bursts(), st.floats(-40, 40), st.integers(-300, 300))
 def test_a_centred_echo_is_the_response(bursts, place, first):
     bins, symbols = np.arange(first, first + 9), np.arange(bursts.n_symbols)
@@ -57,7 +55,6 @@ def test_a_centred_echo_is_the_response(bursts, place, first):
     np.testing.assert_allclose(centred, bursts.response(bins, [place])[:, 0], atol=1e-6 * np.sqrt(n))
 
 
-@settings(max_examples=30)
 @given(st.integers(1, 200), st.lists(st.floats(-300, 300), min_size=1, max_size=5))
 def test_a_whole_frame_has_the_dirichlet_kernel_bit_for_bit(n, distance):
     whole, distance = whole_frame(n), np.array(distance)
@@ -68,7 +65,6 @@ def test_a_whole_frame_has_the_dirichlet_kernel_bit_for_bit(n, distance):
     assert whole.redundancy == 1
 
 
-@settings(max_examples=40)
 @given(st.floats(-16, 16))
 def test_sidelobes_lie_below_their_bound(distance):
     # The bound takes the sine between two lobes for its angle, π/2 at most.
@@ -76,14 +72,12 @@ def test_sidelobes_lie_below_their_bound(distance):
     assert abs(PRS.slopes(distance)[0]) <= bound + 1e-12
 
 
-@settings(max_examples=30)
 @given(st.integers(-4, 4), st.floats(-0.25, 0.25))
 def test_grating_lobes_lie_below_their_bound_even_where_peaks_are_read_beside_them(lobe, error):
     height = abs(PRS.slopes(4.0 * lobe)[0])
     assert height <= 1 / PRS.sidelobe_drop(np.array(4 * lobe + error)) + 1e-12
 
 
-@settings(max_examples=30)
 @given(st.floats(0, 1))
 def test_two_neighbouring_bins_tell_where_an_echo_is(offset):
     for bursts in (PRS, SymbolBursts(32, 2, 12)):

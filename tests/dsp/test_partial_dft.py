@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.fft
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.partial_dft import (
@@ -28,7 +28,6 @@ def random_grid(shape, seed, dtype=np.complex128):
 sizes = st.integers(1, 24)
 
 
-@settings(max_examples=30)
 @given(n=sizes, bins=st.lists(st.integers(-50, 50), min_size=1, max_size=6))
 def test_rows_are_those_of_the_unitary_dft_for_bins_of_either_sign(n, bins):
     identity = np.eye(n)
@@ -46,7 +45,6 @@ def test_rows_keep_their_digits_at_the_last_bin_of_a_long_transform():
     assert abs(range_rows([2047], 2048)[0, 2047] - exact) < 1e-17
 
 
-@settings(max_examples=30)
 @given(data=st.data(), n=sizes, m=sizes, e=st.integers(1, 5))
 def test_cells_of_a_gate_are_those_of_the_whole_map_whatever_the_memory_order(data, n, m, e):
     grid = random_grid((n, m, e), seed=n + 100 * m)
@@ -60,7 +58,6 @@ def test_cells_of_a_gate_are_those_of_the_whole_map_whatever_the_memory_order(da
     np.testing.assert_allclose(cells, expected, atol=1e-12)
 
 
-@settings(max_examples=30)
 @given(data=st.data(), n=st.integers(2, 20), m=st.integers(2, 20))
 def test_cells_are_the_sum_over_any_blocks_of_the_grid(data, n, m):
     grid = random_grid((n, m, 3), seed=n * m)
@@ -78,7 +75,6 @@ def test_cells_are_the_sum_over_any_blocks_of_the_grid(data, n, m):
     np.testing.assert_allclose(total, transform_block(grid, along_doppler, along_range), atol=1e-12)
 
 
-@settings(max_examples=30)
 @given(
     bins=st.lists(st.integers(-30, 30), min_size=1, max_size=12, unique=True),
     m=st.integers(1, 24),
@@ -134,7 +130,6 @@ def test_single_precision_stays_single_and_errs_by_its_rounding(order):
     assert np.sqrt(np.mean(np.abs(cells - exact) ** 2) / np.mean(np.abs(exact) ** 2)) < 1e-6
 
 
-@settings(max_examples=30)
 @given(n=st.integers(1, 4096), lines=st.sampled_from(["contiguous", "strided"]))
 def test_an_fft_takes_over_where_bins_are_many_and_never_goes_back(n, lines):
     methods = [range_method(bins, n, lines) for bins in range(1, n + 1)]

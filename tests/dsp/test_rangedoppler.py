@@ -4,7 +4,7 @@ import cmath
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.aperture import Cross, Plane
@@ -22,7 +22,6 @@ def random_cells(shape, seed=0):
     return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
 
 
-@settings(max_examples=30)
 @given(SIZES, SIZES)
 def test_the_map_is_the_double_sum_it_stands_for(n_subcarriers, n_symbols):
     grid = random_cells((n_subcarriers, n_symbols))
@@ -37,7 +36,6 @@ def test_the_map_is_the_double_sum_it_stands_for(n_subcarriers, n_symbols):
             assert cells[r, d] == pytest.approx(total / (n_subcarriers * n_symbols) ** 0.5, abs=1e-12)
 
 
-@settings(max_examples=40)
 @given(SIZES, SIZES, st.integers(1, 3))
 def test_the_map_keeps_the_energy_of_every_element(n_subcarriers, n_symbols, n_elements):
     grid = random_cells((n_subcarriers, n_symbols, n_elements))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.scaling import MOST_EXPONENT, in_unit
@@ -11,7 +11,6 @@ from isacbench.errors import InputError
 CELLS = np.random.default_rng(0).standard_normal((3, 4, 2, 2, 2)).view(complex)[..., 0]
 
 
-@settings(max_examples=40)
 @given(st.integers(-1000, 500))
 def test_cells_in_their_unit_are_the_same_bits_whatever_the_unit_was(exponent):
     scaled, unit = in_unit(np.ldexp(CELLS.real, exponent) + 1j * np.ldexp(CELLS.imag, exponent))

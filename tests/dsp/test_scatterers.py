@@ -5,7 +5,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
@@ -76,14 +76,13 @@ def rows_of(found):
 
 
 @pytest.mark.parametrize("window", WINDOWS)
-@pytest.mark.parametrize("offset", [-0.45, -0.2, 0.0, 0.1, 0.4])
-@pytest.mark.parametrize("doppler_bin", [-3, 0, 2])
-def test_a_scatterer_between_doppler_bins_is_placed_there(window, offset, doppler_bin):
-    gated = gated_map([33], [doppler_bin + offset], [0.05], [0.15], [2.0])
-    found = located(gated, ([33], [doppler_bin]), window=window)
-    assert found.doppler_bin == pytest.approx(doppler_bin + offset, abs=2e-3)
-    assert found.range_bin == pytest.approx([33])
-    assert (found.u, found.w) == ([0.05], [0.15])
+def test_a_scatterer_between_doppler_bins_is_placed_there(window):
+    for doppler_bin, offset in [(-3, -0.45), (0, -0.2), (2, 0.0), (0, 0.1), (-3, 0.4), (2, 0.4)]:
+        gated = gated_map([33], [doppler_bin + offset], [0.05], [0.15], [2.0])
+        found = located(gated, ([33], [doppler_bin]), window=window)
+        assert found.doppler_bin == pytest.approx(doppler_bin + offset, abs=2e-3)
+        assert found.range_bin == pytest.approx([33])
+        assert (found.u, found.w) == ([0.05], [0.15])
 
 
 def test_power_is_that_of_the_echo_in_the_middle_of_its_cell():
@@ -91,11 +90,11 @@ def test_power_is_that_of_the_echo_in_the_middle_of_its_cell():
     assert found.power == pytest.approx(4 * SYSTEM.processing_gain)
 
 
-@pytest.mark.parametrize("offset", [-0.4, -0.1, 0.1, 0.4])
-def test_along_doppler_a_plane_wave_is_kept_in_its_own_cell_only(offset):
-    gated = gated_map([33], [1 + offset], [0.05], [0.15], [1.0])
-    found = located(gated, ([33] * 5, [-1, 0, 1, 2, 3]))
-    assert np.rint(found.doppler_bin).tolist() == [1]
+def test_along_doppler_a_plane_wave_is_kept_in_its_own_cell_only():
+    for offset in (-0.4, -0.1, 0.1, 0.4):
+        gated = gated_map([33], [1 + offset], [0.05], [0.15], [1.0])
+        found = located(gated, ([33] * 5, [-1, 0, 1, 2, 3]))
+        assert np.rint(found.doppler_bin).tolist() == [1]
 
 
 def test_along_range_the_next_cell_may_be_stronger_as_far_as_allowed():
@@ -107,12 +106,12 @@ def test_along_range_the_next_cell_may_be_stronger_as_far_as_allowed():
 
 
 @pytest.mark.parametrize("window", WINDOWS)
-@pytest.mark.parametrize("offset", [-0.45, -0.2, 0.0, 0.3])
-def test_a_scatterer_alone_between_range_bins_is_placed_there(window, offset):
-    gated = gated_map([35 + offset], [1.2], [0.05], [0.15], [1.0])
-    tapered, bins = gated.tapered(window, "soft"), (np.array([35]), np.array([1]))
-    found = locate_waves(waves_in(bins, 0.05, 0.15), tapered, bins, (window, "soft"), 16.5)
-    assert found.scatterers.range_bin == pytest.approx([35 + offset], abs=2e-3)
+def test_a_scatterer_alone_between_range_bins_is_placed_there(window):
+    for offset in (-0.45, -0.2, 0.0, 0.3):
+        gated = gated_map([35 + offset], [1.2], [0.05], [0.15], [1.0])
+        tapered, bins = gated.tapered(window, "soft"), (np.array([35]), np.array([1]))
+        found = locate_waves(waves_in(bins, 0.05, 0.15), tapered, bins, (window, "soft"), 16.5)
+        assert found.scatterers.range_bin == pytest.approx([35 + offset], abs=2e-3)
 
 
 def test_among_others_a_scatterer_is_left_in_the_middle_of_its_range_bin():
@@ -217,7 +216,6 @@ CROWDS = st.lists(
 )
 
 
-@settings(max_examples=30)
 @given(crowd=CROWDS, seed=st.integers(0, 999))
 def test_merging_keeps_the_strongest_as_a_plain_double_loop_does_in_any_order(crowd, seed):
     points = np.column_stack([crowd.range_bin, crowd.doppler_bin, crowd.u, crowd.w])
@@ -231,13 +229,6 @@ def test_merging_keeps_the_strongest_as_a_plain_double_loop_does_in_any_order(cr
     assert len(merged) == len(kept)
 
 
-@settings(max_examples=30)
-@given(crowd=CROWDS)
-def test_merging_twice_is_merging_once(crowd):
-    once = merge_duplicates(crowd)
-    assert rows_of(merge_duplicates(once)) == rows_of(once)
-
-
 @pytest.mark.parametrize("coordinate", range(4))
 def test_two_points_are_one_only_if_near_in_all_four_coordinates(coordinate):
     step = np.zeros(5)
@@ -246,11 +237,6 @@ def test_two_points_are_one_only_if_near_in_all_four_coordinates(coordinate):
     stronger = start + 0.9 * step + [0, 0, 0, 0, 1.0]
     assert rows_of(merge_duplicates(scatterers(start, stronger))) == {tuple(stronger)}
     assert len(merge_duplicates(scatterers(start, start + 1.1 * step))) == 2
-
-
-def test_a_chain_of_neighbours_is_thinned_out_and_not_merged_into_one():
-    chain = scatterers(*((0.2 * i, 0, 0, 0, 10 - i) for i in range(5)))
-    assert merge_duplicates(chain).range_bin.tolist() == [0.0, 0.4, 0.8]
 
 
 def test_of_equals_one_is_left():

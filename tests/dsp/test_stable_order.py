@@ -1,7 +1,7 @@
 """Order of numbers that only rounding tells apart."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.stable_order import rounded, stepped
@@ -9,14 +9,12 @@ from isacbench.dsp.stable_order import rounded, stepped
 VALUES = st.floats(1e-100, 1e100)
 
 
-@settings(max_examples=30)
 @given(VALUES, st.integers(-50, 50))
 def test_rounding_is_the_same_in_any_unit(value, exponent):
     scale = 2.0**exponent
     assert rounded(np.array([scale * value]), 9)[0] == scale * rounded(np.array([value]), 9)[0]
 
 
-@settings(max_examples=40)
 @given(VALUES, st.integers(3, 12))
 def test_rounding_moves_by_no_more_than_half_the_last_digit(value, digits):
     assert abs(rounded(np.array([value]), digits)[0] - value) <= value * 10.0**-digits
@@ -35,7 +33,6 @@ def test_zero_stays():
 PLACES, STEPS = st.floats(-100.0, 100.0), st.floats(1e-12, 0.5)
 
 
-@settings(max_examples=40)
 @given(PLACES, STEPS)
 def test_a_place_moves_by_less_than_the_square_of_the_step_that_led_to_it(place, step):
     assert abs(stepped(np.array([place]), np.array([step]))[0] - place) <= max(
@@ -43,7 +40,6 @@ def test_a_place_moves_by_less_than_the_square_of_the_step_that_led_to_it(place,
     )
 
 
-@settings(max_examples=40)
 @given(PLACES, STEPS)
 def test_mirrored_places_stay_mirrored(place, step):
     one, other = (stepped(np.array([sign * place]), np.array([sign * step]))[0] for sign in (1, -1))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import constants
 
@@ -10,9 +10,10 @@ from isacbench.dsp.bounds import joint_bound, single_bound, stochastic_bound
 from isacbench.errors import InputError
 from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
+from tests.conftest import few
 
 SHAPE = (3, 4)
-SYSTEMS = {"all": System(n_subcarriers=12, n_symbols=8), "prs": System(n_subcarriers=14, n_symbols=70)}
+SYSTEMS = {"all": System(n_subcarriers=7, n_symbols=5), "prs": System(n_subcarriers=14, n_symbols=70)}
 """The comb on 14 subcarriers is not symmetric about its middle, so that inner products are complex there."""
 
 SENSING = pytest.mark.parametrize("sensing", ["all", "prs"])
@@ -111,8 +112,10 @@ def pair_bound(separation, covariance, snr_post):
 
 
 @SENSING
-@pytest.mark.parametrize(("k", "rank"), [(1, 1), (2, 2), (3, 3), (3, 2), (3, 1)])
-@pytest.mark.parametrize("noise_power", [0.01, 1.0, 300.0])
+@pytest.mark.parametrize(
+    ("k", "rank", "noise_power"),
+    [(1, 1, 0.01), (2, 2, 1.0), (3, 3, 300.0), (3, 3, 0.01), (3, 2, 1.0), (3, 1, 300.0)],
+)
 def test_the_bound_is_the_printed_formula_of_filled_matrices(sensing, k, rank, noise_power):
     rng = np.random.default_rng([k, rank])
     system, shape = SYSTEMS[sensing], SHAPE if sensing == "all" else (2, 3)
@@ -152,7 +155,7 @@ def test_the_bound_is_that_of_the_numerical_fisher_matrix_of_the_likelihood(nois
 
 
 @SENSING
-@settings(deadline=None, max_examples=30)
+@few
 @given(snr_post=st.floats(1e-3, 1e6), n_frames=st.integers(1, 1000), seed=st.integers(0, 2**32 - 1))
 def test_one_scatterer_has_its_closed_form(sensing, snr_post, n_frames, seed):
     system = SYSTEMS[sensing]
@@ -197,7 +200,7 @@ def test_it_is_never_below_the_deterministic_bound_of_the_same_covariance_and_re
 
 
 @SENSING
-@settings(deadline=None, max_examples=20)
+@few
 @given(
     seed=st.integers(0, 2**32 - 1), level=st.floats(1e-3, 1e3), phase=st.floats(0, 2 * np.pi), data=st.data()
 )

@@ -4,7 +4,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.windows import COEFFICIENTS, Window, fractional_bin, reach, taper, taps
@@ -84,7 +84,6 @@ def test_an_axis_shorter_than_the_window_is_refused(window):
 
 
 @pytest.mark.parametrize("window", WINDOWS)
-@settings(max_examples=40)
 @given(offset=st.floats(0, 1), start=st.integers(3, N - 4))
 def test_the_offset_of_an_echo_is_read_off_its_dft(window, offset, start):
     echo = samples(window) * np.exp(2j * np.pi * np.arange(N) * (start + offset) / N)
@@ -94,7 +93,6 @@ def test_the_offset_of_an_echo_is_read_off_its_dft(window, offset, start):
 
 
 @pytest.mark.parametrize("window", WINDOWS)
-@settings(max_examples=40)
 @given(ratio=st.floats(1e-6, 1e6))
 def test_swapping_the_two_bins_mirrors_the_offset(window, ratio):
     assert fractional_bin(ratio, window) + fractional_bin(1 / ratio, window) == pytest.approx(1)

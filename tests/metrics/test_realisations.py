@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.metrics.realisations import SPREAD_COLUMNS, nearest_to_mean, score_realisations
 from isacbench.metrics.score import METRICS, score
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
+from tests.conftest import few
 
 REGION = Region((0.0, 9.0), (0.0, 9.0), (0.0, 9.0), (-5.0, 5.0))
 
@@ -23,7 +24,6 @@ def test_every_score_has_a_column_for_its_spread_and_the_true_number_has_none():
     assert SPREAD_COLUMNS["gospa_m"] == "gospa_m_spread"
 
 
-@settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 999), sizes=st.lists(st.integers(0, 6), min_size=1, max_size=7))
 def test_means_and_spreads_are_those_of_single_scores(seed, sizes):
     truth = cloud_of(seed, 5)
@@ -46,7 +46,7 @@ def test_means_and_spreads_are_those_of_single_scores(seed, sizes):
     assert nearest_to_mean(truth, clouds, REGION, 1.5) == found.nearest
 
 
-@settings(deadline=None, max_examples=20)
+@few
 @given(seed=st.integers(0, 999), n=st.integers(1, 6), copies=st.integers(1, 70))
 def test_equal_clouds_have_the_scores_of_one_and_no_spread(seed, n, copies):
     truth, cloud = cloud_of(seed, 4), cloud_of(seed + 1, n)

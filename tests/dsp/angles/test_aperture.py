@@ -4,7 +4,7 @@ import cmath
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.aperture import Cross, Plane
@@ -51,7 +51,6 @@ def test_an_aperture_has_as_many_elements_as_its_snapshots(kind, shape):
     assert aperture.n_elements == len(elements(aperture)) == np.prod(aperture.shape)
 
 
-@settings(max_examples=40)
 @given(shape=SHAPES, seed=SEEDS)
 def test_a_cross_holds_its_elements_in_the_order_of_an_observation(shape, seed):
     plane, cross = Plane(*shape), Cross(*shape)
@@ -61,7 +60,6 @@ def test_a_cross_holds_its_elements_in_the_order_of_an_observation(shape, seed):
 
 
 @APERTURES
-@settings(deadline=None, max_examples=30)
 @given(shape=SHAPES, seed=SEEDS)
 def test_gram_matrices_are_the_products_of_all_pairs_of_responses(kind, shape, seed):
     aperture, _, (u, w) = drawn(kind, shape, seed, (2, 3))
@@ -75,7 +73,6 @@ def test_gram_matrices_are_the_products_of_all_pairs_of_responses(kind, shape, s
 
 
 @APERTURES
-@settings(deadline=None, max_examples=40)
 @given(shape=SHAPES, seed=SEEDS)
 def test_gram_matrices_of_intersections_are_those_of_the_pairs_written_out(kind, shape, seed):
     aperture, _, (u, _), (_, w) = drawn(kind, shape, seed, (2, 3), (2, 2))
@@ -85,7 +82,6 @@ def test_gram_matrices_of_intersections_are_those_of_the_pairs_written_out(kind,
 
 
 @APERTURES
-@settings(deadline=None, max_examples=30)
 @given(shape=SHAPES, seed=SEEDS)
 def test_matched_filters_are_the_products_of_responses_with_snapshots(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 3))
@@ -100,7 +96,6 @@ def test_matched_filters_are_the_products_of_responses_with_snapshots(kind, shap
 
 
 @APERTURES
-@settings(deadline=None, max_examples=40)
 @given(shape=SHAPES, seed=SEEDS)
 def test_beams_are_matched_filters_of_one_direction_for_many_snapshots(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (3,))
@@ -110,7 +105,6 @@ def test_beams_are_matched_filters_of_one_direction_for_many_snapshots(kind, sha
 
 
 @APERTURES
-@settings(deadline=None, max_examples=30)
 @given(shape=SHAPES, seed=SEEDS)
 def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape, seed):
     aperture, rng, (u, _), (_, w) = drawn(kind, shape, seed, (2, 3), (2, 2))
@@ -121,7 +115,6 @@ def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape
 
 
 @APERTURES
-@settings(max_examples=30)
 @given(shape=SHAPES, seed=SEEDS)
 def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_double(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 2))
@@ -140,7 +133,6 @@ def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_doubl
 
 
 @APERTURES
-@settings(deadline=None, max_examples=40)
 @given(shape=SHAPES, seed=SEEDS)
 def test_a_synthesis_is_the_sum_of_waves_at_every_element(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 3))
@@ -152,7 +144,6 @@ def test_a_synthesis_is_the_sum_of_waves_at_every_element(kind, shape, seed):
 
 
 @APERTURES
-@settings(max_examples=40)
 @given(shape=SHAPES, seed=SEEDS)
 def test_lines_run_along_u_and_along_w_and_hold_every_element(kind, shape, seed):
     aperture, _, (u, w) = drawn(kind, shape, seed, (2, 1))
@@ -171,7 +162,6 @@ def test_a_plane_has_all_its_rows_and_columns_as_lines_and_a_cross_one_of_each()
         assert tuple(part.shape[2] for part in lines) == n_lines
 
 
-@settings(max_examples=40)
 @given(seed=SEEDS, n=st.integers(2, 8))
 def test_four_corners_of_a_rectangle_of_directions_are_dependent_on_a_cross_and_not_on_a_plane(seed, n):
     u, w = np.random.default_rng(seed).uniform(-0.9, 0.9, (2, 1, 2))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.beamformers import bartlett_spectrum, capon_spectrum, iaa_spectrum
@@ -76,7 +76,6 @@ def test_capon_s_power_is_that_of_the_inverse_of_the_smoothed_covariance(shape, 
     np.testing.assert_allclose(found, on_grid(power), rtol=1e-8)
 
 
-@settings(max_examples=30)
 @given(seed=st.integers(0, 9999), loading=st.floats(1e-3, 1e3))
 def test_capon_s_filter_passes_no_more_than_bartlett_s(seed, loading):
     x, subarray = waves((6, 5), (0.2, 0.1, 2.0), level=1.0, seed=seed), (4, 3)
@@ -137,7 +136,6 @@ SPECTRA = {
 
 
 @pytest.mark.parametrize("name", SPECTRA)
-@settings(max_examples=25)
 @given(u=st.floats(-0.45, 0.45), w=st.floats(-0.45, 0.45))
 def test_a_lone_wave_is_found_where_it_is(name, u, w):
     found = SPECTRA[name](waves((16, 16), (u, w, 1.0))).waves(10.0, 4)
@@ -175,7 +173,6 @@ def test_the_flat_spectrum_of_an_element_alone_has_no_peaks():
 
 
 @pytest.mark.parametrize("snr", [1e2, 1e3, 1e4])
-@settings(max_examples=20)
 @given(shift=st.floats(0, 1 / 32))
 def test_two_equal_waves_are_both_peaks_of_capon_s_spectrum_wherever_the_samples_lie(snr, shift):
     places = [(-0.1 + shift, 0.1, 1.0), (0.15 + shift, 0.1, 1j)]

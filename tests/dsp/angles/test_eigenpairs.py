@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.eigenpairs import MOST_ROTATION, separated_order, with_rounding
@@ -35,7 +35,6 @@ def snapshot(u, w, gain, shape=(16, 16)):
     )[None, None]
 
 
-@settings(deadline=None, max_examples=30)
 @given(
     decades=st.lists(st.floats(-13, 0), min_size=3, max_size=9),
     order=st.integers(1, 8),
@@ -64,7 +63,6 @@ def test_a_white_covariance_has_no_signal_subspace(power):
     assert separated_order(pairs.rotation, np.array([4])).tolist() == [0]
 
 
-@settings(max_examples=30)
 @given(
     sines=st.lists(st.sampled_from([0.0, 1e-9, MOST_ROTATION, 2e-3, 1.0]), min_size=0, max_size=6),
     order=st.integers(0, 7),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.esprit import most_sources, unitary_esprit
@@ -66,7 +66,6 @@ def scenes(draw):
     return u, w, np.array(gain)
 
 
-@settings(deadline=None, max_examples=30)
 @given(scene=scenes(), shift=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)))
 def test_directions_move_with_the_sources_and_do_not_depend_on_their_order(scene, shift):
     u, w, gain = scene

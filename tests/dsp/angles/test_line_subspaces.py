@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.line_subspaces import (
@@ -69,7 +69,6 @@ def sources(draw):
     return cosine, np.array(gain)
 
 
-@settings(max_examples=30)
 @given(n_subarray=LENGTHS, n_more=st.integers(0, 5), n_snapshots=st.integers(1, 4), seed=st.integers(0, 999))
 def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_transform(
     n_subarray, n_more, n_snapshots, seed
@@ -82,7 +81,6 @@ def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_tr
         np.testing.assert_allclose(found[cell], expected.real, atol=1e-12)
 
 
-@settings(max_examples=30)
 @given(n_subarray=LENGTHS, seed=st.integers(0, 999))
 def test_the_covariance_is_symmetric_and_not_negative(n_subarray, seed):
     covariance = smoothed_covariance(random_snapshots(3, 12, 1, seed=seed), n_subarray)
@@ -105,7 +103,6 @@ def test_the_snapshots_are_left_alone():
     smoothed_covariance(snapshots, 5)
 
 
-@settings(max_examples=30)
 @given(n_subarray=LENGTHS, cosine=st.lists(st.floats(-1, 1), min_size=1, max_size=4))
 def test_real_steering_is_steering_from_the_middle_turned_by_the_unitary_transform(n_subarray, cosine):
     middle = np.exp(1j * np.pi * (n_subarray - 1) / 2 * np.array(cosine))
@@ -116,7 +113,6 @@ def test_real_steering_is_steering_from_the_middle_turned_by_the_unitary_transfo
 
 
 @pytest.mark.parametrize("coherent", [True, False])
-@settings(deadline=None, max_examples=30)
 @given(echoes=sources())
 def test_music_is_exact_on_noise_free_sources(coherent, echoes):
     cosine, gain = echoes
@@ -140,7 +136,6 @@ def test_without_subarrays_three_coherent_sources_are_missed_and_with_them_found
         assert worst[0] <= null.max() / n_subarray <= worst[1]
 
 
-@settings(deadline=None, max_examples=30)
 @given(
     echoes=sources(),
     scale=st.floats(1e-6, 1e6),
@@ -158,7 +153,6 @@ def test_music_does_not_change_with_scale_and_global_phase(echoes, scale, phase,
     )
 
 
-@settings(max_examples=30)
 @given(n_cells=st.integers(1, 4), n_subarray=st.integers(3, 8), seed=st.integers(0, 999))
 def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cells, n_subarray, seed):
     rng = np.random.default_rng(seed)
@@ -174,7 +168,6 @@ def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cel
             assert found[cell, i] == pytest.approx(expected, abs=1e-11)
 
 
-@settings(max_examples=30)
 @given(n_subarray=LENGTHS, cosine=st.lists(st.floats(-1, 1), min_size=1, max_size=4))
 def test_slopes_of_real_steering_are_those_of_complex_steering_turned(n_subarray, cosine):
     arm = np.pi * ((n_subarray - 1) / 2 - np.arange(n_subarray))
@@ -186,7 +179,6 @@ def test_slopes_of_real_steering_are_those_of_complex_steering_turned(n_subarray
             np.testing.assert_allclose(row, expected, atol=1e-11 * n_subarray**order)
 
 
-@settings(deadline=None, max_examples=30)
 @given(echoes=sources(), offset=st.floats(-0.01, 0.01))
 def test_nulls_of_noise_free_sources_are_found_exactly_from_places_nearby(echoes, offset):
     cosine, gain = echoes
@@ -198,7 +190,6 @@ def test_nulls_of_noise_free_sources_are_found_exactly_from_places_nearby(echoes
     np.testing.assert_allclose(minima[0], cosine, atol=1e-7)
 
 
-@settings(max_examples=30)
 @given(seed=st.integers(0, 9999), order=st.integers(1, 4))
 def test_minima_from_a_grid_are_flat_and_entries_that_are_not_found_stay(seed, order):
     lines = random_snapshots(3, SENSORS, 6, seed=seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.model_order import (
@@ -40,7 +40,6 @@ def sources(n_cells, n_sources, gain_db, seed=0):
     return snapshots
 
 
-@settings(max_examples=40)
 @given(
     eigenvalues=st.lists(st.floats(0, 10), min_size=2, max_size=8).map(lambda v: sorted(v, reverse=True)),
     edge=st.floats(0, 10),
@@ -59,7 +58,6 @@ def test_the_noise_edge_is_where_the_eigenvalues_of_a_large_noise_covariance_end
     assert noise_edge(9, 9) == pytest.approx(4)
 
 
-@settings(max_examples=30)
 @given(
     eigenvalues=st.lists(st.floats(0, 1e3), min_size=3, max_size=10).map(lambda v: sorted(v, reverse=True)),
     pfa=st.floats(1e-4, 0.5),
@@ -81,7 +79,6 @@ def test_in_the_eigenvalue_cfar_equal_sources_mask_each_other_as_documented():
     assert noise_order(eigenvalues, noise_edge(8, 16)).tolist() == [4]
 
 
-@settings(max_examples=30)
 @given(
     eigenvalues=st.lists(st.floats(1e-6, 1e6), min_size=3, max_size=10),
     pfa=st.floats(1e-6, 0.5),
@@ -98,7 +95,6 @@ def test_the_eigenvalue_cfar_stands_the_rounding_of_a_singular_covariance():
     assert eigenvalue_cfar_order(np.array([[5.0, 1e-17, -1e-17, -2e-17]]), 1e-2).tolist() == [1]
 
 
-@settings(max_examples=30)
 @given(
     seed=st.integers(0, 999),
     shape=st.tuples(st.integers(2, 9), st.integers(2, 9)),
@@ -119,13 +115,10 @@ def test_no_snapshot_of_unit_energy_has_a_larger_eigenvalue_than_the_edge_charge
     assert largest[0] > 0.6 * weight
 
 
-@pytest.mark.parametrize(
-    ("shape", "subarray", "n_cells"),
-    [((8, 8), (4, 4), 6000), ((8, 8), (5, 5), 4000), ((16, 4), (8, 2), 6000)],
-)
-def test_noise_exceeds_its_edge_about_as_often_as_asked(shape, subarray, n_cells):
-    pfa = 0.02
-    largest = eigenvalues_of(random_snapshots(n_cells, *shape), subarray)[:, 0]
+@pytest.mark.parametrize(("shape", "subarray"), [((8, 8), (4, 4)), ((8, 8), (5, 5)), ((16, 4), (8, 2))])
+def test_noise_exceeds_its_edge_about_as_often_as_asked(shape, subarray):
+    pfa = 0.05
+    largest = eigenvalues_of(random_snapshots(2400, *shape), subarray)[:, 0]
     rate = np.mean(largest > smoothed_noise_edge(shape, subarray, pfa))
     assert pfa / 5 < rate < 1.2 * pfa
 
@@ -160,7 +153,6 @@ def test_in_noise_the_criteria_fall_back_to_one_source_and_with_overlapping_look
         assert np.mean(information_order(values, 81, criterion) > 1) > 0.5
 
 
-@settings(max_examples=30)
 @given(
     eigenvalues=st.lists(st.floats(1e-3, 1e3), min_size=2, max_size=9),
     n_independent=st.floats(1, 100),

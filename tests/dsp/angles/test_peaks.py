@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.peaks import line_peaks, plane_maxima, plane_peaks, vertex
@@ -19,7 +19,6 @@ def distinct(seed, *shape):
     return np.random.default_rng(seed).permutation(np.prod(shape)).reshape(shape) + 1.0
 
 
-@settings(max_examples=40)
 @given(
     offset=st.floats(-0.5, 0.5),
     curvature=st.floats(1e-3, 1e3),
@@ -43,7 +42,6 @@ def test_no_vertex_lies_beyond_half_a_step():
     assert vertex(*samples[::-1]) == -0.5
 
 
-@settings(max_examples=30)
 @given(
     n=st.integers(1, 4),
     g=st.integers(3, 12),
@@ -74,7 +72,6 @@ def test_line_peaks_are_those_of_a_plain_loop(n, g, masked, seed):
         np.testing.assert_allclose(peaks.place[row, : len(maxima)], expected, atol=1e-9)
 
 
-@settings(max_examples=40)
 @given(place=st.floats(-0.8, 0.8), width=st.floats(0.1, 10))
 def test_a_parabola_on_a_line_is_placed_exactly(place, width):
     grid = np.linspace(-1, 1, 21)
@@ -100,7 +97,6 @@ def test_no_spectra_and_no_peaks_asked_for_give_none(shape, n_peaks):
     assert peaks.place.shape == peaks.found.shape == (shape[0], 0)
 
 
-@settings(max_examples=30)
 @given(
     n=st.integers(1, 3),
     g=st.integers(3, 7),
@@ -130,7 +126,6 @@ def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_
             assert column[k, m] == pytest.approx(j + plain_vertex(left, np.log(height), right))
 
 
-@settings(max_examples=30)
 @given(shift=st.tuples(st.integers(0, 7), st.integers(0, 5)), offset=st.tuples(*[st.floats(-0.4, 0.4)] * 2))
 def test_a_peak_on_a_plane_is_placed_between_the_samples_and_across_the_seam(shift, offset):
     g, h = 8, 6
@@ -152,7 +147,6 @@ def test_a_plane_where_nothing_is_allowed_has_no_peaks():
     assert not plane_peaks(distinct(0, 2, 4, 4), np.zeros((2, 4, 4), dtype=bool), 3)[2].any()
 
 
-@settings(max_examples=30)
 @given(seed=st.integers(0, 9999), exponent=st.integers(-900, 900))
 def test_places_on_planes_do_not_depend_on_the_unit_of_power(seed, exponent):
     power = distinct(seed, 3, 9, 7)

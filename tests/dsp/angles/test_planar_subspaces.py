@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
@@ -51,7 +51,6 @@ def plain_covariance(snapshot, subarray):
     return q.conj().T @ (total / count) @ q
 
 
-@settings(max_examples=30)
 @given(
     subarray=st.tuples(st.integers(1, 5), st.integers(1, 5)),
     more=st.tuples(st.integers(0, 3), st.integers(0, 3)),
@@ -88,7 +87,6 @@ def test_a_source_120_db_below_another_keeps_its_eigenvector():
     assert planar_null_spectrum(basis, u[1:], w[1:])[0, 0, 0] < 1e-2
 
 
-@settings(max_examples=30)
 @given(seed=st.integers(0, 999), order=st.integers(1, 5))
 def test_the_null_spectrum_is_the_squared_distance_from_the_subspace(seed, order):
     basis = signal_basis(random_snapshots(2, 9, 8, seed=seed), (5, 4), order)
@@ -117,7 +115,6 @@ def separate_sources(draw):
     return u, w, np.array(gain)
 
 
-@settings(deadline=None, max_examples=30)
 @given(scene=separate_sources())
 def test_nulls_lie_on_noise_free_sources_off_the_grid(scene):
     u, w, gain = scene

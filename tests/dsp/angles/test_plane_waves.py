@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.aperture import Cross, Plane
@@ -53,7 +53,6 @@ def pairs_of(waves):
     return sorted(zip(waves.u[0][waves.found[0]], waves.w[0][waves.found[0]], strict=True))
 
 
-@settings(deadline=None, max_examples=30)
 @given(scene=scenes())
 def test_of_all_intersections_exactly_the_sources_are_kept(scene):
     u, w, gain = scene
@@ -61,7 +60,6 @@ def test_of_all_intersections_exactly_the_sources_are_kept(scene):
     assert pairs_of(waves) == sorted(zip(u, w, strict=True))
 
 
-@settings(deadline=None, max_examples=30)
 @given(scene=scenes(), exponent=st.integers(-12, 12), phase=st.floats(0, 2 * np.pi))
 def test_pairs_depend_neither_on_a_scale_nor_on_a_global_phase(scene, exponent, phase):
     u, w, gain = scene
@@ -71,7 +69,6 @@ def test_pairs_depend_neither_on_a_scale_nor_on_a_global_phase(scene, exponent, 
     assert pairs_of(waves) == sorted(zip(u, w, strict=True))
 
 
-@settings(deadline=None, max_examples=30)
 @given(scene=scenes())
 def test_amplitudes_are_the_complex_ones_of_the_sources_jointly_in_every_snapshot(scene):
     u, w, gain = scene
@@ -84,7 +81,6 @@ def test_amplitudes_are_the_complex_ones_of_the_sources_jointly_in_every_snapsho
     np.testing.assert_allclose(amplitudes[1, 0], other, atol=1e-8)
 
 
-@settings(max_examples=30)
 @given(scene=scenes(), seed=st.integers(0, 999))
 def test_amplitudes_are_those_of_least_squares_on_all_elements(scene, seed):
     u, w, _ = scene
@@ -98,7 +94,6 @@ def test_amplitudes_are_those_of_least_squares_on_all_elements(scene, seed):
     np.testing.assert_allclose(waves.amplitudes(cells, PLANE)[0, 0], expected, atol=1e-8)
 
 
-@settings(max_examples=30)
 @given(scene=scenes(), seed=st.integers(0, 999), n_found=st.integers(0, 4))
 def test_what_waves_leave_unexplained_is_the_residual_of_dense_least_squares(scene, seed, n_found):
     u, w, gain = scene
@@ -116,7 +111,6 @@ def test_what_waves_leave_unexplained_is_the_residual_of_dense_least_squares(sce
         assert waves.unexplained(cells, PLANE)[cell] == pytest.approx(left, rel=1e-7)
 
 
-@settings(max_examples=30)
 @given(scene=scenes(), seed=st.integers(0, 999))
 def test_amplitudes_on_a_cross_are_those_of_dense_least_squares_on_its_elements(scene, seed):
     u, w, gain = scene
@@ -132,7 +126,6 @@ def test_amplitudes_on_a_cross_are_those_of_dense_least_squares_on_its_elements(
     assert waves.unexplained(cells, cross) == pytest.approx([left], rel=1e-7)
 
 
-@settings(deadline=None, max_examples=30)
 @given(scene=scenes(), order=st.permutations(range(4)), phase=st.floats(0, 2 * np.pi))
 def test_on_a_cross_what_is_of_one_amplitude_on_column_and_row_is_a_pair(scene, order, phase):
     u, w, gain = scene

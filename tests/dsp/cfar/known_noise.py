@@ -1,81 +1,64 @@
-"""Noise that the built-in detectors estimate, cell by cell and with exact sums: slow, and plainly right."""
+"""Noise that the built-in detectors estimate, cell by cell: slow, and plainly right."""
 
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from itertools import product
-from typing import TYPE_CHECKING, Any
 
-import numpy as np
+from isacbench.dsp.cfar.factors import ca_factor, goca_factor, osca_factor, soca_factor, tm_factor
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    Cell = tuple[int, ...]
-
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """What rounding may take from the product of a fraction and a number of cells."""
 
 
-def known_noise(detector: Any, power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Estimate the noise around every cell of a map with a double loop."""
-    return np.array([known_noise_at(detector, power, cell) for cell in np.ndindex(power.shape)])
-
-
-def known_noise_at(detector: Any, power: NDArray[np.float64], cell: Cell) -> float:
-    """Estimate the noise around one cell, as the definition of the built-in detector has it."""
+def known_noise(detector, power, cell, number=float):
+    """Estimates the noise around a cell, in floats with exact sums or in rational numbers."""
     places = training_cells(detector, power.shape, cell)
-    values = [float(power[place]) for place in places]
+    values = sorted(number(float(power[place])) for place in places)
     match detector.name:
         case "ca":
-            return _mean(values)
+            return mean(values)
         case "os":
-            return sorted(values)[max(1, share(detector.rank_fraction, len(values))) - 1]
+            return values[order_rank(detector, len(values)) - 1]
         case "tm":
-            first = share(detector.trim_low, len(values))
-            stop = len(values) - share(detector.trim_high, len(values))
-            return _mean(sorted(values)[first:stop])
+            below, above = trimmed(detector, len(values))
+            return mean(values[below : len(values) - above])
         case "osca":
-            columns = [[float(power[place]) for place in column] for column in columns_of(detector, places)]
-            return _mean([sorted(column)[column_rank(len(column)) - 1] for column in columns])
+            columns = columns_of(detector, places)
+            return mean(
+                [sorted(number(float(power[p])) for p in one)[column_rank(len(one)) - 1] for one in columns]
+            )
         case _:
             halves = [half for half in halves_of(detector, places, cell) if half]
-            means = [_mean([float(power[place]) for place in half]) for half in halves]
+            means = [mean([number(float(power[place])) for place in half]) for half in halves]
             return max(means) if detector.name == "goca" else min(means)
 
 
-def columns_of(detector: Any, places: Sequence[Cell]) -> list[list[Cell]]:
-    """Sort training cells into columns along the axis of the order statistic."""
-    columns: dict[Cell, list[Cell]] = {}
-    for place in places:
-        columns.setdefault(_without(place, detector.order_axis), []).append(place)
-    return list(columns.values())
+def known_factor(detector, shape, cell, looks):
+    """Takes the factor of the law of that estimate: how many cells there are, and which ranks."""
+    places = training_cells(detector, shape, cell)
+    n = len(places)
+    match detector.name:
+        case "ca":
+            return ca_factor(detector.pfa, n, looks)
+        case "os":
+            return osca_factor(detector.pfa, ((order_rank(detector, n), n),), looks)
+        case "tm":
+            return tm_factor(detector.pfa, n, trimmed(detector, n), looks)
+        case "osca":
+            columns = columns_of(detector, places)
+            ranks = tuple((column_rank(len(column)), len(column) - (cell in column)) for column in columns)
+            return osca_factor(detector.pfa, ranks, looks)
+        case _:
+            factor_of = goca_factor if detector.name == "goca" else soca_factor
+            return factor_of(detector.pfa, tuple(map(len, halves_of(detector, places, cell))), looks)
 
 
-def column_rank(n_cells: int) -> int:
-    """Rank of the order statistic of a column; 1 is the smallest."""
-    return max(1, 3 * n_cells // 4)
-
-
-def halves_of(detector: Any, places: Sequence[Cell], cell: Cell) -> tuple[list[Cell], list[Cell]]:
-    """Sort training cells, not the cell under test, into those that lead it and those that trail it."""
-
-    def order(place: Cell) -> Cell:
-        return (place[detector.split_axis], *_without(place, detector.split_axis))
-
-    halves: tuple[list[Cell], list[Cell]] = [], []
-    tested = order(cell)
-    for place in places:
-        halves[order(place) > tested].append(place)
-    return halves
-
-
-def training_cells(detector: Any, shape: Cell, cell: Cell) -> list[Cell]:
-    """List the training cells of a cell; the window shifts to stay inside the map, its guard cells do not."""
-    training = _per_axis(detector.training, len(shape))
-    guard = _per_axis(0 if detector.guard is None else detector.guard, len(shape))
+def training_cells(detector, shape, cell):
+    """Lists the training cells; the window shifts to stay inside the map, its guard cells do not."""
+    training = per_axis(detector.training, len(shape))
+    guard = per_axis(0 if detector.guard is None else detector.guard, len(shape))
     reach = [t + g for t, g in zip(training, guard, strict=True)]
     starts = [
         min(max(place - r, 0), length - 2 * r - 1)
@@ -88,18 +71,52 @@ def training_cells(detector: Any, shape: Cell, cell: Cell) -> list[Cell]:
     return [place for place in window if place not in guarded]
 
 
-def _per_axis(sizes: int | tuple[int, ...], n_axes: int) -> tuple[int, ...]:
+def columns_of(detector, places):
+    """Sorts training cells into columns along the axis of the order statistic."""
+    columns = {}
+    for place in places:
+        columns.setdefault(without(place, detector.order_axis), []).append(place)
+    return list(columns.values())
+
+
+def halves_of(detector, places, cell):
+    """Sorts training cells into those that lead the cell under test and those that trail it."""
+
+    def order(place):
+        return (place[detector.split_axis], *without(place, detector.split_axis))
+
+    halves = [], []
+    for place in places:
+        halves[order(place) > order(cell)].append(place)
+    return halves
+
+
+def column_rank(n_cells):
+    """Rank of the order statistic of a column; 1 is the smallest."""
+    return max(1, 3 * n_cells // 4)
+
+
+def order_rank(detector, n_cells):
+    return max(1, share(detector.rank_fraction, n_cells))
+
+
+def trimmed(detector, n_cells):
+    return share(detector.trim_low, n_cells), share(detector.trim_high, n_cells)
+
+
+def share(fraction, n_cells):
+    """Rounds a share of the training cells down."""
+    return math.floor(fraction * n_cells + ROUNDING)
+
+
+def per_axis(sizes, n_axes):
     return sizes if isinstance(sizes, tuple) else (sizes,) * n_axes
 
 
-def _without(place: Cell, axis: int) -> Cell:
+def without(place, axis):
     return (*place[:axis], *place[axis + 1 :])
 
 
-def share(fraction: float, n_cells: int) -> int:
-    """Round a share of the training cells down."""
-    return int(fraction * n_cells + _ROUNDING)
-
-
-def _mean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
+def mean(values):
+    total = sum(values) if isinstance(values[0], Fraction) else math.fsum(values)
+    return total / len(values)

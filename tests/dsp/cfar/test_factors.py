@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, special, stats
 
@@ -24,6 +24,7 @@ from isacbench.dsp.cfar.factors import (
     trimmed_factors,
 )
 from isacbench.errors import InputError
+from tests.conftest import few
 
 INSIDE = ((6, 9),) * 8 + ((6, 8),)
 OUTSIDE = ((6, 9),) * 9
@@ -63,6 +64,16 @@ def order_density(x, rank, n_cells, looks):
     return ways * gamma_density(x, looks) * below ** (rank - 1) * above ** (n_cells - rank)
 
 
+def convolved_rate(factor, columns, looks):
+    """Convolves the densities of the columns; all terms are positive: small rates keep their digits."""
+    power, step = np.linspace(0, 8, 2001, retstep=True)
+    law = np.ones(1)
+    for rank, n_cells in columns:
+        law = np.convolve(law, step * order_density(power, rank, n_cells, looks))
+    estimate = step * np.arange(law.size) / len(columns)
+    return law @ special.gammaincc(looks, looks * factor * estimate)
+
+
 def monte_carlo_rate(factor, rank, n_columns, n_cells, looks, n_windows, seed):
     """Counts exceedances of a cell under test inside the first column of its window."""
     rng = np.random.default_rng(seed)
@@ -89,13 +100,11 @@ def test_factors_equal_the_known_vectors(factor, expected):
     assert factor() == pytest.approx(expected, abs=6e-7)
 
 
-@settings(max_examples=50, deadline=None)
 @given(PFAS, st.integers(1, 5000))
 def test_ca_factor_of_one_look_is_the_closed_form(pfa, n_training):
     assert ca_factor(pfa, n_training) == pytest.approx(n_training * math.expm1(-math.log(pfa) / n_training))
 
 
-@settings(max_examples=50, deadline=None)
 @given(PFAS, st.integers(1, 40), st.integers(1, 12))
 def test_ca_factor_of_many_looks_gives_the_rate_of_the_negative_binomial_sum(pfa, n_training, looks):
     factor = ca_factor(pfa, n_training, looks)
@@ -109,7 +118,7 @@ def test_ca_factor_is_the_quantile_of_the_f_distribution(pfa, looks):
     assert rate == pytest.approx(pfa, rel=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@few
 @given(PFAS, COLUMNS, COLUMNS)
 def test_osca_factor_of_one_look_gives_the_rate_of_the_product_formula(pfa, some, others):
     columns = (some[0],) * some[1] + (others[0],) * others[1]
@@ -134,15 +143,22 @@ def test_osca_factor_of_one_column_gives_the_integrated_rate(pfa, looks):
     assert rate == pytest.approx(pfa, rel=1e-5)
 
 
-def test_osca_factor_of_two_unlike_columns_gives_the_integrated_rate():
-    looks, nodes = 4, np.linspace(0, 6, 601)
-    factor = osca_factor(1e-4, ((3, 5), (2, 4)), looks)
-    first, second = order_density(nodes, 3, 5, looks), order_density(nodes, 2, 4, looks)
-    exceeds = special.gammaincc(looks, looks * factor * np.add.outer(nodes, nodes) / 2)
-    assert first @ exceeds @ second * nodes[1] ** 2 == pytest.approx(1e-4, rel=1e-5)
+@pytest.mark.parametrize(
+    ("columns", "looks", "pfa"),
+    [
+        (((3, 5), (2, 4)), 4, 1e-4),
+        (((1, 1),) * 9, 6, 1e-3),
+        (OUTSIDE, 2, 1e-6),
+        (INSIDE, 16, 1e-15),
+        (INSIDE, 16, 0.49),
+    ],
+)
+def test_osca_factor_of_several_columns_gives_the_convolved_rate(columns, looks, pfa):
+    rate = convolved_rate(osca_factor(pfa, columns, looks), columns, looks)
+    assert rate == pytest.approx(pfa, rel=1e-7)
 
 
-@settings(max_examples=20, deadline=None)
+@few
 @given(PFAS, st.sampled_from([1, 3, 16]))
 def test_rates_undo_factors(pfa, looks):
     assert ca_rate(ca_factor(pfa, 72, looks), 72, looks) == pytest.approx(pfa, rel=1e-9)
@@ -152,7 +168,7 @@ def test_rates_undo_factors(pfa, looks):
         assert soca_rate(soca_factor(pfa, halves, looks), halves, looks) == pytest.approx(pfa, rel=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@few
 @given(PFAS, st.sampled_from([1, 3, 16]))
 def test_factors_grow_as_the_rate_falls(pfa, looks):
     assert ca_factor(pfa, 72, looks) < ca_factor(pfa / 2, 72, looks)
@@ -164,7 +180,7 @@ def test_factors_grow_as_the_rate_falls(pfa, looks):
 HALVES = st.tuples(st.integers(1, 60), st.integers(1, 60))
 
 
-@settings(max_examples=25, deadline=None)
+@few
 @given(PFAS, HALVES, st.sampled_from([1, 2, 16, 256]))
 def test_rates_of_the_greatest_and_the_smallest_half_add_to_those_of_both_halves(pfa, halves, looks):
     for factor in (goca_factor(pfa, halves, looks), soca_factor(pfa, halves, looks)):
@@ -180,11 +196,10 @@ def test_soca_factor_of_one_look_gives_the_rate_of_the_published_sum(n, pfa):
     assert published == pytest.approx(pfa, rel=1e-10)
 
 
-# Every number of looks, and every rate, with all halves and half of the other values.
 @pytest.mark.parametrize("halves", [(36, 36), (3, 72), (5, 1)])
 @pytest.mark.parametrize(
     ("looks", "pfa"),
-    [(1, 0.5), (1, 1e-12), (2, 1e-3), (2, 1e-30), (16, 0.5), (16, 1e-30), (256, 1e-3), (256, 1e-12)],
+    [(1, 0.5), (2, 1e-30), (16, 1e-12), (256, 1e-3)],
 )
 def test_factors_of_the_chosen_half_give_the_integrated_rate(pfa, halves, looks):
     laws = [stats.gamma(looks * n, scale=1 / (looks * n)) for n in halves]
@@ -224,7 +239,6 @@ TRIMMED = st.integers(1, 80).flatmap(
 )
 
 
-@settings(max_examples=50, deadline=None)
 @given(PFAS, TRIMMED)
 def test_tm_factor_of_one_look_gives_the_rate_of_the_spacings(pfa, trim):
     n, (below, above) = trim
@@ -242,7 +256,7 @@ def test_tm_factor_of_one_look_gives_the_rate_of_the_spacings(pfa, trim):
     [
         (rank, n, pfa, (2, 16, 256)[(i + j) % 3])
         for i, (rank, n) in enumerate([(54, 72), (6, 9), (1, 72), (72, 72)])
-        for j, pfa in enumerate([0.9, 1e-3, 1e-12, 1e-30])
+        for j, pfa in enumerate([0.9, 1e-12, 1e-30])
     ],
 )
 def test_quadrature_for_the_mean_of_one_kept_cell_agrees_with_the_order_statistic(rank, n, pfa, looks):
@@ -269,13 +283,14 @@ def two_kept_rate(factor, n, below, looks):
     return ways * (steps @ (density * exceeds) @ gap_steps)
 
 
-# Every number of looks, and every rate, with every other value of the list.
 @pytest.mark.parametrize(
     ("n", "below", "looks", "pfa"),
     [
-        (n, below, looks, (0.5, 1e-3, 1e-6)[(i + j) % 3])
-        for i, (n, below) in enumerate([(3, 0), (3, 1), (4, 1), (9, 5), (12, 10)])
-        for j, looks in enumerate([2, 16])
+        (3, 0, 2, 0.5),
+        (3, 1, 16, 1e-3),
+        (4, 1, 16, 1e-6),
+        (9, 5, 2, 1e-3),
+        (12, 10, 16, 1e-6),
     ],
 )
 def test_tm_factor_of_two_kept_cells_gives_the_integrated_rate(n, below, looks, pfa):
@@ -283,7 +298,7 @@ def test_tm_factor_of_two_kept_cells_gives_the_integrated_rate(n, below, looks, 
     assert two_kept_rate(factor, n, below, looks) == pytest.approx(pfa, rel=2e-3)
 
 
-@pytest.mark.parametrize("looks", [2, 16, 256])
+@pytest.mark.parametrize("looks", [2, 256])
 def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
     factors = [tm_factor(1e-6, 72, (0, above), looks) for above in (0, 1, 18, 40, 71)]
     assert factors == sorted(factors)
@@ -293,14 +308,7 @@ def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
 
 @pytest.mark.parametrize(
     ("trimmed", "looks", "pfa"),
-    [
-        ((18, 18), 2, 0.3),
-        ((18, 18), 256, 1e-3),
-        ((0, 18), 2, 1e-12),
-        ((0, 18), 256, 0.3),
-        ((18, 0), 2, 1e-3),
-        ((18, 0), 256, 1e-12),
-    ],
+    [((18, 18), 2, 0.3), ((18, 18), 256, 1e-3), ((0, 18), 2, 1e-12), ((18, 0), 16, 1e-3)],
 )
 def test_rates_undo_factors_of_trimmed_means(trimmed, looks, pfa):
     assert tm_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks) == pytest.approx(pfa, rel=1e-7)
@@ -337,25 +345,18 @@ def exact_tm_rate(factor, n, trimmed, looks):
     return float(math.factorial(n) * sum(law[Fraction(0)].values()))
 
 
-FEW_TRIMMED = (
-    (2, (0, 1)),
-    (4, (1, 1)),
-    (5, (2, 1)),
-    (5, (1, 2)),
-    (6, (0, 2)),
-    (6, (2, 0)),
-    (8, (1, 1)),
-    (8, (2, 2)),
-)
-
-
 # One look has a closed form that a test above holds to 1e-9.
 @pytest.mark.parametrize(
     ("n", "trimmed", "pfa", "looks"),
     [
-        (n, trimmed, (1e-15, 1e-3, 0.5)[(i + j) % 3], looks)
-        for i, (n, trimmed) in enumerate(FEW_TRIMMED)
-        for j, looks in enumerate([2, 3])
+        (2, (0, 1), 1e-15, 3),
+        (4, (1, 1), 0.5, 3),
+        (5, (2, 1), 0.5, 2),
+        (5, (1, 2), 1e-15, 3),
+        (6, (0, 2), 1e-15, 2),
+        (6, (2, 0), 1e-3, 2),
+        (6, (1, 1), 1e-3, 3),
+        (8, (2, 2), 1e-3, 2),
     ],
 )
 def test_tm_factor_gives_the_rate_of_rational_numbers(n, trimmed, pfa, looks):
@@ -366,22 +367,22 @@ def test_tm_factor_gives_the_rate_of_rational_numbers(n, trimmed, pfa, looks):
 
 
 @pytest.mark.parametrize(
-    ("n", "trimmed", "pfa"),
+    ("n", "trimmed", "pfa", "looks"),
     [
-        (72, (1, 1), 0.5),
-        (72, (36, 1), 0.5),
-        (300, (1, 1), 1e-15),
-        (88, (2, 44), 1e-15),
+        (72, (36, 1), 0.5, 2),
+        (300, (1, 1), 1e-15, 2),
+        (88, (2, 44), 1e-15, 2),
+        (72, (18, 18), 1e-6, 16),
     ],
 )
-def test_tm_factor_of_few_cells_trimmed_does_not_depend_on_the_nodes(monkeypatch, n, trimmed, pfa):
-    factor = tm_factor(pfa, n, trimmed, 2)
+def test_tm_factor_does_not_depend_on_the_nodes(monkeypatch, n, trimmed, pfa, looks):
+    factor = tm_factor(pfa, n, trimmed, looks)
     for name, value in {"_N_PLANE": 96, "_N_BETWEEN": 28, "_NEGLIGIBLE": -27.0}.items():
         monkeypatch.setattr(trimmed_factors, name, value)
-    assert tm_rate(factor, n, trimmed, 2) == pytest.approx(pfa, rel=1e-6)
+    assert tm_rate(factor, n, trimmed, looks) == pytest.approx(pfa, rel=1e-6)
 
 
-@pytest.mark.parametrize(("n", "trimmed"), [(8, (1, 4)), (8, (0, 6)), (72, (0, 70))])
+@pytest.mark.parametrize(("n", "trimmed"), [(8, (1, 4)), (72, (0, 70))])
 def test_tm_factor_of_a_rate_of_1e_minus_30_is_found_where_the_kept_law_is_below_any_float64(n, trimmed):
     factor = tm_factor(1e-30, n, trimmed, 2)
     assert tm_rate(factor, n, trimmed, 2) == pytest.approx(1e-30, rel=1e-6)
@@ -397,7 +398,7 @@ def trimmed_windows_rate(factor, n, trimmed, looks, n_windows, seed):
     return hits
 
 
-@pytest.mark.parametrize("looks", [1, 4, 64])
+@pytest.mark.parametrize("looks", [1, 16])
 def test_tm_factor_keeps_the_rate_of_drawn_windows(looks):
     n_windows, pfa = 40_000, 0.02
     factor = tm_factor(pfa, 24, (6, 6), looks)

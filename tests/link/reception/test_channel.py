@@ -1,10 +1,13 @@
+from functools import cache
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import j0
 
 from isacbench.errors import InputError
+from isacbench.link.reception import channel as channel_module
 from isacbench.link.reception.channel import (
     Awgn,
     TappedDelay,
@@ -31,6 +34,12 @@ CHANNELS = (
 )
 
 
+@pytest.fixture
+def tables_read_once(monkeypatch):
+    """Remember profiles: of many draws, reading the tables takes all the time."""
+    monkeypatch.setattr(channel_module, "delay_profile", cache(delay_profile))
+
+
 def draw(channel, system=SMALL, trial=0):
     return channel.paths(system, random_stream("draw", trial, 0))
 
@@ -53,7 +62,6 @@ def test_the_line_of_sight_is_as_much_stronger_as_the_table_says(name, rice_db):
     assert 10 * np.log10(profile.power[0] / profile.power[1]) == pytest.approx(rice_db)
 
 
-@settings(max_examples=40)
 @given(
     n_paths=st.integers(1, 5),
     speed_hz=st.sampled_from([0.0, 1000.0]),
@@ -109,6 +117,7 @@ def test_what_the_closed_form_leaves_out_of_a_walking_user_is_the_interference_o
     assert np.mean(np.abs(left_out) ** 2) == pytest.approx(expected, rel=0.3)
 
 
+@pytest.mark.usefixtures("tables_read_once")
 @pytest.mark.parametrize("name", PROFILES)
 def test_a_fading_channel_has_unit_mean_power_and_the_correlation_of_its_profile(name):
     system = System(n_subcarriers=2, n_symbols=1)
@@ -121,6 +130,7 @@ def test_a_fading_channel_has_unit_mean_power_and_the_correlation_of_its_profile
     assert correlation == pytest.approx(profile.power @ np.exp(-2j * np.pi * turns), abs=5 / np.sqrt(n))
 
 
+@pytest.mark.usefixtures("tables_read_once")
 def test_taps_fade_as_rayleigh_has_it():
     gains = np.array([draw(TappedDelay(), trial=trial).gain[:, 0] for trial in range(500)])
     power = np.abs(gains) ** 2 / delay_profile("tdl_a").power
@@ -129,6 +139,7 @@ def test_taps_fade_as_rayleigh_has_it():
     assert np.mean(power**2) == pytest.approx(2, abs=5 * np.sqrt(20 / power.size))
 
 
+@pytest.mark.usefixtures("tables_read_once")
 def test_a_moving_user_sees_the_correlation_of_rays_from_all_around():
     channel, n = TappedDelay("tdl_a", speed_mps=3.0), 1000
     time_s = SMALL.symbol_time_s * np.array([0, 56, 112, 223])

@@ -34,7 +34,7 @@ def everything_equally_often(modulation):
 
 
 @given(moduli, masks, st.floats(-40, 40))
-@settings(max_examples=50, derandomize=True)
+@settings(derandomize=True)
 def test_weights_are_those_of_the_divisions_written_out(modulus, mask, snr_db):
     sent = modulus * mask
     snr = 10 ** (snr_db / 10)
@@ -48,7 +48,7 @@ def test_weights_are_those_of_the_divisions_written_out(modulus, mask, snr_db):
 
 
 @given(moduli, masks, st.sampled_from(DIVISIONS), st.floats(-400, 400))
-@settings(max_examples=50, derandomize=True)
+@settings(derandomize=True)
 def test_an_echo_keeps_its_peak_and_noise_is_least_for_the_matched_division(modulus, mask, division, snr_db):
     weights = division_weights(modulus * mask, division, snr_db)
     assert np.mean(weights.echo) == pytest.approx(1, rel=1e-12)
@@ -59,7 +59,7 @@ def test_an_echo_keeps_its_peak_and_noise_is_least_for_the_matched_division(modu
 
 
 @given(moduli, st.lists(st.floats(0.01, 2.0), min_size=6, max_size=6), st.floats(-30, 30))
-@settings(max_examples=50, derandomize=True)
+@settings(derandomize=True)
 def test_no_echo_weights_leave_less_noise_and_pedestal_together_than_wiener_division(sent, other, snr_db):
     snr = 10 ** (snr_db / 10)
     wiener = division_weights(sent, "wiener", snr_db)

@@ -92,7 +92,7 @@ def test_the_covariance_is_that_of_the_resource_grid_to_rounding(kind, grid, sha
 
 
 @given(st.integers(1, 12), st.integers(1, 9), st.floats(0, 1), st.floats(0, 1), st.integers(0, 2**32 - 1))
-@settings(max_examples=30, derandomize=True, deadline=None)
+@settings(derandomize=True)
 def test_any_weights_and_gates_get_their_covariance(n, m, share_n, share_m, seed):
     rng = np.random.default_rng(seed)
     weight = rng.uniform(0, 2, (n, m)) * (rng.random((n, m)) < 0.8)

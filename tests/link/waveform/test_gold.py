@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from py3gpp import nrPRBS
 
 from isacbench.errors import InputError
 from isacbench.link.waveform.resource_grid import gold_sequence
+from tests.conftest import few
 
 C_INITS = st.integers(0, 2**31 - 1)
 
@@ -29,7 +30,7 @@ def test_bits_are_those_of_the_printed_recursions(c_init, length):
     assert gold_sequence(c_init, length).tolist() == as_printed(c_init, length)
 
 
-@settings(max_examples=10, deadline=None)
+@few
 @given(C_INITS, st.integers(1, 300))
 def test_py3gpp_has_the_same_bits(c_init, length):
     np.testing.assert_array_equal(gold_sequence(c_init, length), nrPRBS(c_init, length))
@@ -43,14 +44,12 @@ def test_without_the_second_sequence_the_first_goes_on_from_its_known_state():
     assert gold_sequence(0, 100).tolist() == first[31:]
 
 
-@settings(max_examples=40)
 @given(C_INITS, C_INITS)
 def test_sequences_add_as_their_initial_values_do(a, b):
     bits = [gold_sequence(c_init, 100) for c_init in (a, b, a ^ b, 0)]
     np.testing.assert_array_equal(bits[0] ^ bits[1], bits[2] ^ bits[3])
 
 
-@settings(max_examples=40)
 @given(C_INITS)
 def test_the_product_of_both_polynomials_annihilates_every_sequence(c_init):
     first = [1, 0, 0, 1] + 27 * [0] + [1]

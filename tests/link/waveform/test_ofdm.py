@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
@@ -62,7 +62,6 @@ def test_the_waveform_is_the_sum_of_windowed_exponentials(system, oversampling):
     np.testing.assert_allclose(modulate(symbols, system, oversampling), expected, rtol=0, atol=1e-12)
 
 
-@settings(deadline=None)
 @given(systems(), st.integers(0, 99))
 def test_the_round_trip_is_exact(system, seed):
     symbols = drawn(system, seed)
@@ -78,7 +77,6 @@ def test_the_round_trip_of_a_whole_frame_is_exact():
     assert returned.flags.f_contiguous
 
 
-@settings(deadline=None)
 @given(systems(), st.integers(1, 4))
 def test_oversampling_reads_the_same_continuous_waveform_more_often(system, oversampling):
     symbols = drawn(system)
@@ -91,7 +89,6 @@ def test_oversampling_reads_the_same_continuous_waveform_more_often(system, over
     )
 
 
-@settings(deadline=None)
 @given(systems(), st.integers(-6400, 6400))
 def test_windows_of_successive_symbols_sum_to_one(system, place_in_64ths):
     parts, place = layout(system), place_in_64ths / 64
@@ -108,7 +105,6 @@ def test_the_window_falls_as_the_complement_of_its_rise():
     assert transmit_window(parts, [-16.1, 72.1]).tolist() == [0, 0]
 
 
-@settings(deadline=None)
 @given(systems())
 def test_a_useful_part_has_the_energy_of_its_resource_elements(system):
     parts, symbols = layout(system), drawn(system)
@@ -119,7 +115,6 @@ def test_a_useful_part_has_the_energy_of_its_resource_elements(system):
     )
 
 
-@settings(deadline=None)
 @given(systems(), st.data())
 def test_a_delay_within_the_undisturbed_prefix_is_a_phase_ramp(system, data):
     parts, symbols = layout(system), drawn(system)

@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
@@ -63,7 +63,6 @@ def test_symbols_of_many_subcarriers_are_nearly_gaussian(modulation):
     assert abs(np.mean(papr_db > level_db) - probability) < 4 * deviation
 
 
-@settings(deadline=None)
 @given(st.floats(1e-12, 0.99), st.integers(16, 10**5))
 def test_the_inverse_goes_back(probability, n_subcarriers):
     level_db = exceeded_papr_db(probability, n_subcarriers)

@@ -66,9 +66,8 @@ def test_some_initial_values_worked_out_by_hand():
     ]
 
 
-@pytest.mark.parametrize("n_id", [1023, 4095])
-def test_every_prs_symbol_is_where_and_what_the_standard_says(n_id):
-    np.testing.assert_allclose(prs_symbols(SYSTEM, n_id), prs_as_printed(SYSTEM, n_id), rtol=4e-16)
+def test_every_prs_symbol_is_where_and_what_the_standard_says():
+    np.testing.assert_allclose(prs_symbols(SYSTEM, 4095), prs_as_printed(SYSTEM, 4095), rtol=4e-16)
 
 
 def test_prs_fill_their_elements_with_unit_power_and_nothing_else():

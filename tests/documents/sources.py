@@ -1,0 +1,28 @@
+"""Sources of the library and of the built-in estimators, found by module name and parsed once a process."""
+
+import ast
+import gc
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FILES = {
+    ".".join(("isacbench_algorithms" if parts[0] == "algorithms" else parts[0], *parts[1:])).removesuffix(
+        ".__init__"
+    ): ROOT.joinpath(*parts).with_suffix(".py")
+    for folder in ("isacbench", "algorithms")
+    for parts in (
+        path.relative_to(ROOT).with_suffix("").parts for path in sorted((ROOT / folder).rglob("*.py"))
+    )
+}
+
+
+@cache
+def trees():
+    """Syntax trees by module name, for tests that ask: parsing takes as long as many tests."""
+    gc.disable()  # which would look through all nodes again and again
+    try:
+        return {name: ast.parse(path.read_text("utf-8")) for name, path in FILES.items()}
+    finally:
+        gc.freeze()
+        gc.enable()
