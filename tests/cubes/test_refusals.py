@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 import zipfile
 
@@ -10,7 +9,6 @@ import h5py
 import numpy as np
 import pytest
 import zarr
-from scipy.io import savemat
 
 from isacbench.cubes import open_cube, read_grid, require_shape
 from isacbench.errors import InputError
@@ -22,6 +20,7 @@ from .samples import (
     OF_SEVERAL,
     SHAPE,
     all_elements,
+    assert_gives,
     random_cube,
     sum_of_tiles,
     write_chunked_h5,
@@ -70,18 +69,17 @@ def test_an_array_that_is_no_cube_is_refused(tmp_path, array, reason):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in OF_SEVERAL if kind != "npz"])
-@pytest.mark.parametrize(
-    ("array", "reason"),
-    [
-        (ARRAY.real, r"cube: holds float32"),
-        (np.ones(SHAPE, np.int16), r"cube: holds int16"),
-        (np.ones((1, 2, 3, 4, 5), np.complex64), "cube: has 5 axes"),
-    ],
-)
-def test_a_named_array_that_is_no_cube_is_refused(tmp_path, kind, array, reason):
+def test_a_named_array_that_is_no_cube_is_refused(tmp_path, kind):
     write, filename = FORMATS[kind]
-    write(tmp_path / filename, cube=array)
-    assert re.match(reason, refusal(tmp_path / filename))
+    for array, reason in (
+        (ARRAY.real, "cube: holds float32"),
+        (np.ones(SHAPE, np.int16), "cube: holds int16"),
+        (np.ones((1, 2, 3, 4, 5), np.complex64), "cube: has 5 axes"),
+    ):
+        path = tmp_path / reason[-7:] / filename
+        path.parent.mkdir()
+        write(path, cube=array)
+        assert refusal(path).startswith(reason)
 
 
 @pytest.mark.parametrize("part", ["f2", "i4"])
@@ -98,14 +96,14 @@ def test_other_things_than_arrays_and_paths_are_refused():
         open_cube([[1j]])
 
 
-@pytest.mark.parametrize("element", [(3, 0), (0, 4), (-1, 0)])
-def test_an_element_outside_the_array_is_refused(tmp_path, element):
-    for kind, (write, filename) in FORMATS.items():
-        path = tmp_path / kind / filename
-        path.parent.mkdir()
-        write(path, cube=ARRAY)
-        with open_cube(path) as cube, pytest.raises(InputError, match=re.escape(f"has no element {element}")):
-            next(cube.tiles(np.array([(0, 0), element])))
+@pytest.mark.parametrize("kind", FORMATS)
+def test_an_element_outside_the_array_is_refused(tmp_path, kind):
+    write, filename = FORMATS[kind]
+    write(tmp_path / filename, cube=ARRAY)
+    with open_cube(tmp_path / filename) as cube:
+        for element in ((3, 0), (0, 4), (-1, 0)):
+            with pytest.raises(InputError, match=re.escape(f"has no element {element}")):
+                next(cube.tiles(np.array([(0, 0), element])))
 
 
 # Files
@@ -121,12 +119,12 @@ def test_a_path_that_is_no_file_of_a_known_format_is_refused(tmp_path, opening):
     assert refusal(tmp_path / "cube.h5", opening) == "is a folder, not a file"
 
 
-@pytest.mark.parametrize("opening", [open_cube, read_grid])
 @pytest.mark.parametrize("name", ["c.npy", "c.npz", "c.mat", "c.h5", "c.zarr", "c.zip"])
-@pytest.mark.parametrize("content", [b"", b"neither this nor that", bytes(1000)])
-def test_what_is_not_of_its_format_is_refused(tmp_path, opening, name, content):
-    (tmp_path / name).write_bytes(content)
-    assert re.match(r"cannot be read as \w+: .+", refusal(tmp_path / name, opening))
+def test_what_is_not_of_its_format_is_refused(tmp_path, name):
+    for content in (b"", b"neither this nor that", bytes(1000)):
+        (tmp_path / name).write_bytes(content)
+        for opening in (open_cube, read_grid):
+            assert re.match(r"cannot be read as \w+: .+", refusal(tmp_path / name, opening)), content
 
 
 def test_a_folder_that_is_no_zarr_store_is_refused(tmp_path):
@@ -134,16 +132,16 @@ def test_a_folder_that_is_no_zarr_store_is_refused(tmp_path):
     assert refusal(tmp_path / "c.zarr").startswith("cannot be read as zarr: ")
 
 
-@pytest.mark.parametrize("compressed", [False, True], ids=["plain", "compressed"])
 @pytest.mark.parametrize("kind", [kind for kind, (_, name) in FORMATS.items() if not name.endswith(".zarr")])
-def test_a_truncated_file_is_refused_at_whatever_byte_it_ends(tmp_path, kind, compressed):
+def test_a_truncated_file_is_refused_at_whatever_byte_it_ends(tmp_path, kind):
     write, filename = FORMATS[kind]
     path = tmp_path / filename
-    write(path, cube=ARRAY, compressed=compressed)
-    whole = path.read_bytes()
-    for size in (1, 100, 130, 200, len(whole) // 2, len(whole) - 1):
-        path.write_bytes(whole[:size])
-        assert re.search("truncated|cannot be read as|wanted is", refusal(path))
+    for compressed in (False, True):
+        write(path, cube=ARRAY, compressed=compressed)
+        whole = path.read_bytes()
+        for size in (1, 100, 130, 200, len(whole) // 2, len(whole) - 1):
+            path.write_bytes(whole[:size])
+            assert re.search("truncated|cannot be read as|wanted is", refusal(path)), (compressed, size)
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
@@ -164,21 +162,6 @@ def test_an_array_of_python_objects_is_no_cube(tmp_path):
     np.savez(tmp_path / "c.npz", cube=ARRAY, notes=objects)
     with open_cube(tmp_path / "c.npz") as cube:
         assert cube.shape == SHAPE
-
-
-def test_nothing_is_unpickled(tmp_path):
-    class Trap:
-        def __reduce__(self):
-            return (pytest.fail, ("was unpickled",))
-
-    array = np.array([[Trap()]])
-    np.save(tmp_path / "c.npy", array, allow_pickle=True)
-    np.savez(tmp_path / "c.npz", cube=array, transmitted=array, allow_pickle=True)
-    (tmp_path / "c.mat").write_bytes(pickle.dumps(array))
-    savemat(tmp_path / "cell.mat", {"cube": np.full(SHAPE, {}), "transmitted": np.full((2, 2), {})})
-    for opening in (open_cube, read_grid):
-        for name in ("c.npy", "c.npz", "c.mat", "cell.mat"):
-            assert refusal(tmp_path / name, opening)
 
 
 @pytest.mark.parametrize("write", [write_npz, write_mat])
@@ -242,12 +225,18 @@ def test_an_npy_file_of_a_version_that_arrays_of_numbers_do_not_have_is_refused(
 
 
 @pytest.mark.usefixtures("mat_files_read_as_by_users")
-def test_a_mat_file_that_ends_the_process_of_its_reader_is_refused(tmp_path):
-    write_mat(tmp_path / "c.mat", cube=ARRAY)
-    data = (tmp_path / "c.mat").read_bytes()
+def test_a_mat_file_is_read_by_a_process_whose_end_is_told(tmp_path):
+    path = tmp_path / "c.mat"
+    write_mat(path, cube=ARRAY, transmitted=ARRAY[:, :, 0, 0], notes="text")
+    with open_cube(path) as cube:
+        assert_gives(cube, ARRAY)
+    data = path.read_bytes()
+    path.write_bytes(data[:200])
+    assert refusal(path).startswith("cannot be read as mat: ")
+    assert "ended by" not in refusal(path)
     part = np.array([7, ARRAY.nbytes // 2], "<u4").tobytes()
-    (tmp_path / "c.mat").write_bytes(data.replace(part, bytes([99]) + part[1:]))
-    assert refusal(tmp_path / "c.mat") == "cannot be read as mat: SciPy's reader was ended by SIGSEGV"
+    path.write_bytes(data.replace(part, bytes([99]) + part[1:]))
+    assert refusal(path) == "cannot be read as mat: SciPy's reader was ended by SIGSEGV"
 
 
 def test_a_cube_too_large_to_be_read_whole_is_told_the_formats_that_are_read_in_parts(tmp_path, monkeypatch):

@@ -538,7 +538,10 @@ BESIDE_A_GRID = {"a structure", "cells", "a sparse matrix"}
 CUBES = {
     ".npy": NPY,
     ".npz": NPZ,
-    ".mat": {name: write for name, write in MAT.items() if name not in BESIDE_A_GRID},
+    ".mat": {
+        **{name: write for name, write in MAT.items() if name not in BESIDE_A_GRID},
+        "cells of the right shapes": mat_of(cube=np.full((4, 3, 2, 2), {}), transmitted=np.full((4, 3), {})),
+    },
     ".h5": H5,
     ".zarr": ZARR,
     ".zip": {"a bomb": zip_of_zarr},
