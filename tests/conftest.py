@@ -1,6 +1,7 @@
 """Shared fixtures: plugins that are really found through entry points, scenes, and a frame of a street."""
 
 import dataclasses
+import gc
 import itertools
 import os
 import sys
@@ -64,8 +65,13 @@ def pytest_collection(session):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Order tests by their files, wherever a worker began."""
-    items.sort(key=lambda item: item.path)
+    """Order tests by their files, wherever a worker began; those marked `first` go before."""
+    items.sort(key=lambda item: (item.get_closest_marker("first") is None, item.path))
+
+
+def pytest_collection_finish():
+    """Leave modules and tests, which stay to the end, out of each garbage collection."""
+    gc.freeze()
 
 
 PLUGINS = '''
@@ -201,12 +207,15 @@ def one_thread():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def commands_built_once():
-    """Build the commands once a session: it takes longer than most of what tests ask of them."""
+def asked_once():
+    """Build the commands, and ask git for the state of the checkout, once: both take long."""
     with pytest.MonkeyPatch.context() as patch:
         if "typer.testing" in sys.modules:
             typer = sys.modules["typer"]
             patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command), raising=False)
+        if "isacbench.bench.store.run_store" in sys.modules:
+            run_store = sys.modules["isacbench.bench.store.run_store"]
+            patch.setattr(run_store, "git_state", cache(run_store.git_state))
         yield
 
 
@@ -218,17 +227,30 @@ def plugin_folder(tmp_path_factory, monkeypatch):
     return PluginFolder(folder)
 
 
+@pytest.fixture(scope="session")
+def plugin_library(tmp_path_factory):
+    """Install the plugins of the fixture `plugins` once: looking for what is installed takes its time."""
+    folder = PluginFolder(tmp_path_factory.mktemp("library"))
+    names = {"blob": "Blob", "seer": "Seer", "trouble": "Trouble"}
+    folder.install("test-plugins", PLUGINS, estimators=names, detectors={"level": "Level"})
+    return folder
+
+
+@pytest.fixture(scope="session")
+def plugin_modules():
+    """Return a place for the module of these plugins, which keeps what is known of its code."""
+    return {}
+
+
 @pytest.fixture
-def plugins(plugin_folder, monkeypatch):
-    """Install the estimators blob, seer and trouble, and the detector level."""
+def plugins(plugin_library, plugin_modules, monkeypatch):
+    """Have the estimators blob, seer and trouble, and the detector level, in a folder that stays as it is."""
+    monkeypatch.syspath_prepend(plugin_library.path)
     monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
-    plugin_folder.install(
-        "test-plugins",
-        PLUGINS,
-        estimators={"blob": "Blob", "seer": "Seer", "trouble": "Trouble"},
-        detectors={"level": "Level"},
-    )
-    return plugin_folder
+    sys.modules.update(plugin_modules)
+    yield plugin_library
+    if "test_plugins" in sys.modules:
+        plugin_modules["test_plugins"] = sys.modules.pop("test_plugins")
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 
 import dataclasses
 import shutil
-import sys
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,6 @@ import pytest
 from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.radio_coordinates import space_places
 from isacbench.bench.run.runner import run
-from isacbench.bench.store import run_store
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
@@ -21,43 +18,6 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.plugins.discovery import load_plugin_file
-from tests.conftest import PLUGINS, PluginFolder
-
-known_git_state = cache(run_store.git_state)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def git_asked_once():
-    """Let runs take the state of the checkout from the first one: each would call git."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_store, "git_state", known_git_state)
-        yield
-
-
-@pytest.fixture(scope="session")
-def plugin_library(tmp_path_factory):
-    """Install the plugins of the fixture `plugins` once: looking for what is installed takes its time."""
-    folder = PluginFolder(tmp_path_factory.mktemp("library"))
-    names = {"blob": "Blob", "seer": "Seer", "trouble": "Trouble"}
-    folder.install("test-plugins", PLUGINS, estimators=names, detectors={"level": "Level"})
-    return folder
-
-
-@pytest.fixture(scope="session")
-def plugin_modules():
-    """Return a place for the module of these plugins, which keeps what is known of its code."""
-    return {}
-
-
-@pytest.fixture
-def plugins(plugin_library, plugin_modules, monkeypatch):
-    """Have the estimators blob, seer and trouble, and the detector level, in a folder that stays as it is."""
-    monkeypatch.syspath_prepend(plugin_library.path)
-    monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
-    sys.modules.update(plugin_modules)
-    yield plugin_library
-    if "test_plugins" in sys.modules:
-        plugin_modules["test_plugins"] = sys.modules.pop("test_plugins")
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,8 @@ import pytest
 
 from tests.conftest import TINY, TINY_POINTS
 
+pytestmark = pytest.mark.first
+
 ROOT = Path(__file__).parents[2]
 LEARNED = ROOT / "examples" / "learned_detector"
 

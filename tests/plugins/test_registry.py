@@ -154,8 +154,8 @@ def test_descriptions_hold_one_line_the_types_the_defaults_and_the_package(plugi
     assert blob["package"] == distribution("estimator", "blob") == "test-plugins 1.0"
 
 
-def test_two_packages_that_claim_one_name_are_both_named(plugins):
-    plugins.install("rival-plugins", MINIMAL, estimators={"blob": "Good"})
+def test_two_packages_that_claim_one_name_are_both_named(plugins, plugin_folder):
+    plugin_folder.install("rival-plugins", MINIMAL, estimators={"blob": "Good"})
     with pytest.raises(InputError, match=r"'blob' is registered twice") as caught:
         estimator_names()
     assert "test-plugins 1.0" in str(caught.value)

@@ -21,6 +21,8 @@ from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
 
+pytestmark = pytest.mark.first
+
 SLUGGISH = '''
 import ctypes, os, signal, sys, time
 from collections import deque

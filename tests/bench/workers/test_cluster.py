@@ -32,6 +32,8 @@ from isacbench.errors import InputError
 from isacbench.plugins.discovery import load_plugin_file
 from tests.conftest import PLUGINS, PluginFolder
 
+pytestmark = pytest.mark.first
+
 SLOW = """
 import os
 import time

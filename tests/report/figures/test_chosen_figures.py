@@ -56,10 +56,10 @@ class Shower:
 
 
 @pytest.fixture
-def shower(plugins):
+def shower(plugins, plugin_folder):
     """Install the estimator shower beside the others."""
     sys.modules.pop("showing_plugins", None)
-    plugins.install("showing-plugins", SHOWING, estimators={"shower": "Shower"})
+    plugin_folder.install("showing-plugins", SHOWING, estimators={"shower": "Shower"})
 
 
 @pytest.fixture

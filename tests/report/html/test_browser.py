@@ -22,6 +22,8 @@ from isacbench.report.html.written_pages import (
     write_run_page,
 )
 
+pytestmark = pytest.mark.first
+
 READY = "body[data-ready]"
 NO_AXE = "no axe: pip install axe-playwright-python"
 

@@ -23,6 +23,8 @@ from isacbench.report.html.written_pages import (
     write_run_page,
 )
 
+pytestmark = pytest.mark.first
+
 
 def content_of(path):
     packed = re.search(r'id="content">([^<]*)<', path.read_text(encoding="utf-8"))[1]
