@@ -51,9 +51,8 @@ def pytest_collection(session):
     """Let each worker begin with other files: it reads what the others have compiled by then."""
     config = session.config
     folders = [Path(text) for text in config.args]
-    chosen = config.getoption("ignore") or config.getoption(
-        "ignore_glob"
-    )  # files that are named are not ignored
+    # Options that leave files out have no power over files that are named.
+    chosen = config.getoption("ignore") or config.getoption("ignore_glob")
     if hasattr(config, "workerinput") and not chosen and all(folder.is_dir() for folder in folders):
         left_out = set(config.getini("norecursedirs"))
         found = ((path, path.relative_to(folder)) for folder in folders for path in folder.rglob("test_*.py"))

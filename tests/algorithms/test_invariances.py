@@ -1,4 +1,4 @@
-"""What rounding, units, precision, memory, threads and order may change in an image: nothing to be seen."""
+"""Images do not depend on units, precision, memory order, threads, last bits or the order of scatterers."""
 
 from dataclasses import replace
 from functools import cache
@@ -41,10 +41,6 @@ def crowd():
     return [Echo(*row) for row in np.column_stack([places, levels]).tolist()]
 
 
-APART = observed(RESOLVED, 10.0, layout=Layout(array=(6, 6)))
-CROWD = observed(crowd(), 30.0, layout=Layout(array=(8, 6)))
-
-
 def nudged(cells, seed=0):
     """Cells with other last bits."""
     noise = np.random.default_rng(seed).standard_normal((*cells.shape, 2)).view(complex)[..., 0]
@@ -72,13 +68,19 @@ def assert_same_in_any_memory(imaging, factor, bound, single_bound):
 
 
 @cache
+def shot_apart():
+    """Three echoes, each in cells of its own."""
+    return observed(RESOLVED, 10.0, layout=Layout(array=(6, 6)))
+
+
+@cache
 def apart(name):
-    return Imaging(EVERY[name], APART)
+    return Imaging(EVERY[name], shot_apart())
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_an_image_of_echoes_apart_is_the_same_in_any_unit_memory_precision_and_number_of_threads(name):
-    imaging, cells = apart(name), APART.seen.cells
+    imaging, cells = apart(name), shot_apart().seen.cells
     assert len(imaging.cloud) == len(RESOLVED)
     for exponent in (-FAR, NEAR, FAR):
         assert_scaled_by_a_power_of_two(imaging, exponent)
@@ -88,7 +90,7 @@ def test_an_image_of_echoes_apart_is_the_same_in_any_unit_memory_precision_and_n
 
 @pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d"])
 def test_so_is_the_image_of_a_crowd(name):
-    imaging = Imaging(get_estimator(name), CROWD)
+    imaging = Imaging(get_estimator(name), observed(crowd(), 30.0, layout=Layout(array=(8, 6))))
     assert len(imaging.cloud) > len(RESOLVED)
     for exponent in (NEAR, FAR):
         assert_scaled_by_a_power_of_two(imaging, exponent)
@@ -138,10 +140,11 @@ def test_the_order_of_scatterers_moves_no_point(name, echoes):
 
 @pytest.mark.parametrize("estimator", EVERY.values(), ids=EVERY)
 def test_cells_whose_power_is_no_number_are_refused(estimator):
+    seen = shot_apart().seen
     with pytest.raises(
         InputError, match=r"observation: its largest amplitude = .*: allowed is less than 3\.3"
     ):
-        estimator.estimate(replace(APART.seen, cells=APART.seen.cells * 1e200))
+        estimator.estimate(replace(seen, cells=seen.cells * 1e200))
 
 
 @pytest.mark.parametrize("estimator", [Fft4d(), Music2d()], ids=lambda one: one.name)

@@ -14,7 +14,7 @@ from isacbench.files.arrays import mat_files
 
 
 class ForkedReader:
-    """What `mat_files` uses of `subprocess.Popen`: its function runs in a fork and sends to pipes."""
+    """Stand-in for `subprocess.Popen` in `mat_files`: a fork runs its function and sends to pipes."""
 
     def __init__(self, command, **_pipes):
         *_, module, path = command

@@ -82,7 +82,7 @@ def written_empty(monkeypatch):
 
 
 def outside(run_folder):
-    """What lies outside of the folder, with the contents of files."""
+    """Paths outside of the folder, with the contents of files."""
     paths = sorted((run_folder.parents[1] / "outside").rglob("*"))
     return {path: path.read_bytes() if path.is_file() else None for path in paths}
 

@@ -100,7 +100,7 @@ QUIET = {
     "DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL": "5s",
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
 }
-"""What keeps processes of Dask from watching themselves many times a second."""
+"""Settings with which processes of Dask do not watch themselves many times a second."""
 
 
 class Cluster:
@@ -156,12 +156,9 @@ def running_cluster(folder, **environment):
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
+def installed(plugin_library):
     """Folder with the plugins of the fixture `plugins`, for the workers."""
-    folder = PluginFolder(tmp_path_factory.mktemp("workers"))
-    names = {"blob": "Blob", "seer": "Seer", "trouble": "Trouble"}
-    folder.install("test-plugins", PLUGINS, estimators=names, detectors={"level": "Level"})
-    return folder.path
+    return plugin_library.path
 
 
 @pytest.fixture(scope="module")

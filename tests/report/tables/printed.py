@@ -1,4 +1,4 @@
-"""What a terminal shows of a table."""
+"""Tables as a terminal shows them."""
 
 import io
 
