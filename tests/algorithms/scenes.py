@@ -1,10 +1,13 @@
 """A few scatterers in front of a panel, of which the answer is known."""
 
+from functools import cache
+
 import numpy as np
 
+from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
-from isacbench.model.frame import get_frame
+from isacbench.model.frame import PanelFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
@@ -27,6 +30,14 @@ def simulator(xyz=XYZ, velocity=None, amplitude=None, *, array=ARRAY, frame="pan
     amplitude = AMPLITUDE[: len(xyz)] if amplitude is None else np.array(amplitude)
     scatterers = Scatterers(xyz, velocity, amplitude)
     return Simulator(Scenario("few", SYSTEM, array, get_frame(frame), BASE_M, region, scatterers))
+
+
+@cache
+def echo_map(range_bin, doppler_bin, u, w, amplitude):
+    """Noise-free map of scatterers given by tuples as the radio sees them."""
+    xyz = BASE_M + PanelFrame().offsets(np.array(range_bin) * SYSTEM.range_bin_m, np.array(u), np.array(w))
+    seen = simulator(xyz, np.array(doppler_bin) * SYSTEM.velocity_bin_mps, amplitude)
+    return GatedMap(seen.clean, seen.gate)
 
 
 EMPTY = Scenario(

@@ -163,24 +163,22 @@ def test_whatever_is_in_a_cell_points_are_finite_and_nothing_warns(
         (Music2dJoint, Close(exponent=-1.0, along="all")),
         (Esprit2d, Close(exponent=-1.25, along="u")),
         *((method, Coherent(n_echoes=3, separation=0.3)) for method in (Music2dJoint, Esprit2d)),
+        *((Music2dJoint, Coherent(n_echoes=3, separation=0.1)), (Esprit2d, Coherent(4, separation=0.15))),
     ],
     ids=lambda value: getattr(value, "spec", None),
 )
-def test_echoes_in_phase_a_tenth_of_a_cell_apart_are_told_apart_to_the_last_digits(method, case):
+def test_echoes_in_phase_a_tenth_of_a_cell_apart_are_told_apart_to_the_last_digits_and_fewer_as_certain(
+    method, case
+):
     imaging = Imaging(method(), case.shot(0))
     truth = imaging.shot.scenario.truth
-    assert len(imaging.cloud) == len(truth)
-    distance = np.linalg.norm(imaging.cloud.xyz[:, None] - truth.xyz, axis=2)
-    assert distance.min(axis=0).max() < 1e-9
-    # The condition of the joint fit squared: 1e-8.
-    assert ANY_SCALE.drift(imaging) < 1e-10
-    assert ELEMENT_ORDER.drift(imaging) < 1e-10
-
-
-@pytest.mark.parametrize(("method", "n_echoes", "separation"), [(Music2dJoint, 3, 0.1), (Esprit2d, 4, 0.15)])
-def test_fewer_points_than_coherent_echoes_are_as_certain(method, n_echoes, separation):
-    imaging = Imaging(method(), Coherent(n_echoes=n_echoes, separation=separation).shot(0))
-    assert 1 <= len(imaging.cloud) < n_echoes
-    # What is left of the map is 1e-5 of it: steps that lose no more than rounding are taken.
+    if isinstance(case, Close) or case.separation == 0.3:
+        assert len(imaging.cloud) == len(truth)
+        distance = np.linalg.norm(imaging.cloud.xyz[:, None] - truth.xyz, axis=2)
+        assert distance.min(axis=0).max() < 1e-9
+    else:
+        assert 1 <= len(imaging.cloud) < len(truth)
+    # The condition of the joint fit squared: 1e-8. Where fewer points leave 1e-5 of the map, steps that
+    # lose no more than rounding are taken.
     assert ANY_SCALE.drift(imaging) < 1e-10
     assert ELEMENT_ORDER.drift(imaging) < 1e-10

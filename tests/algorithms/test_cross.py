@@ -111,26 +111,12 @@ def test_two_of_one_range_and_speed_are_paired_by_what_column_and_row_have_in_co
     offset_m = np.array([[-10.0, -80.0, -15.0], [10.0, -79.0, -4.0]])
     offset_m *= 40.4 * SYSTEM.range_bin_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
     scene = simulator(BASE_M + offset_m, [3.1, 3.1], [1.0, 0.6], array=VirtualArray((2, 2), (8, 16), 8, 1))
-    for trial in range(5):
+    for trial in range(2):
         cloud = estimator(integration="element").estimate(scene.observe(20.0, trial))
         assert len(cloud) == 2
         strongest = np.argsort(-cloud.power)
         # A fifth of a Rayleigh cell, which is what unresolved sidelobes cost; a wrong pair is off by 13 m.
         np.testing.assert_allclose(cloud.xyz[strongest], scene.scenario.truth.xyz, atol=2.5)
-
-
-@SEPARABLE
-def test_a_diagnosis_shows_the_spectra_of_the_column_and_the_row(estimator):
-    amplitude = [1.0, 1.0, 3.0, 1.0, 1.0]
-    scene = simulator(amplitude=amplitude)
-    seen = estimator(integration="element").diagnose(scene.observe(20.0))
-    cosines = scene.scenario.frame.direction_cosines(XYZ - BASE_M)
-    for spectrum, cosine in zip(seen.spectra, cosines, strict=True):
-        assert spectrum.cosine.shape == spectrum.level_db.shape == spectrum.threshold_db.shape
-        np.testing.assert_allclose(spectrum.peaks, [cosine[2]], atol=0.02)
-        highest = spectrum.level_db.argmax()
-        assert spectrum.cosine[highest] == pytest.approx(cosine[2], abs=np.diff(spectrum.cosine).max())
-        assert spectrum.level_db[highest] > spectrum.threshold_db[highest]
 
 
 @pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 8.5), (Fft4d, 15.0)])

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from isacbench_algorithms.detectors import CaCfar, OscaCfar
+from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
 
 from isacbench.dsp.windows import Window
 from isacbench.errors import InputError
@@ -23,6 +25,7 @@ from tests.algorithms.scenes import BASE_M, NOTHING, REGION, SYSTEM, VELOCITY, X
 from tests.conftest import few
 
 BOTH = pytest.mark.parametrize("estimator", [Music2d, Fft4d])
+CROSSES = Music2d(integration="element"), Fft4d(integration="element")
 
 
 def beside_the_bins(xyz, offset):
@@ -51,8 +54,7 @@ def test_separate_scatterers_are_imaged_in_place_speed_and_power(estimator, fram
     scene = simulator(beside_the_bins(XYZ, offset), frame=frame)
     # The paper's frame turns the bias of an angle between FFT samples into more metres along x.
     position_m = 1.0 if (estimator, frame) == (Fft4d, "paper") else 0.3
-    for trial in range(2):
-        assert_imaged(estimator().estimate(scene.observe(30.0, trial)), scene.scenario.truth, position_m)
+    assert_imaged(estimator().estimate(scene.observe(30.0)), scene.scenario.truth, position_m)
 
 
 @BOTH
@@ -75,7 +77,7 @@ def test_the_sidelobes_of_one_scatterer_40_db_above_the_noise_are_not_reported(
 def test_a_scene_of_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_imaged(estimator, integration):
     scene, pfa = simulator(NOTHING), 1e-2
     one, detected, points = estimator(pfa=pfa, integration=integration), [], Counter()
-    for trial in range(12):
+    for trial in range(6):
         observation = scene.observe(0.0, trial)
         detected.append(one.diagnose(observation).detection.mask.mean())
         points[len(one.estimate(observation))] += 1
@@ -90,7 +92,7 @@ def test_a_scene_of_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_image
 def test_a_small_chance_of_passing_as_a_plane_wave_empties_noise(estimator):
     scene = simulator(NOTHING)
     lax, strict = (
-        sum(len(estimator(pfa=0.1, angle_pfa=chance).estimate(scene.observe(0.0, t))) for t in range(5))
+        sum(len(estimator(pfa=0.1, angle_pfa=chance).estimate(scene.observe(0.0, t))) for t in range(3))
         for chance in (0.1, 1e-6)
     )
     assert strict == 0 < lax
@@ -100,7 +102,7 @@ def test_a_small_chance_of_passing_as_a_plane_wave_empties_noise(estimator):
     "estimator",
     [
         Music2d(integration="element", detector=CaCfar()),
-        Music2d(model_order="eigenvalue_cfar"),
+        *(Music2d(model_order=order) for order in ("eigenvalue_cfar", "mdl", "aic")),
         Music2d(subarray_fraction=0.9, grid_points=101),
         Music2d(detector=OscaCfar()),
         Fft4d(integration="element", detector=CaCfar()),
@@ -161,19 +163,26 @@ def test_a_probability_of_false_alarm_replaces_the_detectors(estimator):
     assert estimator(detector=detector, pfa=1e-5).cell_detector() == CaCfar(pfa=1e-5, training=4)
 
 
-@BOTH
+DIAGNOSED = pytest.mark.parametrize(
+    "estimator",
+    [*(one() for one in (Music2d, Fft4d, Esprit2d, Music2dJoint)), *CROSSES],
+    ids=lambda one: f"{one.name}-{one.integration}",
+)
+
+
+@DIAGNOSED
 def test_an_estimator_is_one_and_shows_its_work(estimator):
-    assert isinstance(estimator(), Estimator)
-    assert isinstance(estimator(), Diagnoser)
+    assert isinstance(estimator, Estimator)
+    assert isinstance(estimator, Diagnoser)
     assert not getattr(estimator, "needs_truth", False)
-    assert hash(estimator()) == hash(estimator())
+    assert hash(estimator) == hash(replace(estimator))
 
 
-@BOTH
+@DIAGNOSED
 def test_a_diagnosis_shows_the_map_and_the_spectra_of_its_strongest_cell(estimator):
     amplitude = np.array([1.0, 1.0, 3.0, 1.0, 1.0])
     scene = simulator(beside_the_bins(XYZ, 0.1), amplitude=amplitude)
-    seen = estimator().diagnose(scene.observe(20.0))
+    seen = estimator.diagnose(scene.observe(20.0))
     shape = seen.range_bins.size, seen.doppler_bins.size
     assert seen.power.shape == seen.detection.mask.shape == seen.detection.threshold.shape == shape
     assert seen.detection.noise.shape == shape
@@ -188,16 +197,17 @@ def test_a_diagnosis_shows_the_map_and_the_spectra_of_its_strongest_cell(estimat
     for spectrum, cosine in zip(seen.spectra, cosines, strict=True):
         assert spectrum.cosine.shape == spectrum.level_db.shape
         assert (np.diff(spectrum.cosine) > 0).all()
-        np.testing.assert_allclose(spectrum.peaks, [cosine[2]], atol=0.01)
+        np.testing.assert_allclose(spectrum.peaks, [cosine[2]], atol=0.02 if estimator in CROSSES else 0.01)
         highest = spectrum.cosine[spectrum.level_db.argmax()]
         assert highest == pytest.approx(cosine[2], abs=np.diff(spectrum.cosine).max())
-        threshold_db = np.broadcast_to(spectrum.threshold_db, spectrum.level_db.shape)
-        assert spectrum.level_db.max() > threshold_db[spectrum.level_db.argmax()]
+        if spectrum.threshold_db is not None:
+            threshold_db = np.broadcast_to(spectrum.threshold_db, spectrum.level_db.shape)
+            assert spectrum.level_db.max() > threshold_db[spectrum.level_db.argmax()]
 
 
-@BOTH
+@DIAGNOSED
 def test_a_diagnosis_of_an_empty_scene_has_a_map_and_no_cell(estimator):
-    seen = estimator(pfa=1e-9).diagnose(simulator(NOTHING).observe(0.0))
+    seen = replace(estimator, pfa=1e-9).diagnose(simulator(NOTHING).observe(0.0))
     assert seen.cell is None
     assert seen.spectra == ()
     assert seen.power.shape == seen.detection.mask.shape

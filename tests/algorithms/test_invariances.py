@@ -19,6 +19,7 @@ from isacbench.checking.promises.small_scenes import RESOLVED, Echo, Layout, obs
 from isacbench.checking.stress.cases.crowds import Spread
 from isacbench.errors import InputError
 from isacbench.model.echo import Simulator
+from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
 from isacbench.plugins.registry import estimator_names, get_estimator
 from tests.algorithms.scenes import EMPTY
@@ -55,7 +56,7 @@ def assert_scaled_by_a_power_of_two(imaging, exponent):
 
 
 def assert_same_in_any_memory(imaging, factor, bound, single_bound):
-    """In Fortran order, in another unit and with two threads the drift is below a bound.
+    """With other last bits, memory order and unit, and with two threads, the drift is below a bound.
 
     In single precision, with gaps between the elements, it is below another.
     """
@@ -63,14 +64,15 @@ def assert_same_in_any_memory(imaging, factor, bound, single_bound):
     single = np.repeat(cells.astype(np.complex64), 2, axis=2)[:, :, ::2]
     assert imaging.drift(imaging.image_of(single)) < single_bound
     with threadpool_limits(limits=2):
-        scaled = imaging.image_of(np.asfortranarray(cells) * factor)
+        scaled = imaging.image_of(np.asfortranarray(nudged(cells)) * factor)
     assert imaging.drift(replace(scaled, power=scaled.power / factor / factor)) < bound
 
 
 @cache
 def shot_apart():
     """Three echoes, each in cells of its own."""
-    return observed(RESOLVED, 10.0, layout=Layout(array=(6, 6)))
+    region = Region((-5.0, 30.0), (20.0, 46.0), (-5.0, 35.0), (-50.0, 50.0))
+    return observed(RESOLVED, 10.0, layout=Layout(array=(6, 5), region=region))
 
 
 @cache
@@ -80,20 +82,18 @@ def apart(name):
 
 @pytest.mark.parametrize("name", EVERY)
 def test_an_image_of_echoes_apart_is_the_same_in_any_unit_memory_precision_and_number_of_threads(name):
-    imaging, cells = apart(name), shot_apart().seen.cells
+    imaging = apart(name)
     assert len(imaging.cloud) == len(RESOLVED)
-    for exponent in (-FAR, NEAR, FAR):
+    for exponent in (-FAR, NEAR):
         assert_scaled_by_a_power_of_two(imaging, exponent)
     assert_same_in_any_memory(imaging, 1e150, 1e-10, 1e-6)
-    assert imaging.drift(imaging.image_of(nudged(cells) * 1e-12), 1e-12) < 1e-10
 
 
 @pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d"])
 def test_so_is_the_image_of_a_crowd(name):
     imaging = Imaging(get_estimator(name), observed(crowd(), 30.0, layout=Layout(array=(8, 6))))
     assert len(imaging.cloud) > len(RESOLVED)
-    for exponent in (NEAR, FAR):
-        assert_scaled_by_a_power_of_two(imaging, exponent)
+    assert_scaled_by_a_power_of_two(imaging, FAR)
     # The last step of the joint fit of a crowd is one that rounding takes or leaves.
     assert_same_in_any_memory(imaging, 0.3, 1e-7, 1e-5)
 

@@ -91,7 +91,7 @@ def test_directions_of_one_scatterer_err_by_less_than_1_3_of_the_cramer_rao_boun
 
 @BOTH
 def test_errors_scale_with_the_noise_however_strong_the_echo_is(estimator):
-    some, strong = (errors_over_bound(estimator(), gained_db, range(2)) for gained_db in (50.0, 100.0))
+    some, strong = (errors_over_bound(estimator(), gained_db, range(1)) for gained_db in (50.0, 100.0))
     np.testing.assert_allclose(strong, some, atol=0.05)
     assert np.abs(some).max() < 4
 
@@ -116,12 +116,13 @@ def test_directions_that_esprit_takes_from_a_crowd_lie_inside_the_region(n_waves
     snapshots = np.einsum("nsk,nskp,nskq->nspq", 10 * gain, steering(16, u), steering(16, w))
     noise = rng.standard_normal(snapshots.shape) + 1j * rng.standard_normal(snapshots.shape)
     method, observation = Esprit2d(), empty()
-    waves = method.crowd_directions(observation, method.subspaces(snapshots + noise, 2.0))
+    subspaces = method.subspaces(snapshots + noise, 2.0)
+    waves = method.crowd_directions(observation, subspaces)
     for places, (lower, upper) in zip((waves.u, waves.w), observation.cosine_limits, strict=True):
         assert (places[waves.found] >= lower).all()
         assert (places[waves.found] <= upper).all()
     # Nothing that a crowd shows is split: there are at most as many directions as dimensions.
-    assert (waves.found.sum(axis=1) <= method.subspaces(snapshots + noise, 2.0).order).all()
+    assert (waves.found.sum(axis=1) <= subspaces.order).all()
 
 
 def test_where_all_directions_lie_inside_the_region_esprit_keeps_them():

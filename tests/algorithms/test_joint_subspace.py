@@ -19,12 +19,11 @@ from isacbench.model.echo import observe_echo
 from isacbench.model.kernels import steering
 from isacbench.model.region import Region
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins.contracts import Estimator
-from tests.algorithms.scenes import BASE_M, NOTHING, XYZ, simulator
+from tests.algorithms.scenes import NOTHING, simulator
 from tests.conftest import few
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
-FOUR = XYZ[:4]
+
 RAYLEIGH = 2 / 16
 RESOLVED, CROWD, SINGLE = Esprit2d().readings()
 # A cell is resolved only where it stands 18 dB above the noise of an element, 42 dB after 256 of them.
@@ -89,8 +88,8 @@ def test_a_quarter_of_a_rayleigh_cell_is_resolved_60_db_above_the_noise_in_phase
 ):
     places = np.array([[0.0, 0.25 * RAYLEIGH], [0.1, 0.1]])
     u, w = places[axis], places[1 - axis]
-    waves = plane_waves(estimator(), u, w, [0, 2 * np.pi * phase_turns], gain_db=60, n=40)
-    assert misses(waves, u, w, 0.125 * RAYLEIGH) <= 4
+    waves = plane_waves(estimator(), u, w, [0, 2 * np.pi * phase_turns], gain_db=60, n=20)
+    assert misses(waves, u, w, 0.125 * RAYLEIGH) <= 2
 
 
 @pytest.mark.slow
@@ -127,7 +126,7 @@ def test_resolution_over_phases_and_distances(estimator, axis):
 )
 def test_coherent_sources_are_found_without_ghosts(estimator, u, w, opposite):
     phases = np.pi * opposite * np.arange(len(u))
-    waves = plane_waves(estimator(), u, w, phases, gain_db=45, n=20)
+    waves = plane_waves(estimator(), u, w, phases, gain_db=45, n=10)
     assert misses(waves, u, w, 0.02) == 0
 
 
@@ -161,7 +160,7 @@ def test_directions_follow_a_shift_and_not_the_order_of_sources(
 @pytest.mark.parametrize("model_order", ["noise", "mdl", "aic"])
 def test_every_order_finds_strong_separate_sources(estimator, model_order, reading):
     u, w = [-0.5, 0.0, 0.5], [0.3, -0.4, 0.1]
-    waves = plane_waves(estimator(model_order=model_order), u, w, [0, 1, 2], n=20, reading=reading)
+    waves = plane_waves(estimator(model_order=model_order), u, w, [0, 1, 2], n=10, reading=reading)
     assert misses(waves, u, w, 0.01) == 0
 
 
@@ -215,40 +214,6 @@ def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
 
 
 @BOTH
-def test_separate_scatterers_are_imaged_at_their_places(estimator):
-    scene = simulator(FOUR)
-    truth = scene.scenario.truth
-    for trial in range(2):
-        cloud = estimator().estimate(scene.observe(30.0, trial))
-        assert len(cloud) == len(truth)
-        distance_m = np.linalg.norm(truth.xyz[:, None] - cloud.xyz, axis=2)
-        assert distance_m.min(axis=1).max() < 0.3
-        assert np.abs(cloud.velocity[distance_m.argmin(axis=1)] - truth.velocity).max() < 0.1
-
-
-@BOTH
-def test_a_diagnosis_shows_both_axes_with_the_directions_found(estimator):
-    assert isinstance(estimator(), Estimator)
-    scene = simulator(XYZ[:1])
-    diagnosis = estimator().diagnose(scene.observe(30.0))
-    u, w = scene.scenario.frame.direction_cosines(XYZ[:1] - BASE_M)
-    assert [spectrum.label for spectrum in diagnosis.spectra] == ["u", "w"]
-    for spectrum, place in zip(diagnosis.spectra, (u, w), strict=True):
-        np.testing.assert_allclose(spectrum.peaks, place, atol=0.01)
-        highest = spectrum.cosine[spectrum.level_db.argmax()]
-        assert abs(highest - place[0]) < 2 * (spectrum.cosine[1] - spectrum.cosine[0])
-        assert spectrum.cosine.shape == spectrum.level_db.shape
-
-
-@BOTH
-def test_a_diagnosis_of_noise_has_no_spectra(estimator):
-    assert len(estimator().diagnose(simulator(NOTHING).observe(0.0)).spectra) in (
-        0,
-        2,
-    )
-
-
-@BOTH
 @pytest.mark.parametrize(
     ("parameter", "value"),
     [("subarray_fraction", 0.0), ("subarray_fraction", 1.5), ("model_order", "best"), ("polish", -1)],
@@ -263,13 +228,6 @@ def test_wrong_parameters_of_one_method_are_refused():
         Music2dJoint(samples_per_lobe=3)
     with pytest.raises(InputError, match="model_order"):
         Music2d(model_order="best")
-
-
-@pytest.mark.parametrize("model_order", ["noise", "mdl", "aic"])
-def test_row_and_column_music_takes_every_order(model_order):
-    scene = simulator(FOUR)
-    cloud = Music2d(model_order=model_order).estimate(scene.observe(30.0))
-    assert len(cloud) == len(FOUR)
 
 
 @pytest.mark.parametrize("estimator", [Music2dJoint, pytest.param(Esprit2d, marks=pytest.mark.slow)])

@@ -30,7 +30,7 @@ def street():
 
 @pytest.fixture(scope="module")
 def street_cells(street):
-    """Snapshots (n, 16, 16) of every 25th detected cell of the street, and the floor of detection."""
+    """Snapshots (n, 16, 16) of every 40th detected cell of the street, and the floor of detection."""
     gated = GatedMap(street.cells, street.gate)
     estimator = Music2d()
     detected = detect_cells(
@@ -39,7 +39,7 @@ def street_cells(street):
     tapered = gated.tapered(estimator.range_window, estimator.doppler_window)
     cells = tapered.cells[tapered.index(detected.bins)]
     assert len(cells) > 200
-    return cells[::25], detected.floor
+    return cells[::40], detected.floor
 
 
 def noise_subspace(lines, noise):

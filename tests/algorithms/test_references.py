@@ -15,11 +15,9 @@ from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
-from isacbench.model.frame import get_frame
-from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import TruthEstimator, is_reference
-from tests.algorithms.scenes import ARRAY, BASE_M, REGION, SYSTEM
+from tests.algorithms.scenes import BASE_M, REGION, SYSTEM, simulator
 from tests.conftest import few
 
 CELL = np.array([SYSTEM.range_bin_m, SYSTEM.velocity_bin_mps, 2 / 8, 2 / 8])
@@ -34,15 +32,11 @@ GOLDEN_LAST = [
 ]
 
 BOTH = pytest.mark.parametrize("reference", [Oracle(), Chance()], ids=["oracle", "chance"])
-FRAMES = pytest.mark.parametrize("frame", ["panel", "paper"])
-AXES = pytest.mark.parametrize("axis", range(4), ids=["range", "velocity", "u", "w"])
 
 
 def scenario_of(xyz, velocity, frame="panel", amplitude=None):
-    xyz = np.reshape(xyz, (-1, 3))
-    amplitude = np.ones(len(xyz)) if amplitude is None else amplitude
-    scatterers = Scatterers(xyz, np.array(velocity, dtype=float), np.array(amplitude, dtype=float))
-    return Scenario("few", SYSTEM, ARRAY, get_frame(frame), BASE_M, REGION, scatterers)
+    amplitude = np.ones(len(velocity)) if amplitude is None else amplitude
+    return simulator(xyz, velocity, amplitude, frame=frame).scenario
 
 
 def random_scenario(seed, n=40, frame="panel"):
@@ -121,7 +115,7 @@ def test_the_offsets_are_better_spread_than_random_ones():
 
 
 def test_the_mean_over_the_offsets_scatters_less_than_over_random_ones():
-    scenario, rng = random_scenario(5, 60), np.random.default_rng(0)
+    scenario, rng = random_scenario(5), np.random.default_rng(0)
     means, spreads = [], []
     for _ in range(12):
         found = numbers(Moved(shift=tuple(rng.random(4))), scenario)
@@ -133,21 +127,22 @@ def test_the_mean_over_the_offsets_scatters_less_than_over_random_ones():
 SIGNS = st.sampled_from([-1.0, 1.0])
 
 
-@AXES
 @few
-@given(st.integers(0, 9999), st.integers(2, 30), st.floats(-3, 3), SIGNS, st.sampled_from(["panel", "paper"]))
-@example(0, 30, 0.0, -1.0, "paper")
-@example(1, 30, 1.3, 1.0, "panel")
+@given(st.integers(0, 3), st.integers(0, 9999), st.floats(-3, 3), SIGNS, st.sampled_from(["panel", "paper"]))
+@example(0, 0, 0.0, -1.0, "paper")
+@example(1, 1, 1.3, 1.0, "panel")
+@example(2, 0, 0.0, -1.0, "panel")
+@example(3, 1, 1.3, 1.0, "paper")
 def test_a_coordinate_that_is_moved_or_mirrored_changes_the_means_by_less_than_three_standard_errors(
-    axis, seed, n, shift, sign, frame
+    axis, seed, shift, sign, frame
 ):
-    scenario = random_scenario(seed, n, frame)
+    scenario = random_scenario(seed, 30, frame)
     moved = Moved(factor=along(axis, sign, 1.0), shift=along(axis, shift, 0.0))
     assert_same_means(numbers(Oracle(), scenario), numbers(moved, scenario))
 
 
 @pytest.mark.slow
-@AXES
+@pytest.mark.parametrize("axis", range(4), ids=["range", "velocity", "u", "w"])
 @few
 @given(shift=st.floats(-0.5, 0.5), cell=st.sampled_from([0.5, 1.0]), sign=SIGNS)
 def test_the_means_of_the_street_hold_where_the_lattice_is_moved_or_mirrored(axis, shift, cell, sign):
@@ -171,7 +166,7 @@ def rail():
 def test_jitter_of_rounding_changes_the_means_by_less_than_a_percent(make):
     scenario = make()
     before = numbers(Oracle(), scenario).mean(axis=0)
-    for seed in range(3):
+    for seed in range(2):
         rng, scatterers = np.random.default_rng(seed), scenario.scatterers
         xyz = scatterers.xyz + rng.uniform(-1e-13, 1e-13, scatterers.xyz.shape)
         inside = np.clip(xyz, scenario.region.lower_m, scenario.region.upper_m)
@@ -195,7 +190,7 @@ def centroids(scenario, offset, cell):
     return np.array([[*np.mean(rows, axis=0)[:4], np.sum(rows, axis=0)[4]] for rows in cells.values()])
 
 
-@FRAMES
+@pytest.mark.parametrize("frame", ["panel", "paper"])
 @few
 @given(n=st.integers(1, 30), cell=st.sampled_from([0.5, 1.0, 3.7]), seed=st.integers(0, 9999))
 def test_every_realisation_is_the_centroid_of_every_cell_as_a_plain_loop_has_it(frame, n, cell, seed):

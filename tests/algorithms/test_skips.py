@@ -23,7 +23,8 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 
-DETECTORS = [CaCfar(), OsCfar(), OscaCfar(), OscaCfar(guard=1), GocaCfar(), SocaCfar(), TmCfar()]
+# The factor of a trimmed mean of many looks takes long: it is tested with one element.
+DETECTORS = [CaCfar(), OsCfar(), OscaCfar(), TmCfar(), GocaCfar(), OscaCfar(guard=1), SocaCfar()]
 DYNAMIC_RANGE_DB = 28.0
 
 

@@ -9,42 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import DUPLICATE_CELL, LocatedScatterers, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
-from isacbench.model.array import VirtualArray
-from isacbench.model.echo import clean_echo
-from isacbench.model.frame import PanelFrame
-from isacbench.model.gate import build_gate
-from isacbench.model.numerology import System
-from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers as SceneScatterers
-from isacbench.model.scene import Scenario
+from tests.algorithms.scenes import SYSTEM, echo_map
 
-SYSTEM = System(n_subcarriers=256, n_symbols=64)
-BASE_M = np.array([15.0, 100.0, 20.0])
-REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
 WINDOWS = get_args(Window)
 
 
-def gated_map(range_bin, doppler_bin, u, w, amplitude):
-    """Noise-free map of scatterers given as the radio sees them."""
-    frame = PanelFrame()
-    scenario = Scenario(
-        name="few",
-        system=SYSTEM,
-        array=VirtualArray((2, 2), (4, 4), 4, 1),
-        frame=frame,
-        base_station_m=BASE_M,
-        region=REGION,
-        scatterers=SceneScatterers(
-            BASE_M + frame.offsets(np.array(range_bin) * SYSTEM.range_bin_m, u, w),
-            np.array(doppler_bin) * SYSTEM.velocity_bin_mps,
-            np.array(amplitude),
-        ),
-    )
-    gate = build_gate(SYSTEM, BASE_M, REGION)
-    return GatedMap(clean_echo(scenario, gate), gate)
+def gated_map(*columns):
+    """Noise-free map of scatterers: range bins, Doppler bins, u, w and amplitudes."""
+    return echo_map(*map(tuple, columns))
 
 
 def waves_in(cells, u, w):

@@ -4,19 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import constants
 
 from isacbench.dsp.bounds import joint_bound, single_bound, stochastic_bound
 from isacbench.errors import InputError
 from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
 from tests.conftest import few
+from tests.dsp.explicit_echoes import SENSING, SHAPE, SYSTEMS, echoes_and_slopes, normalised
 
-SHAPE = (3, 4)
-SYSTEMS = {"all": System(n_subcarriers=7, n_symbols=5), "prs": System(n_subcarriers=14, n_symbols=70)}
-"""The comb on 14 subcarriers is not symmetric about its middle, so that inner products are complex there."""
-
-SENSING = pytest.mark.parametrize("sensing", ["all", "prs"])
 PAIR_SYSTEM = System(n_subcarriers=32, n_symbols=70)
 PAIR_SHAPE = (4, 6)
 PAIR_ELEMENTS = 32 * 70 * 4 * 6
@@ -24,29 +19,9 @@ MIDDLE_PHASE = -np.pi * 31 / 32
 """Phase of an echo at the middle of the pairs' subcarriers, per range bin."""
 
 
-def filled(system, shape, sensing, places):
-    """Echoes A (elements, K) of amplitude 1 and slopes D (elements, 4K), element by element."""
-    A, D = [], []
-    for n, m in zip(*np.nonzero(resource_elements(system, sensing)), strict=True):
-        for p in range(shape[0]):
-            for q in range(shape[1]):
-                slope = np.array(
-                    [
-                        -4 * np.pi * n * system.subcarrier_spacing_hz / constants.speed_of_light,
-                        4 * np.pi * m * system.symbol_time_s * system.carrier_hz / constants.speed_of_light,
-                        -np.pi * p,
-                        -np.pi * q,
-                    ]
-                )
-                echo = np.exp(1j * slope @ places)
-                A.append(echo)
-                D.append([1j * x * wave for wave in echo for x in slope])
-    return np.array(A), np.array(D)
-
-
 def filled_bound(system, shape, sensing, places, covariance, noise_power):
     """The formula of Stoica and Nehorai as it is printed, of filled matrices; (K, 4, K, 4)."""
-    A, D = filled(system, shape, sensing, places)
+    A, D = echoes_and_slopes(system, shape, sensing, places)
     k = A.shape[1]
     projector = np.eye(len(A)) - A @ np.linalg.inv(A.conj().T @ A) @ A.conj().T
     R = A @ covariance @ A.conj().T + noise_power * np.eye(len(A))
@@ -81,12 +56,6 @@ def places_apart(rng, system, shape, k):
     return cells[:, None] * (
         rng.uniform(-0.5, 0.5, (4, 1)) + 0.7 * np.arange(k) + rng.uniform(0, 0.2, (4, k))
     )
-
-
-def normalised(difference, covariance):
-    """Difference of joint covariances (K, 4, K, 4), in standard deviations of one of them."""
-    std = np.sqrt(np.einsum("kiki->ki", covariance))
-    return difference / np.multiply.outer(std, std)
 
 
 def averaged_deterministic(system, shape, sensing, places, factor, noise_power):
@@ -136,7 +105,7 @@ def test_the_bound_is_that_of_the_numerical_fisher_matrix_of_the_likelihood(nois
     powers, correlation = [1.0, 2.5], [0.7, -0.4]
 
     def data_covariance(unknowns):
-        A, _ = filled(system, shape, "all", unknowns[: 4 * k].reshape(4, k) * unit)
+        A, _ = echoes_and_slopes(system, shape, "all", unknowns[: 4 * k].reshape(4, k) * unit)
         S = covariance_of(unknowns[4 * k : -1], k)
         return A @ S @ A.conj().T + unknowns[-1] * np.eye(len(A))
 
@@ -173,7 +142,7 @@ def test_fully_correlated_amplitudes_have_the_deterministic_bound_times_their_jo
     rng, system = np.random.default_rng(3), SYSTEMS[sensing]
     places = places_apart(rng, system, SHAPE, 3)
     covariance, factor = random_covariance(rng, 3, rank=1)
-    A, _ = filled(system, SHAPE, sensing, places)
+    A, _ = echoes_and_slopes(system, SHAPE, sensing, places)
     snr_post = np.linalg.norm(A @ factor) ** 2 / noise_power
     joint = joint_bound(system, SHAPE, *places, factor[:, 0], noise_power, sensing).joint_covariance
     expected = joint * (1 + 1 / snr_post)
@@ -197,35 +166,6 @@ def test_it_is_never_below_the_deterministic_bound_of_the_same_covariance_and_re
     assert excess[0] > excess[1] > excess[2] > excess[3]
     assert excess[0] > 0.1
     assert excess[3] < 1e-7
-
-
-@SENSING
-@few
-@given(
-    seed=st.integers(0, 2**32 - 1), level=st.floats(1e-3, 1e3), phase=st.floats(0, 2 * np.pi), data=st.data()
-)
-def test_order_common_phase_and_common_scale_of_amplitudes_and_noise_are_immaterial(
-    sensing, seed, level, phase, data
-):
-    rng, system = np.random.default_rng(seed), SYSTEMS[sensing]
-    places = places_apart(rng, system, SHAPE, 3)
-    covariance, factor = random_covariance(rng, 3)
-    expected = stochastic_bound(system, SHAPE, *places, covariance, 5.0, sensing=sensing).joint_covariance
-    order = np.array(data.draw(st.permutations(range(3))))
-    changed = np.sqrt(level) * np.exp(1j * phase) * factor[order]
-    changed = changed @ changed.conj().T
-    bound = stochastic_bound(system, SHAPE, *places[:, order], changed, 5.0 * level, sensing=sensing)
-    expected = expected[order][:, :, order]
-    np.testing.assert_allclose(normalised(bound.joint_covariance - expected, expected), 0, rtol=0, atol=1e-6)
-
-
-def test_variances_fall_with_the_number_of_frames():
-    rng, system = np.random.default_rng(4), SYSTEMS["all"]
-    places = places_apart(rng, system, SHAPE, 2)
-    once, often = (
-        stochastic_bound(system, SHAPE, *places, [1.0, 0.2], 50.0, n).joint_covariance for n in (1, 40)
-    )
-    np.testing.assert_allclose(40 * often, once, rtol=1e-12)
 
 
 def test_powers_are_those_of_uncorrelated_amplitudes():

@@ -1,7 +1,5 @@
 """Chamfer, GOSPA, precision and recall against plain loops."""
 
-from __future__ import annotations
-
 import math
 from itertools import permutations
 
@@ -18,19 +16,19 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 
 
-def clouds(min_size: int = 0, max_size: int = 5) -> st.SearchStrategy[PointCloud]:
+def clouds(min_size=0):
     """Clouds about as wide as the cut-off, some on a lattice with pairs at it exactly."""
     number = st.floats(-1.5, 1.5, allow_subnormal=False) | st.integers(-2, 2).map(lambda n: n / 2)
-    rows = st.lists(st.tuples(number, number, number), min_size=min_size, max_size=max_size)
+    rows = st.lists(st.tuples(number, number, number), min_size=min_size, max_size=5)
     return rows.map(cloud_at)
 
 
-def cloud_at(xyz: object) -> PointCloud:
+def cloud_at(xyz):
     positions = np.asarray(xyz, dtype=float).reshape(-1, 3)
     return PointCloud(xyz=positions, velocity=np.zeros(len(positions)), power=np.ones(len(positions)))
 
 
-def gospa_by_permutations(a: PointCloud, b: PointCloud) -> float:
+def gospa_by_permutations(a, b):
     """Definition of the paper with α = 2: every injection of the smaller into the larger cloud."""
     small, large = sorted((a.xyz.tolist(), b.xyz.tolist()), key=len)
     costs = (
@@ -41,9 +39,7 @@ def gospa_by_permutations(a: PointCloud, b: PointCloud) -> float:
 
 
 @given(truth=clouds(), estimate=clouds())
-def test_gospa_is_the_minimum_over_all_assignments_symmetric_and_bounded(
-    truth: PointCloud, estimate: PointCloud
-) -> None:
+def test_gospa_is_the_minimum_over_all_assignments_symmetric_and_bounded(truth, estimate):
     found = gospa_m(truth, estimate)
     assert found == pytest.approx(gospa_by_permutations(truth, estimate), abs=1e-9)
     assert found == pytest.approx(gospa_m(estimate, truth), abs=1e-12)
@@ -51,9 +47,7 @@ def test_gospa_is_the_minimum_over_all_assignments_symmetric_and_bounded(
 
 
 @given(truth=clouds(min_size=1), estimate=clouds(), unit=st.sampled_from([0.25, 2.0, 4.0]))
-def test_scores_with_another_radius_are_those_of_clouds_in_another_unit(
-    truth: PointCloud, estimate: PointCloud, unit: float
-) -> None:
+def test_scores_with_another_radius_are_those_of_clouds_in_another_unit(truth, estimate, unit):
     one = cloud_scores(truth, estimate)
     scaled = cloud_scores(cloud_at(unit * truth.xyz), cloud_at(unit * estimate.xyz), radius_m=unit)
     assert scaled.gospa_m == pytest.approx(unit * one.gospa_m, abs=1e-12)
@@ -61,13 +55,13 @@ def test_scores_with_another_radius_are_those_of_clouds_in_another_unit(
 
 
 @pytest.mark.parametrize("radius_m", [0.0, -1.0, math.inf, math.nan])
-def test_a_radius_that_is_none_is_refused(radius_m: float) -> None:
+def test_a_radius_that_is_none_is_refused(radius_m):
     with pytest.raises(InputError, match="radius_m"):
         cloud_scores(cloud_at([[0, 0, 0]]), PointCloud.empty(), radius_m=radius_m)
 
 
 @pytest.mark.parametrize("width_m", [0, 0.4, 2, 20])
-def test_gospa_equals_a_dense_assignment_in_crowds(width_m: float) -> None:
+def test_gospa_equals_a_dense_assignment_in_crowds(width_m):
     rng = np.random.default_rng(7)
     truth, estimate = (cloud_at(rng.uniform(0, width_m, (n, 3))) for n in (120, 90))
     cost = np.minimum(cdist(truth.xyz, estimate.xyz, "sqeuclidean"), 1)
@@ -77,11 +71,11 @@ def test_gospa_equals_a_dense_assignment_in_crowds(width_m: float) -> None:
 
 
 @given(a=clouds(), b=clouds(), c=clouds())
-def test_gospa_obeys_the_triangle_inequality(a: PointCloud, b: PointCloud, c: PointCloud) -> None:
+def test_gospa_obeys_the_triangle_inequality(a, b, c):
     assert gospa_m(a, c) <= gospa_m(a, b) + gospa_m(b, c) + 1e-9
 
 
-def test_gospa_of_hand_worked_clouds() -> None:
+def test_gospa_of_hand_worked_clouds():
     origin = cloud_at([[0, 0, 0]])
     assert gospa_m(origin, cloud_at([[0.5, 0, 0]])) == pytest.approx(0.5)
     assert gospa_m(origin, cloud_at([[1.5, 0, 0]])) == pytest.approx(1.0)
@@ -93,7 +87,7 @@ def test_gospa_of_hand_worked_clouds() -> None:
 
 
 @given(truth=clouds(min_size=1), estimate=clouds(min_size=1))
-def test_chamfer_precision_and_recall_equal_plain_loops(truth: PointCloud, estimate: PointCloud) -> None:
+def test_chamfer_precision_and_recall_equal_plain_loops(truth, estimate):
     forward = [min(math.dist(p, q) for q in estimate.xyz) for p in truth.xyz]
     backward = [min(math.dist(p, q) for p in truth.xyz) for q in estimate.xyz]
     found = cloud_scores(truth, estimate)
@@ -107,12 +101,12 @@ def test_chamfer_precision_and_recall_equal_plain_loops(truth: PointCloud, estim
 
 
 @given(truth=clouds(min_size=1))
-def test_the_truth_scores_perfectly_against_itself(truth: PointCloud) -> None:
+def test_the_truth_scores_perfectly_against_itself(truth):
     found = vars(cloud_scores(truth, truth))
     assert found == {name: float(name in ("precision", "recall")) for name in found}
 
 
-def test_a_point_at_one_metre_counts_as_found() -> None:
+def test_a_point_at_one_metre_counts_as_found():
     found = cloud_scores(cloud_at([[0, 0, 0]]), cloud_at([[1, 0, 0], [0, 1.001, 0]]))
     assert (found.precision, found.recall) == (0.5, 1)
 
@@ -124,8 +118,8 @@ def test_a_point_at_one_metre_counts_as_found() -> None:
     seed=st.integers(0, 99),
 )
 def test_neither_translation_nor_order_matters_and_swapping_swaps_the_directions(
-    truth: PointCloud, estimate: PointCloud, shift: tuple[int, int, int], seed: int
-) -> None:
+    truth, estimate, shift, seed
+):
     rng = np.random.default_rng(seed)
     here = cloud_scores(truth, estimate)
     there = cloud_scores(cloud_at(truth.xyz + shift), cloud_at(estimate.xyz + shift))
@@ -141,9 +135,7 @@ def test_neither_translation_nor_order_matters_and_swapping_swaps_the_directions
 
 
 @given(truth=clouds(min_size=1), estimate=clouds(min_size=1))
-def test_an_empty_cloud_is_never_better_in_chamfer_precision_and_recall(
-    truth: PointCloud, estimate: PointCloud
-) -> None:
+def test_an_empty_cloud_is_never_better_in_chamfer_precision_and_recall(truth, estimate):
     region = Region(x_m=(-1.5, 1.5), y_m=(-1.5, 1.5), z_m=(-1.5, 1.5), speed_mps=(0, 0))
     empty, found = (cloud_scores(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
     # A mean of equal distances can round up by a last digit.
@@ -154,6 +146,6 @@ def test_an_empty_cloud_is_never_better_in_chamfer_precision_and_recall(
     assert empty.gospa_m == pytest.approx(gospa_m(truth, PointCloud.empty()))
 
 
-def test_an_empty_truth_is_refused() -> None:
+def test_an_empty_truth_is_refused():
     with pytest.raises(InputError, match="truth: the cloud is empty"):
         cloud_scores(PointCloud.empty(), cloud_at([[0, 0, 0]]))

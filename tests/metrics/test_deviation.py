@@ -1,7 +1,5 @@
 """The paper's metric against plain loops, and its edges."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -18,7 +16,7 @@ from isacbench.model.region import Region
 PROJECTIONS = {"hausdorff_xy_m": (0, 1), "hausdorff_xz_m": (0, 2), "hausdorff_yz_m": (1, 2)}
 
 
-def clouds(min_size: int = 1, lattice: bool = False) -> st.SearchStrategy[PointCloud]:
+def clouds(min_size=1, lattice=False):
     """Clouds of few points; those on a lattice are full of ties and duplicates."""
     number = st.integers(-2, 2) if lattice else st.floats(-100, 100, allow_subnormal=False)
     rows = st.lists(st.tuples(number, number, number, number), min_size=min_size, max_size=8)
@@ -28,11 +26,11 @@ def clouds(min_size: int = 1, lattice: bool = False) -> st.SearchStrategy[PointC
 any_clouds = clouds() | clouds(lattice=True)
 
 
-def moved(cloud: PointCloud, shift_m: list[float]) -> PointCloud:
+def moved(cloud, shift_m):
     return PointCloud(xyz=cloud.xyz + shift_m, velocity=cloud.velocity, power=cloud.power)
 
 
-def hausdorff_by_loops(a: np.ndarray, b: np.ndarray) -> float:
+def hausdorff_by_loops(a, b):
     worst = 0.0
     for left, right in ((a, b), (b, a)):
         for p in left:
@@ -40,7 +38,7 @@ def hausdorff_by_loops(a: np.ndarray, b: np.ndarray) -> float:
     return worst
 
 
-def nmse_by_loops(truth: PointCloud, estimate: PointCloud, bin_mps: float) -> float:
+def nmse_by_loops(truth, estimate, bin_mps):
     errors, energy = 0.0, 0.0
     for p, v in zip(truth.xyz, truth.velocity, strict=True):
         nearest = min(math.dist(p, q) for q in estimate.xyz)
@@ -54,7 +52,7 @@ def nmse_by_loops(truth: PointCloud, estimate: PointCloud, bin_mps: float) -> fl
 
 
 @given(truth=any_clouds, estimate=any_clouds)
-def test_every_component_equals_plain_loops(truth: PointCloud, estimate: PointCloud) -> None:
+def test_every_component_equals_plain_loops(truth, estimate):
     found = paper_deviation(truth, estimate, velocity_bin_mps=2.0)
     for name, axes in PROJECTIONS.items():
         expected = hausdorff_by_loops(truth.xyz[:, axes], estimate.xyz[:, axes])
@@ -66,9 +64,7 @@ def test_every_component_equals_plain_loops(truth: PointCloud, estimate: PointCl
 
 
 @given(truth=any_clouds, estimate=any_clouds, seed=st.integers(0, 99))
-def test_the_truth_has_no_deviation_and_neither_order_nor_swapping_matters(
-    truth: PointCloud, estimate: PointCloud, seed: int
-) -> None:
+def test_the_truth_has_no_deviation_and_neither_order_nor_swapping_matters(truth, estimate, seed):
     assert paper_deviation(truth, truth) == Deviation(0, 0, 0, 0, 0)
     rng = np.random.default_rng(seed)
     forth, back = paper_deviation(truth, estimate), paper_deviation(estimate, truth)
@@ -83,9 +79,7 @@ def test_the_truth_has_no_deviation_and_neither_order_nor_swapping_matters(
 @given(
     truth=clouds(lattice=True), estimate=clouds(lattice=True), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3)
 )
-def test_translation_does_not_matter_even_where_points_are_equally_near(
-    truth: PointCloud, estimate: PointCloud, shift: tuple[float, float, float]
-) -> None:
+def test_translation_does_not_matter_even_where_points_are_equally_near(truth, estimate, shift):
     there = paper_deviation(moved(truth, [*shift]), moved(estimate, [*shift]))
     assert there.deviation == pytest.approx(paper_deviation(truth, estimate).deviation, abs=1e-9)
 
@@ -100,11 +94,11 @@ fraction = st.floats(0, 1)
     places=st.lists(st.tuples(fraction, fraction, fraction), min_size=1, max_size=4),
 )
 def test_an_empty_cloud_is_never_better_than_points_inside_the_region(
-    truth: PointCloud,
-    corner: tuple[float, float, float],
-    size: tuple[float, float, float],
-    places: list[tuple[float, float, float]],
-) -> None:
+    truth,
+    corner,
+    size,
+    places,
+):
     limits = [(low, low + length) for low, length in zip(corner, size, strict=True)]
     region = Region(*limits, speed_mps=(-1, 1))
     inside = np.clip(region.lower_m + np.array(places) * region.size_m, region.lower_m, region.upper_m)
@@ -117,19 +111,19 @@ def test_an_empty_cloud_is_never_better_than_points_inside_the_region(
     assert math.isfinite(empty.deviation)
 
 
-def test_an_empty_cloud_scores_the_diagonals_of_the_region() -> None:
+def test_an_empty_cloud_scores_the_diagonals_of_the_region():
     truth = PointCloud(xyz=[[1, 1, 1]], velocity=[3], power=[1])
     region = Region(x_m=(0, 3), y_m=(0, 4), z_m=(0, 12), speed_mps=(-9, 9))
     found = paper_deviation(truth, PointCloud.empty(), region)
     assert found == Deviation(5, math.hypot(3, 12), math.hypot(4, 12), density=1, velocity_nmse=1)
 
 
-def test_an_empty_cloud_without_a_region_scores_the_diagonals_of_the_truth() -> None:
+def test_an_empty_cloud_without_a_region_scores_the_diagonals_of_the_truth():
     truth = PointCloud(xyz=[[0, 0, 0], [3, 4, 0]], velocity=[3, 3], power=[1, 1])
     assert paper_deviation(truth, PointCloud.empty()) == Deviation(5, 3, 4, density=1, velocity_nmse=1)
 
 
-def test_a_static_scene_measures_the_velocity_in_bins() -> None:
+def test_a_static_scene_measures_the_velocity_in_bins():
     truth = PointCloud(xyz=np.eye(3), velocity=np.zeros(3), power=np.ones(3))
     estimate = PointCloud(xyz=np.eye(3), velocity=[2, 0, 0], power=np.ones(3))
     assert paper_deviation(truth, estimate, velocity_bin_mps=4).velocity_nmse == pytest.approx(1 / 12)
@@ -137,44 +131,44 @@ def test_a_static_scene_measures_the_velocity_in_bins() -> None:
     assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(table_i)
 
 
-def test_a_rounding_residue_of_the_true_velocity_counts_as_static() -> None:
+def test_a_rounding_residue_of_the_true_velocity_counts_as_static():
     truth = PointCloud(xyz=[[0, 0, 0]], velocity=[1e-16], power=[1])
     estimate = PointCloud(xyz=[[0, 0, 0]], velocity=[1], power=[1])
     assert paper_deviation(truth, estimate, velocity_bin_mps=2).velocity_nmse == pytest.approx(1 / 4)
 
 
-def test_the_nearest_point_in_three_dimensions_gives_the_velocity() -> None:
+def test_the_nearest_point_in_three_dimensions_gives_the_velocity():
     truth = PointCloud(xyz=[[0, 0, 0]], velocity=[10], power=[1])
     estimate = PointCloud(xyz=[[0, 0, 3], [1, 1, 1]], velocity=[10, 5], power=[1, 1])
     assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(0.25)
 
 
-def test_of_equally_near_points_the_smallest_velocity_error_counts() -> None:
+def test_of_equally_near_points_the_smallest_velocity_error_counts():
     truth = PointCloud(xyz=[[0, 0, 0]], velocity=[10], power=[1])
     for velocity in ([4, 9, 20], [20, 4, 9], [9, 20, 4]):
         estimate = PointCloud(xyz=[[1, 0, 0], [-1, 0, 0], [0, 1, 0]], velocity=velocity, power=[1, 1, 1])
         assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(0.01)
 
 
-def test_the_deviation_is_the_sum_of_its_five_components() -> None:
+def test_the_deviation_is_the_sum_of_its_five_components():
     found = Deviation(1, 2, 4, 8, 16)
     assert (found.hausdorff_sum_m, found.deviation) == (7, 31)
 
 
-def test_an_empty_truth_is_refused() -> None:
+def test_an_empty_truth_is_refused():
     with pytest.raises(InputError, match="truth: the cloud is empty; a score takes at least one"):
         paper_deviation(PointCloud.empty(), PointCloud.empty())
 
 
 @pytest.mark.parametrize("bin_mps", [0, -1, math.nan, math.inf, 1e-200])
-def test_a_velocity_bin_that_is_not_positive_is_refused(bin_mps: float) -> None:
+def test_a_velocity_bin_that_is_not_positive_is_refused(bin_mps):
     cloud = PointCloud(xyz=[[0, 0, 0]], velocity=[0], power=[1])
     with pytest.raises(InputError, match=r"velocity_bin_mps = .*: allowed is a positive number of m/s"):
         paper_deviation(cloud, cloud, velocity_bin_mps=bin_mps)
 
 
 @pytest.mark.parametrize("row", [[1e60, 0, 0, 0], [0, 0, 0, -1e60]])
-def test_magnitudes_whose_squares_overflow_are_refused(row: list[float]) -> None:
+def test_magnitudes_whose_squares_overflow_are_refused(row):
     far, near = PointCloud.from_array(np.array([row])), PointCloud.from_array(np.zeros((1, 4)))
     with pytest.raises(
         InputError, match=r"estimate: coordinates and velocities take magnitudes up to 1e\+50"
@@ -182,6 +176,6 @@ def test_magnitudes_whose_squares_overflow_are_refused(row: list[float]) -> None
         paper_deviation(near, far)
 
 
-def test_the_largest_magnitudes_score_finite() -> None:
+def test_the_largest_magnitudes_score_finite():
     truth = PointCloud.from_array(np.full((2, 4), 1e50))
     assert math.isfinite(paper_deviation(truth, moved(truth, [-2e50] * 3)).deviation)

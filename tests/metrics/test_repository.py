@@ -1,7 +1,5 @@
 """The published code's metric against hand-worked examples and plain loops."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 
@@ -22,16 +20,16 @@ clouds = st.lists(st.tuples(coordinate, coordinate, coordinate, speed), min_size
 )
 
 
-def at_origin(velocities: list[float]) -> PointCloud:
+def at_origin(velocities):
     n = len(velocities)
     return PointCloud(xyz=np.zeros((n, 3)), velocity=velocities, power=np.ones(n))
 
 
-def hausdorff_by_loops(a: np.ndarray, b: np.ndarray) -> float:
+def hausdorff_by_loops(a, b):
     return max(max(min(math.dist(p, q) for q in right) for p in left) for left, right in ((a, b), (b, a)))
 
 
-def velocity_by_loops(true: list[float], estimated: list[float]) -> float:
+def velocity_by_loops(true, estimated):
     distinct = sorted(set(true), reverse=True)
     ranked = sorted(Counter(estimated).items(), key=lambda item: (-item[1], item[0]))
     kept = sorted((velocity for velocity, _ in ranked[: len(distinct)]), reverse=True)
@@ -43,7 +41,7 @@ def velocity_by_loops(true: list[float], estimated: list[float]) -> float:
 
 
 @given(truth=clouds, estimate=clouds)
-def test_every_component_equals_plain_loops(truth: PointCloud, estimate: PointCloud) -> None:
+def test_every_component_equals_plain_loops(truth, estimate):
     found = repository_deviation(truth, estimate)
     position = sum(
         hausdorff_by_loops(truth.xyz[:, axes], estimate.xyz[:, axes]) for axes in ([0], [1], [0, 2])
@@ -68,11 +66,11 @@ def test_every_component_equals_plain_loops(truth: PointCloud, estimate: PointCl
         pytest.param([0.0], [-0.0, 0.0], 0.0, id="zero has one sign"),
     ],
 )
-def test_hand_worked_velocities(true: list[float], estimated: list[float], expected: float) -> None:
+def test_hand_worked_velocities(true, estimated, expected):
     assert repository_deviation(at_origin(true), at_origin(estimated)).velocity == pytest.approx(expected)
 
 
-def test_a_hand_worked_position() -> None:
+def test_a_hand_worked_position():
     truth = PointCloud(xyz=[[0, 0, 0], [10, 2, 0]], velocity=[1, 1], power=[1, 1])
     estimate = PointCloud(xyz=[[0, 5, 4]], velocity=[1], power=[1])
     # x: 10 from the second scatterer; y: 5 from the first; xz: hypot(10, 4) from the second.
@@ -80,9 +78,7 @@ def test_a_hand_worked_position() -> None:
 
 
 @given(truth=clouds, estimate=clouds, seed=st.integers(0, 99))
-def test_the_truth_has_no_deviation_and_the_order_of_the_points_does_not_matter(
-    truth: PointCloud, estimate: PointCloud, seed: int
-) -> None:
+def test_the_truth_has_no_deviation_and_the_order_of_the_points_does_not_matter(truth, estimate, seed):
     assert repository_deviation(truth, truth) == RepositoryDeviation(0, 0, 0)
     rng = np.random.default_rng(seed)
     shuffled = repository_deviation(
@@ -92,9 +88,7 @@ def test_the_truth_has_no_deviation_and_the_order_of_the_points_does_not_matter(
 
 
 @given(truth=clouds, estimate=clouds)
-def test_an_empty_cloud_is_never_better_than_points_inside_the_region(
-    truth: PointCloud, estimate: PointCloud
-) -> None:
+def test_an_empty_cloud_is_never_better_than_points_inside_the_region(truth, estimate):
     region = Region(x_m=(-50, 50), y_m=(-50, 50), z_m=(-50, 50), speed_mps=(-3, 3))
     empty, found = (repository_deviation(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
     assert empty.position >= found.position
@@ -103,17 +97,17 @@ def test_an_empty_cloud_is_never_better_than_points_inside_the_region(
     assert math.isfinite(empty.deviation)
 
 
-def test_an_empty_cloud_scores_the_extent_of_region_and_truth() -> None:
+def test_an_empty_cloud_scores_the_extent_of_region_and_truth():
     region = Region(x_m=(0, 3), y_m=(0, 5), z_m=(0, 4), speed_mps=(-10, 20))
     truth = PointCloud(xyz=[[1, 7, 1]], velocity=[30], power=[1])
     found = repository_deviation(truth, PointCloud.empty(), region)
     assert found == RepositoryDeviation(position=3 + 7 + 5, velocity=20, density=1)
 
 
-def test_an_empty_cloud_without_a_region_scores_half_the_largest_true_speed() -> None:
+def test_an_empty_cloud_without_a_region_scores_half_the_largest_true_speed():
     assert repository_deviation(at_origin([8]), PointCloud.empty()).velocity == 4
 
 
-def test_an_empty_truth_is_refused() -> None:
+def test_an_empty_truth_is_refused():
     with pytest.raises(InputError, match="truth: the cloud is empty"):
         repository_deviation(PointCloud.empty(), at_origin([1]))

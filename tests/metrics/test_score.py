@@ -1,7 +1,5 @@
 """The one call that scores, and the table that describes its answer."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -19,42 +17,42 @@ REGION = Region(x_m=(-10, 10), y_m=(-10, 10), z_m=(-10, 10), speed_mps=(-5, 5))
 
 
 @pytest.fixture
-def pair() -> tuple[PointCloud, PointCloud]:
+def pair():
     rng = np.random.default_rng(3)
     truth = PointCloud.from_array(rng.normal(size=(40, 5)))
     return truth, PointCloud.from_array(rng.normal(size=(30, 5)))
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_the_answer_has_the_columns_of_the_table(pair: tuple[PointCloud, PointCloud], metric: str) -> None:
+def test_the_answer_has_the_columns_of_the_table(pair, metric):
     found = score(*pair, metric)
     assert list(found) == list(METRICS[metric])
     assert (found["n_true"], found["n_estimated"]) == (40, 30)
     assert all(type(found[name]) is (int if name.startswith("n_") else float) for name in found)
 
 
-def test_paper_scores_are_those_of_the_single_metrics(pair: tuple[PointCloud, PointCloud]) -> None:
+def test_paper_scores_are_those_of_the_single_metrics(pair):
     found = score(*pair)
     deviation, beside = paper_deviation(*pair), cloud_scores(*pair)
     for name in set(found) - {"n_true", "n_estimated"}:
         assert found[name] == getattr(deviation if hasattr(deviation, name) else beside, name)
 
 
-def test_repository_scores_are_those_of_the_single_metric(pair: tuple[PointCloud, PointCloud]) -> None:
+def test_repository_scores_are_those_of_the_single_metric(pair):
     found, expected = score(*pair, "repository"), repository_deviation(*pair)
     for name in set(found) - {"n_true", "n_estimated"}:
         assert found[name] == getattr(expected, name)
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_an_empty_estimate_scores_finite_with_and_without_a_region(metric: str) -> None:
+def test_an_empty_estimate_scores_finite_with_and_without_a_region(metric):
     for region in (None, REGION):
         found = score([[1, 2, 3, 4]], np.empty((0, 4)), metric, region=region)
         assert all(math.isfinite(value) for value in found.values())
         assert found.get("precision", 0) == found.get("recall", 0) == 0
 
 
-def test_region_and_velocity_bin_reach_the_metrics() -> None:
+def test_region_and_velocity_bin_reach_the_metrics():
     truth = [[0, 0, 0, 0]]
     assert score(truth, np.empty((0, 4)), region=REGION)["hausdorff_xy_m"] == pytest.approx(
         math.hypot(20, 20)
@@ -64,7 +62,7 @@ def test_region_and_velocity_bin_reach_the_metrics() -> None:
     assert score(truth, [[0, 0, 0, 6]], velocity_bin_mps=3)["velocity_nmse"] == pytest.approx(4)
 
 
-def test_arrays_with_and_without_power_and_clouds_score_alike(pair: tuple[PointCloud, PointCloud]) -> None:
+def test_arrays_with_and_without_power_and_clouds_score_alike(pair):
     truth, estimate = pair
     expected = score(truth, estimate)
     assert score(truth.to_array(), estimate.to_array()[:, :4].tolist()) == expected
@@ -77,7 +75,7 @@ def test_arrays_with_and_without_power_and_clouds_score_alike(pair: tuple[PointC
         ("zzz", "unknown metric 'zzz': allowed are paper, repository"),
     ],
 )
-def test_an_unknown_metric_is_refused_with_a_suggestion(metric: str, message: str) -> None:
+def test_an_unknown_metric_is_refused_with_a_suggestion(metric, message):
     with pytest.raises(InputError) as refusal:
         score([[0, 0, 0, 0]], [[0, 0, 0, 0]], metric)
     assert str(refusal.value) == message
@@ -94,17 +92,17 @@ def test_an_unknown_metric_is_refused_with_a_suggestion(metric: str, message: st
         ([[0, 0, 0, 0], [0]], "estimate: "),
     ],
 )
-def test_a_malformed_array_is_refused_by_name(values: object, message: str) -> None:
+def test_a_malformed_array_is_refused_by_name(values, message):
     with pytest.raises(InputError, match=message):
-        score([[0, 0, 0, 0]], values)  # type: ignore[arg-type]
+        score([[0, 0, 0, 0]], values)
 
 
-def test_an_empty_truth_is_refused() -> None:
+def test_an_empty_truth_is_refused():
     with pytest.raises(InputError, match="truth: the cloud is empty"):
         score(np.empty((0, 4)), [[0, 0, 0, 0]])
 
 
-def test_every_column_is_described() -> None:
+def test_every_column_is_described():
     for columns in METRICS.values():
         for name, column in columns.items():
             assert column.name == name

@@ -8,15 +8,10 @@ from hypothesis import strategies as st
 from isacbench.dsp.angles.beamformers import bartlett_spectrum, capon_spectrum, iaa_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum, cosine_samples, within_period
 from isacbench.model.kernels import steering
+from tests.dsp.plane_wave_data import noise
 
 U, W = np.linspace(-0.5, 0.4, 7), np.linspace(-0.3, 0.6, 6)
 FINE = cosine_samples((-0.5, 0.5), 1 / 32)
-
-
-def noise(*shape, seed=0):
-    """White complex noise of unit power."""
-    rng = np.random.default_rng(seed)
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
 def waves(shape, *places, level=0.0, seed=0):
@@ -74,18 +69,6 @@ def test_capon_s_power_is_that_of_the_inverse_of_the_smoothed_covariance(shape, 
 
     found = capon_spectrum(x, subarray, loading, U, W).power[0]
     np.testing.assert_allclose(found, on_grid(power), rtol=1e-8)
-
-
-@given(seed=st.integers(0, 9999), loading=st.floats(1e-3, 1e3))
-def test_capon_s_filter_passes_no_more_than_bartlett_s(seed, loading):
-    x, subarray = waves((6, 5), (0.2, 0.1, 2.0), level=1.0, seed=seed), (4, 3)
-    covariance = plain_covariance(x[0], subarray) + loading * np.eye(12)
-
-    def bartlett(u, w):
-        a = direction(subarray, u, w)
-        return np.vdot(a, covariance @ a).real / 12**2
-
-    assert np.all(capon_spectrum(x, subarray, loading, U, W).power[0] <= on_grid(bartlett) * (1 + 1e-9))
 
 
 def plain_iaa(x, noise_power, n_iterations, u, w):
@@ -172,8 +155,7 @@ def test_the_flat_spectrum_of_an_element_alone_has_no_peaks():
     assert not bartlett_spectrum(one_element, FINE, FINE).waves(10.0, 4).found.any()
 
 
-@pytest.mark.parametrize("snr", [1e2, 1e3, 1e4])
-@given(shift=st.floats(0, 1 / 32))
+@given(snr=st.sampled_from([1e2, 1e3, 1e4]), shift=st.floats(0, 1 / 32))
 def test_two_equal_waves_are_both_peaks_of_capon_s_spectrum_wherever_the_samples_lie(snr, shift):
     places = [(-0.1 + shift, 0.1, 1.0), (0.15 + shift, 0.1, 1j)]
     x = waves((16, 16), *places, level=1 / snr)
@@ -181,13 +163,6 @@ def test_two_equal_waves_are_both_peaks_of_capon_s_spectrum_wherever_the_samples
     for u, w, _ in places:
         distance = np.hypot(found.u - u, found.w - w)[found.found]
         assert distance.min() < 0.01
-
-
-def test_the_strongest_maximum_counts_and_no_flank_that_rises_beyond_the_border():
-    x = waves((16, 16), (0.0, 0.0, 1.0), (0.66, 0.0, 30.0))
-    found = bartlett_spectrum(x, FINE, FINE).waves(3.0, 4)
-    again = AngularSpectrum(FINE, FINE, bartlett_spectrum(x, FINE, FINE).power).waves(3.0, 4)
-    np.testing.assert_array_equal(found.found, again.found)
 
 
 def test_a_cosine_and_that_two_farther_are_one():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from isacbench.dsp.angles.eigenpairs import MOST_ROTATION, separated_order, with_rounding
 from isacbench.dsp.angles.line_subspaces import line_eigenpairs, music_null_spectrum, real_steering
 from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs, planar_null_spectrum
-from isacbench.model.kernels import steering
+from tests.dsp.plane_wave_data import noise, snapshot
 
 EPS = np.finfo(np.float64).eps
 
@@ -27,12 +27,6 @@ def covariance_pairs(values, rng):
 def sine_between(one, other):
     """Sine of the largest angle between the spaces of two orthonormal bases."""
     return np.linalg.norm(other - one @ (one.T @ other), 2)
-
-
-def snapshot(u, w, gain, shape=(16, 16)):
-    return sum(
-        g * np.outer(steering(shape[0], a), steering(shape[1], b)) for a, b, g in zip(u, w, gain, strict=True)
-    )[None, None]
 
 
 @given(
@@ -79,11 +73,11 @@ def test_the_order_is_the_largest_that_is_determined(sines, order):
 def test_a_source_far_below_another_keeps_its_place_in_the_subspace():
     u, w = [0.1, -0.4], [0.2, 0.3]
     data = snapshot(u, w, [1, 1e-5])
-    pairs = planar_eigenpairs(data, (8, 8), 3)
+    pairs = planar_eigenpairs(data[None], (8, 8), 3)
     assert separated_order(pairs.rotation, np.array([2])).tolist() == [2]
     null = planar_null_spectrum(pairs.vectors[:, :, :2].reshape(1, 8, 8, 2), u, w)
     assert null[0, 1, 1] < 1e-7
-    lines = line_eigenpairs(data[:, 0], 10)
+    lines = line_eigenpairs(data, 10)
     assert separated_order(lines.rotation, np.array([2])).tolist() == [2]
     null = music_null_spectrum(lines.vectors, np.array([2]), real_steering(10, u))
     assert null[0, 1] < 1e-7
@@ -91,7 +85,7 @@ def test_a_source_far_below_another_keeps_its_place_in_the_subspace():
 
 def test_of_one_noise_free_source_one_dimension_is_determined():
     data = snapshot([0.1], [0.2], [1.0])
-    for pairs in (planar_eigenpairs(data, (8, 8), 5), line_eigenpairs(data[:, 0], 10)):
+    for pairs in (planar_eigenpairs(data[None], (8, 8), 5), line_eigenpairs(data, 10)):
         assert separated_order(pairs.rotation, np.array([4])).tolist() == [1]
 
 
@@ -99,14 +93,12 @@ def test_of_one_noise_free_source_one_dimension_is_determined():
 def test_two_noise_free_echoes_in_phase_are_two_from_a_hundredth_of_a_cell_on(cells, order):
     u, w = np.array([0.1, 0.1 + cells / 8]), np.array([0.2, 0.2])
     gain = np.exp(7.5j * np.pi * (u + w))
-    pairs = planar_eigenpairs(snapshot(u, w, gain), (10, 10), 3)
+    pairs = planar_eigenpairs(snapshot(u, w, gain)[None], (10, 10), 3)
     assert separated_order(pairs.rotation, np.array([2])).tolist() == [order]
 
 
 def test_noise_80_db_below_leaves_the_subspace_of_the_sources_determined():
-    rng = np.random.default_rng(0)
-    noise = rng.standard_normal((20, 1, 16, 16)) + 1j * rng.standard_normal((20, 1, 16, 16))
-    data = noise + 1e4 * snapshot([0.1, -0.4], [0.2, 0.3], [1, 0.01])
+    data = noise(20, 1, 16, 16) + 7e3 * snapshot([0.1, -0.4], [0.2, 0.3], [1, 0.01])
     pairs = planar_eigenpairs(data, (8, 8), 7)
     assert (separated_order(pairs.rotation, np.full(20, 2)) == 2).all()
 

@@ -9,8 +9,8 @@ from isacbench.dsp.angles.esprit import most_sources, unitary_esprit
 from isacbench.dsp.angles.line_subspaces import unitary_transform
 from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance, planar_eigenpairs
 from isacbench.model.kernels import steering
+from tests.dsp.plane_wave_data import noise, responses, separate_sources, snapshot
 
-SHAPE = (16, 16)
 CONSTELLATIONS = {
     "one": ([0.3], [-0.2]),
     "equal u": ([0.2, 0.2], [-0.4, 0.5]),
@@ -21,13 +21,6 @@ CONSTELLATIONS = {
     "edge of the visible region": ([0.98, -0.98, 0.0], [0.0, 0.1, 0.98]),
     "a quarter of a Rayleigh cell": ([0.1, 0.13125], [0.2, 0.2]),
 }
-
-
-def snapshot(u, w, gain, shape=SHAPE):
-    """Noise-free snapshot (1, P, Q)."""
-    return sum(
-        g * np.outer(steering(shape[0], a), steering(shape[1], b)) for a, b, g in zip(u, w, gain, strict=True)
-    )[None]
 
 
 def solve(snapshots, subarray, order):
@@ -52,21 +45,7 @@ def test_coherent_sources_of_one_noise_free_snapshot_are_found_in_pairs(name, ph
     np.testing.assert_allclose(pairs_of(found.u[0], found.w[0]), pairs_of(u, w), atol=2e-4)
 
 
-@st.composite
-def scenes(draw):
-    """One to four sources anywhere, no two nearer than a Rayleigh cell of the subarray in both axes."""
-    k = draw(st.integers(1, 4))
-    slots = np.array([-0.75, -0.25, 0.25, 0.75])
-    u, w = (
-        slots[draw(st.permutations(range(4)))[:k]]
-        + np.array(draw(st.lists(st.floats(-0.1, 0.1), min_size=k, max_size=k)))
-        for _ in range(2)
-    )
-    gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in range(k)]
-    return u, w, np.array(gain)
-
-
-@given(scene=scenes(), shift=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)))
+@given(scene=separate_sources(), shift=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)))
 def test_directions_move_with_the_sources_and_do_not_depend_on_their_order(scene, shift):
     u, w, gain = scene
     turned = snapshot(u, w, gain) * np.outer(steering(16, shift[0]), steering(16, shift[1]))
@@ -107,10 +86,7 @@ def test_as_many_sources_as_a_subarray_can_tell_apart_are_found():
     u, w = np.array([-0.6, -0.1, 0.5, 0.8]), np.array([0.2, 0.7, -0.5, 0.1])
     turn = np.kron(unitary_transform(3), unitary_transform(3)).conj().T
     centre = np.exp(1j * np.pi * (u + w))
-    steered = np.stack(
-        [c * np.outer(steering(3, a), steering(3, b)).ravel() for a, b, c in zip(u, w, centre, strict=True)],
-        1,
-    )
+    steered = (centre[:, None] * responses(u, w, (3, 3)).reshape(4, 9)).T
     basis = np.linalg.qr((turn @ steered).real)[0].reshape(1, 3, 3, 4)
     found = unitary_esprit(basis)
     np.testing.assert_allclose(pairs_of(found.u[0], found.w[0]), pairs_of(u, w), atol=2e-4)
@@ -118,11 +94,9 @@ def test_as_many_sources_as_a_subarray_can_tell_apart_are_found():
 
 def test_a_pair_that_noise_turned_to_the_wrong_axis_is_not_reliable():
     # Opposite echoes a tenth of a Rayleigh cell apart in u, at the limit of resolution.
-    rng = np.random.default_rng(0)
     u, w = np.array([0.0, 0.0125]), np.array([0.1, 0.1])
     gain = 62.5 * np.array([1, -1]) * np.exp(7.5j * np.pi * (u + w))
-    noise = (rng.standard_normal((200, *SHAPE)) + 1j * rng.standard_normal((200, *SHAPE))) / np.sqrt(2)
-    found = solve(snapshot(u, w, gain) + noise, (8, 8), 2)
+    found = solve(snapshot(u, w, gain) + noise(200, 16, 16), (8, 8), 2)
     along_u = np.ptp(found.u, axis=1) > np.ptp(found.w, axis=1)
     assert 0.05 < np.mean(~found.reliable) < 0.6
     assert np.mean(along_u[~found.reliable]) < 0.1

@@ -15,12 +15,7 @@ from isacbench.dsp.angles.model_order import (
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
 from isacbench.dsp.cfar.factors import ca_factor
 from isacbench.model.kernels import steering
-
-
-def random_snapshots(*shape, seed=0):
-    """White complex noise of unit power."""
-    rng = np.random.default_rng(seed)
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+from tests.dsp.plane_wave_data import noise
 
 
 def eigenvalues_of(snapshots, subarray):
@@ -31,7 +26,7 @@ def eigenvalues_of(snapshots, subarray):
 def sources(n_cells, n_sources, gain_db, seed=0):
     """16 x 16 snapshots of sources at least two Rayleigh cells apart, gain_db over noise on all elements."""
     rng = np.random.default_rng(seed)
-    snapshots = random_snapshots(n_cells, 16, 16, seed=seed)
+    snapshots = noise(n_cells, 16, 16, seed=seed)
     slots = np.linspace(-0.75, 0.75, n_sources)
     for cell in range(n_cells):
         for u, w in zip(slots, rng.permutation(slots), strict=True):
@@ -52,7 +47,7 @@ def test_the_noise_order_counts_what_noise_does_not_reach_but_leaves_both_a_dime
 
 def test_the_noise_edge_is_where_the_eigenvalues_of_a_large_noise_covariance_end():
     for n_sensors, n_snapshots in ((100, 400), (100, 100)):
-        x = random_snapshots(n_sensors, n_snapshots)
+        x = noise(n_sensors, n_snapshots)
         largest = np.linalg.eigvalsh(x @ x.conj().T / n_snapshots)[-1]
         assert largest == pytest.approx(noise_edge(n_sensors, n_snapshots), rel=0.08)
     assert noise_edge(9, 9) == pytest.approx(4)
@@ -106,11 +101,11 @@ def test_no_snapshot_of_unit_energy_has_a_larger_eigenvalue_than_the_edge_charge
     subarray = tuple(max(2, round(fraction * n)) for n in shape)
     # The edge grows by the weight of one unit of energy for a rate e times smaller.
     weight = smoothed_noise_edge(shape, subarray, 1e-4) - smoothed_noise_edge(shape, subarray, np.e * 1e-4)
-    noise = random_snapshots(20, *shape, seed=seed)
-    noise /= np.linalg.norm(noise, axis=(1, 2), keepdims=True)
-    noise[0] = np.outer(*(np.bartlett(n + 2)[1:-1] for n in shape))
-    noise[0] /= np.linalg.norm(noise[0])
-    largest = eigenvalues_of(noise, subarray)[:, 0]
+    cells = noise(20, *shape, seed=seed)
+    cells /= np.linalg.norm(cells, axis=(1, 2), keepdims=True)
+    cells[0] = np.outer(*(np.bartlett(n + 2)[1:-1] for n in shape))
+    cells[0] /= np.linalg.norm(cells[0])
+    largest = eigenvalues_of(cells, subarray)[:, 0]
     assert largest.max() <= weight * (1 + 1e-9)
     assert largest[0] > 0.6 * weight
 
@@ -118,7 +113,7 @@ def test_no_snapshot_of_unit_energy_has_a_larger_eigenvalue_than_the_edge_charge
 @pytest.mark.parametrize(("shape", "subarray"), [((8, 8), (4, 4)), ((8, 8), (5, 5)), ((16, 4), (8, 2))])
 def test_noise_exceeds_its_edge_about_as_often_as_asked(shape, subarray):
     pfa = 0.05
-    largest = eigenvalues_of(random_snapshots(2400, *shape), subarray)[:, 0]
+    largest = eigenvalues_of(noise(2400, *shape), subarray)[:, 0]
     rate = np.mean(largest > smoothed_noise_edge(shape, subarray, pfa))
     assert pfa / 5 < rate < 1.2 * pfa
 
@@ -128,8 +123,7 @@ def test_noise_exceeds_its_edge_about_as_often_as_asked(shape, subarray):
 def test_noise_of_the_whole_array_exceeds_its_edge_about_as_often_as_asked(pfa):
     edge = smoothed_noise_edge((16, 16), (8, 8), pfa)
     n_above = sum(
-        np.sum(eigenvalues_of(random_snapshots(500, 16, 16, seed=seed), (8, 8))[:, 0] > edge)
-        for seed in range(40)
+        np.sum(eigenvalues_of(noise(500, 16, 16, seed=seed), (8, 8))[:, 0] > edge) for seed in range(40)
     )
     assert pfa / 4 < n_above / 20000 < 1.2 * pfa
 
@@ -147,7 +141,7 @@ def test_strong_separate_sources_of_one_snapshot_are_counted(method, order):
 
 @pytest.mark.parametrize("criterion", ["mdl", "aic"])
 def test_in_noise_the_criteria_fall_back_to_one_source_and_with_overlapping_looks_they_do_not(criterion):
-    values = eigenvalues_of(random_snapshots(60, 16, 16), (8, 8))
+    values = eigenvalues_of(noise(60, 16, 16), (8, 8))
     assert information_order(values, 4, criterion).tolist() == [1] * 60
     if criterion == "aic":
         assert np.mean(information_order(values, 81, criterion) > 1) > 0.5

@@ -72,14 +72,6 @@ def test_line_peaks_are_those_of_a_plain_loop(n, g, masked, seed):
         np.testing.assert_allclose(peaks.place[row, : len(maxima)], expected, atol=1e-9)
 
 
-@given(place=st.floats(-0.8, 0.8), width=st.floats(0.1, 10))
-def test_a_parabola_on_a_line_is_placed_exactly(place, width):
-    grid = np.linspace(-1, 1, 21)
-    peaks = line_peaks(-width * (grid[None] - place) ** 2, grid, np.array([1]))
-    assert peaks.found.tolist() == [[True]]
-    assert peaks.place[0, 0] == pytest.approx(place, abs=1e-9)
-
-
 @pytest.mark.parametrize("spectrum", [[1, 2, 3, 4], [4, 3, 2, 1], [2, 1, 1, 2], [1, 1, 1, 1]])
 def test_the_ends_of_a_line_and_a_flat_line_are_no_peaks(spectrum):
     peaks = line_peaks(np.array([spectrum], dtype=float), np.arange(4.0), np.array([4]))
@@ -124,18 +116,6 @@ def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_
             left, right = level[i, (j - 1) % h], level[i, (j + 1) % h]
             assert row[k, m] == pytest.approx(i + plain_vertex(up, np.log(height), down))
             assert column[k, m] == pytest.approx(j + plain_vertex(left, np.log(height), right))
-
-
-@given(shift=st.tuples(st.integers(0, 7), st.integers(0, 5)), offset=st.tuples(*[st.floats(-0.4, 0.4)] * 2))
-def test_a_peak_on_a_plane_is_placed_between_the_samples_and_across_the_seam(shift, offset):
-    g, h = 8, 6
-    i, j = np.meshgrid(np.arange(g) - 4, np.arange(h) - 3, indexing="ij")
-    paraboloid = 10 - (i - offset[0]) ** 2 - (j - offset[1]) ** 2
-    power = np.exp(np.roll(paraboloid, (shift[0] - 4, shift[1] - 3), axis=(0, 1)))[None]
-    row, column, found = plane_peaks(power, plane_maxima(power), 1)
-    assert found.tolist() == [[True]]
-    assert row[0, 0] == pytest.approx(shift[0] + offset[0], abs=1e-9)
-    assert column[0, 0] == pytest.approx(shift[1] + offset[1], abs=1e-9)
 
 
 def test_no_planes_have_no_peaks():

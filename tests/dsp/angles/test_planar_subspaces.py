@@ -12,22 +12,9 @@ from isacbench.dsp.angles.planar_subspaces import (
     planar_covariance,
     planar_null_spectrum,
 )
-from isacbench.model.kernels import steering
+from tests.dsp.plane_wave_data import noise, separate_sources, snapshot
 
 GRID = np.linspace(-1, 1, 65)
-
-
-def random_snapshots(*shape, seed=0):
-    """White complex noise of unit power."""
-    rng = np.random.default_rng(seed)
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
-
-
-def snapshot(u, w, gain, shape=(16, 16)):
-    """Noise-free snapshot (1, P, Q)."""
-    return sum(
-        g * np.outer(steering(shape[0], a), steering(shape[1], b)) for a, b, g in zip(u, w, gain, strict=True)
-    )[None]
 
 
 def signal_basis(snapshots, subarray, order):
@@ -58,7 +45,7 @@ def plain_covariance(snapshot, subarray):
 )
 def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_transform(subarray, more, seed):
     shape = tuple(n + m for n, m in zip(subarray, more, strict=True))
-    snapshots = random_snapshots(2, *shape, seed=seed)
+    snapshots = noise(2, *shape, seed=seed)
     snapshots.setflags(write=False)
     found = planar_covariance(snapshots, subarray)
     for cell in range(2):
@@ -70,7 +57,7 @@ def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_tr
 @pytest.mark.parametrize("n_pairs", [1, 4, 6, 30])
 def test_leading_eigenpairs_are_those_of_the_whole_decomposition(n_pairs):
     signal = snapshot([-0.5, 0.1, 0.6, -0.2], [0.3, -0.4, 0.5, 0.1], [100, 30, 10, 3])
-    covariance = planar_covariance(signal + random_snapshots(5, 16, 16), (8, 8))
+    covariance = planar_covariance(signal + noise(5, 16, 16), (8, 8))
     values, vectors = leading_eigenpairs(covariance, n_pairs)
     expected_values, expected_vectors = np.linalg.eigh(covariance)
     n_sources = min(n_pairs, 4)
@@ -89,7 +76,7 @@ def test_a_source_120_db_below_another_keeps_its_eigenvector():
 
 @given(seed=st.integers(0, 999), order=st.integers(1, 5))
 def test_the_null_spectrum_is_the_squared_distance_from_the_subspace(seed, order):
-    basis = signal_basis(random_snapshots(2, 9, 8, seed=seed), (5, 4), order)
+    basis = signal_basis(noise(2, 9, 8, seed=seed), (5, 4), order)
     u, w = GRID[::9], GRID[3::11]
     found = planar_null_spectrum(basis, u, w)
     for cell in range(2):
@@ -99,20 +86,6 @@ def test_the_null_spectrum_is_the_squared_distance_from_the_subspace(seed, order
                 d = np.outer(real_steering(5, [a])[:, 0], real_steering(4, [b])[:, 0]).ravel()
                 expected = np.sum((d - columns @ (columns.T @ d)) ** 2)
                 assert found[cell, i, k] == pytest.approx(expected, abs=1e-10)
-
-
-@st.composite
-def separate_sources(draw):
-    """One to four sources in as many columns and rows, two Rayleigh cells of a subarray apart."""
-    k = draw(st.integers(1, 4))
-    slots = np.array([-0.75, -0.25, 0.25, 0.75])
-    u, w = (
-        slots[draw(st.permutations(range(4)))[:k]]
-        + np.array(draw(st.lists(st.floats(-0.1, 0.1), min_size=k, max_size=k)))
-        for _ in range(2)
-    )
-    gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in range(k)]
-    return u, w, np.array(gain)
 
 
 @given(scene=separate_sources())
@@ -152,7 +125,7 @@ def test_without_cells_there_are_no_nulls():
 
 
 def test_planar_covariance_eigenvectors_and_null_spectrum_have_the_precision_of_the_snapshots():
-    snapshots, u = random_snapshots(2, 8, 8), np.linspace(-0.5, 0.5, 11)
+    snapshots, u = noise(2, 8, 8), np.linspace(-0.5, 0.5, 11)
     results = []
     for dtype in (np.complex64, np.complex128):
         covariance = planar_covariance(snapshots.astype(dtype), (5, 5))

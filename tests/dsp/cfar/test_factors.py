@@ -46,13 +46,6 @@ def one_look_rate(factor, columns):
     return rate
 
 
-def negative_binomial_rate(factor, n_training, looks):
-    """Sums the probabilities of fewer than `looks` arrivals before the training cells' last one."""
-    p = n_training / (n_training + factor)
-    total = looks * n_training
-    return math.fsum(math.comb(total - 1 + j, j) * p**total * (1 - p) ** j for j in range(looks))
-
-
 def gamma_density(x, looks):
     """Gives the density of a power of mean 1; frozen laws of scipy take a hundred times as long."""
     return looks * np.exp(special.xlogy(looks - 1, looks * x) - looks * x - special.gammaln(looks))
@@ -105,16 +98,9 @@ def test_ca_factor_of_one_look_is_the_closed_form(pfa, n_training):
     assert ca_factor(pfa, n_training) == pytest.approx(n_training * math.expm1(-math.log(pfa) / n_training))
 
 
-@given(PFAS, st.integers(1, 40), st.integers(1, 12))
-def test_ca_factor_of_many_looks_gives_the_rate_of_the_negative_binomial_sum(pfa, n_training, looks):
-    factor = ca_factor(pfa, n_training, looks)
-    assert negative_binomial_rate(factor, n_training, looks) == pytest.approx(pfa, rel=1e-9)
-
-
-@pytest.mark.parametrize("looks", [1, 16, 256, 1024])
-@pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-9])
-def test_ca_factor_is_the_quantile_of_the_f_distribution(pfa, looks):
-    rate = stats.f.sf(ca_factor(pfa, 72, looks), 2 * looks, 2 * looks * 72)
+@given(PFAS, st.integers(1, 90), st.integers(1, 1024))
+def test_ca_factor_is_the_quantile_of_the_f_distribution(pfa, n_training, looks):
+    rate = stats.f.sf(ca_factor(pfa, n_training, looks), 2 * looks, 2 * looks * n_training)
     assert rate == pytest.approx(pfa, rel=1e-9)
 
 
@@ -175,6 +161,7 @@ def test_factors_grow_as_the_rate_falls(pfa, looks):
     assert osca_factor(pfa, INSIDE, looks) < osca_factor(pfa / 2, INSIDE, looks)
     assert goca_factor(pfa, (30, 42), looks) < goca_factor(pfa / 2, (30, 42), looks)
     assert soca_factor(pfa, (30, 42), looks) < soca_factor(pfa / 2, (30, 42), looks)
+    assert tm_factor(pfa, 72, (18, 18)) < tm_factor(pfa / 2, 72, (18, 18))
 
 
 HALVES = st.tuples(st.integers(1, 60), st.integers(1, 60))
@@ -285,13 +272,7 @@ def two_kept_rate(factor, n, below, looks):
 
 @pytest.mark.parametrize(
     ("n", "below", "looks", "pfa"),
-    [
-        (3, 0, 2, 0.5),
-        (3, 1, 16, 1e-3),
-        (4, 1, 16, 1e-6),
-        (9, 5, 2, 1e-3),
-        (12, 10, 16, 1e-6),
-    ],
+    [(3, 0, 2, 0.5), (4, 1, 16, 1e-6), (12, 10, 16, 1e-6)],
 )
 def test_tm_factor_of_two_kept_cells_gives_the_integrated_rate(n, below, looks, pfa):
     factor = tm_factor(pfa, n, (below, n - below - 2), looks)
@@ -351,11 +332,8 @@ def exact_tm_rate(factor, n, trimmed, looks):
     [
         (2, (0, 1), 1e-15, 3),
         (4, (1, 1), 0.5, 3),
-        (5, (2, 1), 0.5, 2),
-        (5, (1, 2), 1e-15, 3),
         (6, (0, 2), 1e-15, 2),
         (6, (2, 0), 1e-3, 2),
-        (6, (1, 1), 1e-3, 3),
         (8, (2, 2), 1e-3, 2),
     ],
 )
@@ -368,12 +346,7 @@ def test_tm_factor_gives_the_rate_of_rational_numbers(n, trimmed, pfa, looks):
 
 @pytest.mark.parametrize(
     ("n", "trimmed", "pfa", "looks"),
-    [
-        (72, (36, 1), 0.5, 2),
-        (300, (1, 1), 1e-15, 2),
-        (88, (2, 44), 1e-15, 2),
-        (72, (18, 18), 1e-6, 16),
-    ],
+    [(72, (36, 1), 0.5, 2), (300, (1, 1), 1e-15, 2), (72, (18, 18), 1e-6, 16)],
 )
 def test_tm_factor_does_not_depend_on_the_nodes(monkeypatch, n, trimmed, pfa, looks):
     factor = tm_factor(pfa, n, trimmed, looks)

@@ -1,7 +1,6 @@
 """Joint selection and refinement: sidelobes explained, families kept together, places between the bins."""
 
 import dataclasses
-from functools import cache
 
 import numpy as np
 import pytest
@@ -22,21 +21,10 @@ from isacbench.dsp.fitting.joint_selection import (
 )
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
-from isacbench.model.array import VirtualArray
-from isacbench.model.echo import clean_echo
-from isacbench.model.frame import PanelFrame
-from isacbench.model.gate import build_gate
-from isacbench.model.kernels import dirichlet, steering
-from isacbench.model.numerology import System
+from isacbench.model.kernels import steering
 from isacbench.model.observation import cross_of
-from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers as SceneScatterers
-from isacbench.model.scene import Scenario
+from tests.algorithms.scenes import SYSTEM, echo_map
 
-SYSTEM = System(n_subcarriers=256, n_symbols=64)
-BASE_M = np.array([15.0, 100.0, 20.0])
-REGION = Region((0.0, 30.0), (0.0, 40.0), (0.0, 16.0), (-25.0, 25.0))
-GATE = build_gate(SYSTEM, BASE_M, REGION)
 MIN_POWER = 1e-6 * SYSTEM.processing_gain
 
 # Range bin, Doppler bin, u, w and amplitude of scatterers in cells, or directions, of their own.
@@ -51,34 +39,13 @@ TRUE = np.array(
 )
 
 
-@cache
-def echoes_of(rows):
-    """Cells without noise of scatterers given as rows of `TRUE`; read-only."""
-    range_bin, doppler_bin, u, w, amplitude = np.transpose(rows)
-    frame = PanelFrame()
-    scenario = Scenario(
-        name="few",
-        system=SYSTEM,
-        array=VirtualArray((2, 2), (4, 4), 4, 1),
-        frame=frame,
-        base_station_m=BASE_M,
-        region=REGION,
-        scatterers=SceneScatterers(
-            BASE_M + frame.offsets(range_bin * SYSTEM.range_bin_m, u, w),
-            doppler_bin * SYSTEM.velocity_bin_mps,
-            amplitude,
-        ),
-    )
-    cells = clean_echo(scenario, GATE)
-    cells.setflags(write=False)
-    return cells
-
-
 def gated_map(rows, noise_power=0.0, seed=0):
-    """Map of scatterers given as rows of `TRUE`."""
-    cells = echoes_of(tuple(map(tuple, np.asarray(rows).tolist())))
-    parts = np.random.default_rng(seed).standard_normal((*cells.shape, 2)) * np.sqrt(noise_power / 2)
-    return GatedMap(cells + parts.view(complex)[..., 0], GATE)
+    """Map of scatterers given as rows of `TRUE`; read-only."""
+    gated = echo_map(*map(tuple, np.transpose(rows).tolist()))
+    parts = np.random.default_rng(seed).standard_normal((*gated.cells.shape, 2)) * np.sqrt(noise_power / 2)
+    cells = gated.cells + parts.view(complex)[..., 0]
+    cells.setflags(write=False)
+    return GatedMap(cells, gated.gate)
 
 
 def scatterers(rows, family=-1):
@@ -101,23 +68,6 @@ def moved(rows, range_bins, doppler_bins, u=0.0, w=0.0):
 def nearest_bins(rows):
     """Rows in the middle of their range bins, as candidates come."""
     return np.column_stack([np.rint(rows[:, 0]), rows[:, 1:]])
-
-
-def residual_energy(gated, found):
-    """Energy of the map that scatterers at these places leave unexplained, by plain least squares."""
-    n_p, n_q = gated.cells.shape[2:]
-    atoms = []
-    for r, d, u, w in zip(found.range_bin, found.doppler_bin, found.u, found.w, strict=True):
-        parts = (
-            dirichlet(GATE.range_bins, [r], SYSTEM.n_subcarriers)[:, 0],
-            dirichlet(GATE.doppler_bins, [d], SYSTEM.n_symbols)[:, 0].conj(),
-            steering(n_p, u),
-            steering(n_q, w),
-        )
-        atoms.append(np.einsum("r,d,p,q->rdpq", *parts).ravel())
-    cells = gated.cells.ravel()
-    amplitude = np.linalg.lstsq(np.transpose(atoms), cells, rcond=None)[0]
-    return np.sum(np.abs(cells - np.transpose(atoms) @ amplitude) ** 2)
 
 
 def on(aperture: Aperture, gated):
@@ -180,14 +130,13 @@ CLOSE = np.array([[33.0, 0.4, 0.05, 0.15, 1.0], [33.0, 0.4, 0.1125, 0.15, 0.9j]]
 
 def close_map():
     """Map of the close pair, a quarter of a turn between them at the middle of the array."""
-    alone = [gated_map(np.real(np.abs(CLOSE[[k]]))).cells for k in range(2)]
-    n_p = alone[0].shape[2]
-    middle = [
-        np.exp(-1j * np.angle(np.vdot(steering(n_p, CLOSE[k, 2].real), cells.sum(axis=(0, 1, 3)))))
-        for k, cells in enumerate(alone)
-    ]
-    turned = [np.exp(1j * np.pi * (n_p - 1) / 2 * CLOSE[k, 2].real) * middle[k] for k in range(2)]
-    return GatedMap(turned[0] * alone[0] + 1j * turned[1] * alone[1], GATE)
+    cells = 0.0
+    for row, quarter in zip(np.abs(CLOSE), (1, 1j), strict=True):
+        alone = gated_map([row])
+        n_p, u = alone.cells.shape[2], row[2]
+        phase = np.angle(np.vdot(steering(n_p, u), alone.cells.sum(axis=(0, 1, 3))))
+        cells = cells + quarter * np.exp(1j * (np.pi * (n_p - 1) / 2 * u - phase)) * alone.cells
+    return GatedMap(cells, alone.gate)
 
 
 @pytest.mark.parametrize(
@@ -208,16 +157,11 @@ def test_members_from_the_start_stay_and_a_candidate_that_repeats_one_does_not_j
     candidates = start.join(scatterers(TRUE[:1])).join(scatterers(TRUE[1:]))
     gated = gated_map(TRUE)
     later = select_jointly(candidates, gated, SYSTEM, MIN_POWER, 16.5, n_members=1)
-    np.testing.assert_allclose(places(later)[0], start_place(start))
+    np.testing.assert_allclose(places(later)[0], places(start)[0])
     assert len(later) == len(TRUE)
     # Without members the better of the two explains the map.
     free = select_jointly(candidates, gated, SYSTEM, MIN_POWER, 16.5)
     np.testing.assert_allclose(places(free), TRUE[:, :4])
-
-
-def start_place(found):
-    """Coordinates of the only scatterer."""
-    return np.array([found.range_bin[0], found.doppler_bin[0], found.u[0], found.w[0]])
 
 
 def test_members_from_the_start_that_are_weak_beside_what_joins_leave():
@@ -285,11 +229,6 @@ def test_several_scatterers_are_moved_to_their_places_together(aperture, within_
     np.testing.assert_allclose(again.power, TRUE[:, 4] ** 2 * SYSTEM.processing_gain, rtol=1e-3 + 2 * LOADING)
 
 
-def test_refinement_lowers_what_the_map_leaves_unexplained():
-    start, gated = scatterers(nearest_bins(TRUE)), gated_map(TRUE, noise_power=1.0)
-    assert residual_energy(gated, refine_jointly(start, gated, SYSTEM)) < 0.1 * residual_energy(gated, start)
-
-
 def test_no_scatterer_moves_farther_than_half_a_bin():
     start = scatterers(moved(TRUE, 0.9, -0.9))
     found = refine_jointly(start, gated_map(TRUE), SYSTEM)
@@ -325,7 +264,7 @@ def off(rows, seed):
 
 
 def test_separate_scatterers_that_explain_the_map_are_near_the_joint_cramer_rao_bound():
-    noise_power, n_trials = 10.0, 40
+    noise_power, n_trials = 10.0, 20
     errors = np.empty((n_trials, len(TRUE), 4))
     for trial in range(n_trials):
         found = explained(off(TRUE, trial), gated_map(TRUE, noise_power, trial), noise_power)
@@ -334,14 +273,15 @@ def test_separate_scatterers_that_explain_the_map_are_near_the_joint_cramer_rao_
     range_m, velocity_mps, u, w = (TRUE[:, :4] * bin_size).T
     joint = joint_bound(SYSTEM, (8, 8), range_m, velocity_mps, u, w, TRUE[:, 4], noise_power)
     bound = np.stack([joint.range_m, joint.velocity_mps, joint.u, joint.w], axis=1) / bin_size
-    # Means of 200 squares, each coordinate: within 20 % but for once in 10 000.
+    # Means of 100 squares, each coordinate: within 30 % but for once in 10 000.
     ratio = np.sqrt(np.mean((errors / bound) ** 2, axis=(0, 1)))
-    assert (ratio > 0.8).all()
-    assert (ratio < 1.2).all()
+    assert (ratio > 0.7).all()
+    assert (ratio < 1.3).all()
 
 
-def test_the_power_of_an_explained_map_has_no_bias():
-    found = explained(off(TRUE, 1), gated_map(TRUE), 1e-9 * SYSTEM.processing_gain)
+def test_the_power_of_an_explained_map_has_no_bias_and_families_stay():
+    found = explained(off(TRUE, 1), gated_map(TRUE), 1e-9 * SYSTEM.processing_gain, np.arange(5) + 2)
+    assert found.family.tolist() == [2, 3, 4, 5, 6]
     np.testing.assert_allclose(places(found), TRUE[:, :4], atol=1e-5)
     expected = TRUE[:, 4] ** 2 * SYSTEM.processing_gain
     np.testing.assert_allclose(found.power[np.argsort(found.range_bin)], expected, rtol=1e-5)
@@ -356,11 +296,6 @@ def test_scatterers_that_noise_does_not_tell_from_another_are_merged(n_twins):
         found = explained(np.concatenate([off(TRUE, 4), twins]), gated, noise_power)
         assert len(found) == len(TRUE)
         np.testing.assert_allclose(places(found), TRUE[:, :4], atol=0.05)
-
-
-def test_families_survive_an_explanation():
-    found = explained(TRUE, gated_map(TRUE), 1e-9 * SYSTEM.processing_gain, family=np.arange(5) + 2)
-    assert found.family.tolist() == [2, 3, 4, 5, 6]
 
 
 def crowd(n, seed=0):
@@ -385,7 +320,7 @@ def test_many_scatterers_of_which_no_cell_is_resolved_are_a_crowd_without_a_fit(
 @pytest.mark.parametrize("exponent", [-30, 30])
 def test_selection_refinement_and_explanation_know_no_scale(exponent):
     gated, start = gated_map(TRUE, noise_power=10.0), scatterers(nearest_bins(TRUE))
-    scaled, results = GatedMap(2.0**exponent * gated.cells, GATE), []
+    scaled, results = GatedMap(2.0**exponent * gated.cells, gated.gate), []
     for part, gain in ((gated, 1.0), (scaled, 4.0**exponent)):
         chosen = select_jointly(start, part, SYSTEM, gain * MIN_POWER, 16.5)
         results.append((refine_jointly(chosen, part, SYSTEM), explained(off(TRUE, 0), part, 10.0 * gain)))
@@ -400,11 +335,3 @@ def test_without_scatterers_there_is_nothing_to_select_or_refine():
     assert len(select_jointly(nothing, gated, SYSTEM, MIN_POWER, 16.5)) == 0
     assert len(refine_jointly(nothing, gated, SYSTEM)) == 0
     assert len(explain_map(nothing, gated, SYSTEM, 1.0)) == 0
-
-
-def test_the_map_is_left_alone():
-    gated = gated_map(TRUE)
-    gated.cells.setflags(write=False)
-    chosen = select_jointly(scatterers(TRUE), gated, SYSTEM, MIN_POWER, 16.5)
-    refine_jointly(chosen, gated, SYSTEM)
-    explain_map(chosen, gated, SYSTEM, 1.0)

@@ -9,22 +9,15 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.maximum_likelihood import refine_directions, resolve_directions
 from isacbench.model.kernels import steering
 from tests.conftest import few
+from tests.dsp.plane_wave_data import noise, responses, snapshot
 
 N_P, N_Q = 16, 12
 RAYLEIGH = np.array([2 / N_P, 2 / N_Q])
 
 
-def noise(*shape, seed=0):
-    """White complex noise of unit power."""
-    rng = np.random.default_rng(seed)
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
-
-
-def snapshot(u, w, gain):
+def shot(u, w, gain):
     """Noise-free snapshot (1, 1, P, Q)."""
-    return sum(g * np.outer(steering(N_P, a), steering(N_Q, b)) for a, b, g in zip(u, w, gain, strict=True))[
-        None, None
-    ]
+    return snapshot(u, w, gain, (N_P, N_Q))[None]
 
 
 def waves(u, w):
@@ -36,11 +29,9 @@ def waves(u, w):
 
 def unexplained(snapshots, u, w):
     """Power that plane waves leave of one cell's snapshots, by plain least squares."""
-    responses = np.stack(
-        [np.outer(steering(N_P, a), steering(N_Q, b)).ravel() for a, b in zip(u, w, strict=True)], 1
-    )
+    dense = responses(u, w, (N_P, N_Q)).reshape(len(u), -1).T
     data = snapshots[0].reshape(snapshots.shape[1], -1).T
-    fitted = responses @ np.linalg.lstsq(responses, data, rcond=None)[0]
+    fitted = dense @ np.linalg.lstsq(dense, data, rcond=None)[0]
     return np.sum(np.abs(data - fitted) ** 2)
 
 
@@ -62,7 +53,7 @@ def scenes(draw):
 @given(scene=scenes())
 def test_noise_free_sources_are_found_from_starts_beside_them(scene):
     u, w, gain, offset = scene
-    found = refine_directions(snapshot(u, w, gain), waves(u + offset[:, 0], w + offset[:, 1]), 15)
+    found = refine_directions(shot(u, w, gain), waves(u + offset[:, 0], w + offset[:, 1]), 15)
     np.testing.assert_allclose(found.u[0], u, atol=1e-6)
     np.testing.assert_allclose(found.w[0], w, atol=1e-6)
 
@@ -71,7 +62,7 @@ def test_noise_free_sources_are_found_from_starts_beside_them(scene):
 @given(scene=scenes(), seed=st.integers(0, 99))
 def test_no_direction_nearby_leaves_less_unexplained(scene, seed):
     u, w, gain, offset = scene
-    data = snapshot(u, w, gain) + 0.2 * noise(1, 2, N_P, N_Q, seed=seed)
+    data = shot(u, w, gain) + 0.2 * noise(1, 2, N_P, N_Q, seed=seed)
     found = refine_directions(data, waves(u + offset[:, 0], w + offset[:, 1]), 30)
     least = unexplained(data, found.u[0], found.w[0])
     for k in range(len(u)):
@@ -91,7 +82,7 @@ def test_no_direction_nearby_leaves_less_unexplained(scene, seed):
 )
 def test_directions_follow_a_shift_and_know_neither_scale_nor_order(scene, shift, exponent, seed):
     u, w, gain, offset = scene
-    data = snapshot(u, w, gain) + 0.1 * noise(1, 1, N_P, N_Q, seed=seed)
+    data = shot(u, w, gain) + 0.1 * noise(1, 1, N_P, N_Q, seed=seed)
     start = u + offset[:, 0], w + offset[:, 1]
     found = refine_directions(data, waves(*start), 8)
     turned = 2.0**exponent * data * np.outer(steering(N_P, shift[0]), steering(N_Q, shift[1]))
@@ -119,7 +110,7 @@ def test_one_source_is_placed_as_well_as_the_bound_of_cramer_and_rao_allows():
 
 def test_all_snapshots_of_a_cell_share_their_directions():
     u, w = np.array([0.1, 0.16]), np.array([0.0, 0.05])
-    data = np.concatenate([snapshot(u, w, [1, 1]), snapshot(u, w, [1, -1])], axis=1)
+    data = np.concatenate([shot(u, w, [1, 1]), shot(u, w, [1, -1])], axis=1)
     data = data + 0.1 * noise(1, 2, N_P, N_Q)
     both = refine_directions(data, waves(u + 0.01, w - 0.01), 15)
     np.testing.assert_allclose(both.u[0], u, atol=0.01)
@@ -128,7 +119,7 @@ def test_all_snapshots_of_a_cell_share_their_directions():
 
 @pytest.mark.parametrize("k", [1, 2, 4])
 def test_what_is_separate_stays_and_what_noise_would_explain_leaves(k):
-    rng, n, slots = np.random.default_rng(k), 300, np.array([-0.6, -0.2, 0.2, 0.6])
+    rng, n, slots = np.random.default_rng(k), 200, np.array([-0.6, -0.2, 0.2, 0.6])
     u, w = (np.array([rng.permutation(slots)[:k] for _ in range(n)]) for _ in range(2))
     gain = rng.uniform(5, 20, (n, k)) * np.exp(2j * np.pi * rng.uniform(size=(n, k)))
     data = np.einsum("nk,nkp,nkq->npq", gain, steering(N_P, u), steering(N_Q, w))[:, None]
@@ -157,7 +148,7 @@ def test_of_a_cell_of_noise_one_wave_is_left():
 
 @pytest.mark.parametrize("n_steps", [0, 5])
 def test_fillers_and_empty_batches_are_left_alone(n_steps):
-    data = snapshot([0.1], [0.2], [1.0])
+    data = shot([0.1], [0.2], [1.0])
     start = PlaneWaves(np.array([[0.1, 0.7]]), np.array([[0.2, 0.7]]), np.array([[True, False]]))
     for solve in (
         lambda data, start: refine_directions(data, start, n_steps),
@@ -174,23 +165,10 @@ def test_fillers_and_empty_batches_are_left_alone(n_steps):
 
 
 def test_coinciding_directions_become_one():
-    data = snapshot([0.1], [0.2], [1.0]) + 0.01 * noise(1, 1, N_P, N_Q)
+    data = shot([0.1], [0.2], [1.0]) + 0.01 * noise(1, 1, N_P, N_Q)
     found = resolve_directions(data, waves([0.1, 0.1, 0.1], [0.2, 0.2, 0.2]), 1e-4, 1e-5, 5)
     assert found.found.sum() == 1
     np.testing.assert_allclose(pairs_of(found), [[0.1, 0.2]], atol=1e-3)
-
-
-def test_rounding_does_not_decide_where_a_refinement_ends():
-    rng = np.random.default_rng(5)
-    u, w = rng.uniform(-0.5, 0.5, (2, 200, 3))
-    waves = np.einsum("nkp,nkq->npq", steering(8, u), steering(6, w))[:, None]
-    starts = PlaneWaves(u + 0.02, w - 0.02, np.ones(u.shape, dtype=bool))
-    ends = [
-        refine_directions(waves * (1 + 1e-15 * rng.standard_normal(waves.shape)), starts, 30)
-        for _ in range(2)
-    ]
-    assert np.abs(ends[0].u - ends[1].u).max() < 1e-9
-    assert np.abs(ends[0].w - ends[1].w).max() < 1e-9
 
 
 @pytest.mark.parametrize("snr_db", [-10, 10, 300])
@@ -216,7 +194,7 @@ def test_last_digits_of_the_snapshots_decide_nothing(snr_db):
 def test_a_noise_free_pair_of_any_phase_is_held_at_its_places(cells, phase):
     u, w = np.array([0.1, 0.1 + cells * RAYLEIGH[0]]), np.array([0.2, 0.2])
     middle = np.exp(7.5j * np.pi * u)
-    data = snapshot(u, w, middle * [1, phase])
+    data = shot(u, w, middle * [1, phase])
     distance = u[1] - u[0]
     found = refine_directions(data, waves(u + 1e-6 * distance, w), 30)
     np.testing.assert_allclose(found.u[0], u, atol=1e-2 * distance)
@@ -225,7 +203,7 @@ def test_a_noise_free_pair_of_any_phase_is_held_at_its_places(cells, phase):
 
 def test_without_noise_a_pair_stays_two():
     u, w = np.array([0.1, 0.13]), np.array([0.2, 0.2])
-    found = resolve_directions(snapshot(u, w, [1, 1j]), waves(u + 1e-3, w), 0.0, 1e-5, 20)
+    found = resolve_directions(shot(u, w, [1, 1j]), waves(u + 1e-3, w), 0.0, 1e-5, 20)
     assert found.found.all()
     np.testing.assert_allclose(found.u[0], u, atol=1e-12)
 
@@ -237,7 +215,7 @@ def test_a_close_pair_in_phase_is_followed_to_the_end_of_its_curved_valley(cells
     in_phase = np.exp(1j * np.pi * ((N_P - 1) / 2 * u + (N_Q - 1) / 2 * w))
     start = np.array([-0.18, 0.18]) + beside
     found = resolve_directions(
-        snapshot(u, w, in_phase * [1, second]),
+        shot(u, w, in_phase * [1, second]),
         waves(u.mean() + start * RAYLEIGH[0], w.mean() + start * RAYLEIGH[1]),
         1e-12,
         1e-5,
@@ -254,7 +232,7 @@ def test_rounding_of_the_starts_is_not_magnified_where_steps_do_not_converge():
     n, k = 40, 4
     data = np.concatenate(
         [
-            snapshot(*rng.uniform(-0.3, 0.3, (2, 9)), rng.standard_normal(9) + 1j * rng.standard_normal(9))
+            shot(*rng.uniform(-0.3, 0.3, (2, 9)), rng.standard_normal(9) + 1j * rng.standard_normal(9))
             for _ in range(n)
         ]
     )

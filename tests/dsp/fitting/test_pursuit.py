@@ -89,19 +89,13 @@ def test_independent_samples_are_the_rayleigh_cells_of_the_region():
     assert space_of(noisy(PLACE, [1.0])).n_independent == pytest.approx(8 * 7 * 4 * 3)
 
 
-def test_nothing_is_left_of_a_map_without_noise_when_its_atoms_are_taken_out():
-    places = PLACE + np.array([[0, 0, 0, 0], [2.1, -0.7, 0.9, 0.4], [-1.3, 0.2, -1.1, 0.8]])
-    atom_map, fit = fitted(places, [2.0, 1j, 0.5 - 1j], noise=0.0)
-    space = space_of(atom_map)
-    assert np.abs(space.residual(fit)).max() < 1e-8 * np.abs(space.beams).max()
-    assert space.residual(None) is space.beams
-
-
 def test_the_residual_is_that_of_the_map_without_the_atoms():
     places = PLACE + np.array([[0, 0, 0, 0], [2.1, -0.7, 0.9, 0.4]])
     atom_map, fit = fitted(places, [2.0, 1j], noise=0.01)
     without = noisy(places, np.array([2.0, 1j]) - fit.amplitude, noise=0.01)
-    np.testing.assert_allclose(space_of(atom_map).residual(fit), space_of(without).beams, atol=1e-10)
+    space = space_of(atom_map)
+    np.testing.assert_allclose(space.residual(fit), space_of(without).beams, atol=1e-10)
+    assert space.residual(None) is space.beams
 
 
 @given(st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-1, 1), st.floats(-1, 1)))
@@ -132,13 +126,6 @@ def test_peaks_are_the_samples_that_no_neighbour_exceeds():
             expected.append(power[index])
     np.testing.assert_allclose(np.sort(energy), np.sort(expected), rtol=1e-12)
     assert len(energy) > 5
-
-
-def test_noise_between_bins_keeps_its_power():
-    space = space_of(noisy(PLACE, [0.0], noise=1.0))
-    _, energy = space.peaks(space.beams, 0.0)
-    # Local maxima of exponential variates: a few times the mean, whether on a bin or between.
-    assert 2 < np.median(energy) < 5
 
 
 def test_a_level_above_everything_leaves_no_peak():
@@ -230,8 +217,6 @@ def test_maxima_of_noise_off_the_grid_are_as_frequent_as_rice_says():
 
 @given(st.tuples(*[st.floats(-6, 6)] * 4))
 def test_the_envelope_bounds_the_kernels(distance):
-    atom_map = noisy(PLACE, [0.0])
-    lines = atom_map.lines(np.stack([PLACE, PLACE + distance]))
     # On the whole map and array; a gate's part of two atoms can have a larger product.
     whole = Gate(np.arange(64), np.arange(-16, 16), slice(0, 64), slice(0, 32))
     full = AtomMap.from_map(GatedMap(np.zeros((*whole.shape, *SHAPE), complex), whole), SYSTEM)

@@ -121,7 +121,7 @@ def test_what_the_closed_form_leaves_out_of_a_walking_user_is_the_interference_o
 @pytest.mark.parametrize("name", PROFILES)
 def test_a_fading_channel_has_unit_mean_power_and_the_correlation_of_its_profile(name):
     system = System(n_subcarriers=2, n_symbols=1)
-    channel, n = TappedDelay(name, 40e-9), 1000
+    channel, n = TappedDelay(name, 40e-9), 500
     draws = np.array([channel_response(system, draw(channel, system, trial))[:, 0] for trial in range(n)])
     profile = delay_profile(name)
     turns = system.subcarrier_spacing_hz * 40e-9 * profile.delay
@@ -141,7 +141,7 @@ def test_taps_fade_as_rayleigh_has_it():
 
 @pytest.mark.usefixtures("tables_read_once")
 def test_a_moving_user_sees_the_correlation_of_rays_from_all_around():
-    channel, n = TappedDelay("tdl_a", speed_mps=3.0), 1000
+    channel, n = TappedDelay("tdl_a", speed_mps=3.0), 500
     time_s = SMALL.symbol_time_s * np.array([0, 56, 112, 223])
     draws = []
     for trial in range(n):

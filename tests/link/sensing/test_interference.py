@@ -60,10 +60,7 @@ def test_inside_the_undisturbed_prefix_what_is_not_useful_interferes(doppler_rat
 # Within the prefix, on its falling edge, beyond it, and where two or only earlier symbols show.
 @pytest.mark.parametrize(
     ("delay_samples", "doppler_ratio"),
-    [
-        *[(0.65, 0.13), (1, -0.8), (1.35, 0), (2.3, -0.8), (4.75, 0)],
-        *[(8.5, 0.13), (10.7, -0.8), (15.4, 0.13)],
-    ],
+    [(0.65, 0.13), (1.35, -0.8), (4.75, 0), (8.5, 0.13), (15.4, -0.8)],
 )
 def test_gain_and_interference_are_those_of_the_whole_map(delay_samples, doppler_ratio):
     whole = link_map(SMALL, delay_samples, doppler_ratio)

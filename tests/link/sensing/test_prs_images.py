@@ -103,13 +103,15 @@ def test_a_mover_at_another_place_is_kept_though_its_speed_is_that_of_a_lobe(spa
 )
 def test_most_of_a_street_has_its_own_speeds(name):
     street = load_scenario("street")
+    # Of half the bandwidth, which is quicker.
+    street = dataclasses.replace(street, system=dataclasses.replace(street.system, n_subcarriers=1024))
     cloud = isacbench.get_estimator(name).estimate(observe(street, 20.0, sensing="prs"))
     truth = street.truth
     distance = np.linalg.norm(cloud.xyz[:, None] - truth.xyz, axis=2)
     nearest = distance.argmin(axis=1)
     at_home = distance.min(axis=1) < 1
     in_lobe = np.abs(cloud.velocity - truth.velocity[nearest]) > LOBE_MPS / 2
-    assert len(cloud) > 50
+    assert len(cloud) > 25
     assert at_home.mean() > 0.8
     # Of images there would be two and more a scatterer.
     assert np.mean(in_lobe[at_home]) < 0.2

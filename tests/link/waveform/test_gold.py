@@ -25,7 +25,7 @@ def as_printed(c_init, length):
 
 
 @pytest.mark.parametrize("c_init", [0, 1, 3072, 2**30, 2**31 - 1])
-@pytest.mark.parametrize("length", [1, 27, 28, 31, 200])
+@pytest.mark.parametrize("length", [0, 1, 27, 28, 30, 31, 32, 200])
 def test_bits_are_those_of_the_printed_recursions(c_init, length):
     assert gold_sequence(c_init, length).tolist() == as_printed(c_init, length)
 
@@ -42,40 +42,6 @@ def test_without_the_second_sequence_the_first_goes_on_from_its_known_state():
     for i in range(100):
         first.append(first[i + 3] ^ first[i])
     assert gold_sequence(0, 100).tolist() == first[31:]
-
-
-@given(C_INITS, C_INITS)
-def test_sequences_add_as_their_initial_values_do(a, b):
-    bits = [gold_sequence(c_init, 100) for c_init in (a, b, a ^ b, 0)]
-    np.testing.assert_array_equal(bits[0] ^ bits[1], bits[2] ^ bits[3])
-
-
-@given(C_INITS)
-def test_the_product_of_both_polynomials_annihilates_every_sequence(c_init):
-    first = [1, 0, 0, 1] + 27 * [0] + [1]
-    second = [1, 1, 1, 1] + 27 * [0] + [1]
-    product = np.convolve(first, second) % 2
-    bits = gold_sequence(c_init, 300).astype(int)
-    assert not (np.correlate(bits, product) % 2).any()
-
-
-def test_a_longer_sequence_begins_with_the_shorter():
-    long = gold_sequence(77, 1000)
-    for length in (0, 1, 30, 31, 32, 999):
-        np.testing.assert_array_equal(gold_sequence(77, length), long[:length])
-
-
-def test_bits_are_balanced_and_uncorrelated_with_other_sequences_and_shifts():
-    n = 40_000
-    # No sparse initial values: after those, recursions of few taps are unbalanced over stretches this short.
-    c_init = np.random.default_rng(3).integers(2**31, size=5)
-    signs = 1 - 2.0 * np.array([gold_sequence(int(value), n) for value in c_init])
-    # Five standard deviations of a sum of fair signs.
-    assert np.abs(signs.sum(axis=1)).max() < 5 * np.sqrt(n)
-    correlation = signs @ signs.T
-    assert np.abs(correlation - n * np.eye(5)).max() < 5 * np.sqrt(n)
-    shifted = [signs[3, :-k] @ signs[3, k:] for k in (1, 2, 3, 31, 1600)]
-    assert np.abs(shifted).max() < 5 * np.sqrt(n)
 
 
 @pytest.mark.parametrize("c_init", [-1, 2**31, 0.0, True])

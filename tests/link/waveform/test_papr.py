@@ -46,7 +46,7 @@ def test_samples_between_find_higher_peaks_up_to_a_limit():
 
 @pytest.mark.parametrize(("oversampling", "oversampled"), [(1, False), (8, True)])
 def test_gaussian_samples_exceed_as_theory_says(oversampling, oversampled):
-    papr_db = symbol_papr_db(gaussian(256, 3000), oversampling)
+    papr_db = symbol_papr_db(gaussian(256, 1500), oversampling)
     for level_db in (8.0, 9.0, 10.0):
         probability = papr_ccdf(level_db, 256, oversampled=oversampled)
         deviation = np.sqrt(probability * (1 - probability) / papr_db.size)

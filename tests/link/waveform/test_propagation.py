@@ -5,15 +5,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from isacbench.errors import InputError
 from isacbench.link.waveform import propagation
 from isacbench.link.waveform.ofdm import demodulate, layout, modulate, n_samples
 from isacbench.link.waveform.propagation import Paths, propagate, received_symbols
 from isacbench.model.numerology import System
-from tests.conftest import few
 
 
 def a_grid(system, seed=0):
@@ -142,39 +139,6 @@ def test_a_fractional_delay_is_the_shift_of_the_oversampled_frame():
     assert errors[0] < 0.02
     assert errors[1] < errors[0] / 3
     assert errors[2] < errors[1] / 3
-
-
-@few
-@given(delay=st.floats(0, 60), doppler=st.floats(-0.5, 0.5), seed=st.integers(0, 99))
-def test_received_waveforms_add_up_path_by_path(delay, doppler, seed):
-    system = System(n_subcarriers=32, n_symbols=3)
-    grid = a_grid(system, seed)
-    both = paths_of(system, [delay, 100.0], [doppler, 0.1], seed=seed)
-    alone = [Paths(both.gain[k : k + 1], both.delay_s[k : k + 1], both.doppler_hz[k : k + 1]) for k in (0, 1)]
-    first, second = (propagate(grid, system, path) for path in alone)
-    expected = second.copy()
-    expected[: len(first)] += first
-    np.testing.assert_allclose(propagate(grid, system, both), expected, rtol=0, atol=1e-11)
-
-
-def test_a_whole_delay_moves_samples_and_nothing_else():
-    system = System(n_subcarriers=64, n_symbols=4)
-    grid = a_grid(system)
-    waveform = modulate(grid, system)
-    received = propagate(grid, system, Paths([[1.0]], [37 / system.bandwidth_hz], [0.0]))
-    assert received.shape == (n_samples(layout(system), 4) + 37, 1)
-    np.testing.assert_allclose(received[37:, 0], waveform, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(received[:37], 0, atol=1e-12)
-
-
-def test_doppler_turns_the_waveform_along_the_time_of_the_whole_frame():
-    system = System(n_subcarriers=64, n_symbols=4)
-    grid, parts = a_grid(system), layout(system)
-    waveform = modulate(grid, system)
-    received = propagate(grid, system, Paths([[1.0]], [0.0], [0.07 * system.subcarrier_spacing_hz]))
-    time = np.arange(waveform.size) - parts.n_prefix - (64 - 1) / 2
-    turned = waveform * np.exp(2j * np.pi * 0.07 * time / 64)
-    np.testing.assert_allclose(received[:, 0], turned, rtol=0, atol=1e-12)
 
 
 def test_no_elements_receive_nothing():

@@ -5,15 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from numpy.polynomial.legendre import leggauss
 from py3gpp import nrSymbolModulate
 from scipy.special import erfc, log_ndtr
 
 from isacbench.errors import InputError
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, constellation, decide_bits, modulate_bits
-from tests.conftest import few
 
 BITS = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
 MODULATIONS = list(BITS)
@@ -26,21 +22,10 @@ def words(modulation):
     return np.array(list(itertools.product([0, 1], repeat=BITS[modulation])))
 
 
-def as_printed(modulation, b):
-    """Symbol of one word by the formula of the standard."""
-    if modulation == "qpsk":
-        return ((1 - 2 * b[0]) + 1j * (1 - 2 * b[1])) / math.sqrt(2)
-    if modulation == "16qam":
-        real = (1 - 2 * b[0]) * (2 - (1 - 2 * b[2]))
-        imag = (1 - 2 * b[1]) * (2 - (1 - 2 * b[3]))
-        return (real + 1j * imag) / math.sqrt(10)
-    if modulation == "64qam":
-        real = (1 - 2 * b[0]) * (4 - (1 - 2 * b[2]) * (2 - (1 - 2 * b[4])))
-        imag = (1 - 2 * b[1]) * (4 - (1 - 2 * b[3]) * (2 - (1 - 2 * b[5])))
-        return (real + 1j * imag) / math.sqrt(42)
-    real = (1 - 2 * b[0]) * (8 - (1 - 2 * b[2]) * (4 - (1 - 2 * b[4]) * (2 - (1 - 2 * b[6]))))
-    imag = (1 - 2 * b[1]) * (8 - (1 - 2 * b[3]) * (4 - (1 - 2 * b[5]) * (2 - (1 - 2 * b[7]))))
-    return (real + 1j * imag) / math.sqrt(170)
+def along_axis(bits):
+    """Level of an axis by the formula of the standard, unscaled: (1 - 2b)(2 - (1 - 2b)) in 16QAM."""
+    sign, rest = 1 - 2 * bits[0], bits[1:]
+    return sign * (2 ** len(rest) - along_axis(rest)) if rest else sign
 
 
 # The mappings.
@@ -48,8 +33,9 @@ def as_printed(modulation, b):
 
 @each_modulation
 def test_symbols_are_those_of_the_printed_formulas(modulation):
-    expected = [as_printed(modulation, [int(bit) for bit in word]) for word in words(modulation)]
-    np.testing.assert_allclose(constellation(modulation), expected, rtol=4e-16)
+    scale = math.sqrt({"qpsk": 2, "16qam": 10, "64qam": 42, "256qam": 170}[modulation])
+    expected = [along_axis(word[::2]) + 1j * along_axis(word[1::2]) for word in words(modulation).tolist()]
+    np.testing.assert_allclose(constellation(modulation), np.array(expected) / scale, rtol=4e-16)
 
 
 @each_modulation
@@ -58,27 +44,6 @@ def test_py3gpp_maps_all_words_alike(modulation):
     np.testing.assert_allclose(
         modulate_bits(bits, modulation), nrSymbolModulate(bits, modulation), rtol=4e-16
     )
-
-
-@each_modulation
-def test_symbols_are_a_square_lattice_of_unit_mean_power(modulation):
-    points = constellation(modulation)
-    assert points.shape == (2 ** BITS[modulation],)
-    assert np.mean(np.abs(points) ** 2) == pytest.approx(1, rel=1e-15)
-    side = 2 ** (BITS[modulation] // 2)
-    lattice = np.arange(1 - side, side, 2) / math.sqrt(2 * (len(points) - 1) / 3)
-    np.testing.assert_allclose(np.unique(points.real.round(14)), lattice, atol=1e-14)
-    np.testing.assert_allclose(np.unique(points.imag.round(14)), lattice, atol=1e-14)
-    assert len(np.unique(points.round(14))) == len(points)
-
-
-@each_modulation
-def test_neighbours_differ_in_one_bit(modulation):
-    points, labels = constellation(modulation), words(modulation)
-    distance = np.abs(points[:, None] - points)
-    nearest = distance[distance > 0].min()
-    n_bits_apart = (labels[:, None] != labels).sum(axis=2)
-    assert (n_bits_apart[np.isclose(distance, nearest)] == 1).all()
 
 
 @each_modulation
@@ -110,12 +75,15 @@ def test_decisions_invert_the_mapping_of_every_word(modulation):
 
 
 @each_modulation
-@few
-@given(st.complex_numbers(max_magnitude=2, allow_nan=False))
-def test_decided_is_the_nearest_symbol(modulation, received):
-    decided = modulate_bits(decide_bits(received, modulation), modulation)[0]
-    nearest = min(abs(received - point) for point in constellation(modulation))
-    assert abs(received - decided) <= nearest + 1e-14
+def test_decided_is_the_nearest_symbol_on_both_sides_of_every_border(modulation):
+    points = constellation(modulation)
+    levels = np.unique(points.real.round(12))
+    borders = (levels[1:] + levels[:-1]) / 2
+    axis = np.concatenate([borders - 1e-9, borders + 1e-9, [-2.0, 2.0]])
+    received = (axis[:, None] + 1j * axis).ravel()
+    decided = modulate_bits(decide_bits(received, modulation), modulation)
+    nearest = np.abs(received[:, None] - points).min(axis=1)
+    np.testing.assert_allclose(np.abs(received - decided), nearest, rtol=0, atol=1e-12)
 
 
 @each_modulation
@@ -154,35 +122,11 @@ def cho_and_yoon(modulation, snr):
     return sum(per_bit) / len(per_bit)
 
 
-def integrated(modulation, snr):
-    """Bit error rate by quadrature: density of the noise along one axis, times the bits decided wrongly."""
-    points = np.unique(constellation(modulation).real.round(15))
-    half, sigma = (points[1] - points[0]) / 2, math.sqrt(1 / snr / 2)
-    edges = [points[0] - 12 * sigma - half, *(points[:-1] + half), points[-1] + 12 * sigma + half]
-    nodes, weights = leggauss(60)
-    total = 0.0
-    for sent in points:
-        truth = decide_bits(sent, modulation)[::2].astype(int)
-        for low, high in itertools.pairwise(edges):
-            x = (low + high) / 2 + (high - low) / 2 * nodes
-            n_wrong = (decide_bits(x, modulation).reshape(len(x), -1)[:, ::2] != truth).sum(axis=1)
-            density = np.exp(-(((x - sent) / sigma) ** 2) / 2) / sigma / math.sqrt(2 * math.pi)
-            total += (high - low) / 2 * weights @ (density * n_wrong)
-    return total / len(points) / (BITS[modulation] / 2)
-
-
 @each_modulation
 def test_error_rate_agrees_with_cho_and_yoon(modulation):
     for snr_db in (-30, -3, 0, 7, 15):
         expected = cho_and_yoon(modulation, 10 ** (snr_db / 10))
         assert awgn_ber(modulation, snr_db) == pytest.approx(expected, rel=1e-12)
-
-
-@each_modulation
-def test_error_rate_is_the_integral_over_wrong_decisions(modulation):
-    for snr_db in (-5, 12):
-        expected = integrated(modulation, 10 ** (snr_db / 10))
-        assert awgn_ber(modulation, snr_db) == pytest.approx(expected, rel=1e-9)
 
 
 @each_modulation
@@ -205,31 +149,9 @@ def test_error_rate_is_a_half_without_signal_and_nothing_without_noise(modulatio
     np.testing.assert_allclose(awgn_ber(modulation, snr_db), [0.5, 0.5, 0.5, 0, 0, 0], rtol=1e-12)
 
 
-def test_error_rate_grows_with_the_constellation_and_falls_with_the_snr():
-    rates = np.array([awgn_ber(modulation, np.arange(0.0, 31.0)) for modulation in MODULATIONS])
-    assert (np.diff(rates, axis=0) > 0).all()
-    assert (np.diff(rates, axis=1) < 0).all()
-
-
 def test_error_rates_have_the_shape_of_the_snr():
     assert awgn_ber("64qam", 3.0).shape == ()
     assert awgn_ber("64qam", [[1, 2, 3]]).shape == (1, 3)
-
-
-def test_decisions_in_noise_err_as_often_as_stated():
-    rng = np.random.default_rng(2)
-    n_bits, snr_db = 240_000, 12.0
-    sent = rng.integers(0, 2, n_bits, dtype=np.uint8)
-    for modulation in MODULATIONS:
-        symbols = modulate_bits(sent, modulation)
-        noise = rng.normal(0, 10 ** (-snr_db / 20) / math.sqrt(2), (len(symbols), 2)).view(np.complex128)[
-            :, 0
-        ]
-        n_wrong = int((decide_bits(symbols + noise, modulation) != sent).sum())
-        expected = n_bits * float(awgn_ber(modulation, snr_db))
-        # Bits of a symbol share its noise: at most half of them go wrong together.
-        deviation = math.sqrt(expected * BITS[modulation] / 2)
-        assert abs(n_wrong - expected) < 5 * deviation
 
 
 # Mistakes.
