@@ -12,7 +12,7 @@ from importlib.util import find_spec
 import pytest
 
 from isacbench.former_paths import PRESENT
-from tests.documents.sources import FILES, ROOT, trees
+from tests.documents.sources import FILES, ROOT, statements, trees
 
 BASE = {"errors", "choices", "cores", "added_fields", "former_paths"}
 LAYERS = {  # each may import what is named beside it, and nothing else
@@ -56,7 +56,7 @@ MOST_MODULES = 14
 def imports(module):
     """Modules that a module imports, and the names taken from them, wherever the statement stands."""
     package = module if module in ROOMS else module.rpartition(".")[0]
-    for node in ast.walk(trees()[module]):
+    for node in statements(trees()[module]):
         if isinstance(node, ast.Import):
             yield from ((alias.name, None) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -210,6 +210,14 @@ def written_paths():
                 yield path, path.read_text("utf-8")
 
 
+@cache
+def words_in(module):
+    """Names, attributes and arguments of a module's code."""
+    words = ("name", "id", "attr", "arg")
+    return {getattr(node, word, None) for node in ast.walk(trees()[module]) for word in words}
+
+
+@cache
 def resolves(dotted):
     """Whether a dotted name is a module, or an attribute of one."""
     parts = dotted.split(".")
@@ -218,9 +226,7 @@ def resolves(dotted):
         if module in FILES:
             if n == len(parts):
                 return True
-            words = ("name", "id", "attr", "arg")
-            names = {getattr(node, word, None) for node in ast.walk(trees()[module]) for word in words}
-            return parts[n] in names | exported(module) | {"__version__", "__file__", "__path__"}
+            return parts[n] in words_in(module) | exported(module) | {"__version__", "__file__", "__path__"}
     return False
 
 

@@ -10,7 +10,6 @@ from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.nomp4d import Nomp4d
-from isacbench_algorithms.omp4d import Omp4d
 from isacbench_algorithms.oracle import Oracle
 from typer.testing import CliRunner
 
@@ -28,7 +27,6 @@ ESTIMATORS = [
     Fft4d(integration="element"),
     Esprit2d(),
     Capon2d(),
-    Omp4d(),
     Nomp4d(max_rounds=1),
     Oracle(),
 ]

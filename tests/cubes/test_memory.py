@@ -11,10 +11,10 @@ import pytest
 
 from .samples import write_h5, write_mat73, write_npy
 
-SHAPE = (4096, 128, 4, 4)
-FILE_MB = 67
-ALLOWED_MB = 40
-TILE_BYTES = 2**22
+SHAPE = (2048, 128, 4, 4)
+FILE_MB = 33
+ALLOWED_MB = 25
+TILE_BYTES = 2**21
 
 PROBE = """
 import json, resource, sys
@@ -65,7 +65,7 @@ found = {}
 for path in paths:
     write(Path(path).with_stem("small"), 128)
     before = peak_mb()
-    write(path, 4096)
+    write(path, 2048)
     found[Path(path).name] = peak_mb() - before
 print(json.dumps(found))
 """
@@ -98,7 +98,7 @@ def test_files_are_read_in_bounded_memory(folder):
     write_h5(folder / "compressed.h5", cube=ones, compressed=True)
     found = answer(READ, *sorted(folder.glob("[!s]*.*")))
     assert len(found) == 7
-    assert {tuple(sums) for sums, _ in found.values()} == {(4096 * 128 * 16, 4096 * 128 * 7)}
+    assert {tuple(sums) for sums, _ in found.values()} == {(2048 * 128 * 16, 2048 * 128 * 7)}
     grown_mb = {name: grown for name, (_, grown) in found.items()}
     assert max(grown_mb.values()) < ALLOWED_MB, grown_mb
 

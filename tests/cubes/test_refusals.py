@@ -17,7 +17,6 @@ from isacbench.model.numerology import System
 
 from .samples import (
     FORMATS,
-    OF_SEVERAL,
     SHAPE,
     all_elements,
     assert_gives,
@@ -68,20 +67,6 @@ def test_an_array_that_is_no_cube_is_refused(tmp_path, array, reason):
     assert re.match(f"cube: {reason}", refusal(tmp_path / "cube.npz"))
 
 
-@pytest.mark.parametrize("kind", [kind for kind in OF_SEVERAL if kind != "npz"])
-def test_a_named_array_that_is_no_cube_is_refused(tmp_path, kind):
-    write, filename = FORMATS[kind]
-    for array, reason in (
-        (ARRAY.real, "cube: holds float32"),
-        (np.ones(SHAPE, np.int16), "cube: holds int16"),
-        (np.ones((1, 2, 3, 4, 5), np.complex64), "cube: has 5 axes"),
-    ):
-        path = tmp_path / reason[-7:] / filename
-        path.parent.mkdir()
-        write(path, cube=array)
-        assert refusal(path).startswith(reason)
-
-
 @pytest.mark.parametrize("part", ["f2", "i4"])
 def test_records_of_other_numbers_than_single_or_double_are_refused(tmp_path, part):
     with h5py.File(tmp_path / "cube.h5", "w") as file:
@@ -125,11 +110,8 @@ def test_what_is_not_of_its_format_is_refused(tmp_path, name):
         (tmp_path / name).write_bytes(content)
         for opening in (open_cube, read_grid):
             assert re.match(r"cannot be read as \w+: .+", refusal(tmp_path / name, opening)), content
-
-
-def test_a_folder_that_is_no_zarr_store_is_refused(tmp_path):
-    (tmp_path / "c.zarr").mkdir()
-    assert refusal(tmp_path / "c.zarr").startswith("cannot be read as zarr: ")
+    (tmp_path / "folder.zarr").mkdir()
+    assert refusal(tmp_path / "folder.zarr").startswith("cannot be read as zarr: ")
 
 
 @pytest.mark.parametrize("kind", [kind for kind, (_, name) in FORMATS.items() if not name.endswith(".zarr")])
@@ -139,7 +121,7 @@ def test_a_truncated_file_is_refused_at_whatever_byte_it_ends(tmp_path, kind):
     for compressed in (False, True):
         write(path, cube=ARRAY, compressed=compressed)
         whole = path.read_bytes()
-        for size in (1, 100, 130, 200, len(whole) // 2, len(whole) - 1):
+        for size in (1, 130, 200, len(whole) - 1):
             path.write_bytes(whole[:size])
             assert re.search("truncated|cannot be read as|wanted is", refusal(path)), (compressed, size)
 
@@ -162,16 +144,6 @@ def test_an_array_of_python_objects_is_no_cube(tmp_path):
     np.savez(tmp_path / "c.npz", cube=ARRAY, notes=objects)
     with open_cube(tmp_path / "c.npz") as cube:
         assert cube.shape == SHAPE
-
-
-@pytest.mark.parametrize("write", [write_npz, write_mat])
-def test_damaged_compression_is_told(tmp_path, write):
-    path = tmp_path / f"cube.{'npz' if write is write_npz else 'mat'}"
-    write(path, cube=ARRAY, compressed=True)
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 0x55
-    path.write_bytes(data)
-    assert refusal(path).startswith("cannot be read as ")
 
 
 def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
@@ -231,9 +203,6 @@ def test_a_mat_file_is_read_by_a_process_whose_end_is_told(tmp_path):
     with open_cube(path) as cube:
         assert_gives(cube, ARRAY)
     data = path.read_bytes()
-    path.write_bytes(data[:200])
-    assert refusal(path).startswith("cannot be read as mat: ")
-    assert "ended by" not in refusal(path)
     part = np.array([7, ARRAY.nbytes // 2], "<u4").tobytes()
     path.write_bytes(data.replace(part, bytes([99]) + part[1:]))
     assert refusal(path) == "cannot be read as mat: SciPy's reader was ended by SIGSEGV"

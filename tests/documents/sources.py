@@ -26,3 +26,11 @@ def trees():
     finally:
         gc.freeze()
         gc.enable()
+
+
+def statements(node):
+    """Yields all statements of a tree, wherever they stand; expressions hold none."""
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, ast.expr):
+            yield child
+            yield from statements(child)

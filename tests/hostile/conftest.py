@@ -9,7 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
+from isacbench.report.drawing.style import new_figure
+from isacbench.report.figures import run_figures
+from tests.conftest import TINY, TINY_POINTS
 
 from ..files.mat_readers import mat_files_read_in_forks  # noqa: F401
 
@@ -77,3 +82,23 @@ def refused():
 def bounded():
     """Return the guard alone, for what may be read as well."""
     return limited
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """Return a suite and the folder of its run."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "tiny.toml").write_text(TINY)
+    (folder / "tiny.csv").write_text(TINY_POINTS)
+    suite = Suite(
+        name="test", scenarios=[str(folder / "tiny.toml")], estimators=["oracle"], snr_db=[0, 10], trials=2
+    )
+    run_suite(suite, out=folder / "run")
+    return suite, folder / "run"
+
+
+@pytest.fixture
+def written_empty(monkeypatch):
+    """Leave figures empty, and write all of them."""
+    for name in ("draw_deviations", "draw_scores", "draw_clouds"):
+        monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))

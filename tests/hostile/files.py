@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import struct
@@ -12,6 +13,9 @@ import h5py
 import numpy as np
 import zarr
 from scipy.io import savemat
+from scipy.sparse import csc_array
+
+from isacbench.cubes import open_cube
 
 HUGE = 10**18
 LIMIT_MIB = 16
@@ -20,6 +24,13 @@ BOMB_MIB = 18
 TABLE = np.arange(12.0).reshape(3, 4)
 CUBE = np.ones((4, 3, 2, 2), np.complex64)
 GRID = np.ones((4, 3), np.complex64)
+
+
+def load_cube(path):
+    """Open a cube and load all of it: what is wrong with numbers is told when they are met."""
+    with open_cube(path) as cube:
+        for tile in cube.tiles(np.argwhere(np.ones(cube.shape[2:], dtype=bool))):
+            tile.load()
 
 
 class Trap:
@@ -266,62 +277,37 @@ def mat73(change):
 
     def write(path):
         with h5py.File(path, "w") as file:
-            change(file, path)
-            for array in filter(None, map(file.get, ("xyz", "velocity"))):
-                array.attrs["MATLAB_class"] = np.bytes_("double")
+            change(file)
+            if "xyz" in file:
+                file["xyz"].attrs["MATLAB_class"] = np.bytes_("double")
 
     return write
 
 
-def elsewhere73(file, path):
-    """Numbers in a file that is named inside."""
-    path.with_name("secret.bin").write_bytes(bytes(96))
-    file.create_dataset("xyz", (3, 4), "f8", external=[(str(path.with_name("secret.bin")), 0, 96)])
-    file["velocity"] = np.zeros((1, 4))
-
-
-def linked73(file, path):
-    with h5py.File(path.with_name("other.h5"), "w") as other:
-        other["cloud"] = TABLE
-    file["xyz"] = h5py.ExternalLink("other.h5", "cloud")
-    file["velocity"] = h5py.SoftLink("/xyz")
-
-
-def empty73(file, _path):
+def empty73(file):
     """An array without elements that has some."""
     file["cloud"] = np.array([10**12, 4], np.uint64)
     file["cloud"].attrs["MATLAB_empty"] = np.uint8(1)
 
 
-def packed73(shape, chunk, **options):
-    """One chunk that is not what it says, in an array that is nothing else."""
+def unknown_filter73(file):
+    """A chunk that went through a filter that nobody has."""
+    unknown = {"compression": 32700, "allow_unknown_filter": True}
+    array = file.create_dataset("xyz", (3, 4), "f8", chunks=(3, 4), **unknown)
+    array.id.write_direct_chunk((0, 0), bytes(100))
 
-    def change(file, _path):
-        array = file.create_dataset("xyz", shape, "f8", chunks=chunk, maxshape=(None, None), **options)
-        array.id.write_direct_chunk((0, 0), bytes(100))
-
-    return mat73(change)
-
-
-UNKNOWN_FILTER = {"compression": 32700, "allow_unknown_filter": True}
 
 MAT = {
-    "7.3, numbers in another file": mat73(elsewhere73),
-    "7.3, a link to another file": mat73(linked73),
     "7.3, elements where there are none": mat73(empty73),
-    "7.3, an unknown filter": packed73((3, 4), (3, 4), **UNKNOWN_FILTER),
-    "7.3, 1e9 rows": mat73(
-        lambda file, _path: file.create_dataset("xyz", (3, 10**9), "f8", chunks=(3, 10**6))
-    ),
-    "7.3, nothing written": mat73(lambda file, _path: file.create_dataset("xyz", (3, 10**6), "f8")),
-    "7.3, a structure": mat73(lambda file, _path: file.create_group("xyz/velocity")),
+    "7.3, an unknown filter": mat73(unknown_filter73),
+    "7.3, 1e9 rows": mat73(lambda file: file.create_dataset("xyz", (3, 10**9), "f8", chunks=(3, 10**6))),
+    "7.3, nothing written": mat73(lambda file: file.create_dataset("xyz", (3, 10**6), "f8")),
+    "7.3, a structure": mat73(lambda file: file.create_group("xyz/velocity")),
     "cells in cells": nested_cells(200_000),
     "a structure": mat_of(xyz={"a": TABLE}, velocity=TABLE[:, 3]),
     "cells": mat_of(xyz=np.array([TABLE, "a"], dtype=object), velocity=TABLE[:, 3]),
     "text": mat_of(xyz="abc", velocity="def"),
-    "a sparse matrix": lambda path: savemat(
-        path, {"xyz": __import__("scipy.sparse").sparse.csc_array(TABLE[:, :3]), "velocity": TABLE[:, 3]}
-    ),
+    "a sparse matrix": lambda path: savemat(path, {"xyz": csc_array(TABLE[:, :3]), "velocity": TABLE[:, 3]}),
     "a function": mat_elements(mat_array((1, 1), b"", kind=16)),
     "an object": mat_elements(mat_array((1, 1), b"", kind=3)),
     "an opaque object": mat_elements(mat_array((1, 1), b"", kind=17)),
@@ -368,7 +354,6 @@ PLY = {
         + b"".join(b"property double p%d\n" % index for index in range(20_000))
         + b"end_header\n"
     ),
-    "NaN": ply(1, b"1 2 nan 4\n"),
 }
 
 
@@ -385,10 +370,8 @@ CSV = {
     "one long field": content(b"x,y,z,v\n1,2,3," + b"a" * 10**6 + b"\n"),
     "one long name": content(b"x" * 10**6 + b"\n1\n"),
     "a long number": content(b"x,y,z,v\n1,2,3," + b"9" * 10**5 + b"\n"),
-    "a formula": content(b"x,y,z,v\n1,2,3,=1+1\n"),
     "an escape sequence": content(b"x,y,z,\x1b[31mv\n1,2,3,4\n"),
     "passwords": content(b"root:x:0:0:root:/root:/bin/bash\n"),
-    "Latin-1": content("x,y,z,v\n1,2,3,4 µ\n".encode("latin-1")),
 }
 
 CLOUDS = {".csv": CSV, ".npy": NPY, ".npz": NPZ, ".mat": MAT, ".ply": PLY}
@@ -406,7 +389,6 @@ TOML = {
     "a long name": content(b'name = "' + b"x" * 10**5 + b'"\n'),
     "a long value": content(b'trials = "' + b"x" * 10**5 + b'"\n'),
     "zeros": content(b'name = "a"\n\0\0\0\n'),
-    "Latin-1": content('name = "µ"\n'.encode("latin-1")),
     "an open text": content(b'name = """' + b"x" * 1000),
     "twice": content(b'name = "a"\nname = "b"\n'),
 }
@@ -431,10 +413,9 @@ def elsewhere(file, path):
 
 
 def elsewhere_in_a_pipe(file, path):
-    os.mkfifo(path.with_name("pipe"))
-    file.create_dataset(
-        "cube", CUBE.shape, CUBE.dtype, external=[(str(path.with_name("pipe")), 0, CUBE.nbytes)]
-    )
+    other = path.with_name("pipe")
+    os.mkfifo(other)
+    file.create_dataset("cube", CUBE.shape, CUBE.dtype, external=[(str(other), 0, CUBE.nbytes)])
 
 
 def virtual(file, path):
@@ -481,8 +462,6 @@ def zarr_store(change):
 
 
 def with_metadata(**changes):
-    import json
-
     def change(path):
         place = path / "cube" / ".zarray"
         place.write_text(json.dumps({**json.loads(place.read_text()), **changes}))
@@ -490,24 +469,12 @@ def with_metadata(**changes):
     return zarr_store(change)
 
 
-def metadata_is(make):
-    def change(path):
-        place = path / "cube" / ".zarray"
-        place.unlink()
-        make(place)
-
-    return zarr_store(change)
-
-
 def unpickling(place):
     """A chunk that is to be unpickled, in one of the places where a store can say so."""
 
-    def change(path):
-        (path / "cube" / "0.0.0.0").write_bytes(pickle.dumps(Trap(path.parent)))
-
     def write(path):
         with_metadata(**place)(path)
-        change(path)
+        (path / "cube" / "0.0.0.0").write_bytes(pickle.dumps(Trap(path.parent)))
 
     return write
 
@@ -516,7 +483,7 @@ ZARR = {
     "1e18 cells": with_metadata(shape=[HUGE, 1, 1, 1]),
     "negative cells": with_metadata(shape=[-4, -3, 2, 2]),
     "no chunks": with_metadata(chunks=[0, 0, 0, 0]),
-    "deep metadata": metadata_is(content(b"[" * 100_000)),
+    "deep metadata": zarr_store(lambda path: content(b"[" * 100_000)(path / "cube" / ".zarray")),
     "unpickling compressor": unpickling({"compressor": {"id": "pickle"}}),
     "unpickling filter": unpickling({"filters": [{"id": "pickle"}]}),
     "unpickling filter behind another": unpickling(
@@ -532,14 +499,11 @@ def zip_of_zarr(path):
         archive.writestr("zarr.json", b"[" * 10**6)
 
 
-BESIDE_A_GRID = {"a structure", "cells", "a sparse matrix"}
-"""Files of a variable that is not looked into and an array of two axes, which can be a grid."""
-
 CUBES = {
     ".npy": NPY,
     ".npz": NPZ,
     ".mat": {
-        **{name: write for name, write in MAT.items() if name not in BESIDE_A_GRID},
+        **MAT,
         "cells of the right shapes": mat_of(cube=np.full((4, 3, 2, 2), {}), transmitted=np.full((4, 3), {})),
     },
     ".h5": H5,

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 from isacbench.cli import app
 
 from .files import ANY, CLOUDS, CUBES, TOML
-from .test_results import made  # noqa: F401, a fixture
 
 ESCAPES = ("\x1b", "\x07", "\x9b", "\u202e")
 
@@ -98,7 +97,7 @@ def test_every_command_that_reads_a_file_refuses_a_hostile_one(tmp_path, told, s
 @pytest.mark.parametrize("command", ["report", "rescore", "compare", "compare new", "merge", "run"])
 @pytest.mark.parametrize("name", ["manifest.json", "results.parquet"])
 @pytest.mark.parametrize("kind", ["a pipe", "a page of zeros"])
-def test_every_command_that_reads_a_run_refuses_a_hostile_one(made, tmp_path, told, command, name, kind):  # noqa: F811
+def test_every_command_that_reads_a_run_refuses_a_hostile_one(made, tmp_path, told, command, name, kind):
     suite, good = made
     bad = tmp_path / "bad"
     shutil.copytree(good, bad)
@@ -124,10 +123,8 @@ def test_every_command_that_reads_a_run_refuses_a_hostile_one(made, tmp_path, to
 @pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".mat", ".ply"])
 def test_an_image_is_not_written_into_a_pipe(tiny, tmp_path, told, suffix):
     os.mkfifo(tmp_path / f"out{suffix}")
-    assert "is a pipe" in told("image", "-s", tiny, "-e", "oracle", "-o", tmp_path / f"out{suffix}")
-    assert "File name too long" in told(
-        "image", "-s", tiny, "-e", "oracle", "-o", tmp_path / f"{'x' * 300}{suffix}"
-    )
+    for name, reason in (("out", "is a pipe"), ("x" * 300, "File name too long")):
+        assert reason in told("image", "-s", tiny, "-e", "fft4d", "-o", tmp_path / f"{name}{suffix}")
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".h5", ".zarr"])
@@ -140,6 +137,7 @@ def test_a_frame_is_not_written_over_anything(tiny, tmp_path, told, suffix):
     assert not (tmp_path / "nowhere").exists()
 
 
+@pytest.mark.usefixtures("written_empty")
 def test_a_run_shows_names_as_they_are(tiny, tmp_path, bounded):
     name = "=1+1 [red]\x1b[31m\n<script>|`$x$\\ ../.."
     tiny.write_text(tiny.read_text().replace('name = "tiny"', f"name = {json.dumps(name)}"), encoding="utf-8")

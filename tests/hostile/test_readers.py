@@ -11,7 +11,7 @@ import pytest
 
 from isacbench.bench.suites import suite
 from isacbench.bench.suites.suite_kinds import load_suite
-from isacbench.cubes import cube, open_cube, read_grid
+from isacbench.cubes import cube, read_grid
 from isacbench.files import checked_files
 from isacbench.files.arrays import zarr_stores
 from isacbench.files.checked_files import binary_size
@@ -22,21 +22,15 @@ from isacbench.model.scenes import scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.local_files import PluginFile
 
-from .files import ANY, CLOUDS, CSV, CUBES, LIMIT_MIB, TABLE, TOML
-
-
-def read_cube(path):
-    """Open a cube and load all of it: what is wrong with numbers is told when they are met."""
-    with open_cube(path) as cube:
-        for tile in cube.tiles(np.argwhere(np.ones(cube.shape[2:], dtype=bool))):
-            tile.load()
-
+from .files import ANY, CLOUDS, CSV, CUBES, LIMIT_MIB, TABLE, TOML, load_cube
 
 AS_PLUGIN = ["a pipe", "a device", "a folder", "a link to nothing", "a link to itself", "a terabyte"]
 
 KINDS = {
     **{f"cloud{suffix}": (suffix, files | ANY, [PointCloud.read]) for suffix, files in CLOUDS.items()},
-    **{f"cube{suffix}": (suffix, files | ANY, [read_cube, read_grid]) for suffix, files in CUBES.items()},
+    **{f"cube{suffix}": (suffix, files | ANY, [load_cube]) for suffix, files in CUBES.items()},
+    # Of MATLAB's, a file of a cell and a table has what can be a grid; its reader is that of cubes.
+    **{f"grid{suffix}": (suffix, CUBES[suffix] | ANY, [read_grid]) for suffix in CUBES if suffix != ".mat"},
     "points.csv": (".csv", CSV | ANY, [read_points_csv]),
     "scenario.toml": (".toml", TOML | ANY, [load_scenario, load_suite]),
     "plugin.py": (".py", {name: ANY[name] for name in [*AS_PLUGIN, "UTF-16"]}, [PluginFile.read]),

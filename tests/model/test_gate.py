@@ -49,12 +49,13 @@ def test_the_reachable_cells_cover_every_scatterer_of_any_region(scene, place):
 
 
 @given(scenes())
-def test_bins_are_consecutive_and_never_more_than_the_map(scene):
+def test_bins_are_consecutive_and_never_more_than_the_map_and_wrap_where_they_are_all(scene):
     system = scene[0]
     gate = build_gate(*scene)
     for bins, n_bins in ((gate.range_bins, system.n_subcarriers), (gate.doppler_bins, system.n_symbols)):
         assert 1 <= bins.size <= n_bins
         assert (np.diff(bins) == 1).all()
+    assert gate.wraps == (gate.shape[0] == system.n_subcarriers, gate.shape[1] == system.n_symbols)
 
 
 @given(scenes())
@@ -102,12 +103,6 @@ def test_bins_cannot_be_written_to():
     gate = build_gate(System(), np.zeros(3), Region((5.0, 9.0), (0.0, 1.0), (0.0, 1.0), (0.0, 0.0)))
     with pytest.raises(ValueError, match="read-only"):
         gate.range_bins[0] = 1
-
-
-@given(scenes())
-def test_a_gate_wraps_where_it_holds_all_bins(scene):
-    system, gate = scene[0], build_gate(*scene)
-    assert gate.wraps == (gate.shape[0] == system.n_subcarriers, gate.shape[1] == system.n_symbols)
 
 
 @given(scenes(), st.integers(0, 3), st.integers(0, 3))

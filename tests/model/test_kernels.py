@@ -19,25 +19,6 @@ def test_the_dirichlet_kernel_is_the_sum_it_stands_for(n, bin_, place):
     assert dirichlet([bin_], [place], n)[0, 0] == pytest.approx(total / n**0.5, abs=1e-10)
 
 
-@given(st.integers(1, 40), st.lists(PLACES, min_size=1, max_size=3))
-def test_the_kernel_is_an_inverse_dft_and_its_conjugate_a_forward_one(n, places):
-    phase = 2j * np.pi * np.outer(np.arange(n), places) / n
-    kernel = dirichlet(np.arange(n), places, n)
-    np.testing.assert_allclose(kernel, np.fft.ifft(np.exp(-phase), axis=0, norm="ortho"), atol=1e-10)
-    np.testing.assert_allclose(kernel.conj(), np.fft.fft(np.exp(phase), axis=0, norm="ortho"), atol=1e-10)
-
-
-@given(LENGTHS, PLACES)
-def test_all_bins_together_hold_the_energy_of_the_exponential(n, place):
-    assert np.sum(np.abs(dirichlet(np.arange(n), [place], n)) ** 2) == pytest.approx(n)
-
-
-@given(LENGTHS, st.integers(-50, 50), PLACES, st.integers(-3, 3))
-def test_bins_repeat_after_the_transform_length(n, bin_, place, turns):
-    expected = dirichlet([bin_], [place], n)
-    np.testing.assert_allclose(dirichlet([bin_ + turns * n], [place], n), expected, atol=1e-10)
-
-
 @given(st.integers(1, 16), st.lists(st.floats(-1, 1), max_size=3))
 def test_steering_is_one_phase_step_an_element(n_elements, cosines):
     response = steering(n_elements, cosines)
@@ -68,13 +49,6 @@ def test_the_centred_kernel_and_its_slopes_are_sums_over_the_aperture(n, distanc
     assert actual == pytest.approx([value, slope, curvature], abs=1e-5)
 
 
-@given(LENGTHS, st.floats(-20, 20))
-def test_slopes_are_the_derivatives_of_the_kernel(n, distance):
-    step = 1e-4
-    before, at, after = (np.array(dirichlet_slopes(distance + k * step, n)) for k in (-1, 0, 1))
-    np.testing.assert_allclose(at[1:], (after - before)[:2] / (2 * step), atol=1e-5)
-
-
 @pytest.mark.parametrize("n", [2, 3, 16, 2047])
 def test_the_series_at_the_peak_meets_the_quotients_beside_it(n):
     below, above = (np.array(dirichlet_slopes(x, n)) for x in (0.999999e-3, 1.000001e-3))
@@ -92,10 +66,3 @@ def test_slopes_keep_their_digits_near_every_peak(n, distance, turns):
     assert sign * value == pytest.approx(1 - second * offset**2 / 2, abs=fourth * offset**4)
     assert sign * slope == pytest.approx(-second * offset, rel=1e-5, abs=fourth * offset**3)
     assert sign * curvature == pytest.approx(-second, abs=fourth * offset**2 + 1e-5)
-
-
-def test_the_centred_kernel_is_the_dirichlet_kernel_turned_to_its_middle():
-    bins, places, n = np.arange(-5, 9), np.array([0.3, 2.0, 7.7]), 12
-    distance = bins[:, None] - places
-    turned = dirichlet(bins, places, n) * np.exp(-1j * np.pi * (n - 1) / n * distance) / np.sqrt(n)
-    np.testing.assert_allclose(dirichlet_slopes(distance, n)[0], turned, atol=1e-12)

@@ -34,12 +34,14 @@ from isacbench.report.html import guarded_pages
 from isacbench_learned.surroundings import FEATURES
 
 sys.path.insert(0, sys.argv[2])
+import train as training
 from train import scene_names, train
 
+training.SNRS_DB = (15.0,)
 guarded_pages.draw_run_and_page = lambda *_: []
 done = {name: CliRunner().invoke(app, words) for name, words in json.loads(sys.argv[1]).items()}
 alarms, exact = {}, []
-for looks in (1, 16, 256):
+for looks in (1, 256):
     power = np.random.default_rng([7, looks]).standard_gamma(looks, (134, 134)) / looks
     detection = get_detector("learned", pfa=3e-2).detect(power, looks)
     alarms[looks] = detection.mask.sum().item()
@@ -134,9 +136,9 @@ def test_an_installed_package_takes_part_in_a_run(isacbench, folder):
 def test_the_learned_detector_keeps_its_rate_in_white_noise_and_detects_above_its_threshold(told):
     # Neighbours share their surroundings: 4 standard deviations are 10 % of 1600 alarms, 17 % of a third.
     expected = 134**2 * 3e-2
-    assert list(told["alarms"].values()) == pytest.approx([expected] * 3, rel=0.17)
-    assert sum(told["alarms"].values()) == pytest.approx(3 * expected, rel=0.1)
-    assert told["exact"] == [True, True, True]
+    assert list(told["alarms"].values()) == pytest.approx([expected] * 2, rel=0.17)
+    assert sum(told["alarms"].values()) == pytest.approx(2 * expected, rel=0.125)
+    assert told["exact"] == [True, True]
 
 
 def test_a_strong_echo_is_detected_and_what_its_taper_spreads_is_not(told):

@@ -2,19 +2,11 @@
 
 import ast
 import importlib.util
-from pathlib import Path
 
-import isacbench_algorithms
 import pytest
 
-import isacbench
 from isacbench.plugins.import_closure import digest_of, import_closure, source_imports
-
-SOURCES = [
-    path
-    for package in (isacbench, isacbench_algorithms)
-    for path in Path(package.__file__).parent.rglob("*.py")
-]
+from tests.documents.sources import FILES, trees
 
 
 def plainly(tree, package):
@@ -33,10 +25,9 @@ def plainly(tree, package):
 
 
 def test_of_every_module_of_the_library_all_import_statements_are_found():
-    for path in SOURCES:
-        text = path.read_text()
-        found = set(source_imports(text, "some.where.module", False))
-        assert set(plainly(ast.parse(text), "some.where")) <= found, path
+    for name, tree in trees().items():
+        found = set(source_imports(FILES[name].read_text("utf-8"), "some.where.module", False))
+        assert set(plainly(tree, "some.where")) <= found, name
 
 
 @pytest.mark.parametrize(

@@ -146,14 +146,6 @@ def test_a_file_that_is_no_plugin_is_refused_in_words(write_plugin, filename, so
     assert not [name for name in sys.modules if name.startswith(f"isacbench_plugin_{path.stem}_")]
 
 
-def test_a_file_that_does_not_exist_or_is_no_text_is_refused(write_plugin, tmp_path):
-    with pytest.raises(InputError, match=r"gone\.py: does not exist"):
-        load_plugin_file(tmp_path / "gone.py")
-    (tmp_path / "bytes.py").write_bytes(b"\xff\xfe")
-    with pytest.raises(InputError, match=r"bytes\.py: not UTF-8 text"):
-        load_plugin_file(tmp_path / "bytes.py")
-
-
 def test_an_interrupt_while_a_file_is_imported_is_an_interrupt(write_plugin):
     file = PluginFile.read(write_plugin("stop.py", "raise KeyboardInterrupt\n"))
     with pytest.raises(KeyboardInterrupt):
@@ -161,18 +153,9 @@ def test_an_interrupt_while_a_file_is_imported_is_an_interrupt(write_plugin):
     assert file.module_name not in sys.modules
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("@dataclass(frozen=True)\nclass Nothing", "class Nothing", "must be a frozen dataclass"),
-        ("size: int = 1", "size: int", "missing parameter size"),
-        ("size: int = 1", "size: Unknown = 1", "type of a parameter cannot be resolved"),
-    ],
-)
-def test_a_local_class_is_held_to_the_contract(write_plugin, old, new, message):
-    source = LOCAL.replace(old, new).replace("    detector: Detector = Half()\n", "")
-    load_plugin_file(write_plugin("local.py", source))
-    with pytest.raises(InputError, match=message):
+def test_a_local_class_is_held_to_the_contract(write_plugin):
+    load_plugin_file(write_plugin("local.py", LOCAL.replace("size: int = 1", "size: Unknown = 1")))
+    with pytest.raises(InputError, match="type of a parameter cannot be resolved"):
         get_estimator("nothing")
 
 
@@ -216,10 +199,3 @@ def test_what_is_registered_in_isolation_is_forgotten_and_the_rest_kept(write_pl
     assert "zero" not in estimator_names()
     assert "nothing" in estimator_names()
     assert PluginFile("other.py", other).module_name not in sys.modules
-
-
-def test_two_files_may_share_their_file_name(write_plugin):
-    load_plugin_file(write_plugin("local.py", LOCAL))
-    other = LOCAL.replace('"nothing"', '"zero"').replace('"half"', '"third"')
-    load_plugin_file(write_plugin("sub/local.py", other))
-    assert {"nothing", "zero"} <= set(estimator_names())

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from isacbench_algorithms import chance, oracle
 from typer.testing import CliRunner
 
 from isacbench.checking.contract import check_plugin, detector_checks, estimator_checks, find_plugins
@@ -58,6 +59,9 @@ def small_maps_and_few_images(monkeypatch):
     What asks for an answer of the plugin, in order to compare two, gets an image of its own.
     """
     monkeypatch.setattr(detector_checks, "LARGE", (128, 128))
+    monkeypatch.setattr(detector_checks, "LOOKS", (1, 4))
+    for reference in (oracle, chance):
+        monkeypatch.setattr(reference, "N_REALISATIONS", 8)
     image, images = estimator_checks.EstimatorSubject.imaging, {}
 
     def imaging(subject, shot, *asked):
@@ -73,9 +77,8 @@ def test_the_built_in_plugins_keep_the_contract(kind, name):
 
 
 def test_a_distribution_and_its_package_name_everything_they_register():
-    expected = {("estimator", name) for name in estimator_names()} | {
-        ("detector", n) for n in detector_names()
-    }
+    names = {"estimator": estimator_names(), "detector": detector_names()}
+    expected = {(kind, name) for kind, of_kind in names.items() for name in of_kind}
     assert set(find_plugins("isacbench")) == set(find_plugins("isacbench_algorithms")) == expected
 
 

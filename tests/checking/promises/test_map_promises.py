@@ -43,7 +43,7 @@ class Faulty:
             power, looks, cells
         )
         tested = power if cells is None else power[cells]
-        mask, threshold, noise = found.mask, found.threshold.copy(), found.noise.copy()
+        threshold, noise = found.threshold.copy(), found.noise.copy()
         match self.fault:
             case "raises":
                 raise ZeroDivisionError("no luck")
@@ -55,8 +55,6 @@ class Faulty:
                 noise.flat[0] = np.nan
             case "flat":
                 noise = noise.ravel()
-            case "other mask":
-                mask = ~mask
             case "random":
                 noise += noise * 1e-9 * (1 + time.perf_counter_ns() % 997)
             case "other where listed" if cells is not None:
@@ -65,33 +63,28 @@ class Faulty:
                 threshold *= 1 + 1e-9
             case "absolute threshold":
                 threshold += 1e-3
-                mask = tested > threshold
             case "rounds":
                 threshold *= 1 + 1e-8 * np.frexp(tested.max())[0]
-                mask = tested > threshold
             case "detects":
                 threshold *= 0.0
-                mask = tested > threshold
             case "single alone" if power.dtype == np.float32:
                 threshold *= 1 + 1e-5
             case "zeros beyond the border":
-                padded = np.pad(power, 4)
                 whole = get_detector("ca", pfa=self.pfa, training=self.training, guard=self.guard)
-                threshold = whole.detect(padded, looks).threshold[4:-4, 4:-4]
-                mask = tested > threshold
+                threshold = whole.detect(np.pad(power, 4), looks).threshold[4:-4, 4:-4]
             case "factor 1.1":
                 threshold *= 1.1
-                mask = tested > threshold
             case "any rate":
                 threshold *= self.pfa
-                mask = tested > threshold
             case "one rate":
                 threshold = noise * 7.0
-                mask = tested > threshold
-            case "mask of another rate" if self.pfa < 1e-3:
-                threshold *= 2.0
-            case "more at half the rate" if self.pfa < 1e-3:
-                mask, threshold = power >= 0, threshold * (1 + 1e-9)
+        mask = tested > threshold
+        if self.fault == "other mask":
+            mask = ~mask
+        if self.fault == "mask of another rate" and self.pfa < 1e-3:
+            threshold *= 2.0
+        if self.fault == "more at half the rate" and self.pfa < 1e-3:
+            mask, threshold = power >= 0, threshold * (1 + 1e-9)
         return Detection(mask, threshold, noise)
 
 

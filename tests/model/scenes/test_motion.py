@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench import load_scenario
 from isacbench.errors import InputError
 from isacbench.model.scenes.motion import approach_speeds, body_velocities, heading, turned
 from isacbench.model.scenes.objects import limb_swing, pedestrian, vehicle, wheel_roll
@@ -69,33 +68,13 @@ def test_a_wheel_rolls():
     np.testing.assert_allclose(np.linalg.norm(roll, axis=1), 1)
 
 
-SCENE = """
-name = "moving"
-[array]
-frame = "panel"
-[base_station]
-position_m = [20.0, 100.0, 20.0]
-[region]
-x_m = [0.0, 40.0]
-y_m = [0.0, 30.0]
-z_m = [0.0, 20.0]
-speed_mps = [-25.0, 25.0]
-[[objects]]
-kind = "pole"
-position_m = [20.0, 10.0, 0.0]
-"""
+POLE = '[[objects]]\nkind = "pole"\nposition_m = [20.0, 10.0, 0.0]\n'
 
 
-def written(folder, text):
-    path = folder / "moving.toml"
-    path.write_text(SCENE + text)
-    return path
-
-
-def test_a_number_is_a_radial_speed_and_a_vector_is_projected(tmp_path):
-    radial = load_scenario(written(tmp_path, "velocity_mps = 3.0")).scatterers
+def test_a_number_is_a_radial_speed_and_a_vector_is_projected(load_objects):
+    radial = load_objects(f"{POLE}velocity_mps = 3.0").scatterers
     np.testing.assert_array_equal(radial.velocity, 3.0)
-    vector = load_scenario(written(tmp_path, "velocity_mps = [0.0, 3.0, 0.0]")).scatterers
+    vector = load_objects(f"{POLE}velocity_mps = [0.0, 3.0, 0.0]").scatterers
     sight = vector.xyz - BASE_STATION_M
     np.testing.assert_allclose(vector.velocity, 270 / np.linalg.norm(sight, axis=1), atol=1e-6)
 
@@ -111,7 +90,7 @@ def test_a_number_is_a_radial_speed_and_a_vector_is_projected(tmp_path):
         ("yaw_deg = inf", "yaw_deg"),
     ],
 )
-def test_a_wrong_motion_is_refused_in_one_line(tmp_path, text, told):
+def test_a_wrong_motion_is_refused_in_one_line(load_objects, text, told):
     with pytest.raises(InputError) as error:
-        load_scenario(written(tmp_path, text))
+        load_objects(POLE + text)
     assert told in str(error.value)

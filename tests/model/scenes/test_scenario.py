@@ -23,11 +23,8 @@ def street(request):
     return load_scenario(request.param)
 
 
-def test_the_streets_ship():
+def test_the_streets_ship_and_differ_in_frame_and_phase_alone():
     assert set(STREETS) <= set(scenario_names())
-
-
-def test_the_streets_differ_in_frame_and_phase_alone():
     streets = [load_scenario(name) for name in STREETS]
     assert [scenario.name for scenario in streets] == [*STREETS]
     assert [scenario.frame for scenario in streets] == [PanelFrame(), PanelFrame(), PaperFrame()]
@@ -142,12 +139,6 @@ def test_the_command_line_shows_such_a_warning_as_one_line_without_source(tiny):
             "unknown key system.n_symbol: did you mean 'n_symbols'? allowed are carrier",
         ),
         (
-            "[region]",
-            "[regoin]",
-            "unknown key regoin: did you mean 'region'? allowed are name, system, array",
-        ),
-        ("frame =", "framme =", "unknown key array.framme: did you mean 'frame'? allowed are frame, yaw_deg"),
-        (
             CAR,
             f"{CAR}sise_m = [1, 1, 1]\n",
             "unknown key objects[1].sise_m: did you mean 'size_m'? allowed are",
@@ -167,18 +158,8 @@ def test_the_command_line_shows_such_a_warning_as_one_line_without_source(tiny):
             "subcarrier_spacing_hz = -240e3",
             "system.subcarrier_spacing_hz = -240000.0: input should be greater than 0",
         ),
-        (
-            "n_symbols = 32",
-            "n_symbols = 0",
-            "system.n_symbols = 0: input should be greater than or equal to 1",
-        ),
         ("n_symbols = 32", "n_symbols = true", "system.n_symbols = True: input should be a valid integer"),
         ("n_symbols = 32", "n_symbols = 31.5", "system.n_symbols = 31.5: input should be a valid integer"),
-        (
-            "n_symbols = 32",
-            'carrier_hz = "7e10"',
-            "system.carrier_hz = '7e10': input should be a valid number",
-        ),
         ("n_symbols = 32", "carrier_hz = nan", "system.carrier_hz = nan: input should be a finite number"),
         (
             "n_symbols = 32",
@@ -191,11 +172,6 @@ def test_the_command_line_shows_such_a_warning_as_one_line_without_source(tiny):
             "system.cyclic_prefix_ratio = 1.5: input should be less than or equal to 1",
         ),
         ('frame = "panel"', 'frame = "flat"', "array.frame = 'flat': input should be 'paper' or 'panel'"),
-        (
-            'frame = "panel"',
-            'frame = "paper"\ntilt_deg = 3.0',
-            "array: yaw_deg and tilt_deg turn a panel; the frame 'paper' has neither",
-        ),
         (
             "rx_shape = [4, 4]",
             "rx_shape = [4, 4]\nrx_spacing = 2",
@@ -222,11 +198,6 @@ def test_the_command_line_shows_such_a_warning_as_one_line_without_source(tiny):
             "position_m = [5.0, 40.0, 10.0]",
             "position_m = [5.0, -40.0, 10.0]",
             "region: it lies where the array is blind; allowed are places in front of the panel",
-        ),
-        (
-            CAR,
-            '[[objects]]\nkind = "green_belt"\nposition_m = [5, 5, 0]\nspacing_m = -0.5\n',
-            "objects[1].spacing_m = -0.5: input should be greater than 0",
         ),
         (
             CAR,
@@ -258,25 +229,13 @@ def test_a_mistake_in_a_scenario_is_answered_with_file_key_and_what_is_allowed(t
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("x,y,z,v\n1,2,3,0\n1,nan,3,0\n", "row 3: column y is NaN; expected a finite number"),
-        ("x,y,v\n1,2,3\n", "row 1: column z is missing; the file takes the columns x, y, z, v"),
-        ("x,y,z,v\n1,2,three,0\n", "row 2: column z is 'three'; expected a number"),
-        ("x,y,z,v\n", "holds no points below its header"),
-        (None, "does not exist"),
-    ],
-)
-def test_a_mistake_in_a_points_file_is_answered_with_both_files_and_the_row(tiny, content, message):
+def test_a_mistake_in_a_points_file_is_answered_with_both_files_and_the_row(tiny):
     points = tiny.parent / "tiny.csv"
-    if content is None:
-        points.unlink()
-    else:
-        points.write_text(content)
+    points.write_text("x,y,z,v\n1,2,3,0\n1,nan,3,0\n")
     with pytest.raises(InputError) as error:
         load_scenario(tiny)
-    assert str(error.value).startswith(f"{tiny}: objects[0]: {points}: {message}")
+    told = "row 3: column y is NaN; expected a finite number"
+    assert str(error.value).startswith(f"{tiny}: objects[0]: {points}: {told}")
 
 
 def test_an_unknown_scenario_is_answered_with_the_nearest_one_and_with_all_that_is_allowed():

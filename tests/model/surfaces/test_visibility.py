@@ -43,8 +43,8 @@ def seen_one_by_one(base_m, points, triangles):
 @given(st.integers(0, 2**32))
 def test_batched_rays_find_what_a_double_loop_over_rays_and_triangles_finds(seed):
     random = np.random.default_rng(seed)
-    triangles = random.uniform([0, 0, 0], [40, 30, 15], (25, 1, 3)) + random.normal(scale=3, size=(25, 3, 3))
-    points = random.uniform([0, 0, 0], [40, 30, 15], (40, 3))
+    triangles = random.uniform([0, 0, 0], [40, 30, 15], (15, 1, 3)) + random.normal(scale=3, size=(15, 3, 3))
+    points = random.uniform([0, 0, 0], [40, 30, 15], (25, 3))
     np.testing.assert_array_equal(seen(points, triangles), seen_one_by_one(BASE_M, points, triangles))
 
 
@@ -161,9 +161,7 @@ def test_visibility_does_not_depend_on_where_the_origin_is(seed, spread):
     np.testing.assert_array_equal(seen(points, triangles), moved)
 
 
-@pytest.mark.parametrize(
-    "name", ["town[seed=3,visible=seen]", "traffic[seed=3]", "crowd[seed=3,visible=seen]"]
-)
+@pytest.mark.parametrize("name", ["town[seed=3,visible=seen]", "traffic[seed=3]"])
 def test_single_precision_rays_and_double_precision_ones_see_the_same(name, monkeypatch):
     fast = load_scenario(name).scatterers.xyz
     monkeypatch.setattr(trimesh, "Trimesh", functools.partial(trimesh.Trimesh, use_embree=False))

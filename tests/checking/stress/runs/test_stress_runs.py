@@ -30,6 +30,7 @@ from isacbench.plugins.local_files import PluginFile
 
 FRAIL = """
 import os
+import time
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -47,7 +48,7 @@ class Frail:
         if self.deed == "die":
             os._exit(5)
         if self.deed == "hang":
-            [None for _ in iter(int, 1)]
+            time.sleep(60)
         if self.deed == "limit" and min(observation.array.shape) < 5:
             raise ValueError("too small")
         return PointCloud.empty()
@@ -77,10 +78,10 @@ def test_a_case_that_kills_its_process_or_hangs_has_a_row_and_the_next_goes_on(f
 
 
 def test_rows_come_in_order_and_are_the_same_again_whatever_the_number_of_processes():
-    cases = ["snr[snr_db=0]", "crowd[n_echoes=12]", "pair"]
+    cases = ["snr[snr_db=0]", "frame"]
     one, two = (case_table(_examined(["oracle", "music2d"], cases, jobs=jobs)) for jobs in (1, 2))
     pd.testing.assert_frame_equal(one[UNTIMED], two[UNTIMED], check_exact=True)
-    assert one["estimator"].tolist() == ["oracle"] * 8 + ["music2d"] * 8
+    assert one["estimator"].tolist() == ["oracle"] * 3 + ["music2d"] * 3
 
 
 def test_another_seed_is_another_noise():
