@@ -103,3 +103,17 @@ def run_once(shelf, tmp_path):
         return shutil.copytree(shelf / name, tmp_path / name)
 
     return copied
+
+
+class Clock:
+    """A clock whose time passes when a test says so."""
+
+    time_s = 0.0
+
+    def __call__(self):
+        return self.time_s
+
+
+@pytest.fixture
+def clock():
+    return Clock()

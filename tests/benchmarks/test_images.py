@@ -14,7 +14,6 @@ from isacbench_algorithms.oracle import Oracle
 
 from isacbench.metrics.cloud_scores import gospa_m
 from isacbench.metrics.score import METRICS, score
-from isacbench.model.echo import Simulator
 
 
 @pytest.mark.parametrize(
@@ -32,13 +31,6 @@ def test_estimate(benchmark, scene, estimator):
 def test_estimate_oracle(benchmark, scene):
     truth = scene.scenario.truth
     assert 10 < len(benchmark(Oracle().estimate, scene.observation, truth)) <= len(truth)
-
-
-def test_simulate_and_estimate(benchmark, scene):
-    def image():
-        return Music2d().estimate(Simulator(scene.scenario).observe(10.0))
-
-    assert len(benchmark(image)) > 10
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import gc
 import json
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,6 +14,7 @@ from isacbench.bench.cells.timing import Trial, repeat
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.matching import read_run
 from isacbench.bench.compare.tolerance import parse_tolerance
+from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import Execution, run, run_suite
@@ -25,8 +27,6 @@ from isacbench.instrument.stages import STAGES, StageClock, stage
 from isacbench.plugins.discovery import load_plugin_file
 
 STAGE_COLUMNS = [f"time_{name}_s" for name in STAGES]
-ALL_TIMES = [*TIMES, *TIMING_COLUMNS]
-
 MOODY = '''
 """Plugins whose later calls differ from the first one."""
 
@@ -139,12 +139,6 @@ def ordinary(suite, run_once):
     return run_once("ordinary", suite)
 
 
-@pytest.fixture
-def timed(suite, run_once):
-    """Return a folder with a timed run."""
-    return run_once("timed", suite, timing=True, repeats=2)
-
-
 @pytest.fixture(autouse=True, scope="module")
 def quick_collections():
     """Take what other tests have left behind out of the collector's sight: it is called for every cell."""
@@ -153,20 +147,10 @@ def quick_collections():
     gc.unfreeze()
 
 
-class Hand:
-    """A clock whose time passes when a test says so."""
-
-    time_s = 0.0
-
-    def __call__(self):
-        return self.time_s
-
-
 @pytest.fixture
-def hand(monkeypatch):
-    hand = Hand()
-    monkeypatch.setattr("isacbench.bench.cells.timing.StageClock", partial(StageClock, hand))
-    return hand
+def hand(clock, monkeypatch):
+    monkeypatch.setattr("isacbench.bench.cells.timing.StageClock", partial(StageClock, clock))
+    return clock
 
 
 def test_the_time_is_the_median_of_repeats_and_the_spread_half_of_the_quartiles_distance(hand):
@@ -271,8 +255,8 @@ def test_rows_of_a_timed_run_say_so_and_have_stages_and_memory_beside_the_same_s
 
 
 def test_references_are_timed_like_others(moody_suite):
-    records = run(moody_suite, estimators=["oracle", "chance"], timing=True, repeats=1)
-    assert records["status"].tolist() == ["ok", "ok"]
+    records = run(moody_suite, estimators=["oracle"], timing=True, repeats=1)
+    assert records["status"].tolist() == ["ok"]
     assert records["timing"].all()
     assert records.columns.tolist()[-len(REFERENCE_COLUMNS) :] == list(REFERENCE_COLUMNS)
     assert set(TIMING_COLUMNS) <= set(records)
@@ -303,9 +287,8 @@ def test_every_kind_of_suite_can_be_timed(moody, plugins, tiny, room_file):
     assert (whim["status"], whim["timing"]) == ("error", True)
 
 
-@pytest.mark.parametrize("jobs", [None, 1])
-def test_a_cell_whose_repeats_differ_or_fail_has_failed(moody_suite, jobs):
-    records = timed_run(moody_suite, estimators=["moody[kind=[drift,fail]]"], jobs=jobs)
+def test_a_cell_whose_repeats_differ_or_fail_has_failed(moody_suite):
+    records = timed_run(moody_suite, estimators=["moody[kind=[drift,fail]]"])
     assert records["status"].tolist() == ["error", "error"]
     reasons = ("1 of 3 repeats of the same estimate gave another result; only", "ZeroDivisionError: no luck")
     for reason, told in zip(reasons, records["reason"], strict=True):
@@ -373,18 +356,24 @@ def n_made(suite, folder, **options):
 
 
 def test_rows_that_were_not_timed_are_made_again_by_a_timed_run_whose_session_says_so(suite, ordinary):
+    # A shard makes only its own rows again.
+    records, n = n_made(suite, ordinary, repeats=2, shard=Shard(1, 3))
+    assert (records["timing"] == (records["trial"] == 0)).all()
+    assert n == 2
     records, n = n_made(suite, ordinary, repeats=2)
-    assert n == len(records) == 6
+    assert (n, len(records)) == (4, 6)
     assert records["timing"].all()
     assert records[STAGE_COLUMNS].notna().all(axis=None)
     sessions = read_manifest(ordinary)["sessions"]
-    assert [(one["timing"], one["repeats"]) for one in sessions] == [(False, None), (True, 2)]
+    assert [(one["timing"], one["repeats"]) for one in sessions] == [(False, None), (True, 2), (True, 2)]
     text = (ordinary / "manifest.json").read_text()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert n_made(suite, ordinary, repeats=3)[1] == 0
 
 
-def test_timed_rows_are_kept_by_a_run_that_is_not_timed_and_by_scoring_again(suite, timed):
+def test_timed_rows_are_kept_by_a_run_that_is_not_timed_and_by_scoring_again(suite, tmp_path):
+    timed = tmp_path / "timed"
+    timed_run(suite, out=timed)
     before = read_results(timed).records
     assert rescore(timed).n_changed == 0
     pd.testing.assert_frame_equal(read_results(timed).records, before)
@@ -395,74 +384,36 @@ def test_timed_rows_are_kept_by_a_run_that_is_not_timed_and_by_scoring_again(sui
     pd.testing.assert_frame_equal(pd.read_parquet(timed / "results.parquet"), records)
 
 
-def test_a_timed_run_that_was_interrupted_goes_on(suite, tmp_path):
-    def progress(n_done, n_cells):
-        if n_done == 4:
-            raise KeyboardInterrupt
-
-    first = run_suite(suite, tmp_path / "run", progress, Execution(n_jobs=1, repeats=2))
-    assert (first.interrupted, len(first.records)) == (True, 4)
-    records, n = n_made(suite, tmp_path / "run", repeats=2)
-    assert n == len(records) - 4
-    assert records["timing"].all()
-    assert records[ALL_TIMES].notna().all(axis=None)
-    whole = run(suite)
-    columns = whole.columns.drop([*TIMES, "timing"])
-    pd.testing.assert_frame_equal(records[columns], whole[columns])
-
-
-def test_a_timed_shard_makes_only_its_own_rows_again(suite, ordinary):
-    records = timed_run(suite, out=ordinary, shard="1/3")
-    assert (records["timing"] == (records["trial"] == 0)).all()
-
-
-def test_timed_shards_are_merged_with_their_times_and_stay_where_another_part_has_not_timed(
+def test_a_timed_shard_is_merged_with_its_times_which_stay_where_another_part_has_not_timed(
     suite, ordinary, tmp_path
 ):
-    shards = [tmp_path / f"shard{k}" for k in (1, 2)]
-    parts = [timed_run(suite, out=folder, shard=f"{folder.name[-1]}/2") for folder in shards]
-    merged = merge(shards, tmp_path / "merged").records
-    assert merged["timing"].all()
-    assert sorted(merged["time_estimate_s"]) == sorted(pd.concat(parts)["time_estimate_s"])
-    assert merged[STAGE_COLUMNS].notna().all(axis=None)
-    for n, folders in enumerate(([shards[0], ordinary], [ordinary, shards[0]])):
+    shard = tmp_path / "shard"
+    part = timed_run(suite, out=shard, shard="1/2")
+    for n, folders in enumerate(([shard, ordinary], [ordinary, shard])):
         mixed = merge(folders, tmp_path / f"mixed{n}").records
         assert len(mixed) == 6
-        assert (mixed["timing"] == mixed["trial"].isin(parts[0]["trial"])).all()
-        of_shard = mixed.loc[mixed["timing"], "time_estimate_s"]
-        assert of_shard.tolist() == parts[0]["time_estimate_s"].tolist()
+        assert (mixed["timing"] == mixed["trial"].isin(part["trial"])).all()
+        of_shard = mixed.loc[mixed["timing"], ["time_estimate_s", *STAGE_COLUMNS]]
+        assert of_shard.to_numpy().tolist() == part[of_shard.columns].to_numpy().tolist()
 
 
-TIME = [parse_tolerance("time_estimate_s=10%"), parse_tolerance("time_detection_s=10%")]
-
-
-@pytest.fixture
-def timed_trials(moody_suite, run_once):
-    """Return a folder with a timed run of many trials."""
-    return run_once("trials", moody_suite.replace(trials=10), timing=True, repeats=2)
-
-
-def test_the_times_of_two_timed_runs_are_compared_stage_by_stage(timed_trials):
-    base, new = read_run(timed_trials), read_run(timed_trials)
-    same = compare_tables(base, new, TIME)
-    times = same.curves.set_index("metric").loc[["time_estimate_s", "time_detection_s"]]
+def test_the_times_of_two_timed_runs_are_compared_stage_by_stage(moody_suite, tmp_path):
+    timed_run(moody_suite, trials=10, out=tmp_path / "run")
+    base = read_run(tmp_path / "run")
+    twice, untimed = replace(base, records=base.records.copy()), base.records.drop(columns="time_detection_s")
+    names = ["time_estimate_s", "time_detection_s"]
+    asked = [parse_tolerance(f"{name}=10%") for name in names]
+    same = compare_tables(base, base, asked)
+    times = same.curves.set_index("metric").loc[names]
     assert times["n_pairs"].tolist() == [10, 10]
     assert (times["change"] == 0).all()
     assert not same.notes
     assert same.n_lost_scores == 0
-    for name in ("time_estimate_s", "time_detection_s"):
-        new.records[name] = 2 * base.records[name]
-    slower = compare_tables(base, new, TIME)
-    verdicts = slower.curves.set_index("metric")["verdict"]
-    assert verdicts[["time_estimate_s", "time_detection_s"]].tolist() == ["regression"] * 2
+    twice.records[names] *= 2
+    slower = compare_tables(base, twice, asked)
+    assert slower.curves.set_index("metric")["verdict"][names].tolist() == ["regression"] * 2
     assert slower.is_regression
     with pytest.raises(InputError, match="no better direction"):
-        compare_tables(base, new, [parse_tolerance("time_spread_s=10%")])
-
-
-def test_times_of_a_run_that_was_not_timed_are_not_compared(timed_trials, moody_suite, tmp_path):
-    run(moody_suite, out=tmp_path / "ordinary", trials=10)
-    found = compare_tables(read_run(timed_trials), read_run(tmp_path / "ordinary"), TIME[:1])
-    assert "time_estimate_s: 0 of 10 paired cells compared; 10 were not timed" in found.notes[0]
+        compare_tables(base, base, [parse_tolerance("time_spread_s=10%")])
     with pytest.raises(InputError, match="unknown score 'time_detection_s'"):
-        compare_tables(read_run(timed_trials), read_run(tmp_path / "ordinary"), TIME)
+        compare_tables(base, replace(base, records=untimed), asked)

@@ -43,6 +43,7 @@ def run(made_run):
         ("music2d[fast=false]", 2),
         ("gone", 3),
         ("gone[size=2]", 3),
+        *((spell_spec(*variant), number) for number, variant in enumerate(STORED)),
     ],
 )
 def test_a_variant_is_found_by_the_values_that_are_given_whatever_their_spelling(run, text, number):
@@ -98,9 +99,3 @@ def test_a_map_is_cut_at_its_own_equals_sign():
     assert parse_map("a=b") == ("a", "b")
     with pytest.raises(InputError, match=r"map 'a\[b=c\]': allowed is OLD"):
         parse_map("a[b=c]")
-
-
-@pytest.mark.parametrize("number", range(len(STORED)))
-def test_every_variant_is_found_by_its_own_spelling(run, number):
-    name, params = STORED[number]
-    assert find_variant(run, spell_spec(name, params)) == (name, json.dumps(params, sort_keys=True))

@@ -14,41 +14,37 @@ def test_a_run_is_read_from_records_and_manifest_alone(made_run, written_run):
     assert set(compare_tables(run, run).curves["verdict"]) == {"same"}
 
 
-@pytest.mark.parametrize("name", ["results.parquet", "manifest.json"])
-def test_a_folder_without_one_of_them_is_refused(made_run, written_run, name):
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda folder: (folder / "results.parquet").unlink(), r"of a run, results\.parquet missing"),
+        (lambda folder: (folder / "manifest.json").unlink(), r"of a run, manifest\.json missing"),
+        (lambda folder: (folder / "results.parquet").write_text("x"), "damaged run"),
+        (lambda folder: (folder / "manifest.json").write_text("{"), "damaged run"),
+        (lambda folder: (folder / "journal.jsonl").write_text(""), "the run is not finished; resume it"),
+    ],
+)
+def test_a_folder_that_holds_no_finished_run_is_refused(made_run, written_run, spoil, message):
     folder = written_run("run", *made_run())
-    (folder / name).unlink()
-    with pytest.raises(InputError, match=f"not the folder of a run, {name} missing"):
+    spoil(folder)
+    with pytest.raises(InputError, match=message):
         read_run(folder)
 
 
-@pytest.mark.parametrize(("name", "content"), [("manifest.json", "{"), ("results.parquet", "x")])
-def test_a_damaged_run_is_refused(made_run, written_run, name, content):
-    folder = written_run("run", *made_run())
-    (folder / name).write_text(content)
-    with pytest.raises(InputError, match="damaged run"):
-        read_run(folder)
-
-
-@pytest.mark.parametrize("key", ["metric", "environments"])
-def test_a_manifest_that_lacks_what_tells_runs_apart_is_refused(made_run, written_run, key):
+@pytest.mark.parametrize(
+    ("lose", "message"),
+    [
+        (lambda _, manifest: manifest.pop("metric"), r"manifest\.json: metric missing.*run it again"),
+        (lambda _, manifest: manifest.pop("environments"), r"manifest\.json: environments missing"),
+        (lambda _, manifest: manifest["environments"].pop("e1"), r"manifest\.json: e1 missing"),
+        (lambda records, _: records.pop("environment"), r"results\.parquet: environment missing"),
+        (lambda records, _: records.pop("trial"), r"results\.parquet: trial missing"),
+    ],
+)
+def test_what_a_comparison_needs_and_is_not_there_is_named(made_run, written_run, lose, message):
     records, manifest = made_run()
-    del manifest[key]
-    with pytest.raises(InputError, match=rf"manifest\.json: {key} missing.*run it again"):
-        read_run(written_run("run", records, manifest))
-
-
-@pytest.mark.parametrize("column", ["environment", "trial"])
-def test_records_that_lack_a_column_are_refused(made_run, written_run, column):
-    records, manifest = made_run()
-    with pytest.raises(InputError, match=rf"results\.parquet: {column} missing"):
-        read_run(written_run("run", records.drop(columns=column), manifest))
-
-
-def test_an_environment_that_the_manifest_does_not_know_is_refused(made_run, written_run):
-    records, manifest = made_run()
-    records.loc[0, "environment"] = "e9"
-    with pytest.raises(InputError, match=r"manifest\.json: e9 missing"):
+    lose(records, manifest)
+    with pytest.raises(InputError, match=message):
         read_run(written_run("run", records, manifest))
 
 

@@ -15,7 +15,6 @@ from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.scenario_digest import digest
-from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import entries
 from tests.conftest import ROOM, TINY, TINY_POINTS
@@ -27,17 +26,13 @@ def shelf(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     for name, text in (("tiny.toml", TINY), ("tiny.csv", TINY_POINTS), ("room.toml", ROOM)):
         (folder / name).write_text(text)
+    shutil.copytree(folder, folder / "elsewhere")
     return folder
 
 
 @pytest.fixture
 def tiny(shelf):
     return shelf / "tiny.toml"
-
-
-@pytest.fixture
-def room_file(shelf):
-    return shelf / "room.toml"
 
 
 @pytest.fixture
@@ -54,44 +49,35 @@ def put_run(shelf):
 
 
 @pytest.fixture
-def halves(suite, put_run, tmp_path):
-    """Return the folders of the two halves of the suite."""
+def halves(suite, shelf, put_run, tmp_path):
+    """Return the folders of the two halves of the suite, whose scenario has another path in each."""
     folders = [tmp_path / "1", tmp_path / "2"]
-    for k, folder in enumerate(folders, 1):
-        put_run(suite, folder, f"{k}/2")
+    put_run(suite, folders[0], "1/2")
+    put_run(suite.replace(scenarios=[str(shelf / "elsewhere" / "tiny.toml")]), folders[1], "2/2")
     return folders
 
 
-def suites(tiny, room_file):
-    """Suites of all kinds."""
-    common = {"name": "test", "estimators": ["seer", "blob"], "trials": 2}
-    rooms = {**common, "scenarios": [str(room_file)], "snr_gain_db": [20, 40]}
-    return [
-        Suite(**common, scenarios=[str(tiny)], snr_db=[0, -10]),
-        Suite(kind="efficiency", **rooms),
-        ResolutionSuite(
-            **{**rooms, "snr_gain_db": [20]},
+@pytest.fixture(params=["resolution", "detection"])
+def studied(request, plugins, shelf):
+    """Suite of a study that draws scatterers, and of one whose rows are not all images."""
+    common = {"name": "test", "estimators": ["blob"], "trials": 2}
+    if request.param == "resolution":
+        return ResolutionSuite(
+            **common,
+            scenarios=[str(shelf / "room.toml")],
             dimensions=["u", "range"],
             separations_cells=[1],
             phases_deg=[90],
-        ),
-        DetectionSuite(
-            name="test",
-            trials=2,
-            scenarios=[str(tiny)],
-            estimators=["blob"],
-            detectors=["level", "ca"],
-            maps=["homogeneous", "interferers"],
-            pfa=[1e-2],
-            snr_db=[-10],
-        ),
-        PopulationSuite(**common, version=1, scenarios=[str(tiny)], snr_db=[0]),
-    ]
-
-
-@pytest.fixture(params=range(5), ids=["imaging", "efficiency", "resolution", "detection", "population"])
-def any_suite(request, plugins, tiny, room_file):
-    return suites(tiny, room_file)[request.param]
+            snr_gain_db=[20],
+        )
+    return DetectionSuite(
+        **common,
+        scenarios=[str(shelf / "tiny.toml")],
+        detectors=["level", "ca"],
+        maps=["interferers"],
+        pfa=[1e-2],
+        snr_db=[-10],
+    )
 
 
 def files(folder):
@@ -110,13 +96,13 @@ def forget_plugins(monkeypatch):
 
 
 def test_all_shards_together_are_the_undisturbed_run_and_need_no_plugin(
-    any_suite, put_run, tmp_path, monkeypatch
+    studied, put_run, tmp_path, monkeypatch
 ):
-    put_run(any_suite, tmp_path / "whole")
+    put_run(studied, tmp_path / "whole")
     shards = [tmp_path / f"shard{k}" for k in (2, 1)]
     for folder in shards:
-        run(any_suite, out=folder, shard=f"{folder.name[-1]}/2")
-    plan = load_job(any_suite).plan
+        run(studied, out=folder, shard=f"{folder.name[-1]}/2")
+    plan = load_job(studied).plan
     forget_plugins(monkeypatch)
     merged = merge(shards, tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
@@ -147,27 +133,14 @@ def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, put_run, tmp_
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        [{"trials": 2}, {"trials": 3}],
-        [
-            {"estimators": ["blob[n=[4,5]]"], "trials": 2},
-            {"estimators": ["blob[n=[5,6]]", "seer"], "snr_db": [5, 10], "trials": 2},
-        ],
-        [{"estimators": ["blob"], "snr_db": [0]}, {"estimators": ["seer"], "snr_db": [0, 5], "trials": 1}],
-    ],
-)
-def test_runs_of_one_suite_are_united_and_the_whole_suite_completes_them(suite, put_run, tmp_path, changes):
-    folders = [tmp_path / str(index) for index in range(len(changes))]
-    for folder, change in zip(folders, changes, strict=True):
-        put_run(suite.replace(**change), folder)
-    merged = merge(folders, tmp_path / "merged")
+def test_runs_of_one_suite_are_united_and_the_whole_suite_completes_them(suite, put_run, tmp_path):
+    put_run(suite.replace(estimators=["blob[n=[4,5]]"], snr_db=[5], trials=2), tmp_path / "1")
+    put_run(suite.replace(estimators=["blob[n=[5,6]]", "seer"], snr_db=[0], trials=1), tmp_path / "2")
+    merged = merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
     whole = read_results(tmp_path / "merged").suite
-    assert merged.n_cells - len(merged.records) == sum(gap.n_cells for gap in merged.gaps)
-    assert whole.trials == max(change.get("trials", 3) for change in changes)
-    snr_db = {snr_db for change in changes for snr_db in change.get("snr_db", suite.snr_db)}
-    assert whole.snr_db == tuple(sorted(snr_db))
+    assert merged.n_cells - len(merged.records) == sum(gap.n_cells for gap in merged.gaps) == 9
+    assert whole.estimators == ("blob[n=4]", "blob[n=5]", "blob[n=6]", "seer")
+    assert (whole.trials, whole.snr_db) == (2, (0, 5))
     put_run(whole, tmp_path / "whole")
     run(whole, out=tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
@@ -177,6 +150,12 @@ def population(tiny, **changes):
     """Suite of a population with one scene."""
     keys = {"name": "p", "version": 1, "scenarios": [str(tiny)], "snr_db": [0.0], "trials": 1}
     return PopulationSuite(**{**keys, "estimators": ["blob", "seer"], **changes})
+
+
+def change_manifest(folder, change):
+    manifest = read_manifest(folder)
+    change(manifest)
+    (folder / "manifest.json").write_text(json.dumps(manifest))
 
 
 def test_a_third_party_adds_its_estimator_to_a_population_and_nobody_else_needs_it(
@@ -193,32 +172,16 @@ def test_a_third_party_adds_its_estimator_to_a_population_and_nobody_else_needs_
     keys = ("estimators", "scenes", "suite")
     both = [read_manifest(tmp_path / name) for name in ("merged", "whole")]
     assert [both[0][key] for key in keys] == [both[1][key] for key in keys]
-
-
-def test_another_version_of_a_population_is_refused(plugins, tiny, put_run, tmp_path):
-    put_run(population(tiny), tmp_path / "1")
-    put_run(population(tiny, version=2, estimators=["seer"]), tmp_path / "2")
+    change_manifest(tmp_path / "theirs", lambda manifest: manifest["suite"].update(version=2))
     with pytest.raises(InputError, match=r"version of the population differs \(1, 2\)"):
-        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
-
-
-def test_a_scenario_may_have_another_path_in_each_part(suite, tiny, put_run, tmp_path):
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    for path in (tiny, tiny.with_name("tiny.csv")):
-        shutil.copy(path, elsewhere)
-    put_run(suite, tmp_path / "1", "1/2")
-    run(suite, scenarios=[elsewhere / "tiny.toml"], out=tmp_path / "2", shard="2/2")
-    merged = merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
-    assert merged.gaps == []
-    assert read_results(tmp_path / "merged").suite == suite
+        merge([tmp_path / "ours", tmp_path / "theirs"], tmp_path / "refused")
 
 
 def test_ranges_of_generated_scenes_are_united_scene_by_scene(suite, put_run, tmp_path):
     scenes = ["sparse[seed=0:1,scatterers=2]"]
     one = suite.replace(scenarios=scenes, estimators=["blob"], snr_db=[0], trials=1)
-    two = one.replace(scenarios=["sparse[seed=1:2,scatterers=2]"], snr_db=[10])
-    put_run(one, tmp_path / "1")
+    two = one.replace(scenarios=["sparse[seed=2,scatterers=2]"], snr_db=[10])
+    put_run(one, tmp_path / "1", "1/2")
     put_run(two, tmp_path / "2")
     merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
     whole = read_results(tmp_path / "merged").suite
@@ -226,20 +189,19 @@ def test_ranges_of_generated_scenes_are_united_scene_by_scene(suite, put_run, tm
     assert whole.snr_db == (0, 10)
 
 
-def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(halves, tmp_path):
-    merge(halves, tmp_path / "merged")
+def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(suite, halves, tmp_path):
+    merged = merge(halves, tmp_path / "merged")
+    assert merged.gaps == []
+    assert read_results(tmp_path / "merged").suite == suite
     manifest = read_manifest(tmp_path / "merged")
     assert [session.get("shard") for session in manifest["sessions"]] == ["1/2", "2/2", None]
     assert manifest["sessions"][-1]["merged"] == [str(folder) for folder in halves]
-    assert set(manifest["environments"]) == set(pd.read_parquet(halves[0] / "results.parquet").environment)
+    assert set(manifest["environments"]) == set(merged.records["environment"])
     assert not manifest["interrupted"]
     assert manifest["seed"] == 1
-
-
-def test_equal_rows_of_a_cell_count_once(suite, halves, put_run, tmp_path):
-    put_run(suite, tmp_path / "whole")
-    merged = merge([tmp_path / "whole", halves[0]], tmp_path / "merged")
-    assert len(merged.records) == merged.n_cells == 12
+    # Equal rows of a cell count once.
+    again = merge([tmp_path / "merged", halves[0]], tmp_path / "again")
+    assert len(again.records) == again.n_cells == 12
 
 
 def test_rows_and_clouds_that_disagree_about_a_cell_are_refused_with_its_name(suite, put_run, tmp_path):
@@ -260,71 +222,45 @@ def test_rows_and_clouds_that_disagree_about_a_cell_are_refused_with_its_name(su
         assert not (tmp_path / "merged").exists()
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"seed": 2}, r"1 and \S+2: seed differs \(1, 2\); only parts of one suite"),
-        ({"name": "other"}, r"suite differs \(test, other\)"),
-        ({"kind": "efficiency", "scenarios": ["single"]}, r"kind differs \(imaging, efficiency\)"),
-        ({"snr_db": None, "snr_gain_db": [3.0]}, "cannot be united: only some have snr"),
-    ],
-)
-def test_runs_that_do_not_belong_together_are_refused_with_what_differs(
-    suite, halves, tmp_path, changes, message
-):
-    other = Suite.model_validate({**suite.model_dump(), "trials": 1, "estimators": ["seer"], **changes})
-    shutil.rmtree(halves[1])
-    run(other, out=halves[1])
-    with pytest.raises(InputError, match=message):
-        merge(halves, tmp_path / "merged")
-    assert not (tmp_path / "merged").exists()
+def test_runs_that_do_not_belong_together_are_refused_with_what_differs(suite, tiny, halves, tmp_path):
+    whole, refused = (tmp_path / "2" / "manifest.json").read_text(), tmp_path / "merged"
+    for change, message in (
+        (
+            lambda it: it["suite"].update(seed=2),
+            r"1 and \S+2: seed differs \(1, 2\); only parts of one suite",
+        ),
+        (lambda it: it["suite"].update(name="other"), r"suite differs \(test, other\)"),
+        (lambda it: it["suite"].update(snr_db=None, snr_gain_db=[3.0]), "be united: only some have snr"),
+        (lambda it: it["scenarios"]["tiny"].update(content="other"), "content of scenario 'tiny'"),
+        (lambda it: it["metric"].update(version=0), r"metric differs \(.*'version': 1\}, "),
+        (lambda it: it.pop("scenes"), r"its manifest has no scenes \(written by an older isacbench\)"),
+    ):
+        (halves[1] / "manifest.json").write_text(whole)
+        change_manifest(halves[1], change)
+        with pytest.raises(InputError, match=message):
+            merge(halves, refused)
+    run(population(tiny, name="test", seed=1, estimators=["seer"]), out=tmp_path / "3")
+    with pytest.raises(InputError, match=r"kind differs \(imaging, population\)"):
+        merge([halves[0], tmp_path / "3"], refused)
+    assert not refused.exists()
 
 
-@pytest.fixture
-def half_again(suite, halves):
-    """Return a function that makes the second half again, as another isacbench or of another scenario."""
-
-    def again(**changes):
-        shutil.rmtree(halves[1])
-        run(suite, out=halves[1], shard="2/2", **changes)
-        return halves
-
-    return again
-
-
-def test_another_content_of_a_scenario_is_refused(tiny, half_again, tmp_path):
-    other = shutil.copy(tiny, tmp_path)
-    (tmp_path / "tiny.csv").write_text("x,y,z,v,amplitude\n1,2,3,0,2\n")
-    with pytest.raises(InputError, match="content of scenario 'tiny'"):
-        merge(half_again(scenarios=[other]), tmp_path / "merged")
-
-
-def test_another_metric_is_refused(half_again, tmp_path, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.store.run_store.METRIC_VERSION", 0)
-    with pytest.raises(InputError, match=r"metric differs \(.*'version': 1\}, "):
-        merge(half_again(), tmp_path / "merged")
-
-
-def test_other_versions_are_refused_unless_they_may_be_mixed(half_again, tmp_path, monkeypatch):
+def test_other_versions_are_refused_unless_they_may_be_mixed(suite, halves, tmp_path, monkeypatch):
     monkeypatch.setattr("isacbench.bench.store.provenance.package_version", lambda package: "0.0")
-    folders = half_again()
+    shutil.rmtree(halves[1])
+    run(suite, out=halves[1], shard="2/2")
     with pytest.raises(
         InputError, match=rf"blob: .* by numpy {np.__version__} instead of 0\.0.*--mix-versions"
     ):
-        merge(folders, tmp_path / "merged")
-    merged = merge(folders, tmp_path / "merged", mix_versions=True)
+        merge(halves, tmp_path / "merged")
+    merged = merge(halves, tmp_path / "merged", mix_versions=True)
     assert merged.records["environment"].nunique() == 2
     assert merged.gaps == []
 
 
-def test_damaged_old_and_occupied_folders_are_refused(halves, tmp_path):
+def test_damaged_and_occupied_folders_are_refused(halves, tmp_path):
     with pytest.raises(InputError, match="holds a run; give a new folder"):
         merge(halves[:1], halves[0])
     (halves[1] / "clouds.parquet").unlink()
     with pytest.raises(InputError, match=r"damaged run: some clouds are missing"):
         merge(halves[1:], tmp_path / "merged")
-    manifest = read_manifest(halves[0])
-    del manifest["scenes"]
-    (halves[0] / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match=r"its manifest has no scenes \(written by an older isacbench\)"):
-        merge(halves[:1], tmp_path / "merged")

@@ -19,6 +19,7 @@ from isacbench.plugins.contracts import Detector
 from isacbench.plugins.discovery import local_plugins
 from isacbench.plugins.instances import Instances, spelled_estimators
 from isacbench.plugins.plugin_versions import plugin_version
+from tests.conftest import PLUGINS
 
 
 def spread(n):
@@ -41,32 +42,13 @@ class Mine:
         return PointCloud(np.column_stack([along] * 2 + [along / 2]), along, along)
 
 
-FILE = '''
-from dataclasses import dataclass
-from typing import ClassVar
-
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Filed:
-    """Sees nothing."""
-
-    name: ClassVar[str] = "filed"
-
-    def estimate(self, observation):
-        return PointCloud.empty()
-'''
-
-
 @pytest.fixture
 def suite(tiny):
     return Suite(name="test", scenarios=[str(tiny)], estimators=["oracle"], snr_db=[0], trials=2)
 
 
-@pytest.mark.parametrize("jobs", [None, 1])
-def test_objects_run_beside_names_in_this_process_and_in_workers(suite, jobs):
-    records = run(suite, estimators=[Mine(), "oracle", Mine(n=5)], trials=1, jobs=jobs)
+def test_objects_run_beside_names_in_workers(suite):
+    records = run(suite, estimators=[Mine(), "oracle", Mine(n=5)], trials=1, jobs=1)
     assert records["reason"].tolist() == ["", "", ""]
     assert records["estimator"].tolist() == ["mine", "oracle", "mine"]
     assert records["n_estimated"].tolist() == [3, 3, 5]
@@ -87,13 +69,14 @@ def test_a_run_with_an_object_goes_on_and_knows_other_code(suite, tmp_path):
 
 
 def test_plugin_files_have_names_in_the_run_and_are_forgotten_afterwards(suite, write_plugin):
-    path = write_plugin("filed.py", FILE)
-    records = run(suite, estimators=["filed"], plugins=[path], trials=1, jobs=1)
+    path = write_plugin("filed.py", PLUGINS)
+    asked = {"estimators": ["trouble[kind=empty]"], "plugins": [path]}
+    records = run(suite, **asked, trials=1, jobs=1)
     assert records["status"].tolist() == ["no_detection"]
     assert local_plugins() == ()
     # Edited, as in a notebook, it runs again.
-    path.write_text(FILE.replace("Sees nothing", "Sees nothing at all"))
-    assert len(run(suite, estimators=["filed"], plugins=[path])) == 2
+    path.write_text(PLUGINS.replace("Goes wrong in a chosen way", "Goes wrong"))
+    assert len(run(suite, **asked)) == 2
 
 
 def test_in_a_suite_of_detectors_an_object_meets_them_all(tiny):

@@ -10,14 +10,6 @@ from isacbench.bench.run.progress import notebook_display, paced_progress, progr
 from isacbench.bench.run.runner import run
 
 
-class Clock:
-    def __init__(self):
-        self.now_s = 100.0
-
-    def __call__(self):
-        return self.now_s
-
-
 class Display:
     """Records what a notebook is given, and what takes its place."""
 
@@ -31,11 +23,6 @@ class Display:
 
     def update(self, shown):
         self.shown.append(shown)
-
-
-@pytest.fixture
-def clock():
-    return Clock()
 
 
 @pytest.fixture
@@ -61,16 +48,16 @@ def minutely(clock, told):
 
 def test_a_line_is_written_when_a_minute_has_passed_and_not_before(clock, minutely, told):
     for n_done in range(1, 661):
-        clock.now_s += 0.75
+        clock.time_s += 0.75
         minutely(n_done, 660)
     assert len(told) == 8
     assert told[2] == "240 of 660 cells, 0:03:00, about 0:05:15 left"
 
 
 def test_what_an_earlier_call_has_done_does_not_count_as_speed(clock, minutely, told):
-    clock.now_s += 30
+    clock.time_s += 30
     minutely(601, 660)
-    clock.now_s += 30
+    clock.time_s += 30
     minutely(602, 660)
     assert told == ["602 of 660 cells, 0:01:00, about 0:29:00 left"]
 
@@ -79,7 +66,7 @@ def test_the_first_and_the_last_piece_are_told_if_wanted(clock, told):
     progress = paced_progress("cells", lambda text, *_: told.append(text), 0.3, with_ends=True, clock=clock)
     assert not told
     for n_done in range(1, 11):
-        clock.now_s += 0.1
+        clock.time_s += 0.1
         progress(n_done, 10)
     assert 3 <= len(told) <= 6
     assert (told[0][:10], told[-1]) == ("1 of 10 ce", "10 of 10 cells, 0:00:01")

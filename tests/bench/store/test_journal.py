@@ -67,32 +67,25 @@ def bits(value):
     return "NaN" if math.isnan(value) else struct.pack("<d", value)
 
 
-@given(snr_db=any_float, deviation=any_float, rate=any_float, cloud=points)
-def test_numbers_come_back_bit_for_bit(folder, snr_db, deviation, rate, cloud):
-    path = written(folder / "numbers", made(cloud, {"rate": rate}, snr_db=snr_db, deviation=deviation))
-    rows, n_torn = read_journal(path)
-    row = rows.records.iloc[0]
+@given(
+    values=st.fixed_dictionaries({"snr_db": any_float, "deviation": any_float, "rate": any_float}),
+    whole=st.fixed_dictionaries({"trial": st.integers(0, 2**62), "hits": st.integers(-(2**62), 2**62)}),
+    words=st.fixed_dictionaries({"reason": texts, "scenario": texts, "label": texts}),
+    resolved=st.booleans(),
+    cloud=points,
+)
+def test_a_row_comes_back_bit_for_bit_also_from_numpy(folder, values, whole, words, resolved, cloud):
+    entries = {**values, **whole, **words}
+    extras = {name: entries.pop(name) for name in ("rate", "hits", "label")}
+    extras |= {"hits": np.int64(extras["hits"]), "resolved": np.bool_(resolved)}
+    rows, n_torn = read_journal(written(folder / "row", made(cloud, extras, **entries)))
     assert n_torn == 0
-    assert bits(row["snr_db"]) == bits(snr_db)
-    assert bits(row["deviation"]) == bits(deviation)
-    assert bits(row["rate"]) == bits(rate)
+    row = rows.records.iloc[0]
+    assert row[[*whole, *words]].to_dict() == {**whole, **words}
+    assert row["resolved"] == resolved
+    assert [bits(row[name]) for name in values] == [bits(value) for value in values.values()]
     assert rows.points.tobytes() == np.array(cloud, dtype="<f8").tobytes()
     assert rows.n_points.tolist() == [len(cloud)]
-
-
-@given(reason=texts, scenario=texts, label=texts)
-def test_texts_come_back_as_they_were(folder, reason, scenario, label):
-    path = written(folder / "texts", made((), {"label": label}, reason=reason, scenario=scenario))
-    rows, n_torn = read_journal(path)
-    assert n_torn == 0
-    assert rows.records.loc[0, ["reason", "scenario", "label"]].tolist() == [reason, scenario, label]
-
-
-@given(trial=st.integers(0, 2**62), hits=st.integers(-(2**62), 2**62), resolved=st.booleans())
-def test_integers_and_truth_values_come_back_also_from_numpy(folder, trial, hits, resolved):
-    extras = {"hits": np.int64(hits), "resolved": np.bool_(resolved)}
-    rows, _ = read_journal(written(folder / "integers", made((), extras, trial=trial)))
-    assert rows.records.loc[0, ["trial", "hits", "resolved"]].tolist() == [trial, hits, resolved]
 
 
 def test_a_row_without_values_of_the_study_gets_its_own(folder):

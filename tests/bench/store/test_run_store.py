@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench import load_run
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run_folder import default_folder, open_folder, replacing
 from isacbench.bench.store.run_store import read_results
@@ -24,7 +25,7 @@ def written(plugins, tiny, tmp_path, shelf, remembered):
         name="test",
         scenarios=[str(tiny), "street"],
         estimators=["blob[n=5]", "seer", "trouble", "trouble[kind=empty]"],
-        snr_db=[0, 10],
+        snr_db=[0],
         trials=1,
     )
     if not remembered:
@@ -39,6 +40,14 @@ def test_a_run_is_read_back_as_it_was_written(written):
     pd.testing.assert_frame_equal(again.clouds, results.clouds)
     assert again.suite == results.suite
     assert not again.interrupted
+    for name, scenario in results.scenarios.items():
+        np.testing.assert_array_equal(
+            observe_echo(again.scenarios[name], 0).cells, observe_echo(scenario, 0).cells
+        )
+    table = pd.read_csv(folder / "results.csv", keep_default_na=False, na_values={"deviation": [""]})
+    assert table.columns.tolist() == results.records.columns.tolist()
+    assert table["estimator"].tolist() == results.records["estimator"].tolist()
+    np.testing.assert_allclose(table["deviation"], results.records["deviation"], rtol=1e-12)
 
 
 def test_a_run_from_before_a_column_was_added_is_read_with_what_stands_for_before(written, monkeypatch):
@@ -72,9 +81,18 @@ def test_a_study_is_read_back_with_its_suite_its_columns_and_what_it_drew(plugin
     assert len(again.draws) == 2 * 2
     assert again.records["resolved"].dtype == bool
     assert list(again.scenarios) == ["room"]
+    # Each trial has the truth that it drew.
+    stored = load_run(tmp_path / "run")
+    truths = [stored.truth(row) for row in stored.rows.itertuples()]
+    assert [len(truth) for truth in truths] == [2, 2]
+    assert not np.allclose(truths[0].xyz, truths[1].xyz)
+    for row, truth in zip(stored.rows.itertuples(), truths, strict=True):
+        np.testing.assert_array_equal(stored.cloud(row).xyz, truth.xyz)
 
 
-def test_the_package_of_a_detector_that_ran_alone_is_in_the_manifest(plugins, tiny, tmp_path):
+def test_a_detector_on_a_map_has_its_package_in_the_manifest_and_neither_cloud_nor_scenario(
+    plugins, tiny, tmp_path
+):
     suite = DetectionSuite(
         name="test",
         scenarios=[str(tiny)],
@@ -89,23 +107,12 @@ def test_the_package_of_a_detector_that_ran_alone_is_in_the_manifest(plugins, ti
     assert [entry["name"] for entry in manifest["estimators"]] == ["level", "blob"]
     assert all("test-plugins" in entry["packages"] for entry in manifest["estimators"])
     assert not (tmp_path / "run" / "draws.parquet").exists()
-
-
-def test_stored_scenarios_are_observed_exactly_as_the_first_time(written):
-    results, folder = written
-    again = read_results(folder)
-    for name, scenario in results.scenarios.items():
-        np.testing.assert_array_equal(
-            observe_echo(again.scenarios[name], 0).cells, observe_echo(scenario, 0).cells
-        )
-
-
-def test_the_csv_holds_the_same_rows(written):
-    results, folder = written
-    table = pd.read_csv(folder / "results.csv", keep_default_na=False, na_values={"deviation": [""]})
-    assert table.columns.tolist() == results.records.columns.tolist()
-    assert table["estimator"].tolist() == results.records["estimator"].tolist()
-    np.testing.assert_allclose(table["deviation"], results.records["deviation"], rtol=1e-12)
+    stored = load_run(tmp_path / "run")
+    row = stored.rows.set_index("scenario").loc["homogeneous"].to_dict() | {"scenario": "homogeneous"}
+    for ask in (stored.cloud, stored.scenario):
+        with pytest.raises(InputError, match=r"level on homogeneous .* the row is the test of a detector"):
+            ask(row)
+    assert [key.scenario for key in stored.clouds] == ["tiny"]
 
 
 def test_the_manifest_says_what_ran_on_what(written):
@@ -167,20 +174,10 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
     assert path.read_text() == "new"
 
 
-def test_a_folder_without_a_run_is_refused_with_what_is_missing(tmp_path):
-    with pytest.raises(InputError, match=r"not the folder of a run, manifest\.json missing"):
-        read_results(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [("manifest.json", "{"), ("manifest.json", "{}"), ("results.parquet", "x"), ("truth.parquet", "")],
-)
-def test_a_damaged_run_is_refused(written, name, content):
-    folder = written[1]
-    (folder / name).write_text(content)
+def test_an_empty_manifest_is_damage(written):
+    (written[1] / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="damaged run"):
-        read_results(folder)
+        read_results(written[1])
 
 
 def test_the_default_folder_is_named_after_suite_and_time():

@@ -77,10 +77,6 @@ def test_wilsons_interval_contains_its_share_and_covers_as_it_promises(n):
     assert np.mean(coverage) == pytest.approx(0.95, abs=0.012)
 
 
-def test_no_trials_have_no_interval():
-    assert all(math.isnan(limit) for limit in wilson_interval(0, 0))
-
-
 @pytest.mark.parametrize("n", [6, 7, 8, 12, 25, 100, 1001])
 def test_the_interval_of_the_median_is_the_tightest_of_order_statistics_that_keeps_its_promise(n):
     ranks = np.arange(1.0, n + 1)
@@ -118,4 +114,7 @@ def test_the_exact_interval_is_that_of_scipy():
     for k in range(11):
         low, high = exact_interval(k, 10)
         assert (low, high) == pytest.approx(binomtest(k, 10).proportion_ci(method="exact"))
-    assert all(math.isnan(limit) for limit in exact_interval(0, 0))
+
+
+def test_no_trials_have_no_interval():
+    assert all(math.isnan(limit) for limit in (*wilson_interval(0, 0), *exact_interval(0, 0)))

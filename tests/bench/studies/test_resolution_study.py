@@ -123,8 +123,7 @@ def test_who_sees_the_truth_finds_every_pair(records):
     assert records.groupby("estimator")["resolved"].mean().to_dict() == {"seer": 1.0, "blob": 0.0}
 
 
-@pytest.mark.parametrize("failure", ["error", "timeout", "killed", "skipped"])
-def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase(failure):
+def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase():
     rows = [
         {
             "template": "t",
@@ -136,7 +135,7 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase(fai
             "phase_deg": phase_deg,
             "resolved": resolved,
             "n_false": 1,
-            "status": failure if phase_deg == 90 and not resolved else "ok",
+            "status": "timeout" if phase_deg == 90 and not resolved else "ok",
             "trial": trial,
             "timing": False,
             "time_estimate_s": 0.1,

@@ -9,7 +9,8 @@ import sys
 import time
 from collections import deque
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import closing
+from types import SimpleNamespace
 
 import pandas as pd
 import psutil
@@ -34,10 +35,12 @@ from tests.conftest import PLUGINS, PluginFolder
 
 pytestmark = pytest.mark.first
 
-SLOW = """
+SLOW = '''
 import os
+import signal
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 from isacbench.model.cloud import PointCloud
@@ -67,17 +70,6 @@ class Environment:
 
     def estimate(self, observation):
         raise RuntimeError(os.environ.get("MALLOC_TRIM_THRESHOLD_", "nothing"))
-"""
-
-DEADLY = '''
-import os
-import signal
-import time
-from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar
-
-from isacbench.model.cloud import PointCloud
 
 
 @dataclass(frozen=True)
@@ -90,9 +82,7 @@ class Deadly:
         server = Path(f"/proc/{os.getppid()}/stat").read_text()
         os.kill(int(server.rpartition(")")[2].split()[1]), signal.SIGKILL)
         time.sleep(60)
-        return PointCloud.empty()
 '''
-
 
 QUIET = {
     "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "10s",
@@ -106,7 +96,7 @@ QUIET = {
 class Cluster:
     """Processes of a scheduler and its workers."""
 
-    def __init__(self, folder, environment):
+    def __init__(self, folder, **environment):
         self.folder, self.environment = folder, {**QUIET, **environment}
         self.processes = []
         self.scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0")
@@ -137,22 +127,13 @@ class Cluster:
             client.wait_for_workers(n_before + n, timeout=60)
         return started
 
-    def stop(self):
+    def close(self):
         # The scheduler last: workers look for one that is gone.
         for processes in (self.processes[1:], self.processes[:1]):
             for process in processes:
                 process.terminate()
             for process in processes:
                 process.wait(60)
-
-
-@contextmanager
-def running_cluster(folder, **environment):
-    cluster = Cluster(folder, environment)
-    try:
-        yield cluster
-    finally:
-        cluster.stop()
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +146,7 @@ def installed(plugin_library):
 def cluster(tmp_path_factory, installed):
     # A nanny would start its worker with this variable, and take as long again.
     environment = {"PYTHONPATH": str(installed), "MALLOC_TRIM_THRESHOLD_": "65536"}
-    with running_cluster(tmp_path_factory.mktemp("cluster"), **environment) as found:
+    with closing(Cluster(tmp_path_factory.mktemp("cluster"), **environment)) as found:
         found.start_workers(1, "--no-nanny", "--nthreads", "2")
         yield found
 
@@ -196,7 +177,8 @@ def lanes_of(cluster):
 def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
     cluster, suite, write_plugin, tiny, tmp_path, monkeypatch
 ):
-    monkeypatch.setitem(sys.modules, "isacbench.report.html.guarded_pages", FakePages)
+    pages = SimpleNamespace(draw_run_and_page=lambda *_: [])
+    monkeypatch.setitem(sys.modules, "isacbench.report.html.guarded_pages", pages)
     plugin = write_plugin("slow.py", SLOW)
     names = ("blob", "crash", "environment", "seer")
     estimators = [word for name in names for word in ("-e", name)]
@@ -216,10 +198,6 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
     # Cells do not get the allocator that workers have from their nannies.
     assert set(far.loc[far["estimator"] == "environment", "reason"]) == {"RuntimeError: nothing"}
     assert not lanes_of(cluster)
-
-
-class FakePages:
-    draw_run_and_page = staticmethod(lambda *_: [])
 
 
 def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cluster, slow):
@@ -284,7 +262,7 @@ def test_an_interrupt_keeps_the_rows_so_far_and_leaves_no_process_behind(cluster
 @pytest.mark.slow
 def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, installed, capfd):
     slow = slow.replace(trials=8)
-    with running_cluster(tmp_path, PYTHONPATH=str(installed)) as lost:
+    with closing(Cluster(tmp_path, PYTHONPATH=str(installed))) as lost:
         (orphan,) = lost.start_workers(1, "--no-nanny", "--nthreads", "1")
 
         def kill(n_done, _):
@@ -339,7 +317,7 @@ def test_nothing_left_to_do_asks_for_no_cluster(suite, tmp_path):
     "options", [("--nthreads", "1"), ("--no-nanny", "--nthreads", "1"), ("--no-nanny", "--nthreads", "3")]
 )
 def test_every_sort_of_worker_works(suite, tmp_path, installed, options):
-    with running_cluster(tmp_path, PYTHONPATH=str(installed)) as found:
+    with closing(Cluster(tmp_path, PYTHONPATH=str(installed))) as found:
         found.start_workers(1, *options)
         records = run(suite, trials=8, dask=found.address)
         assert not lanes_of(found)
@@ -351,9 +329,9 @@ def test_a_cell_that_kills_its_dask_worker_again_and_again_is_killed_and_no_othe
     suite, write_plugin, tmp_path, installed, monkeypatch
 ):
     monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 60.0)  # nannies start workers again
-    load_plugin_file(write_plugin("deadly.py", DEADLY))
+    load_plugin_file(write_plugin("slow.py", SLOW))
     patience = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1", "PYTHONPATH": str(installed)}
-    with running_cluster(tmp_path, **patience) as found:
+    with closing(Cluster(tmp_path, **patience)) as found:
         found.start_workers(2)
         records = run(suite, estimators=["blob", "deadly", "seer"], trials=2, snr_db=0, dask=found.address)
     statuses = records.groupby("estimator")["status"].unique().map(list).to_dict()
@@ -368,7 +346,7 @@ def test_a_later_worker_with_another_plugin_is_told(slow, plugin_folder, tmp_pat
     late = PluginFolder(tmp_path / "late")
     late.path.mkdir()
     late.install("test-plugins", PLUGINS + "\n# changed", estimators={"blob": "Blob"})
-    with running_cluster(tmp_path, PYTHONPATH=str(installed)) as found:
+    with closing(Cluster(tmp_path, PYTHONPATH=str(installed))) as found:
         found.start_workers(1)
         started = []
 
@@ -381,24 +359,14 @@ def test_a_later_worker_with_another_plugin_is_told(slow, plugin_folder, tmp_pat
             run_suite(slow.replace(trials=200), progress=start, execution=Execution(dask=found.address))
 
 
-def blocks_of(n_blocks_a_trial):
-    return [
-        Block(0, trial, float(snr), (0, 1)) for trial, n in enumerate(n_blocks_a_trial) for snr in range(n)
-    ]
-
-
 @given(st.integers(1, 20), st.integers(1, 30))
 def test_every_hand_gets_a_piece_as_long_as_there_are_blocks_each_of_which_is_taken_once(n_blocks, n_hands):
-    blocks = blocks_of([n_blocks])
+    blocks = [Block(0, 0, float(snr_db), (0, 1)) for snr_db in range(n_blocks)]
     pieces, taken = deque([tuple(blocks)]), []
     while pieces:
         taken.append(take_piece(pieces, n_hands - len(taken)))
     assert len(taken) == min(n_blocks, n_hands)
     assert [block for piece in taken for block in piece] == blocks
-
-
-def process_id_of(lane):
-    return lane._process.call(os.getpid)
 
 
 def wait_for_end(process_id):
@@ -410,15 +378,15 @@ def wait_for_end(process_id):
 
 
 def test_a_process_ends_with_the_task_that_it_was_started_for_or_with_its_run(suite):
-    order = WorkOrder.of_job(load_job(suite), Guard())
+    order, block = WorkOrder.of_job(load_job(suite), Guard()), Block(0, 0, 0.0, (0, 1))
     with order.lane() as lane:
-        assert len(list(lane.work([Block(0, 0, 0.0, (0, 1))]))) == 2
-        process_id = process_id_of(lane)
+        assert len(list(lane.work([block]))) == 2
+        process_id = lane._process.call(os.getpid)
     wait_for_end(process_id)
     with order.lane() as lane:
-        list(lane.work([Block(0, 0, 0.0, (0,))]))
-        process_id = process_id_of(lane)
+        list(lane.work([block]))
+        process_id = lane._process.call(os.getpid)
         asyncio.run(stop(order.token))
         wait_for_end(process_id)
         with pytest.raises(CancelledError):
-            list(lane.work([Block(0, 0, 0.0, (0,))]))
+            list(lane.work([block]))
