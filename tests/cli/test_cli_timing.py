@@ -6,7 +6,7 @@ import pandas as pd
 
 from isacbench.bench.cells.record import TIMING_COLUMNS
 
-RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "-e", "seer", "--snr", "0", "-n", "3")
+RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "--snr", "0", "-n", "3")
 
 
 def test_a_folder_goes_on_timed_is_compared_and_goes_on_without(cli):
