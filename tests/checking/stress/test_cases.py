@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -41,6 +42,15 @@ def test_a_family_name_stands_for_its_cases_in_the_table():
     assert find_cases("snr") == FAMILIES["snr"].table()
     assert find_families(["snr"], {"estimator"}) == [FAMILIES["snr"]]
     assert {family.kind for family in find_families([], {"estimator"})} == {"estimator"}
+
+
+def test_maps_of_one_level_fill_the_cells_that_their_names_say():
+    for filled, share in (("zeros", 0.0), ("constant", 1.0), ("checkers", 0.5)):
+        (case,) = find_cases(f"map[filled={filled},exponent=2.0]")
+        is_filled = case.shot(0).seen.cells == 100
+        assert np.mean(is_filled) == pytest.approx(share, abs=0.02), filled
+    for axis in (0, 1):  # of checkers
+        assert np.diff(is_filled, axis=axis).all()
 
 
 @pytest.mark.parametrize(
