@@ -32,6 +32,12 @@ def few(test):
     return settings(max_examples=settings.default.max_examples // 5)(test)
 
 
+def slow_but(quick, every):
+    """All parameters; those that are not among the quick ones have the marker slow."""
+    values = [(one, one if isinstance(one, tuple) else (one,)) for one in every]
+    return [pytest.param(*value, marks=() if one in quick else pytest.mark.slow) for one, value in values]
+
+
 MOST_WORKERS = 8
 
 # Compiling the tests is half of their collection, so they are kept compiled whatever Python was told.

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from itertools import product
 from typing import get_args
 
 import numpy as np
@@ -22,10 +23,13 @@ from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import Diagnoser, Estimator
 from tests.algorithms.scenes import BASE_M, NOTHING, REGION, SYSTEM, VELOCITY, XYZ, simulator
-from tests.conftest import few
+from tests.conftest import few, slow_but
 
 BOTH = pytest.mark.parametrize("estimator", [Music2d, Fft4d])
 CROSSES = Music2d(integration="element"), Fft4d(integration="element")
+
+
+OFFSETS = [-0.4, -0.2, 0.0, 0.15, 0.3, 0.5]
 
 
 def beside_the_bins(xyz, offset):
@@ -48,7 +52,8 @@ def assert_imaged(cloud, truth, position_m=0.3):
 
 @BOTH
 @pytest.mark.parametrize(
-    ("frame", "offset"), [*zip(["panel", "paper"] * 3, [-0.4, -0.2, 0.0, 0.15, 0.3, 0.5], strict=True)]
+    ("frame", "offset"),
+    slow_but([*zip(["panel", "paper"] * 3, OFFSETS, strict=True)], product(["panel", "paper"], OFFSETS)),
 )
 def test_separate_scatterers_are_imaged_in_place_speed_and_power(estimator, frame, offset):
     scene = simulator(beside_the_bins(XYZ, offset), frame=frame)

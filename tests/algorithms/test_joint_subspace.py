@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from isacbench.model.kernels import steering
 from isacbench.model.region import Region
 from isacbench.model.scenes.scenario import load_scenario
 from tests.algorithms.scenes import NOTHING, simulator
-from tests.conftest import few
+from tests.conftest import few, slow_but
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
 
@@ -173,13 +174,19 @@ def test_the_eigenvalue_cfar_finds_the_strongest_of_them(estimator, reading, gai
     assert misses(waves, [0.3], [-0.2], 0.01) == 0
 
 
+SMALL = [(2, 2), (3, 5), (2, 16), (8, 4)]
+
+
 @BOTH
 @pytest.mark.parametrize(
     ("shape", "model_order"),
-    [
-        *zip([(2, 2), (3, 5), (2, 16), (8, 4)], ["noise", "eigenvalue_cfar", "mdl", "aic"], strict=True),
-        *zip([(2, 2), (3, 5), (2, 16), (8, 4)], ["mdl", "noise", "eigenvalue_cfar", "noise"], strict=True),
-    ],
+    slow_but(
+        [
+            *zip(SMALL, ["noise", "eigenvalue_cfar", "mdl", "aic"], strict=True),
+            *zip(SMALL, ["mdl", "noise", "eigenvalue_cfar", "noise"], strict=True),
+        ],
+        product(SMALL, ["noise", "eigenvalue_cfar", "mdl", "aic"]),
+    ),
 )
 def test_small_arrays_serve_and_orders_stay_within_what_they_can_tell(estimator, shape, model_order):
     crowd = np.linspace(-0.5, 0.5, 7)

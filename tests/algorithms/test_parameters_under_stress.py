@@ -1,6 +1,7 @@
 """Stress of built-in estimators by parameters of their own: subarrays, windows, single precision."""
 
 import dataclasses
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,17 +10,18 @@ from isacbench.checking.promises.image_promises import EVERY, FOUND, RESOLVED_EC
 from isacbench.checking.promises.small_scenes import NARROW, RESOLVED, Echo, Layout, observed
 from isacbench.errors import InputError
 from isacbench.plugins.registry import get_detector, get_estimator
+from tests.conftest import slow_but
 
+SUBSPACES = ["music2d", "music2d_joint", "esprit2d", "capon2d"]
 SHARES = [((8, 8), 0.5), ((8, 8), 1.0), ((5, 12), 0.01), ((3, 2), 0.01), ((3, 2), 1.0)]
 
 
 @pytest.mark.parametrize(
     ("name", "shape", "fraction"),
-    [
-        (name, *share)
-        for i, name in enumerate(["music2d", "music2d_joint", "esprit2d", "capon2d"])
-        for share in SHARES[i % 2 :: 2]
-    ],
+    slow_but(
+        [(name, *share) for i, name in enumerate(SUBSPACES) for share in SHARES[i % 2 :: 2]],
+        product(SUBSPACES, [(8, 8), (5, 12), (3, 2)], [0.01, 0.5, 1.0]),
+    ),
 )
 def test_one_echo_is_one_point_whatever_share_of_the_array_a_subarray_takes(name, shape, fraction):
     shot = observed([Echo(9.3, 0.7, 0.05, -0.08)], layout=Layout(array=shape, region=NARROW))
@@ -30,7 +32,10 @@ def test_one_echo_is_one_point_whatever_share_of_the_array_a_subarray_takes(name
 
 @pytest.mark.parametrize(
     ("name", "training"),
-    [("fft4d", 1), ("fft4d", 12), ("music2d", 5), ("esprit2d", 1), ("iaa2d", 12), ("omp4d", 5)],
+    slow_but(
+        [("fft4d", 1), ("fft4d", 12), ("music2d", 5), ("esprit2d", 1), ("iaa2d", 12), ("omp4d", 5)],
+        product(["fft4d", "music2d", "esprit2d", "iaa2d", "omp4d"], [1, 5, 12]),
+    ),
 )
 def test_echoes_are_found_with_any_window_that_fits_the_map(name, training):
     detector = get_detector("osca", training=training, order_axis=1)
@@ -45,7 +50,11 @@ def test_a_window_larger_than_the_map_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("name", "snr_db"), [("fft4d", 20.0), ("music2d", 60.0), ("esprit2d", 20.0), ("music2d_joint", 60.0)]
+    ("name", "snr_db"),
+    slow_but(
+        [("fft4d", 20.0), ("music2d", 60.0), ("esprit2d", 20.0), ("music2d_joint", 60.0)],
+        product(["fft4d", "music2d", "esprit2d", "music2d_joint"], [20.0, 60.0]),
+    ),
 )
 def test_every_stage_in_single_precision_is_that_in_double_precision(name, snr_db):
     estimator = get_estimator(name, precision="double")

@@ -17,6 +17,7 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, echo_parameters
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
+from tests.conftest import slow_but
 
 PRS = Signal(sensing="prs")
 LOBE_MPS = 7.34
@@ -156,7 +157,13 @@ def test_observations_tell_what_was_sensed_and_of_all_there_is_nothing_new(space
     np.testing.assert_array_equal(estimator.estimate(whole).to_array(), estimator.estimate(plain).to_array())
 
 
-@pytest.mark.parametrize(("name", "n_symbols"), [("music2d", 199), ("nomp4d", 223), ("sbl4d", 226)])
+@pytest.mark.parametrize(
+    ("name", "n_symbols"),
+    slow_but(
+        [("music2d", 199), ("nomp4d", 223), ("sbl4d", 226)],
+        itertools.product(["music2d", "nomp4d", "sbl4d"], [199, 223, 226]),
+    ),
+)
 def test_frames_of_any_length_have_one_point_a_scatterer(space, name, n_symbols):
     system = dataclasses.replace(space.system, n_symbols=n_symbols)
     scene = dataclasses.replace(holding(space, [16.0, 5.0, 16.0], 9.3), system=system)

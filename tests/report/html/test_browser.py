@@ -21,6 +21,7 @@ from isacbench.report.html.written_pages import (
     write_rank_page,
     write_run_page,
 )
+from tests.conftest import slow_but
 
 pytestmark = pytest.mark.first
 
@@ -122,12 +123,7 @@ PAGES = {
 }
 
 
-def slow_but(*quick):
-    """All pages, those that are not named with the marker slow."""
-    return [*quick, *(pytest.param(name, marks=pytest.mark.slow) for name in PAGES if name not in quick)]
-
-
-@pytest.mark.parametrize("name", slow_but("images"))
+@pytest.mark.parametrize("name", slow_but(["images"], PAGES))
 def test_every_view_opens_without_a_fault_a_barrier_or_a_bar_below_it(visit, name):
     page = visit(name, "#est=fft4d", width=390 if name == "comparison" else 700)
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason=NO_AXE)
