@@ -27,8 +27,6 @@ from tests.conftest import few, slow_but
 
 BOTH = pytest.mark.parametrize("estimator", [Music2d, Fft4d])
 CROSSES = Music2d(integration="element"), Fft4d(integration="element")
-
-
 OFFSETS = [-0.4, -0.2, 0.0, 0.15, 0.3, 0.5]
 
 
