@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 
 from isacbench.added_fields import added_field
 from isacbench.dsp.angles.aperture import Cross
+from isacbench.dsp.angles.cosines import PERIOD, within_period
 from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.array_types import Complex, Floats, Mask
@@ -252,8 +253,9 @@ class Fft4d(CellwiseEstimator):
         """Cosines of a transform's samples, ascending, and the mask of those in the region."""
         n_points = max(self.angle_points, 2 * n_sensors)
         cosine = 2 * scipy.fft.fftshift(scipy.fft.fftfreq(n_points))
-        lower, upper = limits
-        return cosine, (cosine >= lower - 2 / n_points) & (cosine <= upper + 2 / n_points)
+        # One sample beyond the limits, on the circle of cosines.
+        inside = (cosine - limits[0] + 2 / n_points) % PERIOD <= limits[1] - limits[0] + 4 / n_points
+        return cosine, inside
 
     def _strong_maxima(self, power: Floats, inside: Mask) -> Mask:
         """Local maxima of spectra (n, g, h) inside the region that are no sidelobes."""
@@ -277,5 +279,4 @@ def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> 
 
 def _between(cosine: Floats, sample: Floats) -> Floats:
     """Cosines at fractional samples."""
-    between: Floats = cosine[0] + 2 / cosine.size * sample
-    return between
+    return within_period(cosine[0] + PERIOD / cosine.size * sample)

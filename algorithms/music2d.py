@@ -45,6 +45,7 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 
 from isacbench.added_fields import added_field
+from isacbench.dsp.angles.cosines import cosine_samples, with_neighbours, within_period
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
     SMALLEST_NULL,
@@ -322,16 +323,19 @@ class Music2d(CellwiseEstimator):
         -------
         MusicSpectra
         """
-        n_subarray, step = vectors.shape[1], (limits[1] - limits[0]) / (self.grid_points - 1)
-        cosine = np.linspace(limits[0] - step, limits[1] + step, self.grid_points + 2)
+        n_subarray = vectors.shape[1]
+        cosine = cosine_samples(limits, (limits[1] - limits[0]) / (self.grid_points - 1))
+        step = cosine[1] - cosine[0]
         with stage("spectrum"):
             null = music_null_spectrum(vectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)
         detection = self.spectrum_detector.detect(spectra)
         # A parabola fits a null, and not the pole that its reciprocal is.
-        peaks = line_peaks(-null, cosine, order, detection.mask)
-        place = music_null_minima(vectors, order, peaks.place, peaks.found, step)
-        return MusicSpectra(cosine, spectra, detection, Peaks(place, peaks.found))
+        framed, (places,) = with_neighbours(null, [cosine])
+        passed, _ = with_neighbours(detection.mask, [cosine])
+        peaks = line_peaks(-framed, places, order, passed)
+        minima = music_null_minima(vectors, order, peaks.place, peaks.found, step)
+        return MusicSpectra(cosine, spectra, detection, Peaks(within_period(minima), peaks.found))
 
     def signal_order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> Integers:
         """Count the eigenvalues that belong to sources, by the test of `model_order`.

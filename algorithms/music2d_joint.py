@@ -42,8 +42,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from isacbench.dsp.angles.cosines import cosine_samples
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
-from isacbench.dsp.angles.planar_spectra import Minima, cosine_samples
+from isacbench.dsp.angles.planar_spectra import Minima
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Floats, Integers
@@ -187,7 +188,7 @@ class Music2dJoint(JointSubspaceEstimator):
         )
 
     def _grid(self, observation: Observation, subarray: tuple[int, ...]) -> tuple[Floats, Floats]:
-        """Samples over the directions that the region spans, and one beyond to either side."""
+        """Samples over the directions that the region spans."""
         u, w = (
             cosine_samples(limits, 4 / (n * self.samples_per_lobe))
             for limits, n in zip(observation.cosine_limits, subarray, strict=True)

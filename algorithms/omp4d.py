@@ -33,12 +33,11 @@ matching pursuit", IEEE Trans. Inf. Theory 53 (2007).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import prod
+from math import ceil, prod
 from typing import ClassVar
 
 import numpy as np
 
-from isacbench.dsp.angles.planar_spectra import cosine_samples, within_period
 from isacbench.dsp.array_types import Floats
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
@@ -143,7 +142,7 @@ class Omp4d(MapEstimator):
         """
         step = 1 / self.samples_per_cell
         u, w = (
-            cosine_samples((lower / size, upper / size), step)[1:-1]
+            np.linspace(lower / size, upper / size, ceil((upper - lower) / size / step) + 1)
             for (lower, upper), size in zip(observation.cosine_limits, atom_map.cell_size[2:], strict=True)
         )
         bins = np.stack(detected.cells.bins, axis=1).astype(np.float64)
@@ -193,4 +192,4 @@ class Omp4d(MapEstimator):
             fit = refit_atoms(atom_map, fit, stays, places)
         range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
         power, family = fit.shown / prod(atom_map.array_shape), np.full(len(fit), -1)
-        return LocatedScatterers(range_bin, doppler_bin, within_period(u), within_period(w), power, family)
+        return LocatedScatterers(range_bin, doppler_bin, u, w, power, family)

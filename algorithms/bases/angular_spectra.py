@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from isacbench.dsp.angles.planar_spectra import AngularSpectrum, cosine_samples, within_period
+from isacbench.dsp.angles.cosines import cosine_samples, within_period
+from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Floats
 from isacbench.errors import require
@@ -19,7 +20,7 @@ from isacbench.plugins.contracts import Spectrum
 from ..chain import CellSnapshots, CellwiseEstimator, Reading
 
 SAME_CELLS = 0.05
-"""Rayleigh cells within which two peaks are one: where the region spans all cosines, both ends show it."""
+"""Rayleigh cells within which two peaks are one: equal samples next to each other lead to one peak."""
 
 
 @dataclass(frozen=True)
@@ -108,19 +109,17 @@ class AngularSpectrumEstimator(CellwiseEstimator):
         Returns
         -------
         PlaneWaves
-            With cosines from -1 to 1.
         """
-        u, w = within_period(waves.u), within_period(waves.w)
         apart = np.hypot(
             *(
                 n / 2 * within_period(line[:, :, None] - line[:, None])
-                for n, line in zip(observation.array.shape, (u, w), strict=True)
+                for n, line in zip(observation.array.shape, (waves.u, waves.w), strict=True)
             )
         )
         before = np.tril(waves.found[:, None] & (apart < SAME_CELLS), -1)
-        waves = PlaneWaves(u, w, waves.found & ~before.any(axis=2))
+        waves = replace(waves, found=waves.found & ~before.any(axis=2))
         power = np.abs(waves.amplitudes(cells.own[None], self.aperture(observation))[0]) ** 2
-        return PlaneWaves(u, w, waves.found & (power > cells.levels.min_power))
+        return replace(waves, found=waves.found & (power > cells.levels.min_power))
 
     @abstractmethod
     def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:

@@ -153,7 +153,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             strongest = power.max(axis=1, keepdims=True, initial=0)
             found = waves.found & (power > cells.levels.min_power)
             found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
-            found &= (np.abs(waves.u) <= 1) & (np.abs(waves.w) <= 1) & (waves.u**2 + waves.w**2 <= 1)
+            found &= waves.u**2 + waves.w**2 <= 1
             if cells.reading.resolved_only and waves.resolved is not None:
                 found &= waves.resolved[:, None]
             return replace(waves, found=found)

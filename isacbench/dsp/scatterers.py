@@ -10,6 +10,7 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from isacbench.display import brief
+from isacbench.dsp.angles.cosines import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
@@ -36,7 +37,7 @@ class LocatedScatterers:
     range_bin, doppler_bin : ndarray of float64
         Absolute fractional bins.
     u, w : ndarray of float64
-        Direction cosines.
+        Direction cosines, from -1 to 1 whatever period they are given in.
     power : ndarray of float64
         Power |amplitude|² per element in the range-Doppler map.
     family : ndarray of int64
@@ -52,6 +53,10 @@ class LocatedScatterers:
     family: Integers
 
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "u", within_period(self.u))
+        object.__setattr__(self, "w", within_period(self.w))
 
     def __len__(self) -> int:
         return self.power.size
@@ -281,8 +286,11 @@ def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:
     -------
     LocatedScatterers
     """
-    points = np.column_stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w])
-    pairs = cKDTree(points / DUPLICATE_CELL).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    # The tree takes circles from 0 on.
+    u, w = (scatterers.u + 1) % PERIOD, (scatterers.w + 1) % PERIOD
+    points = np.column_stack([scatterers.range_bin, scatterers.doppler_bin, u, w])
+    tree = cKDTree(points / DUPLICATE_CELL, boxsize=np.array([0, 0, PERIOD, PERIOD]) / DUPLICATE_CELL)
+    pairs = tree.query_pairs(1.0, p=np.inf, output_type="ndarray")
     keys = scatterers.power, _family_power(scatterers)
     strongest_first = np.lexsort([-rounded(power, TIE_DIGITS) for power in keys])
     rank = np.argsort(strongest_first)

@@ -5,11 +5,16 @@ own phase. After the unitary transform this is one real equation along u and
 one along w. Both have the eigenvectors of the sources, so that the
 eigenvalues of the one plus j times the other hold the pairs.
 
+Both sides of an equation hold noise. Total least squares treats them alike;
+least squares would take one for exact, and bias sources towards broadside.
+
 References
 ----------
 Zoltowski, Haardt and Mathews, "Closed-form 2-D angle estimation with
 rectangular arrays in element space or beamspace via unitary ESPRIT", IEEE
 Trans. SP 44 (1996).
+Golub and Van Loan, "An analysis of the total least squares problem", SIAM J.
+Numer. Anal. 17 (1980).
 Haardt and Nossek, "Unitary ESPRIT: how to obtain increased estimation accuracy
 with a reduced computational burden", IEEE Trans. SP 43 (1995).
 """
@@ -22,14 +27,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.dsp.angles.cosines import PERIOD, within_period
 from isacbench.dsp.angles.line_subspaces import unitary_transform
 from isacbench.dsp.array_types import Floats, Mask
-
-SMALLEST_PIVOT = 2.0**-26
-"""Of equations whose columns have at most norm 1: keeps them soluble for a source at the edge of the visible
-region, whose tangent is infinite. With the root of rounding, that source is right to 1e-8, and its tangent
-leaves as many digits to the others."""
-
 
 UNRELIABLE = 0.4
 """Imaginary part of an eigenvalue over the distance of the nearest pair; noise that turns a pair from one
@@ -85,11 +85,12 @@ def unitary_esprit(basis: Floats) -> EspritDirections:
         Exact for exact subspaces, also where sources share u or share w.
     """
     n, n_u, n_w, k = basis.shape
-    along_u = _invariance(basis.reshape(n, n_u, n_w * k), k)
-    along_w = _invariance(basis.transpose(0, 2, 1, 3).reshape(n, n_w, n_u * k), k)
+    basis = basis.astype(np.float64, copy=False)
+    along_u, turn_u = _invariance(basis.reshape(n, n_u, n_w * k), k)
+    along_w, turn_w = _invariance(basis.transpose(0, 2, 1, 3).reshape(n, n_w, n_u * k), k)
     paired = np.linalg.eigvals(along_u + 1j * along_w)
-    u: Floats = 2 / np.pi * np.arctan(paired.real)
-    w: Floats = 2 / np.pi * np.arctan(paired.imag)
+    u = within_period(turn_u[:, None] + 2 / np.pi * np.arctan(paired.real))
+    w = within_period(turn_w[:, None] + 2 / np.pi * np.arctan(paired.imag))
     return EspritDirections(u, w, _reliable(along_u, along_w, paired))
 
 
@@ -105,20 +106,24 @@ def _reliable(along_u: Floats, along_w: Floats, paired: NDArray[np.inexact[Any]]
     return reliable
 
 
-def _invariance(lines: Floats, n_sources: int) -> Floats:
-    """Least-squares solution (n, k, k) of the shift equation along the first axis of lines (n, L, M k).
+def _invariance(lines: Floats, n_sources: int) -> tuple[Floats, Floats]:
+    """Solve the shift equation along the first axis of lines (n, L, M k) by total least squares.
 
-    Its eigenvalues are tan(π u / 2).
+    The eigenvalues of the solution (n, k, k) are tan(π (u - turn) / 2). Of
+    k + 1 turns the best is taken: no source is near its infinite tangent.
     """
     n, n_line, n_others = lines.shape
     rows = (n, (n_line - 1) * n_others // n_sources, n_sources)
-    even, odd = ((selection @ lines).reshape(rows) for selection in _selections(n_line))
-    # Normal equations would have half the digits near the edge of the visible region.
-    rotation, triangle = np.linalg.qr(even)
-    pivot = np.einsum("nii->ni", triangle)
-    small = np.abs(pivot) < SMALLEST_PIVOT
-    triangle += np.where(small, np.copysign(SMALLEST_PIVOT, pivot) - pivot, 0)[:, None, :] * np.eye(n_sources)
-    return np.asarray(np.linalg.solve(triangle, rotation.transpose(0, 2, 1) @ odd), dtype=np.float64)
+    both = np.concatenate([(selection @ lines).reshape(rows) for selection in _selections(n_line)], axis=2)
+    # Of orthonormal bases, the signal's eigenvalues are near 1: squares lose no digits of the null space.
+    null = np.linalg.eigh(both.transpose(0, 2, 1) @ both)[1][:, :, :n_sources]
+    even, odd = null[:, :n_sources], null[:, n_sources:]
+    turn = PERIOD * np.arange(n_sources + 1) / (n_sources + 1)
+    sine, cosine = (of(np.pi / 2 * turn)[:, None, None, None] for of in (np.sin, np.cos))
+    turned = cosine * odd - sine * even
+    best, cell = np.abs(np.linalg.det(turned)).argmax(axis=0), np.arange(n)
+    tangent = -(cosine * even + sine * odd)[best, cell] @ np.linalg.inv(turned[best, cell])
+    return tangent, turn[best]
 
 
 @lru_cache

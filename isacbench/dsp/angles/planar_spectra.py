@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from isacbench.dsp.angles.cosines import with_neighbours
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes
 from isacbench.dsp.angles.peaks import plane_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Floats, Integers, Mask
-from isacbench.model.region import Interval
 
 CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""
@@ -32,41 +32,6 @@ FLAT = 1e-6
 
 NEWTON_STEPS = 3
 """From a sample next to an extremum: digits double with every step."""
-
-
-def cosine_samples(limits: Interval, widest: float) -> Floats:
-    """Sample direction cosines between two limits, and once beyond either.
-
-    Parameters
-    ----------
-    limits : (float, float)
-        Lowest and highest cosine.
-    widest : float
-        Largest distance of two samples.
-
-    Returns
-    -------
-    ndarray of float64, shape (g,)
-        Equidistant; the limits are the second and the last but one.
-    """
-    n_steps = max(int(np.ceil((limits[1] - limits[0]) / widest)), 1)
-    step = (limits[1] - limits[0]) / n_steps or widest
-    return np.linspace(limits[0] - step, limits[0] + (n_steps + 1) * step, n_steps + 3)
-
-
-def within_period(cosine: Floats) -> Floats:
-    """Cosines from -1 to 1: elements half a wavelength apart see no difference of 2.
-
-    Parameters
-    ----------
-    cosine : ndarray of float64
-
-    Returns
-    -------
-    ndarray of float64, same shape
-    """
-    within: Floats = cosine - 2 * np.rint(cosine / 2)
-    return within
 
 
 def squared_projections(columns: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
@@ -134,12 +99,13 @@ def planar_minima(
     ----------
     level : ndarray of float64, shape (n, g, h)
         Samples of ``sign`` times the squared projections onto `columns`, but
-        for a constant. Those on the border are no minima: the spectrum may
-        fall beyond.
+        for a constant. Those on the border are no minima, but for a circle's:
+        the spectrum may fall beyond.
     columns : ndarray of float64, shape (n, L, M, k)
         As for `squared_projections`.
     grid : (ndarray of float64, ndarray of float64), shapes (g,) and (h,)
-        Equidistant u and w of the samples, three and more.
+        Equidistant u and w of the samples, three and more, from
+        `isacbench.dsp.angles.cosines.cosine_samples`.
     n_minima : ndarray of int64, shape (n,)
         Most minima to return of each cell.
     highest : float or ndarray of float64, shape (n, 1, 1)
@@ -150,8 +116,9 @@ def planar_minima(
     -------
     Minima
     """
+    level, (u, w) = with_neighbours(level, grid)
     row, column, found = _lowest_samples(level, highest, n_minima)
-    start_u, start_w = grid[0][row], grid[1][column]
+    start_u, start_w = u[row], w[column]
     place_u, place_w = start_u, start_w
     step_limit = np.array([line[1] - line[0] for line in grid])
     for _ in range(NEWTON_STEPS):
@@ -218,7 +185,7 @@ class AngularSpectrum:
     Attributes
     ----------
     u, w : ndarray of float64, shapes (g,) and (h,)
-        Direction cosines of the samples, from `cosine_samples`.
+        Direction cosines of the samples, from `isacbench.dsp.angles.cosines.cosine_samples`.
     power : ndarray of float64, shape (n, g, h)
         Per element.
     """
@@ -242,14 +209,15 @@ class AngularSpectrum:
         PlaneWaves
             Placed by parabolas through levels in dB.
         """
-        power = self.power[:, 1:-1, 1:-1]
-        is_peak = power >= maximum_filter(self.power, size=(1, 3, 3))[:, 1:-1, 1:-1]
+        framed, grid = with_neighbours(self.power, (self.u, self.w))
+        power = framed[:, 1:-1, 1:-1]
+        is_peak = power >= maximum_filter(framed, size=(1, 3, 3))[:, 1:-1, 1:-1]
         strongest = power.max(axis=(1, 2), keepdims=True, where=is_peak, initial=0)
         is_peak &= power >= strongest * 10 ** (-dynamic_range_db / 10)
         is_peak &= ~self._is_flat[:, None, None]
-        framed = np.pad(is_peak, ((0, 0), (1, 1), (1, 1)))
-        row, column, found = plane_peaks(self.power, framed, n_most)
-        u, w = (line[0] + (line[1] - line[0]) * at for line, at in ((self.u, row), (self.w, column)))
+        is_peak = np.pad(is_peak, ((0, 0), (1, 1), (1, 1)))
+        row, column, found = plane_peaks(framed, is_peak, n_most)
+        u, w = (line[0] + (line[1] - line[0]) * at for line, at in zip(grid, (row, column), strict=True))
         return PlaneWaves(u, w, found)
 
     @property

@@ -14,6 +14,7 @@ import numpy as np
 
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
+from isacbench.dsp.angles.cosines import within_period
 from isacbench.dsp.angles.peaks import Peaks
 from isacbench.dsp.array_types import Complex, Floats, Mask
 
@@ -33,7 +34,7 @@ class PlaneWaves:
     Attributes
     ----------
     u, w : ndarray of float64, shape (n, k)
-        Direction cosines.
+        Direction cosines, from -1 to 1 whatever period they are given in.
     found : ndarray of bool, shape (n, k)
         Mask of the plane waves.
     resolved : ndarray of bool, shape (n,), or None
@@ -47,6 +48,10 @@ class PlaneWaves:
     resolved: Mask | None = None
 
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "u", within_period(self.u))
+        object.__setattr__(self, "w", within_period(self.w))
 
     def select(self, keep: Mask) -> PlaneWaves:
         """Select cells.

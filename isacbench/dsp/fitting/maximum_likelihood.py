@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from isacbench.dsp.angles.cosines import within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.fitting.variable_projection import WaveFit, fit_waves
@@ -80,7 +81,7 @@ def refine_directions(snapshots: Complex, waves: PlaneWaves, n_steps: int) -> Pl
     Returns
     -------
     PlaneWaves
-        As many as at the start; u and w may leave [-1, 1], where directions repeat.
+        As many as at the start.
     """
     fit = _refined(snapshots, fit_waves(snapshots, waves.u, waves.w, waves.found), waves.found, n_steps)
     return PlaneWaves(fit.u, fit.w, waves.found)
@@ -147,9 +148,9 @@ def _without_one(fit: WaveFit, found: Mask, noise: float, least_power: float) ->
     cells = np.flatnonzero(merges)
     one, other = (cells, first[cells]), (cells, second[cells])
     fewer[other] = False
-    share = fit.power[one] / (fit.power[one] + fit.power[other])
-    u[one] = share * u[one] + (1 - share) * u[other]
-    w[one] = share * w[one] + (1 - share) * w[other]
+    share = fit.power[other] / (fit.power[one] + fit.power[other])
+    for cosine in (u, w):
+        cosine[one] += share * within_period(cosine[other] - cosine[one])
     return u, w, fewer
 
 
@@ -163,7 +164,9 @@ def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers
     blocks = covariance.reshape(n, 2, k, 2, k).transpose(0, 2, 4, 1, 3)
     own = np.einsum("niiab->niab", blocks)
     spread = own[:, :, None] + own[:, None, :] - blocks - blocks.transpose(0, 1, 2, 4, 3)
-    apart = np.stack([fit.u[:, :, None] - fit.u[:, None, :], fit.w[:, :, None] - fit.w[:, None, :]], axis=-1)
+    apart = within_period(
+        np.stack([fit.u[:, :, None] - fit.u[:, None, :], fit.w[:, :, None] - fit.w[:, None, :]], axis=-1)
+    )
     determinant = spread[..., 0, 0] * spread[..., 1, 1] - spread[..., 0, 1] * spread[..., 1, 0]
     weighted = (
         spread[..., 1, 1] * apart[..., 0] ** 2

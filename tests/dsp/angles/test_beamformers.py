@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.beamformers import bartlett_spectrum, capon_spectrum, iaa_spectrum
-from isacbench.dsp.angles.planar_spectra import AngularSpectrum, cosine_samples, within_period
+from isacbench.dsp.angles.cosines import cosine_samples
+from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.model.kernels import steering
 from tests.dsp.plane_wave_data import noise
 
@@ -165,10 +166,6 @@ def test_two_equal_waves_are_both_peaks_of_capon_s_spectrum_wherever_the_samples
         assert distance.min() < 0.01
 
 
-def test_a_cosine_and_that_two_farther_are_one():
-    np.testing.assert_allclose(within_period(np.array([-1.02, 0.98, 0.3, 2.3])), [0.98, 0.98, 0.3, 0.3])
-
-
 def test_capon_takes_snapshots_of_single_precision():
     x = waves((8, 8), (0.1, 0.2, 1.0)).astype(np.complex64)
     assert capon_spectrum(x, (5, 5), 0.0, FINE, FINE).waves(10.0, 4).found.sum() == 1
@@ -183,12 +180,3 @@ def test_peaks_beyond_the_dynamic_range_or_on_the_border_are_left_out():
     both = spectrum.waves(25.0, 4)
     np.testing.assert_allclose(both.u[0, :2], [0.2, 0.6])
     assert spectrum.waves(25.0, 1).found.sum() == 1
-
-
-def test_samples_reach_one_step_beyond_the_limits():
-    samples = cosine_samples((-0.3, 0.4), 0.11)
-    assert samples[1] == pytest.approx(-0.3)
-    assert samples[-2] == pytest.approx(0.4)
-    assert len(cosine_samples((0.1, 0.1), 0.11)) > 2
-    assert np.ptp(np.diff(samples)) < 1e-12
-    assert np.diff(samples).max() <= 0.11 + 1e-12

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isacbench.dsp.angles.cosines import within_period
 from isacbench.dsp.angles.esprit import most_sources, unitary_esprit
 from isacbench.dsp.angles.line_subspaces import unitary_transform
 from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance, planar_eigenpairs
@@ -143,3 +144,45 @@ def test_a_source_at_the_very_edge_is_right_and_leaves_the_others_right(inside):
     found = solve_data(snapshot(u, w, [1, 1j]), (10, 10), 2)
     # Half a cell off from normal equations.
     assert farthest(found, u, w) < 1e-7
+
+
+@pytest.mark.parametrize("u", [0.0, 0.5, 0.9, 0.97, 0.999, 1.0])
+def test_a_source_in_noise_is_placed_as_well_at_the_ends_of_the_circle_as_broadside(u):
+    n, size, snr = 400, 16, 10**-0.5
+    data = snapshot([u], [0.1], [1.0]) + noise(n, size, size, seed=3) / np.sqrt(snr)
+    error = within_period(solve(data, (10, 10), 1).u[:, 0] - u)
+    bound = 6 / (snr * np.pi**2 * size**2 * (size**2 - 1))
+    # Smoothing costs a factor of about 1.6; a bias towards broadside would add its square.
+    assert 1.2 < np.mean(error**2) / bound < 1.9
+    assert abs(error.mean()) < 4 * error.std() / np.sqrt(n)
+
+
+def complex_total_least_squares(snapshots, subarray, order):
+    """Cosines u of sources by ESPRIT on complex subspaces, as textbooks write it."""
+    size = [n - m + 1 for n, m in zip(snapshots.shape[1:], subarray, strict=True)]
+    found = []
+    for snapshot_ in snapshots:
+        shifts = [
+            snapshot_[i : i + subarray[0], j : j + subarray[1]].ravel()
+            for i in range(size[0])
+            for j in range(size[1])
+        ]
+        both = np.array([*shifts, *(shift[::-1].conj() for shift in shifts)]).T
+        signal = np.linalg.svd(both)[0][:, :order].reshape(*subarray, order)
+        pair = np.concatenate([signal[:-1].reshape(-1, order), signal[1:].reshape(-1, order)], axis=1)
+        null = np.linalg.svd(pair)[2].conj().T[:, order:]
+        found.append(-np.angle(np.linalg.eigvals(-null[:order] @ np.linalg.inv(null[order:]))) / np.pi)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("u", [(0.95, -0.2, 0.4), (0.98, 0.7, -0.98), (0.1, 0.22, -0.6)])
+def test_errors_of_several_sources_are_those_of_complex_total_least_squares(u):
+    w = np.array([0.1, 0.5, -0.6])
+    data = snapshot(np.array(u), w, [1, 1j, -1]) + noise(60, 16, 16, seed=5) * 0.3
+
+    def mean_square(cosines):
+        apart = within_period(cosines[:, :, None] - np.array(u))
+        return np.mean(np.abs(apart).min(axis=1) ** 2)
+
+    mine, reference = solve(data, (8, 8), 3).u, complex_total_least_squares(data, (8, 8), 3)
+    assert mean_square(mine) < 1.5 * mean_square(reference)

@@ -17,6 +17,9 @@ from isacbench.checking.stress.cases.levels import SNR_DB
 from isacbench.checking.stress.spaces import choice, real
 from isacbench.model.region import Region
 
+FOUND_RADIUS = 0.98
+"""Distance from straight ahead, in direction cosines, up to which an echo is promised to be found: 78.5°."""
+
 FARTHEST_M = REGION.range_limits_m(np.array(BASE_STATION_M))[1]
 
 
@@ -65,6 +68,7 @@ class Direction(EstimatorCase):
         {"radius": 0.0},
         {"radius": 1e-12},
         *({"radius": radius, "angle_deg": 30.0} for radius in (0.3, 0.8, 0.97)),
+        *({"radius": FOUND_RADIUS, "angle_deg": angle_deg} for angle_deg in (0.0, 90.0, 180.0, 270.0)),
         *({"radius": 0.999, "angle_deg": angle_deg} for angle_deg in (0.0, 45.0, 225.0)),
         {"radius": 1.0 - 1e-9, "angle_deg": 30.0},
         {"radius": 1.0, "angle_deg": 0.0},
@@ -76,11 +80,11 @@ class Direction(EstimatorCase):
 
     @property
     def promises(self) -> tuple[Promise[Imaging], ...]:
-        """One echo, at most one point; found where its main lobe lies in the visible region.
+        """One echo, at most one point; found up to `FOUND_RADIUS`.
 
-        Farther out, rounding decides on which side of the border a direction lies.
+        Farther out, the errors of the direction decide on which side of the border it lies.
         """
-        inner = (image_promises.FOUND, *INVARIANT) if self.radius <= 0.8 else ()
+        inner = (image_promises.FOUND, *INVARIANT) if self.radius <= FOUND_RADIUS else ()
         return *EVERY, image_promises.NO_FALSE_POINT, *inner
 
     def scene(self) -> CaseScene:

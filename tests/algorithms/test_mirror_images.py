@@ -1,0 +1,34 @@
+"""Echoes near the ends of the circle of direction cosines are found as well on one side as on the other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.scene import Scatterers
+from isacbench.plugins.registry import build_estimator, estimator_names
+from tests.algorithms.scenes import EMPTY
+from tests.conftest import slow_but
+
+ESTIMATORS = sorted(set(estimator_names()) - {"oracle", "chance"})
+RANGE_M = 40.0
+
+
+@pytest.mark.parametrize("shape", slow_but(["8x8"], ["4x4", "5x7", "8x8", "16x16"]))
+@pytest.mark.parametrize("axis", ["azimuth", "elevation"])
+@pytest.mark.parametrize("name", [*ESTIMATORS, "music2d[search=root]"])
+def test_one_echo_is_one_point_up_to_89_degrees_on_either_side(name, axis, shape):
+    estimator = build_estimator(name)
+    for angle in np.radians([79.0, 85.0, 89.0]):
+        for side in (-1, 1):
+            aside, ahead = side * RANGE_M * np.sin(angle), RANGE_M * np.cos(angle)
+            offset = (aside, -ahead, 0.0) if axis == "azimuth" else (0.0, -ahead, aside)
+            place = EMPTY.base_station_m + offset
+            echo = Scatterers(place[None], np.array([7.3]), np.ones(1))
+            array = VirtualArray((1, 1), tuple(map(int, shape.split("x"))), 1, 1)
+            region = replace(EMPTY.region, y_m=(60.0, 110.0), z_m=(-25.0, 75.0))
+            seen = Simulator(replace(EMPTY, scatterers=echo, array=array, region=region)).observe(20.0)
+            found = estimator.estimate(seen).xyz
+            assert np.linalg.norm(found - place, axis=1) == pytest.approx([0.0], abs=1.0), (angle, side)
