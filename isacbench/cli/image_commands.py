@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import traceback
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -70,6 +71,9 @@ def image_command(
     estimator: EstimatorName = "music2d",
     cube: Annotated[Path | None, Option(help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr.")] = None,
     transmitted: Annotated[Path | None, Option(help="Transmitted grid, which divides the cube.")] = None,
+    ascending: Annotated[
+        str | None, Option(metavar="±u,±w", help="Where the elements of the cube ascend to; default -u,-w.")
+    ] = None,
     snr: Annotated[str | None, Option(help="SNR in dB, or inf; default 10, none with a cube.")] = None,
     trial: Annotated[int | None, Option(min=0, help="Number of the noise draw.")] = None,
     seed: Annotated[int | None, Option(min=0, help=SEED_HELP)] = None,
@@ -88,8 +92,9 @@ def image_command(
 
     if plot is not None and plot != OWN_PICTURE:
         require_picture(plot)
-    if cube is None and transmitted is not None:
-        raise InputError("--transmitted needs --cube FILE")
+    for option, value in (("--transmitted", transmitted), ("--ascending", ascending)):
+        if cube is None and value is not None:
+            raise InputError(f"{option} needs --cube FILE")
     if cube is not None and (trial, seed, modulation, waveform) != (None, None, None, False):
         raise InputError("--trial, --seed, --modulation and --waveform cannot be combined with --cube")
     if cube is not None and snr is not None and division != "wiener":
@@ -119,6 +124,9 @@ def image_command(
     else:
         told = [cube.name, scene.name, estimator, *signal.values()]
         known_snr_db = None if snr is None else _one_snr(snr)
+        if ascending is not None:
+            along_u, _, along_w = ascending.partition(",")
+            scene = replace(scene, array=replace(scene.array, ascending=(along_u, along_w)))
         observation = observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
     title = ", ".join(told)
     take = partial(estimate_cloud, imager, observation, scene.truth)

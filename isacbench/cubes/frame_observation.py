@@ -73,7 +73,7 @@ class CubeObservation(Observation):
     def _transformed(self, elements: NDArray[np.int64]) -> NDArray[np.complex128]:
         transform = GateTransform(self.gate, self.system)
         with open_cube(self._source) as cube:
-            cells = transform.cells(cube, elements, self._factors, self._workers)
+            cells = transform.cells(cube, self.array.in_frame(elements), self._factors, self._workers)
         cells.setflags(write=False)
         return cells
 
@@ -95,6 +95,7 @@ def observe_cube(
     array_or_path : array_like, HDF5 dataset, zarr array, str or Path
         The cube, shape (n_subcarriers, n_symbols, P, Q), complex64 or
         complex128: what each virtual element received, per resource element.
+        Its elements ascend as the scenario's array says (``ascending``).
         Files are ``.npy``, ``.npz``, ``.mat`` (7.3 as well), ``.h5``,
         ``.hdf5`` and ``.zarr``.
     scenario : Scenario

@@ -71,8 +71,11 @@ class FrameSimulator:
         ------
         first_subcarrier : int
         block : ndarray of complex128, shape (n, n_symbols, P, Q)
+            Elements ascend as the scenario's array says.
         """
-        correction = self._correction()
+        correction, array = self._correction(), self._scenario.array
+        # The places of its elements in the frame are those of the frame's elements in the array.
+        in_frame = np.ravel_multi_index(tuple(array.in_frame(array.positions).T), array.shape)
 
         def block(subcarriers: slice) -> Complex:
             grid = resource_grid(self._scenario, self._scenario.array.positions, subcarriers)
@@ -81,7 +84,7 @@ class FrameSimulator:
                 noise += self._spread(correction, subcarriers)
                 noise *= self._noise_amplitude
                 grid += noise
-            return grid.reshape(len(grid), *self.shape[1:])
+            return grid[:, :, in_frame].reshape(len(grid), *self.shape[1:])
 
         for subcarriers, made in self._each_block(block):
             yield subcarriers.start, made

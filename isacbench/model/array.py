@@ -1,4 +1,11 @@
-"""The virtual array: the sum co-array of transmit and receive elements."""
+"""The virtual array: the sum co-array of transmit and receive elements, and the sign of their phases.
+
+An element that lies d further along +u is nearer to an echo from there by d u:
+its path is shorter, and with exp(-j2πfτ), the sign of range and Doppler, its
+phase is ahead by +2π d u / λ. The paper and this package write
+exp(-jπ(p u + q w)) for the element (p, q). So their elements ascend towards -u
+and -w. `VirtualArray.ascending` says so of recorded frames that count otherwise.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +15,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.errors import InputError
+from isacbench.added_fields import added_field
+from isacbench.errors import InputError, require
 from isacbench.model.number_limits import require_count
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+
+PAPER_ORDER = ("-u", "-w")
+"""Directions towards which elements ascend whose phases are exp(-jπ(p u + q w))."""
 
 
 def rectangular_positions(shape: tuple[int, int], spacing: int) -> NDArray[np.int64]:
@@ -49,12 +61,16 @@ class VirtualArray:
         Elements along u and w.
     tx_spacing, rx_spacing : int
         Element distance in half wavelengths.
+    ascending : (str, str)
+        Directions towards which the elements of a frame ascend, as seen from
+        its element (0, 0): "-u" or "+u", and "-w" or "+w". Frames are written
+        and read in this order; observations always ascend towards -u and -w.
 
     Raises
     ------
     InputError
-        If a number is not positive and whole, or the sum co-array is not a
-        filled rectangle.
+        If a number is not positive and whole, the sum co-array is not a
+        filled rectangle, or a direction is unknown.
 
     References
     ----------
@@ -71,6 +87,7 @@ class VirtualArray:
     rx_shape: tuple[int, int] = (8, 8)
     tx_spacing: int = 8
     rx_spacing: int = 1
+    ascending: tuple[str, str] = added_field(PAPER_ORDER, before=PAPER_ORDER)
 
     def __post_init__(self) -> None:
         for name in ("tx_shape", "rx_shape"):
@@ -78,6 +95,8 @@ class VirtualArray:
                 require_count(f"array.{name}", count)
         for name in ("tx_spacing", "rx_spacing"):
             require_count(f"array.{name}", getattr(self, name))
+        known = [(u, w) for u in ("-u", "+u") for w in ("-w", "+w")]
+        require(self.ascending in known, "array.ascending", self.ascending, "-u or +u, and -w or +w")
         n_p, n_q = self.shape
         if len(self.positions) != n_p * n_q:
             raise InputError(
@@ -100,6 +119,28 @@ class VirtualArray:
         """Virtual elements (P, Q) along u and w."""
         n_p, n_q = self.positions.max(axis=0) + 1
         return int(n_p), int(n_q)
+
+    def in_frame(self, elements: ArrayLike) -> NDArray[np.int64]:
+        """Find where a frame holds elements.
+
+        Parameters
+        ----------
+        elements : array_like of int, shape (e, 2)
+            Places (p, q) in the virtual array.
+
+        Returns
+        -------
+        ndarray of int64, shape (e, 2)
+            Their indices in the last two axes of the frame.
+
+        Examples
+        --------
+        >>> VirtualArray(ascending=("+u", "-w")).in_frame([[0, 0], [1, 2]]).tolist()
+        [[15, 0], [14, 2]]
+        """
+        places, (n_p, n_q) = np.asarray(elements, dtype=np.int64), self.shape
+        is_mirrored = [axis.startswith("+") for axis in self.ascending]
+        return np.where(is_mirrored, (n_p - 1, n_q - 1) - places, places)
 
 
 def element_errors(

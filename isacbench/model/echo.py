@@ -5,6 +5,7 @@ n, symbol m and virtual element (p, q):
 
     s[n, m, p, q] = Σ_k G_k exp(-j2π nΔf 2R_k/c) exp(+j2π m T 2v_k f_c/c) exp(-jπ(p u_k + q w_k))
 
+Elements ascend towards -u and -w (`isacbench.model.array`).
 Unitary transforms along n and m turn each exponential into a Dirichlet
 kernel, so that only the gate is ever computed.
 """

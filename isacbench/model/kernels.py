@@ -88,7 +88,7 @@ def dirichlet_slopes(distance: ArrayLike, n: int) -> tuple[Floats, Floats, Float
 
 
 def steering(n_elements: int, cosine: ArrayLike) -> Complex:
-    """Response exp(-jπ p u) of a line of half-wavelength elements p = 0, 1, ...
+    """Response exp(-jπ p u) of a line of half-wavelength elements p = 0, 1, ..., which ascend towards -u.
 
     Parameters
     ----------

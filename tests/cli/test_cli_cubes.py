@@ -94,6 +94,16 @@ def test_a_transmitted_grid_beside_the_cube_is_taken_into_account(scenario, fram
     assert re.search(r"recall\s+0", as_it_is.stdout, re.M)
 
 
+def test_a_frame_whose_elements_count_the_other_way_says_so_on_the_command_line(scenario, frame, tmp_path):
+    mirrored = tmp_path / "mirrored.npy"
+    np.save(mirrored, np.load(frame)[:, :, ::-1])
+    clouds = tmp_path / "usual.csv", tmp_path / "other.csv"
+    assert run("image", "--cube", frame, "-s", scenario, "-o", clouds[0]).exit_code == 0
+    shown = run("image", "--cube", mirrored, "-s", scenario, "--ascending", "+u,-w", "-o", clouds[1])
+    assert shown.exit_code == 0, shown.stderr
+    np.testing.assert_allclose(*(PointCloud.read(path).to_array() for path in clouds), rtol=1e-5, atol=1e-4)
+
+
 def hold_to_one_line(shown, message):
     assert (shown.exit_code, shown.stdout) == (2, "")
     assert re.search(message, shown.stderr)
@@ -121,6 +131,7 @@ def test_options_that_do_not_go_together_are_told(scenario):
         ("--cube no.npy", "no.npy"),
         ("--cube no.npy --seed 0", "--cube"),
         ("--transmitted grid.npy", "--cube"),
+        ("--ascending +u,+w", "--cube"),
     ):
         hold_to_one_line(run("image", "-s", scenario, *words.split()), message)
 

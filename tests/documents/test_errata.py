@@ -55,6 +55,15 @@ def direction(theta_deg, phi_deg):
     return np.array([[np.sin(phi) * np.cos(theta), -np.sin(phi) * np.sin(theta), -np.cos(phi)]])
 
 
+def test_sign_of_the_array():
+    # Elements that lie further towards u = +1 have shorter paths.
+    u, places = 0.3, np.arange(4)
+    path_m = -u * places * SYSTEM.wavelength_m / 2
+    by_path_lengths = np.exp(-2j * np.pi * path_m / SYSTEM.wavelength_m)
+    np.testing.assert_allclose(steering(4, [u])[0], by_path_lengths.conj(), atol=1e-12)
+    np.testing.assert_allclose(steering(4, [u])[0], by_path_lengths[::-1] / by_path_lengths[-1], atol=1e-12)
+
+
 def test_threshold_factor():
     osca = ((6, 9),) * 9
     assert osca_rate(paper_factor(1e-3, 9), osca) == pytest.approx(0.32, abs=0.01)

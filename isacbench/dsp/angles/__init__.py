@@ -3,6 +3,7 @@
 __all__ = [
     "aperture",
     "beamformers",
+    "cosines",
     "eigenpairs",
     "esprit",
     "line_subspaces",

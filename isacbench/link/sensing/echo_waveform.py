@@ -56,7 +56,7 @@ def echo_paths(scenario: Scenario, elements: ArrayLike) -> Paths:
     ----------
     scenario : Scenario
     elements : array_like of int, shape (E, 2)
-        Places (p, q) in the virtual array.
+        Places (p, q) in the virtual array, which ascend towards -u and -w.
 
     Returns
     -------

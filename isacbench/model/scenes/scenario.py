@@ -122,6 +122,7 @@ class _ArrayTable(FileTable):
     rx_shape: tuple[Count, Count] = VirtualArray.rx_shape
     tx_spacing: Count = VirtualArray.tx_spacing
     rx_spacing: Count = VirtualArray.rx_spacing
+    ascending: tuple[Literal["-u", "+u"], Literal["-w", "+w"]] = ("-u", "-w")
     gain_error_db: GainError = Scenario.gain_error_db
     phase_error_deg: PhaseError = Scenario.phase_error_deg
 
