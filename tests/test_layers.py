@@ -17,37 +17,42 @@ from tests.documents.sources import FILES, ROOT, statements, trees
 BASE = {"errors", "choices", "cores", "added_fields", "former_paths"}
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
+    "checked_arrays": {"errors"},
     "specifications": BASE,
     "files": BASE,
     "display": {*BASE, "files"},
     "instrument": BASE,
-    "model": {*BASE, "specifications", "files", "display"},
-    "metrics": {*BASE, "model"},
-    "dsp": {*BASE, "files", "display", "instrument", "model"},
-    "plugins": {*BASE, "specifications", "files", "display", "model", "dsp"},
-    "link": {*BASE, "display", "model", "dsp"},
-    "cubes": {*BASE, "files", "model", "dsp", "plugins", "link"},
+    "model": {*BASE, "checked_arrays", "specifications", "files", "display"},
+    "metrics": {*BASE, "checked_arrays", "model"},
+    "dsp": {*BASE, "checked_arrays", "files", "display", "instrument", "model"},
+    "plugins": {*BASE, "checked_arrays", "specifications", "files", "display", "model", "dsp"},
+    "link": {*BASE, "checked_arrays", "display", "model", "dsp"},
+    "cubes": {*BASE, "checked_arrays", "files", "model", "dsp", "plugins", "link"},
     "bench": {
         *BASE,
+        "arrays",
         *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins", "link"),
     },
     "checking": {
         *BASE,
+        "arrays",
         *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins"),
         *("cubes", "bench"),
     },
     "report": {
         *BASE,
+        "arrays",
         *("specifications", "files", "display", "instrument", "model", "metrics", "plugins", "link"),
         *("cubes", "bench", "checking"),
     },
     "cli": {
         *BASE,
+        "arrays",
         *("specifications", "files", "instrument", "model", "metrics", "plugins", "link"),
         *("cubes", "bench", "checking", "report"),
     },
 }
-ALGORITHMS = {*BASE, "instrument", "model", "metrics", "dsp", "plugins"}
+ALGORITHMS = {*BASE, "checked_arrays", "instrument", "model", "metrics", "dsp", "plugins"}
 ROOMS = {name for name, path in FILES.items() if path.name == "__init__.py"}
 
 MOST_MODULES = 14

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isacbench.checked_arrays import unmasked_array
 from isacbench.cubes.cube import TILE_BYTES, Cube
 from isacbench.cubes.tiling import (
     ELEMENTS,
@@ -67,7 +68,7 @@ class ArrayCube(Cube):
     ) -> None:
         super().__init__(name, array.shape, array.dtype)
         self.is_held = remap is None
-        self._array = np.asarray(array)
+        self._array = unmasked_array(name, array)
         self._remap = remap
         self._tile_cells = tile_bytes // array.itemsize
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isacbench.checked_arrays import checked_array
 from isacbench.cubes.cube import Cube, require_shape
 from isacbench.cubes.opening import open_cube, read_grid
 from isacbench.cubes.transform import GateTransform
@@ -146,7 +147,7 @@ def observe_cube(
         if isinstance(grid, str | Path):
             grid = read_grid(grid)
         sensed = sensed_elements(scenario.system, sensing)
-        symbols = None if grid is None else _checked(np.asarray(grid), cube, sensed)
+        symbols = None if grid is None else _checked(grid, cube, sensed)
         _require_known(cube, symbols, division, snr_db)
         factors = None
         if symbols is not None or not sensed.all():
@@ -171,15 +172,14 @@ def _require_known(
         raise InputError(f"{cube.name}: snr_db needs division = 'wiener', not {division!r}")
 
 
-def _checked(grid: NDArray[Any], cube: Cube, sensed: NDArray[np.bool_]) -> NDArray[np.complex128]:
+def _checked(given: ArrayLike, cube: Cube, sensed: NDArray[np.bool_]) -> NDArray[np.complex128]:
     """Transmitted grid without zeros and faults, as complex128."""
+    grid = checked_array(f"{cube.name}: the transmitted grid", given, np.complex128)
     if grid.shape != cube.shape[:2]:
         raise InputError(
             f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "
             "subcarriers by symbols as in the cube"
         )
-    if grid.dtype.kind not in "fiuc":
-        raise InputError(f"{cube.name}: the transmitted grid has dtype {grid.dtype}; allowed are numbers")
     values = grid.astype(np.complex128)
     faulty = sensed & (~np.isfinite(values) | (values == 0))
     if faulty.any():

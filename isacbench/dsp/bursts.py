@@ -103,7 +103,7 @@ class SymbolBursts:
         if self.delay_symbols == 0:
             return cells
         turns = np.asarray(doppler_bins) * self.delay_symbols / self.n_symbols
-        phase = np.exp(-2j * np.pi * turns).astype(cells.dtype)
+        phase = np.exp(-2j * np.pi * turns).astype(np.result_type(np.complex64, cells))
         centred: Complex = cells * phase.reshape(-1, *(1,) * (cells.ndim - 2))
         return centred
 

@@ -31,6 +31,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.array_types import Complex, Floats, Integers
 
 RangeMethod = Literal["partial", "fft"]
@@ -84,7 +85,7 @@ def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:
 
 def _rows(bins: ArrayLike, n: int) -> NDArray[np.complex128]:
     # Whole turns are taken out in integers: no phase loses digits.
-    turns = np.multiply.outer(np.asarray(bins, dtype=np.int64), np.arange(n)) % n
+    turns = np.multiply.outer(checked_array("bins", bins, np.int64), np.arange(n)) % n
     rows: NDArray[np.complex128] = np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
     return rows
 
@@ -158,7 +159,7 @@ def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
     >>> doppler_sums([-2, -1, 0, 1, 2], 8).rows.shape
     (6, 8)
     """
-    index = np.asarray(bins, dtype=np.int64)
+    index = checked_array("bins", bins, np.int64)
     distinct, absolute = np.unique(np.abs(index), return_inverse=True)
     if 2 * distinct.size > MOST_SUMS * index.size:
         return DopplerSums(doppler_rows(index, n_symbols), absolute, None)
@@ -280,7 +281,7 @@ def transform_lines(block: Complex, along_doppler: NDArray[Any], bins: ArrayLike
     """
     lines = _product(along_doppler, block.transpose(2, 1, 0)).astype(np.complex128, copy=False)
     ranges = scipy.fft.ifft(lines, axis=2, norm="ortho", overwrite_x=True)
-    return ranges[:, :, np.asarray(bins, dtype=np.int64) % len(block)].transpose(2, 1, 0)
+    return ranges[:, :, checked_array("bins", bins, np.int64) % len(block)].transpose(2, 1, 0)
 
 
 def _product(rows: NDArray[Any], blocks: Complex) -> Complex:
@@ -307,7 +308,7 @@ def range_bins_by_fft(at_doppler: Complex, bins: ArrayLike, workers: int = 1) ->
     -------
     ndarray of complex, shape (r, d, e)
     """
-    index = np.asarray(bins, dtype=np.int64) % len(at_doppler)
+    index = checked_array("bins", bins, np.int64) % len(at_doppler)
     cells = np.empty((index.size, *at_doppler.shape[1:]), dtype=at_doppler.dtype)
     # One Doppler bin at a time, so that no second copy of all lines is held.
     for k in range(at_doppler.shape[1]):

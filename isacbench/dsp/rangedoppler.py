@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.fft
 
+from isacbench.checked_arrays import checked_array
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Plane
 from isacbench.dsp.array_types import Complex, Integers, Mask
@@ -68,6 +69,9 @@ class GatedMap:
     bursts: SymbolBursts | None = None
 
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cells", checked_array("cells", self.cells, np.complex64))
 
     @classmethod
     def of(cls, observation: Observation, cells: Complex, elements: Aperture | None = None) -> GatedMap:

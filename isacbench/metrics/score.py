@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from isacbench.errors import InputError, unknown_name
 from isacbench.metrics.cloud_scores import RADIUS_M, pair_scores
 from isacbench.metrics.deviation import pair_deviation
@@ -140,13 +138,10 @@ def score(
 
 
 def _as_cloud(values: PointCloud | ArrayLike, name: str) -> PointCloud:
-    """Take a cloud as it is, anything else as an array of x, y, z, v and perhaps power."""
+    """Take a cloud as it is, anything else as an array or table of x, y, z, v and perhaps power."""
     if isinstance(values, PointCloud):
         return values
     try:
-        array = np.asarray(values)
-        if array.dtype.kind not in "fiu":
-            raise TypeError(f"a point array takes real numbers, not {array.dtype}")
-        return PointCloud.from_array(array)
-    except (TypeError, ValueError) as error:
+        return PointCloud.from_array(values)
+    except InputError as error:
         raise InputError(f"{name}: {error}") from error

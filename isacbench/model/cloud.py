@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array, named_columns
 from isacbench.display import Description, Displayed, span
+from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.cloud_files.point_files import POINT_COLUMNS, read_point_table, write_point_table
 from isacbench.model.frozen_arrays import freeze_arrays
@@ -34,8 +36,8 @@ class PointCloud(Displayed):
 
     Raises
     ------
-    ValueError
-        If the shapes disagree or a value is not finite.
+    InputError
+        If the shapes disagree, or values are masked, complex, or not finite.
 
     Examples
     --------
@@ -55,13 +57,13 @@ class PointCloud(Displayed):
         freeze_arrays(self, "xyz", "velocity", "power")
         n = self.velocity.size
         if self.xyz.shape != (n, 3) or self.velocity.shape != (n,) or self.power.shape != (n,):
-            raise ValueError(
+            raise InputError(
                 f"a point cloud takes xyz (n, 3), velocity (n,) and power (n,), "
                 f"not {self.xyz.shape}, {self.velocity.shape} and {self.power.shape}"
             )
         for name in ("xyz", "velocity", "power"):
             if not np.isfinite(getattr(self, name)).all():
-                raise ValueError(f"a point cloud takes finite values; {name} has NaN or infinity")
+                raise InputError(f"a point cloud takes finite values; {name} has NaN or infinity")
 
     def __len__(self) -> int:
         return self.velocity.size
@@ -76,20 +78,36 @@ class PointCloud(Displayed):
 
     @classmethod
     def from_array(cls, array: ArrayLike) -> PointCloud:
-        """Build a cloud from a table of x, y, z, v and power.
+        """Build a cloud from x, y, z, v and power of its points.
 
         Parameters
         ----------
-        array : array_like, shape (n, 4) or (n, 5)
-            A missing power is 1.
+        array : array_like, shape (n, 4) or (n, 5), or table
+            Columns x, y, z, v and perhaps power, which is 1 where it is missing.
+            Columns of a table, such as a DataFrame, are found by their names (v may
+            be called velocity), and others than these are refused.
 
         Returns
         -------
         PointCloud
+
+        Raises
+        ------
+        InputError
+            If it has another shape, masked or complex numbers, or texts.
+
+        Examples
+        --------
+        >>> cloud = PointCloud(xyz=[[1, 2, 3]], velocity=[4], power=[1])
+        >>> PointCloud.from_array(cloud.to_dataframe()[["power", "v", "z", "y", "x"]]).xyz.tolist()
+        [[1.0, 2.0, 3.0]]
         """
-        array = np.asarray(array, dtype=np.float64)
+        columns = named_columns(array)
+        if columns is not None:
+            array = _stacked(columns)
+        array = checked_array("a point array", array)
         if array.ndim != 2 or array.shape[1] not in (4, 5):
-            raise ValueError(f"a point array takes shape (n, 4) or (n, 5), not {array.shape}")
+            raise InputError(f"a point array takes shape (n, 4) or (n, 5), not {array.shape}")
         power = array[:, 4] if array.shape[1] == 5 else np.ones(len(array))
         return cls(xyz=array[:, :3], velocity=array[:, 3], power=power)
 
@@ -148,6 +166,17 @@ class PointCloud(Displayed):
         PointCloud
         """
         return PointCloud(xyz=self.xyz[keep], velocity=self.velocity[keep], power=self.power[keep])
+
+
+def _stacked(columns: dict[str, ArrayLike]) -> NDArray[np.float64]:
+    """Array (n, 4) or (n, 5) of the columns of a table, in their usual order."""
+    names = ["v" if name == "velocity" else name for name in columns]
+    wanted = POINT_COLUMNS[: len(names)]
+    if sorted(names) != sorted(wanted) or "v" not in wanted:
+        found = ", ".join(columns)
+        raise InputError(f"a table of points takes columns x, y, z, v and, if there, power, not {found}")
+    values = dict(zip(names, columns.values(), strict=True))
+    return np.column_stack([checked_array(name, values[name]) for name in wanted])
 
 
 def describe_points(

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
+
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
@@ -21,8 +23,13 @@ def freeze_arrays(owner: object, *names: str, dtype: DTypeLike = np.float64) -> 
         Attributes that hold arrays or what arrays are made of.
     dtype : dtype
         Type of the copies.
+
+    Raises
+    ------
+    InputError
+        If a conversion would lose something (`isacbench.checked_arrays`).
     """
     for name in names:
-        values = np.array(getattr(owner, name), dtype=dtype)
+        values = checked_array(name, getattr(owner, name), dtype).astype(dtype, order="K", copy=True)
         values.setflags(write=False)
         object.__setattr__(owner, name, values)

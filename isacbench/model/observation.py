@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
 from isacbench.display import Description, Displayed, span
+from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 
 if TYPE_CHECKING:
@@ -62,6 +64,15 @@ class Observation(Displayed):
     base_station_m: NDArray[np.float64]
     region: Region
     sensing: Sensing = "all"
+
+    def __post_init__(self) -> None:
+        cells = checked_array("cells", self.cells, np.complex64)
+        if cells.shape != (*self.gate.shape, *self.array.shape):
+            raise InputError(
+                f"cells: have shape {cells.shape}; allowed is {(*self.gate.shape, *self.array.shape)}, "
+                "bins of the gate and virtual elements"
+            )
+        object.__setattr__(self, "cells", cells)
 
     def _description(self) -> Description:
         (n_range, n_doppler), (n_p, n_q) = self.gate.shape, self.array.shape
@@ -127,9 +138,10 @@ class Observation(Displayed):
         """
         system = self.system
         xyz = self.positions_m(range_bin, u, w)
-        velocity = _unfolded(doppler_bin, self.region.speed_mps, system.velocity_bin_mps, system.n_symbols)
+        doppler = checked_array("doppler_bin", doppler_bin)
+        velocity = _unfolded(doppler, self.region.speed_mps, system.velocity_bin_mps, system.n_symbols)
         keep = self.region.contains(xyz, REGION_TOLERANCE_M)
-        return PointCloud(xyz[keep], velocity[keep], np.asarray(power, dtype=np.float64)[keep])
+        return PointCloud(xyz[keep], velocity[keep], checked_array("power", power)[keep])
 
     def positions_m(self, range_bin: ArrayLike, u: ArrayLike, w: ArrayLike) -> NDArray[np.float64]:
         """Place ranges and directions in space.
@@ -148,8 +160,10 @@ class Observation(Displayed):
             region, and at ranges below 0 by more than an error of estimation.
         """
         system, limits_m = self.system, self.region.range_limits_m(self.base_station_m)
-        range_m = _unfolded(range_bin, limits_m, system.range_bin_m, system.n_subcarriers)
-        xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), u, w)
+        ranges = checked_array("range_bin", range_bin)
+        range_m = _unfolded(ranges, limits_m, system.range_bin_m, system.n_subcarriers)
+        cosines = checked_array("u", u), checked_array("w", w)
+        xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), *cosines)
         xyz[range_m < -system.range_bin_m / 2] = np.nan
         return xyz
 
@@ -171,9 +185,8 @@ def _samples(
     ]
 
 
-def _unfolded(bins: ArrayLike, limits: Interval, size: float, n_bins: int) -> NDArray[np.float64]:
+def _unfolded(places: NDArray[np.float64], limits: Interval, size: float, n_bins: int) -> NDArray[np.float64]:
     """Ranges or speeds of bins: of all aliases the one nearest to the middle of the limits."""
-    places = np.asarray(bins, dtype=np.float64)
     turns = np.rint((places - sum(limits) / 2 / size) / n_bins)
     unfolded: NDArray[np.float64] = (places - n_bins * turns) * size
     return unfolded

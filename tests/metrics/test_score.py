@@ -87,8 +87,8 @@ def test_an_unknown_metric_is_refused_with_a_suggestion(metric, message):
         ([[0, 0, 0]], r"estimate: a point array takes shape \(n, 4\) or \(n, 5\), not \(1, 3\)"),
         ([], r"estimate: a point array takes shape .*, not \(0,\)"),
         ([[0, 0, 0, math.nan]], "estimate: a point cloud takes finite values; velocity has NaN"),
-        ([["a", 0, 0, 0]], "estimate: a point array takes real numbers, not <U"),
-        ([[1j, 0, 0, 0]], "estimate: a point array takes real numbers, not complex128"),
+        ([["a", 0, 0, 0]], "estimate: a point array holds <U"),
+        ([[1j, 0, 0, 0]], "estimate: a point array holds complex128; allowed are real numbers"),
         ([[0, 0, 0, 0], [0]], "estimate: "),
     ],
 )

@@ -126,7 +126,8 @@ class Responses(ABC):
 
     def _filters(self, snapshots: Complex) -> tuple[Complex, Complex]:
         """Conjugate responses in the precision of snapshots."""
-        a, b = (line.conj().astype(snapshots.dtype, copy=False) for line in (self.along_u, self.along_w))
+        dtype = np.result_type(np.complex64, snapshots.dtype)
+        a, b = (line.conj().astype(dtype, copy=False) for line in (self.along_u, self.along_w))
         return a, b
 
     def _line_products(self) -> tuple[Complex, Complex]:

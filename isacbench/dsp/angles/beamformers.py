@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpectrum, squared_projections
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
@@ -74,7 +75,7 @@ def capon_spectrum(
     BeamformerSpectrum
         In white noise of power σ² (loading included) it is σ² / (L M).
     """
-    data = snapshots.astype(np.complex128, copy=False)
+    data = checked_array("snapshots", snapshots, np.complex128)
     n_sensors = subarray[0] * subarray[1]
     columns = np.empty((len(data), *subarray, n_sensors))
     n_cells = max(CHUNK_VALUES // n_sensors**2, 1)
@@ -176,6 +177,7 @@ def real_columns(snapshots: Complex) -> Floats:
     ndarray of float64, shape (n, P, Q, 2)
         Real and imaginary parts, in the precision of the snapshots.
     """
+    snapshots = checked_array("snapshots", snapshots, np.complex64)
     into_u, into_w = (
         unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in snapshots.shape[1:]
     )

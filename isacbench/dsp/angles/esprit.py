@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.angles.cosines import PERIOD, within_period
 from isacbench.dsp.angles.line_subspaces import unitary_transform
 from isacbench.dsp.array_types import Floats, Mask
@@ -85,7 +86,7 @@ def unitary_esprit(basis: Floats) -> EspritDirections:
         Exact for exact subspaces, also where sources share u or share w.
     """
     n, n_u, n_w, k = basis.shape
-    basis = basis.astype(np.float64, copy=False)
+    basis = checked_array("basis", basis)
     along_u, turn_u = _invariance(basis.reshape(n, n_u, n_w * k), k)
     along_w, turn_w = _invariance(basis.transpose(0, 2, 1, 3).reshape(n, n_w, n_u * k), k)
     paired = np.linalg.eigvals(along_u + 1j * along_w)

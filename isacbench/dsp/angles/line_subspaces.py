@@ -23,6 +23,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
 from isacbench.dsp.angles.peaks import Peaks
 from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
@@ -54,6 +55,7 @@ def smoothed_covariance(snapshots: Complex, n_subarray: int) -> Floats:
         Real, symmetric, non-negative definite, in the precision of the
         snapshots. Mean eigenvalue in noise of power σ² is σ².
     """
+    snapshots = checked_array("snapshots", snapshots, np.complex64)
     n_shifts = snapshots.shape[1] - n_subarray + 1
     whole = snapshots @ snapshots.conj().transpose(0, 2, 1)
     # The covariance of a subarray is a diagonal block of the whole array's.
@@ -170,7 +172,7 @@ def music_null_spectrum(eigenvectors: Floats, order: Integers, steering: Floats)
         0 on a source, L in empty directions.
     """
     basis = _signal_basis(eigenvectors, order)
-    projection = basis.transpose(0, 2, 1) @ steering.astype(basis.dtype, copy=False)
+    projection = basis.transpose(0, 2, 1) @ steering.astype(np.result_type(np.float32, basis), copy=False)
     null: Floats = len(steering) - np.einsum("nkg,nkg->ng", projection, projection)
     return np.maximum(null, 0.0)
 

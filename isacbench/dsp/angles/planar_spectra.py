@@ -52,10 +52,11 @@ def squared_projections(columns: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
         squared norms L and M.
     """
     n, n_u, n_w, k = columns.shape
-    towards_u, towards_w = (real_steering(*line).astype(columns.dtype) for line in ((n_u, u), (n_w, w)))
+    dtype = np.result_type(np.float32, columns)
+    towards_u, towards_w = (real_steering(*line).astype(dtype) for line in ((n_u, u), (n_w, w)))
     towards_u = towards_u.T
     matrices = np.ascontiguousarray(columns.transpose(0, 3, 1, 2))
-    total = np.empty((n, len(towards_u), towards_w.shape[1]), dtype=columns.dtype)
+    total = np.empty((n, len(towards_u), towards_w.shape[1]), dtype=dtype)
     n_cells = max(CHUNK_VALUES // max(k * total[:1].size, 1), 1)
     for first in range(0, n, n_cells):
         projection = towards_u @ (matrices[first : first + n_cells] @ towards_w)

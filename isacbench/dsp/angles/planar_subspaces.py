@@ -22,6 +22,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
 from isacbench.dsp.angles.line_subspaces import unitary_transform
 from isacbench.dsp.angles.planar_spectra import Minima, planar_minima, squared_projections
@@ -73,6 +74,7 @@ def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
         Real, symmetric, non-negative definite, in the precision of the
         snapshots. Mean eigenvalue in noise of power σ² is σ².
     """
+    snapshots = checked_array("snapshots", snapshots, np.complex64)
     n_u, n_w = subarray
     into_u, into_w = (unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in subarray)
     along_u = sliding_window_view(snapshots, n_u, axis=1) @ into_u
@@ -101,6 +103,7 @@ def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: in
     -------
     Eigenpairs
     """
+    snapshots = checked_array("snapshots", snapshots, np.complex64)
     n_cells, n_snapshots, n_p, n_q = snapshots.shape
     each = planar_covariance(snapshots.reshape(n_cells * n_snapshots, n_p, n_q), subarray)
     covariance = each.reshape(n_cells, n_snapshots, *each.shape[1:]).mean(axis=1)
@@ -125,6 +128,7 @@ def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats
         Orthonormal columns. Errors fall as (d / λ)^4, d the eigenvalue four
         places behind the last one asked for.
     """
+    covariance = checked_array("covariance", covariance, np.float32)
     n_sensors = covariance.shape[1]
     n_basis = n_pairs + SPARE_DIMENSIONS
     if 2 * n_basis >= n_sensors:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
 from isacbench.dsp.angles.cosines import within_period
@@ -152,6 +153,7 @@ def pair_directions(
     Pati, Rezaiifar and Krishnaprasad, "Orthogonal matching pursuit", Asilomar
     (1993).
     """
+    snapshots = checked_array("snapshots", snapshots, np.complex64)
     n, n_w = len(snapshots), w.place.shape[1]
     n_pairs = u.place.shape[1] * n_w
     responses = aperture.towards(u.place, w.place)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.array_types import Floats
 from isacbench.dsp.bounds.echo_slopes import N_PARAMETERS, EchoSlopes, echo_slopes
 from isacbench.dsp.bounds.fisher_inverse import Bound, JointBound, KnownPart, inverse_where_known
@@ -165,7 +166,7 @@ def joint_bound(
     >>> (joint.range_m / single.range_m).round(1)
     array([9.4, 9.4])
     """
-    gain = np.asarray(amplitude, dtype=np.complex128)
+    gain = checked_array("amplitude", amplitude, np.complex128)
     slopes = echo_slopes(system, array_shape, sensing)
     places = slopes.in_units(gain.shape, range_m, velocity_mps, u, w)
     require(bool(np.all(np.isfinite(gain) & (gain != 0))), "amplitude", gain, "a number other than 0")

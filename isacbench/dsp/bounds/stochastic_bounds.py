@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.array_types import Complex, Floats, Mask
 from isacbench.dsp.bounds.echo_slopes import echo_slopes
 from isacbench.dsp.bounds.fisher_inverse import JointBound, KnownPart, inverse_where_known
@@ -107,7 +108,7 @@ def stochastic_bound(
 
 def _checked_root(covariance: ArrayLike) -> tuple[Floats, Complex]:
     """Powers (K,), and a factor L (K, K) of the amplitudes' correlations L Lᴴ."""
-    given = np.asarray(covariance, dtype=np.complex128)
+    given = checked_array("covariance", covariance, np.complex128)
     matrix = np.diag(given) if given.ndim == 1 else given
     square = matrix.ndim == 2 and matrix.shape[0] == matrix.shape[1] and matrix.size > 0
     allowed = square and bool(np.all(np.isfinite(matrix)))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.cfar.factors.rate_roots import check_looks
 from isacbench.errors import InputError
 
@@ -138,12 +139,9 @@ def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
         lose digits; or if `looks` is out of range.
     """
     check_looks(looks)
-    given = np.asarray(power)
-    if given.dtype.kind not in "fiu":
-        raise InputError(f"the power map holds {given.dtype}: real numbers are allowed, take |.|² first")
-    if given.ndim == 0 or given.size == 0:
-        raise InputError(f"the power map has shape {given.shape}: at least one axis and one cell are needed")
-    cells = np.asarray(given, dtype=np.float64)
+    cells = checked_array("the power map, |.|²", power)
+    if cells.ndim == 0 or cells.size == 0:
+        raise InputError(f"the power map has shape {cells.shape}: at least one axis and one cell are needed")
     lowest, highest = float(cells.min()), float(cells.max())
     # Both are NaN as soon as one cell is.
     if not 0 <= lowest <= highest < math.inf:
@@ -182,19 +180,15 @@ def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
         raise InputError(
             f"cells: a tuple of {len(shape)} arrays of indices is needed, as numpy.nonzero gives"
         )
-    indices = tuple(np.asarray(index) for index in cells)
-    if any(
-        index.ndim != 1 or index.dtype.kind not in "iu" or index.size != indices[0].size for index in indices
-    ):
-        raise InputError(
-            "cells: the arrays of indices must be one-dimensional, whole numbers and equally long"
-        )
+    indices = tuple(checked_array("cells", index, np.int64) for index in cells)
+    if any(index.ndim != 1 or index.size != indices[0].size for index in indices):
+        raise InputError("cells: the arrays of indices must be one-dimensional and equally long")
     for axis, (index, length) in enumerate(zip(indices, shape, strict=True)):
         if index.size and not 0 <= index.min() <= index.max() < length:
             raise InputError(
                 f"cells: {index.min()} to {index.max()} along axis {axis}, the map has 0 to {length - 1}"
             )
-    return tuple(index.astype(np.intp) for index in indices)
+    return indices
 
 
 def spread(

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.fft
 from scipy.special import lambertw, xlogy
 
+from isacbench.checked_arrays import checked_array
 from isacbench.choices import Modulation
 from isacbench.errors import InputError, require
 from isacbench.link.waveform.ofdm import SymbolLayout, layout
@@ -286,7 +287,7 @@ def symbol_papr_db(symbols: ArrayLike, oversampling: int = 4) -> Floats:
     [12.04]
     """
     require_count("oversampling", oversampling)
-    grid = np.asarray(symbols, dtype=np.complex128)
+    grid = checked_array("symbols", symbols, np.complex128)
     if grid.ndim != 2 or grid.size == 0:
         raise InputError(
             f"symbols of shape {grid.shape}: allowed are subcarriers by symbols, at least one each"

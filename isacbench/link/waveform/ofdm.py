@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from isacbench.checked_arrays import checked_array
 from isacbench.errors import InputError
 from isacbench.model.number_limits import require_count
 
@@ -101,7 +102,7 @@ def checked_grid(symbols: ArrayLike, system: System) -> Complex:
     InputError
         If the shape is another one, or a symbol is not finite.
     """
-    grid = np.asarray(symbols, dtype=np.complex128)
+    grid = checked_array("symbols", symbols, np.complex128)
     shape = system.n_subcarriers, system.n_symbols
     if grid.shape != shape:
         raise InputError(f"symbols of shape {grid.shape}: allowed is {shape}, subcarriers by symbols")
@@ -241,7 +242,7 @@ def demodulate(waveform: ArrayLike, system: System) -> Complex:
         refuses the system.
     """
     parts = layout(system)
-    received = np.asarray(waveform, dtype=np.complex128)
+    received = checked_array("waveform", waveform, np.complex128)
     n_least = system.n_symbols * parts.n_symbol
     if received.ndim == 0 or len(received) < n_least:
         raise InputError(f"waveform of shape {received.shape}: allowed are {n_least} samples or more")

@@ -9,6 +9,7 @@ import scipy.fft
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.optimize import brentq
 
+from isacbench.checked_arrays import checked_array
 from isacbench.errors import InputError, require
 from isacbench.link.waveform.ofdm import layout, n_samples
 
@@ -145,7 +146,7 @@ def measured_density(
     """
     require(0 < resolution_hz < np.inf, "resolution_hz", resolution_hz, "a positive number of Hz")
     parts = layout(system, oversampling)
-    samples = np.asarray(waveform, dtype=np.complex128)
+    samples = checked_array("waveform", waveform, np.complex128)
     n = n_samples(parts, system.n_symbols)
     if samples.shape != (n,):
         raise InputError(f"waveform of shape {samples.shape}: allowed is ({n},), a whole frame")

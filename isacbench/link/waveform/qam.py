@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 from scipy.special import ndtr
 
+from isacbench.checked_arrays import checked_array, unmasked_array
 from isacbench.choices import Modulation
 from isacbench.errors import InputError, unknown_name
 
@@ -90,7 +91,7 @@ def modulate_bits(bits: ArrayLike, modulation: Modulation) -> NDArray[np.complex
     [(-3-3j)]
     """
     n_bits = bits_per_symbol(modulation)
-    values = np.asarray(bits)
+    values = unmasked_array("bits", bits)
     if values.ndim != 1 or values.size % n_bits:
         raise InputError(f"bits of shape {values.shape}: allowed is one axis of a multiple of {n_bits}")
     if values.dtype.kind not in "biu" or (values.size and (values.min() < 0 or values.max() > 1)):
@@ -125,7 +126,7 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     [0, 1, 1, 0]
     """
     n_bits = bits_per_symbol(modulation)
-    received = np.asarray(symbols, dtype=np.complex128).ravel()
+    received = checked_array("symbols", symbols, np.complex128).ravel()
     if np.isnan(received).any():
         raise InputError(f"symbols hold {int(np.isnan(received).sum())} NaN: allowed are numbers")
     labels = _axis_labels(n_bits // 2)

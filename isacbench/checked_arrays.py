@@ -1,0 +1,128 @@
+"""The door for arrays from outside: what NumPy would cut off in silence is honoured, or refused in one line.
+
+`numpy.asarray` takes masked numbers for valid ones, texts for numbers, and
+columns of a table by their place; casts to other types cut off imaginary parts
+and fractions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from isacbench.errors import InputError
+
+KINDS = {"f": "real numbers", "i": "whole numbers", "c": "real or complex numbers"}
+
+
+def checked_array(what: str, values: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """Convert values to an array of a type, if that loses nothing.
+
+    Parameters
+    ----------
+    what : str
+        Name of the values, for the message.
+    values : array_like
+        Numbers. Neither masked, nor with a unit, nor a table with named columns.
+    dtype : dtype
+        A type of float, int or complex. float32 and complex64 leave values of
+        higher precision as they are.
+
+    Returns
+    -------
+    ndarray
+        The values themselves if nothing is to be converted.
+
+    Raises
+    ------
+    InputError
+        Naming the values, what is wrong with them, and what is allowed.
+
+    Examples
+    --------
+    >>> checked_array("velocity", [1, 2]).tolist()
+    [1.0, 2.0]
+    >>> checked_array("snapshots", np.ones(2), np.complex64).dtype
+    dtype('complex128')
+    """
+    wanted = np.dtype(dtype)
+    allowed = KINDS[wanted.kind]
+    if named_columns(values) is not None:
+        raise InputError(f"{what} is a table of named columns; allowed is an array of {allowed}")
+    if any(hasattr(values, name) for name in ("unit", "units")):
+        raise InputError(f"{what} has a unit; allowed are plain {allowed}")
+    plain = unmasked_array(what, values)
+    if not plain.size and plain.dtype == np.float64:  # an empty list
+        return np.asarray(plain, dtype=wanted)
+    if wanted in (np.float32, np.complex64) and plain.dtype.kind in "fiu" + wanted.kind:
+        wanted = np.result_type(wanted, plain)
+    if plain.dtype.kind not in "fiuc" or not np.can_cast(plain.dtype, wanted, "same_kind"):
+        raise InputError(f"{what} holds {plain.dtype}; allowed are {allowed}")
+    converted = plain.astype(wanted, copy=False)
+    if wanted.kind == "i" and plain.dtype.kind == "u" and (converted < 0).any():
+        raise InputError(f"{what} holds {plain.max()}; allowed are whole numbers below 2^63")
+    return converted
+
+
+def unmasked_array(what: str, values: ArrayLike) -> NDArray[Any]:
+    """Convert values to an array of whatever type they have, if none of them is masked.
+
+    Parameters
+    ----------
+    what : str
+        Name of the values, for the message.
+    values : array_like
+
+    Returns
+    -------
+    ndarray
+        The values themselves if they are a plain array.
+
+    Raises
+    ------
+    InputError
+        If values are masked, or of different lengths.
+    """
+    if type(values) is np.ndarray:
+        return values
+    try:
+        array: NDArray[Any] = np.ma.asarray(values)  # which keeps the masks inside lists, too
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} is no array: {error}") from error
+    if n_masked := int(np.count_nonzero(np.ma.getmask(array))):
+        raise InputError(f"{what} has {n_masked} masked numbers of {array.size}; drop them, or fill them in")
+    return np.asarray(array)
+
+
+def named_columns(values: object) -> dict[str, Any] | None:
+    """Find the columns of a table: a DataFrame, a structured array, an Arrow table or a mapping.
+
+    Parameters
+    ----------
+    values : object
+
+    Returns
+    -------
+    dict of str to object, or None
+        None for what has no names of columns. Numbers are no names.
+
+    Examples
+    --------
+    >>> list(named_columns({"x": [1.0], "y": [2.0]}))
+    ['x', 'y']
+    >>> named_columns([[1.0, 2.0]]) is None
+    True
+    """
+    if isinstance(values, Mapping):
+        labels: Any = list(values)
+    elif isinstance(values, np.ndarray | np.void):
+        labels = values.dtype.names
+    else:
+        labels = getattr(values, "column_names", getattr(values, "columns", None))
+    if labels is None or all(isinstance(label, int | np.integer) for label in labels):
+        return None
+    table: Any = values
+    return {str(label): table[label] for label in labels}

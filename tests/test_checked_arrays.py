@@ -1,0 +1,207 @@
+"""Arrays from outside: what NumPy cuts off in silence is honoured, or refused in one line, at every door."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.sparse
+
+from isacbench.checked_arrays import checked_array, named_columns
+from isacbench.cubes.frame_observation import observe_cube
+from isacbench.cubes.opening import open_cube
+from isacbench.dsp.angles.aperture import Plane
+from isacbench.dsp.angles.beamformers import bartlett_spectrum, capon_spectrum
+from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steering, smoothed_covariance
+from isacbench.dsp.angles.planar_spectra import squared_projections
+from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance
+from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.partial_dft import doppler_rows, range_rows
+from isacbench.errors import InputError
+from isacbench.link.waveform.ofdm import demodulate
+from isacbench.link.waveform.qam import modulate_bits
+from isacbench.metrics.score import score
+from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import Simulator
+from isacbench.model.gate import Gate
+from isacbench.model.numerology import System
+from isacbench.model.scene import Scatterers
+from isacbench.plugins.registry import get_detector
+from tests.algorithms.scenes import EMPTY, simulator
+from tests.dsp.plane_wave_data import noise
+
+ROW = [1.0, 2.0, 3.0, 4.0]
+OBSERVATION = simulator().observe(20.0)
+SHAPE = EMPTY.system.n_subcarriers, EMPTY.system.n_symbols, *EMPTY.array.shape
+FRAME = np.ones(SHAPE, dtype=np.complex64)
+
+
+def masked(values):
+    """The values, the last of them masked."""
+    array = np.ma.array(values)
+    array[(-1,) * array.ndim] = np.ma.masked
+    return array
+
+
+DOORS = {
+    "a cloud": lambda make: PointCloud.from_array(make(np.ones((2, 4)))),
+    "velocities of a cloud": lambda make: PointCloud(np.ones((2, 3)), make(np.ones(2)), np.ones(2)),
+    "a truth": lambda make: score(make(np.ones((2, 4))), [ROW]),
+    "an estimate": lambda make: score([ROW], make(np.ones((2, 4)))),
+    "scatterers": lambda make: Scatterers(make(np.ones((2, 3))), np.ones(2), np.ones(2)),
+    "a map": lambda make: get_detector("ca", training=2, guard=1).detect(make(np.ones((20, 20)))),
+    "places of detections": lambda make: OBSERVATION.cloud(make(np.ones(2)), *np.ones((4, 2))),
+    "directions of detections": lambda make: OBSERVATION.cloud(
+        *np.ones((2, 2)), make(np.ones(2)), *np.ones((2, 2))
+    ),
+    "powers of detections": lambda make: OBSERVATION.cloud(*np.ones((4, 2)), make(np.ones(2))),
+    "a grid": lambda make: observe_cube(FRAME, EMPTY, make(np.ones(SHAPE[:2]))),
+    "cells": lambda make: replace(OBSERVATION, cells=make(OBSERVATION.cells.real)),
+    "snapshots of lines": lambda make: smoothed_covariance(make(np.ones((1, 4, 2))), 3),
+    "snapshots of planes": lambda make: planar_covariance(make(np.ones((1, 4, 4))), (3, 3)),
+    "bins of a gate": lambda make: Gate(make(np.arange(3)), np.arange(3), slice(3), slice(3)),
+    "bins of a transform": lambda make: range_rows(make(np.arange(3)), 8),
+    "a waveform": lambda make: demodulate(make(np.ones(9)), System()),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_masked_numbers_and_texts_are_refused_at_every_door(door):
+    with pytest.raises(InputError, match="1 masked number"):
+        DOORS[door](masked)
+    with pytest.raises(InputError, match=r"holds <U\d+; allowed are .*numbers"):
+        DOORS[door](lambda values: values.astype(np.int64).astype(str))
+    with pytest.raises(InputError, match="holds object; allowed are .*numbers"):
+        DOORS[door](scipy.sparse.csr_array if door == "a grid" else lambda values: values.astype(object))
+
+
+@pytest.mark.parametrize(
+    "door", [name for name in DOORS if name[:5] in ("a clo", "veloc", "a tru", "a map", "place")]
+)
+def test_imaginary_parts_are_not_cut_off(door):
+    with pytest.raises(InputError, match="holds complex128; allowed are real numbers"):
+        DOORS[door](lambda values: values * 1j)
+
+
+@pytest.mark.parametrize("door", ["bins of a gate", "bins of a transform"])
+def test_fractions_of_bins_are_not_cut_off(door):
+    with pytest.raises(InputError, match="holds float64; allowed are whole numbers"):
+        DOORS[door](lambda values: values + 0.5)
+    with pytest.raises(InputError, match="holds float64"):
+        doppler_rows([0.5], 8)
+
+
+def test_a_mask_that_hides_nothing_is_no_mask():
+    cloud = PointCloud.from_array(np.ma.masked_equal([ROW], -9999))
+    assert cloud.to_array().tolist() == [[*ROW, 1.0]]
+
+
+def test_masks_inside_lists_count():
+    with pytest.raises(InputError, match="xyz has 1 masked number"):
+        PointCloud([np.ma.masked_equal([1.0, 2.0, 3.0], 3.0), [1.0, 2.0, 3.0]], [1, 1], [1, 1])
+
+
+def test_a_cube_with_masked_numbers_is_refused():
+    with pytest.raises(InputError, match="array has 1 masked number"):
+        open_cube(masked(FRAME))
+
+
+class Quantity(np.ndarray):
+    unit = "km"
+
+
+def test_a_unit_is_not_cut_off():
+    with pytest.raises(InputError, match="a point array has a unit; allowed are plain real numbers"):
+        PointCloud.from_array(np.array([ROW]).view(Quantity))
+
+
+TABLES = {
+    "DataFrame": lambda columns: pd.DataFrame(columns),
+    "mapping": dict,
+    "structured array": lambda columns: np.rec.fromarrays(list(columns.values()), names=list(columns)),
+    "Arrow": lambda columns: __import__("pyarrow").table(columns),
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_columns_of_a_table_are_taken_by_their_names(kind):
+    columns = {"v": [4.0, 8.0], "power": [5.0, 9.0], "x": [1.0, 5.0], "z": [3.0, 7.0], "y": [2.0, 6.0]}
+    cloud = PointCloud.from_array(TABLES[kind](columns))
+    assert cloud.to_array().tolist() == [[1, 2, 3, 4, 5], [5, 6, 7, 8, 9]]
+    without = {
+        "velocity" if name == "v" else name: values for name, values in columns.items() if name != "power"
+    }
+    assert PointCloud.from_array(TABLES[kind](without)).power.tolist() == [1, 1]
+    assert score(cloud, TABLES[kind](columns))["deviation"] == 0
+
+
+@pytest.mark.parametrize(
+    "names", ["x y z", "x y z power", "x y z v rcs", "x y z v power label", "x y z v velocity", "X y z v"]
+)
+def test_a_table_with_other_columns_is_refused(names):
+    with pytest.raises(InputError, match=f"takes columns x, y, z, v .*, not {', '.join(names.split())}"):
+        PointCloud.from_array(pd.DataFrame(np.ones((2, len(names.split()))), columns=names.split()))
+
+
+def test_a_table_without_names_is_an_array():
+    assert named_columns(pd.DataFrame([ROW])) is None
+    assert PointCloud.from_array(pd.DataFrame([ROW])).velocity.tolist() == [4.0]
+
+
+def test_numbers_of_the_same_kind_are_taken_and_an_empty_list_is_no_numbers():
+    assert checked_array("values", np.array([1, 2], np.uint8)).dtype == np.float64
+    assert checked_array("values", np.array([1.5], np.longdouble)).dtype == np.float64
+    assert checked_array("bins", [], np.int64).size == 0
+    kept = np.ones(2, np.complex64)
+    assert checked_array("values", kept, np.complex64) is kept
+    with pytest.raises(InputError, match="holds bool"):
+        checked_array("values", [True])
+    with pytest.raises(
+        InputError, match="bins holds 18446744073709551615; allowed are whole numbers below 2"
+    ):
+        checked_array("bins", np.array([2**64 - 1], np.uint64), np.int64)
+
+
+def test_real_and_whole_snapshots_are_those_of_their_complex_copies():
+    cosines = np.linspace(-0.9, 0.9, 7)
+    whole = np.rint(5 * noise(2, 6, 6, seed=1).real).astype(np.int8)
+    for given in (whole, whole.astype(np.float64)):
+        same = given.astype(np.complex128)
+        waves = PlaneWaves(np.full((2, 1), 0.1), np.full((2, 1), 0.2), np.ones((2, 1), dtype=bool))
+        for of in (
+            lambda x: smoothed_covariance(x, 4),
+            lambda x: planar_covariance(x, (4, 4)),
+            lambda x: bartlett_spectrum(x, cosines, cosines).power,
+            lambda x: capon_spectrum(x, (3, 3), 0.1, cosines, cosines).power,
+            lambda x: waves.amplitudes(x[None], Plane(6, 6)),
+            lambda x: waves.unexplained(x, Plane(6, 6)),
+        ):
+            np.testing.assert_allclose(of(given), of(same), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        smoothed_covariance(np.array([[[1], [0], [1]]]), 3)[0], np.diag([2.0, 0, 0]), atol=1e-12
+    )
+
+
+def test_whole_numbers_in_place_of_real_ones_do_not_round_steering_vectors():
+    basis = np.eye(4, dtype=np.int64)[None]
+    steering = real_steering(4, [0.3])
+    wanted = music_null_spectrum(basis.astype(float), np.array([1]), steering)
+    np.testing.assert_allclose(music_null_spectrum(basis, np.array([1]), steering), wanted)
+    columns = basis[:, :, :, None]
+    np.testing.assert_allclose(
+        squared_projections(columns, [0.3], [0.1]), squared_projections(columns.astype(float), [0.3], [0.1])
+    )
+    many = np.diag(np.arange(40, 0, -1))[None]
+    wanted = leading_eigenpairs(many.astype(float), 3)[0]
+    np.testing.assert_allclose(leading_eigenpairs(many, 3)[0], wanted)
+
+
+def test_a_cell_that_is_real_is_imaged_as_its_complex_copy():
+    quiet = Simulator(EMPTY).observe(20.0)
+    image = replace(quiet, cells=quiet.cells.real)
+    np.testing.assert_array_equal(image.cells, quiet.cells.real.astype(np.complex128))
+
+
+def test_bits_that_are_masked_are_refused():
+    with pytest.raises(InputError, match="bits has 1 masked"):
+        modulate_bits(masked([1, 0]), "qpsk")
