@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from isacbench.errors import InputError
+from isacbench.number_text import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
@@ -248,7 +249,7 @@ class _SpecParser:
     def scalar(self, word: str) -> bool | int | float | str:
         if word in self.LITERALS:
             return self.LITERALS[word]
-        for number in (int, float):
+        for number in (int, float) if is_number(word) else ():
             with suppress(ValueError):
                 return number(word)
         return word

@@ -15,6 +15,7 @@ from isacbench.specifications import MAX_VARIANTS, Spec, parse_spec, spec_varian
         ("a[]", {}),
         ("a[n=1,x=1e-4,y=-2.5,on=true,off=false]", {"n": 1, "x": 1e-4, "y": -2.5, "on": True, "off": False}),
         ("a[word=element, size=(4,4)]", {"word": "element", "size": (4, 4)}),
+        ("a[n=1_0,m=１,x=1_0.5]", {"n": "1_0", "m": "１", "x": "1_0.5"}),
         ("a[d=b[pfa=1e-4,e=c[n=1]],m=2]", {"d": ("b", {"pfa": 1e-4, "e": ("c", {"n": 1})}), "m": 2}),
     ],
 )

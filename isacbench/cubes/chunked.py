@@ -40,7 +40,7 @@ class ChunkedCube(Cube):
     """
 
     def __init__(self, name: str, stored: ChunkedArray, tile_bytes: int) -> None:
-        ones = stored.dropped_ones(4)
+        ones = stored.dropped_ones
         super().__init__(name, stored.shape + ones, stored.dtype)
         stored.require_filled()
         self._stored = stored

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from collections import Counter
 from contextlib import closing
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +18,7 @@ from isacbench.cubes.cube import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require
 from isacbench.errors import InputError
 from isacbench.files.arrays.array_files import FORMATS, listed_arrays
 from isacbench.files.arrays.hdf5_files import dataset_array
-from isacbench.files.arrays.stored_arrays import ChunkedArray, StoredArray
+from isacbench.files.arrays.stored_arrays import SPARSE, TEXTS, ChunkedArray, StoredArray
 from isacbench.files.arrays.zarr_stores import zarr_array
 from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
 from isacbench.files.escaping import shortened
@@ -37,7 +40,8 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
         An array (N, M, P, Q) of complex64 or complex128, or a file that holds
         one: npy, npz, mat, h5, hdf5, zarr, or zip with zarr in it. In a file
         of several arrays the cube is the one named ``cube``, else the only one
-        of four axes. An array named ``transmitted`` is the transmitted grid.
+        of four axes. An array named ``transmitted`` is the transmitted grid;
+        no other may have axes of subcarriers and symbols.
     tile_bytes : int
         Largest memory that a tile may touch, in bytes.
 
@@ -95,32 +99,49 @@ def read_grid(path: str | Path) -> ComplexArray:
     path = Path(path)
     _require_format(path)
     with listed_arrays(path) as file, closing(file):
-        return _read_grid(path, *_choose(path, file, GRID_NAME, 2))
+        return _read_grid(path, *_only_array(path, file, GRID_NAME, _named_grid(file), 2))
 
 
 def _open_file(path: Path, tile_bytes: int) -> Cube:
     """Open the cube of a file, with its transmitted grid."""
     _require_format(path)
     with listed_arrays(path) as file:
-        name, stored = _choose(path, file, CUBE_NAME, 4)
+        named = [name for name in file.arrays if _parts(name)[-1] == CUBE_NAME]
+        name, stored = _only_array(path, file, CUBE_NAME, named, 4)
         cube = _cube_of(_called(path, name), stored, tile_bytes)
         cube.close = file.close
-        grid = file.arrays.get(GRID_NAME)
-        if isinstance(grid, StoredArray):
-            cube.transmitted = _read_grid(path, GRID_NAME, grid)
-            if cube.transmitted.shape != cube.shape[:2]:
-                raise InputError(
-                    f"{path}: {GRID_NAME} has shape {cube.transmitted.shape}; the cube needs a grid of "
-                    f"shape {cube.shape[:2]}: (subcarriers, symbols)"
-                )
+        cube.transmitted = _grid_beside(path, file, stored, cube.shape[:2])
     return cube
+
+
+def _grid_beside(
+    path: Path, file: ArrayFile, cube: StoredArray, shape: tuple[int, int]
+) -> ComplexArray | None:
+    """Read what is named as the grid of a cube in its file, and refuse what else could be one."""
+    used, values = [cube], None
+    if named := _named_grid(file):
+        name, grid = _only_array(path, file, GRID_NAME, named, 2)
+        used, values = [cube, grid], _read_grid(path, name, grid)
+        if values.shape != shape:
+            raise InputError(
+                f"{path}: {name} has shape {values.shape}; the cube needs a grid of "
+                f"shape {shape}: (subcarriers, symbols)"
+            )
+    others = {name: entry for name, entry in file.arrays.items() if entry not in used}
+    unclear = [name for name, entry in others.items() if _is_of_frame(name, entry, shape)]
+    if unclear:
+        raise InputError(
+            f"{path}: holds {_listed(file, unclear)} beside the cube; allowed are one grid, "
+            f"named {GRID_NAME!r}, and no other array with axes of subcarriers and symbols"
+        )
+    return values
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
     """Make a cube of a stored array: read in chunks, memory-mapped, or read as a whole."""
     if isinstance(stored, ChunkedArray):
         return ChunkedCube(name, stored, tile_bytes)
-    shape = require_cube(name, stored.shape + stored.dropped_ones(4), stored.dtype)
+    shape = require_cube(name, stored.shape + stored.dropped_ones, stored.dtype)
     if stored.is_mapped:
         return ArrayCube(stored.read(), name, tile_bytes, remap=stored.read)
     if stored.n_bytes > HELD_BYTES:
@@ -139,20 +160,42 @@ def _read_grid(path: Path, name: str, stored: StoredArray) -> ComplexArray:
     return np.ascontiguousarray(values, dtype=dtype)
 
 
-def _choose(path: Path, file: ArrayFile, wanted: str, n_axes: int) -> tuple[str, StoredArray]:
-    """Find an array by its name, or else as the only one of `n_axes` axes; unnamed formats hold just one."""
+def _only_array(
+    path: Path, file: ArrayFile, wanted: str, named: list[str], n_axes: int
+) -> tuple[str, StoredArray]:
+    """Take the array of a name, else the only one of `n_axes` axes; unnamed formats hold just one."""
     arrays = {name: array for name, array in file.arrays.items() if isinstance(array, StoredArray)}
-    for name in (wanted, ""):
-        if name in arrays:
-            return name, arrays[name]
-    fitting = [name for name, array in arrays.items() if len(array.shape) == n_axes]
-    if len(fitting) == 1:
-        return fitting[0], arrays[fitting[0]]
-    found = ", ".join(f"{name} ({array})".strip() for name, array in file.arrays.items())
-    raise InputError(
-        f"{path}: needs an array named {wanted!r}, or exactly one array with {n_axes} axes; "
-        f"it holds {shortened(found) or 'no arrays'}"
-    )
+    fitting = [name for name, array in arrays.items() if not name or len(array.shape) == n_axes]
+    names = named or [name for name in fitting if "/" not in name] or fitting
+    if names and names[0] in arrays and len({id(file.arrays[name]) for name in names}) == 1:
+        return names[0], arrays[names[0]]
+    others = "" if named else f", or exactly one array with {n_axes} axes"
+    held = _listed(file, named or [name for name in file.arrays if "@" not in name]) or "no arrays"
+    raise InputError(f"{path}: needs one array of numbers named {wanted!r}{others}; it holds {held}")
+
+
+def _named_grid(file: ArrayFile) -> list[str]:
+    """Names of all that is called the transmitted grid, or lies in a group that is."""
+    return [name for name in file.arrays if GRID_NAME in _parts(name)]
+
+
+def _parts(name: str) -> list[str]:
+    """Parts of the path of an entry in small letters and digits; an attribute has no part but its name."""
+    return [re.sub(r"[\W_]", "", part).lower() for part in re.split(r"[/.\\]", name.rpartition("@")[2])]
+
+
+def _is_of_frame(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
+    """Tell if an entry may have a number for each of the (subcarriers, symbols), as grids and cubes have."""
+    if isinstance(entry, str):
+        return entry == SPARSE or (entry not in TEXTS and GRID_NAME in "".join(_parts(name)))
+    n_numbers = prod(entry.shape)
+    is_full = Counter(shape) <= Counter(entry.shape) or n_numbers == prod(shape)
+    is_axis = max(entry.shape, default=1) == n_numbers and entry.dtype.kind in "biuf"
+    return is_full and not is_axis and entry.dtype.kind in "biufcV"
+
+
+def _listed(file: ArrayFile, names: list[str]) -> str:
+    return shortened(", ".join(f"{name} ({file.arrays[name]})".strip() for name in names))
 
 
 def _called(path: Path, name: str) -> str:

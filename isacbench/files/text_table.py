@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from isacbench.errors import InputError
 from isacbench.files.checked_files import CLOUD_BYTES, read_text
 from isacbench.files.escaping import quoted, shortened
+from isacbench.number_text import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -83,6 +84,8 @@ def parse_rows(
                 f"({shortened(', '.join(columns))})"
             )
         try:
+            if "_" in text or not text.isascii():  # as `is_number`, for all fields at once
+                raise ValueError(text)
             values.extend(map(float, fields))
         except ValueError:
             column = next(k for k, field in enumerate(fields) if not is_number(field))
@@ -94,24 +97,6 @@ def parse_rows(
     table = np.array(values, dtype=np.float64).reshape(len(numbers), len(columns))
     check_finite(path, table, columns, numbers)
     return table
-
-
-def is_number(field: str) -> bool:
-    """Tell if a field of text is a number, NaN and infinity included.
-
-    Parameters
-    ----------
-    field : str
-
-    Returns
-    -------
-    bool
-    """
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return True
 
 
 def check_finite(path: Path, values: Floats, columns: Sequence[str], row_numbers: Sequence[int]) -> None:

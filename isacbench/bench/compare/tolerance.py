@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from isacbench.bench.suites.kind import Direction
 
 FORM = re.compile(
-    r"\s*(?P<metric>\w+)\s*=\s*(?P<number>(\d+\.?\d*|\.\d+)(e[+-]?\d+)?)\s*(?P<percent>%?)\s*", re.IGNORECASE
+    r"\s*(?P<metric>\w+)\s*=\s*(?P<number>([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?)\s*(?P<percent>%?)\s*",
+    re.IGNORECASE,
 )
 
 NEITHER = "seed", "timing", "time_spread_s", *REFERENCE_COLUMNS

@@ -73,7 +73,7 @@ class Shard(NamedTuple):
         Shard(k=2, n=3)
         """
         k, _, n = text.partition("/")
-        if not (k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+        if not (text.isascii() and k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
             raise InputError(f"shard {text!r}: allowed is k/n with 1 <= k <= n, such as 2/3")
         return cls(int(k), int(n))
 

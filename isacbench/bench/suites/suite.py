@@ -19,6 +19,7 @@ from pydantic_core import PydanticCustomError
 
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml
+from isacbench.number_text import is_number
 from isacbench.plugins.instances import Instances, spelled_estimators
 
 if TYPE_CHECKING:
@@ -235,10 +236,8 @@ def parse_snr(text: str) -> tuple[float, ...]:
     (-10.0, -5.0, 0.0, 5.0, 10.0)
     """
     separator = ":" if ":" in text else ","
-    try:
-        numbers = [float(part) for part in text.split(separator)]
-    except ValueError:
-        numbers = []
+    parts = text.split(separator)
+    numbers = [float(part) for part in parts] if all(map(is_number, parts)) else []
     in_range = all(-MAX_SNR_DB <= number <= MAX_SNR_DB for number in numbers)
     if not numbers or not in_range or (separator == ":" and len(numbers) != 3):
         raise InputError(

@@ -2,7 +2,8 @@
 
 MATLAB writes a variable as an object at the root. Numbers are a dataset with the axes in reverse and the
 name of their class as an attribute; an array without elements is a dataset of its dimensions. Characters
-and objects are datasets of codes, cells datasets of references, structures and sparse matrices groups.
+and objects are datasets of codes, cells datasets of references, structures groups of variables, and sparse
+matrices groups of their parts.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from isacbench.errors import InputError
 from isacbench.files.arrays.stored_arrays import (
+    SPARSE,
     ArrayFile,
     ChunkedArray,
     StoredArray,
@@ -40,7 +42,7 @@ NUMBER_CLASSES = {"double", "single", "logical", *INTEGER_CLASSES}
 
 
 def list_hdf5(path: Path) -> ArrayFile:
-    """List the datasets of an HDF5 file by their paths in it; links are not followed.
+    """List everything in an HDF5 file by its path; soft and external links are not followed.
 
     Parameters
     ----------
@@ -49,6 +51,7 @@ def list_hdf5(path: Path) -> ArrayFile:
     Returns
     -------
     ArrayFile
+        An array that has several names is listed with each of them.
 
     Raises
     ------
@@ -58,21 +61,28 @@ def list_hdf5(path: Path) -> ArrayFile:
     import h5py
 
     file = h5py.File(path, "r")
-    arrays: dict[str, StoredArray | str] = {}
+    entries: dict[str, StoredArray | str] = {f"@{key}": "attribute" for key in file.attrs}
+    first_names = {file["/"].id: ""}
 
-    def add(name: str, item: h5py.HLObject) -> None:
-        variable = name.partition("/")[0]
-        if variable.startswith("#") or isinstance(arrays.get(variable), str):
-            return  # what cells refer to, and the fields of structures
-        class_name = _class_name(item)
-        has_values = isinstance(item, h5py.Dataset) and item.shape is not None
-        if has_values and (class_name is None or class_name in NUMBER_CLASSES):
-            arrays[name] = dataset_array(item, f"{path}: {name}")
-        elif class_name is not None:
-            arrays[name] = "sparse matrix" if SPARSE_ATTRIBUTE in item.attrs else class_name
+    def add(name: str, link: Any) -> None:
+        if name.startswith("#") or isinstance(entries.get(name.rpartition("/")[0]), str):
+            return  # what cells refer to, and the parts of a sparse matrix
+        if not isinstance(link, h5py.HardLink):
+            entries[name] = "link"
+            return
+        item = file[name]
+        entries.update({f"{name}@{key}": "attribute" for key in item.attrs if not key.startswith("MATLAB_")})
+        first, kind = first_names.setdefault(item.id, name), _class_name(item)
+        has_members = isinstance(item, h5py.Group) and len(item) and kind in (None, "struct")
+        if first in entries:
+            entries[name] = entries[first]
+        elif isinstance(item, h5py.Dataset) and item.shape is not None and kind in (None, *NUMBER_CLASSES):
+            entries[name] = dataset_array(item, f"{path}: {name}")
+        elif not has_members or first != name:
+            entries[name] = kind or type(item).__name__.lower()
 
-    file.visititems(add)
-    return ArrayFile(arrays, file.close)
+    file.visititems_links(add)
+    return ArrayFile(entries, file.close)
 
 
 def dataset_array(dataset: h5py.Dataset, name: str) -> StoredArray:
@@ -118,6 +128,8 @@ def dataset_array(dataset: h5py.Dataset, name: str) -> StoredArray:
 
 def _class_name(item: h5py.HLObject) -> str | None:
     """MATLAB's class of a variable, None where another program wrote it."""
+    if SPARSE_ATTRIBUTE in item.attrs:
+        return SPARSE
     value = item.attrs.get(CLASS_ATTRIBUTE)
     if value is None:
         return None

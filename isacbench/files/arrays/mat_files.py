@@ -9,6 +9,8 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
+import warnings
+from functools import partial
 from signal import Signals
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +18,11 @@ import numpy as np
 
 from isacbench.errors import InputError
 from isacbench.files.arrays.hdf5_files import list_hdf5
-from isacbench.files.arrays.stored_arrays import ArrayFile, StoredArray
+from isacbench.files.arrays.stored_arrays import SPARSE, ArrayFile, StoredArray
 from isacbench.files.checked_files import HELD_BYTES, require_file
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -80,21 +83,44 @@ def _read_apart(path: Path) -> dict[str, NDArray[Any] | str]:
 def _send_variables(path: str) -> None:
     """Pickle the variables of a mat file to the standard output: arrays of numbers, kinds of others."""
     from scipy.io import loadmat
+    from scipy.io.matlab import MatlabOpaque
 
+    # SciPy gives the last of several variables of one name. All objects have the name None to it.
+    warnings.filterwarnings("error", 'Duplicate variable name "(?!None")')
+    load = partial(loadmat, path, appendmat=False)
     try:
-        variables = loadmat(path, appendmat=False)
+        variables = {name: value for name, value in load().items() if not name.startswith("__")}
+        found = dict(entry for variable in variables.items() for entry in _sendable(*variable))
+        if isinstance(variables.get("None"), MatlabOpaque):
+            found |= dict.fromkeys(_object_names(load), "object")
     except Exception as error:  # Damaged files surface as anything that a parser can raise.
         sys.exit(f"{type(error).__name__}: {error}")
-    found = {name: _sendable(value) for name, value in variables.items() if not name.startswith("__")}
     pickle.dump(found, sys.stdout.buffer, protocol=5)
 
 
-def _sendable(value: Any) -> NDArray[Any] | str:
+def _object_names(load: Callable[..., dict[str, Any]]) -> list[str]:
+    """Names of MATLAB's objects: of as many as are wanted, SciPy gives the last."""
+    names: list[str] = []
+    while True:
+        name = load(variable_names=["None"] * (1 + len(names)))["None"]["s0"].item().decode("latin1")
+        if name in names:
+            return names
+        names.append(name)
+
+
+def _sendable(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any] | str]]:
+    """Arrays and kinds of a variable by their names; the fields of a structure are named after it."""
     if not isinstance(value, np.ndarray):
-        return "sparse matrix"
-    if type(value) is np.ndarray and value.dtype.kind in "biufc":
-        return value
-    return OTHER_KINDS.get(value.dtype.kind, "object")
+        yield name, "unreadable" if isinstance(value, str) else SPARSE
+    elif type(value) is not np.ndarray:
+        yield name, "object"
+    elif value.dtype.kind in "biufc":
+        yield name, value
+    elif value.dtype.names and value.size == 1:
+        for field in value.dtype.names:
+            yield from _sendable(f"{name}/{field}", value.flat[0][field])
+    else:
+        yield name, OTHER_KINDS.get(value.dtype.kind, "object")
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ def list_npy(path: Path) -> ArrayFile:
 
 
 def list_npz(path: Path) -> ArrayFile:
-    """List the arrays of an npz file, each of which is read whole.
+    """List the members of an npz file; arrays are read whole.
 
     Parameters
     ----------
@@ -64,15 +64,18 @@ def list_npz(path: Path) -> ArrayFile:
     Raises
     ------
     InputError
-        If an array is shorter than its header says.
+        If an array is shorter than its header says, or two have one name.
     ValueError, zipfile.BadZipFile
         If it is no npz file.
     """
     arrays: dict[str, StoredArray | str] = {}
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
+            name = member.filename.removesuffix(SUFFIX)
+            if name in arrays:
+                raise InputError(f"{path}: holds {name} twice")
+            arrays[name] = "no array"
             if member.filename.endswith(SUFFIX):
-                name = member.filename.removesuffix(SUFFIX)
                 with archive.open(member) as file:
                     read = partial(_read_member, path, name)
                     arrays[name] = _listed(file, f"{path}: {name}", member.file_size, read)

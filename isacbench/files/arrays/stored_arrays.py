@@ -16,6 +16,9 @@ Lengths = tuple[int, ...]
 PAIRS = (("real", "imag"), ("r", "i"))
 """Names of the two fields by which files without complex numbers spell them."""
 
+SPARSE, TEXTS = "sparse matrix", ("char", "string", "attribute")
+"""Kinds of what is no array: one that could be, and those that hold no numbers or few."""
+
 
 @dataclass(frozen=True, eq=False)
 class StoredArray:
@@ -45,19 +48,10 @@ class StoredArray:
         """Memory that the whole array takes."""
         return prod(self.shape) * self.dtype.itemsize
 
-    def dropped_ones(self, n_axes: int) -> Lengths:
-        """Lengths of the axes that an array of some axes lacks because its program drops them.
-
-        Parameters
-        ----------
-        n_axes : int
-
-        Returns
-        -------
-        tuple of int
-            Ones.
-        """
-        return (1,) * (n_axes - len(self.shape)) if self.drops_ones else ()
+    @property
+    def dropped_ones(self) -> Lengths:
+        """Lengths of the axes that a cube lacks because its program drops trailing ones."""
+        return (1,) * (4 - len(self.shape)) if self.drops_ones else ()
 
     def __str__(self) -> str:
         return f"{self.dtype.newbyteorder('=')} of shape {self.shape}"
@@ -88,8 +82,9 @@ class ArrayFile(NamedTuple):
     Attributes
     ----------
     arrays : dict of str to StoredArray or str
-        By name, empty for the only array of a format without names. The kind in
-        words, such as ``"struct"``, stands for what is no array of numbers.
+        All that the file holds by its path, ``group/name`` or ``group/name@attribute``;
+        empty for the only array of a format without names. The kind in words,
+        such as ``"cell"``, stands for what is no array of numbers.
     close : callable
         Closes the file.
     """

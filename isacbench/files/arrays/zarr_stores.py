@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,14 +18,14 @@ if TYPE_CHECKING:
     import zarr
     from numpy.typing import NDArray
 
-    from isacbench.files.arrays.stored_arrays import Box
+    from isacbench.files.arrays.stored_arrays import Box, StoredArray
 
 MOST_CHUNKS = 2**22
 """Of an array: more would hold less than thirty numbers each of a cube at the paper's size."""
 
 
 def list_zarr(path: Path) -> ArrayFile:
-    """List the arrays of a zarr store by their paths in it.
+    """List everything in a zarr store by its path.
 
     Parameters
     ----------
@@ -38,15 +41,24 @@ def list_zarr(path: Path) -> ArrayFile:
 
     store = LocalStore(path, read_only=True) if path.is_dir() else ZipStore(path, mode="r")
     try:
-        root = zarr.open(store, mode="r")
-        if isinstance(root, zarr.Array):
-            return ArrayFile({"": zarr_array(root, str(path))}, store.close)
-        members = root.members(max_depth=None)
-        arrays = {name: zarr_array(m, f"{path}: {name}") for name, m in members if isinstance(m, zarr.Array)}
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            # Consolidated metadata lack what was added later.
+            root = zarr.open(store, mode="r", use_consolidated=False)
+            members = [("", root), *(root.members(max_depth=None) if isinstance(root, zarr.Group) else ())]
+        text = "\n".join(str(warning.message) for warning in told)
+        skipped = re.findall(r"Object at (.+) is not recognized", text)
+        entries: dict[str, StoredArray | str] = dict.fromkeys(skipped, "no zarr array")
+        for name, member in sorted(members, key=itemgetter(0)):
+            entries.update({f"{name}@{key}": "attribute" for key in member.attrs})
+            if isinstance(member, zarr.Array):
+                entries[name] = zarr_array(member, f"{path}: {name}" if name else str(path))
+            elif name and not member.nmembers():
+                entries[name] = "empty group"
     except BaseException:
         store.close()
         raise
-    return ArrayFile(dict(sorted(arrays.items())), store.close)
+    return ArrayFile(entries, store.close)
 
 
 def zarr_array(array: zarr.Array[Any], name: str) -> ChunkedArray:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from isacbench.errors import InputError
 from isacbench.files.escaping import shortened
 from isacbench.files.text_table import TextLine, check_finite, format_rows, parse_rows
+from isacbench.model.cloud_files.power_names import require_no_power
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,7 +77,8 @@ def read_ply(path: Path) -> Floats:
     """Read the vertices of a PLY file, ASCII or binary of either byte order, as points.
 
     The element ``vertex`` needs the properties x, y, z and v (or velocity);
-    power is optional and others are ignored, as are other elements.
+    power is optional and others are ignored, as are other elements. A v beside
+    u belongs to a texture.
 
     Parameters
     ----------
@@ -145,12 +147,18 @@ def _wanted_properties(path: Path, vertex: _Element) -> list[str]:
     if vertex.has_list:
         raise InputError(f"{path}: element vertex: has a list property; only plain ones can be read")
     wanted: list[str] = [name for name in ("x", "y", "z", "v", "velocity", "power") if name in vertex.types]
+    is_texture = {"u", "v"} <= {*vertex.types}
+    if is_texture:
+        wanted.remove("v")
     speeds = {"v", "velocity"} & {*wanted}
     if wanted[:3] != ["x", "y", "z"] or len(speeds) != 1:
         raise InputError(
             f"{path}: element vertex: takes properties x, y, z and either v or velocity, optionally power; "
             f"it has {shortened(', '.join(vertex.types)) or 'none'}"
+            f"{', where v beside u is of a texture' if is_texture else ''}"
         )
+    if "power" not in wanted:
+        require_no_power(path, vertex.types)
     return wanted
 
 
@@ -158,7 +166,7 @@ def _ascii_vertices(
     path: Path, body: bytes, first_row: int, before: list[_Element], vertex: _Element, columns: list[str]
 ) -> Floats:
     """Columns (n, k) of the vertices of an ASCII file, one line each."""
-    text = body.decode("latin-1").split("\n")
+    text = body.decode("ascii", "replace").split("\n")
     lines = [TextLine(number, line) for number, line in enumerate(text, first_row) if line.strip()]
     start = sum(element.count for element in before)
     _require_whole(path, len(lines) - start, vertex.count)

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from isacbench.errors import InputError
 from isacbench.files.arrays.array_files import listed_arrays
-from isacbench.files.arrays.stored_arrays import StoredArray
+from isacbench.files.arrays.stored_arrays import TEXTS, StoredArray
 from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file, require_writable
 from isacbench.files.escaping import quoted, shortened
-from isacbench.files.text_table import TextLine, check_finite, format_rows, is_number, parse_rows, read_lines
+from isacbench.files.text_table import TextLine, check_finite, format_rows, parse_rows, read_lines
 from isacbench.model.cloud_files.ply import read_ply, write_ply
+from isacbench.model.cloud_files.power_names import require_no_power
+from isacbench.number_text import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -213,6 +215,9 @@ def _read_arrays(path: Path) -> Floats:
             )
         xyz, *others = [array.read() for array in chosen]
         values = np.column_stack([xyz, *(other.ravel() for other in others)]).astype(np.float64, copy=False)
+        if values.shape[1] < len(_CLOUD):
+            rest = {name: array for name, array in file.arrays.items() if array not in chosen}
+            require_no_power(path, (name for name in rest if _may_be_power(rest[name], len(values))))
     check_finite(path, values, _CLOUD[: values.shape[1]], range(1, len(values) + 1))
     return values
 
@@ -221,12 +226,13 @@ def _chosen_arrays(path: Path, arrays: Mapping[str, StoredArray | str]) -> list[
     """Find the arrays that make a cloud: the table, or xyz, velocity and, if there, power."""
     if "xyz" in arrays or "velocity" in arrays:
         return _parts(path, arrays)
-    tables = {name: array for name, array in arrays.items() if _is_table(array)}
+    outer = [name for name in arrays if not set("/@") & {*name}] or arrays
+    tables = {name: array for name in outer if _is_table(array := arrays[name])}
     if len(tables) == 1:
         return list(tables.values())
     if "" in arrays:
         raise InputError(f"{path}: takes real numbers of shape (n, 4) or (n, 5), not {arrays['']}")
-    held = ", ".join(f"{name} ({array})" for name, array in arrays.items()) or "nothing"
+    held = ", ".join(f"{name} ({array})" for name, array in arrays.items() if "@" not in name) or "nothing"
     found = f"several could be the cloud: {', '.join(tables)}" if tables else f"it holds {held}"
     raise InputError(
         f"{path}: takes xyz (n, 3) and velocity (n), optionally power (n), "
@@ -261,6 +267,13 @@ def _is_real(array: StoredArray | str) -> TypeGuard[StoredArray]:
 def _is_table(array: StoredArray | str) -> TypeGuard[StoredArray]:
     """Tell if an entry of a file is an array that could be a cloud."""
     return _is_real(array) and len(array.shape) == 2 and array.shape[1] in (4, 5)
+
+
+def _may_be_power(array: StoredArray | str, n: int) -> bool:
+    """Tell if an entry of a file may have a number for each of n points; texts and scalars do not."""
+    if isinstance(array, str):
+        return array not in TEXTS
+    return array.dtype.kind in "biufcV" and array.shape != () and prod(array.shape) >= min(n, 2) > 0
 
 
 def _write_npy(points: Floats, path: Path) -> None:

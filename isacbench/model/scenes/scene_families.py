@@ -376,7 +376,7 @@ def _seeds(value: Any, text: str) -> range | list[Any]:
 
 def _is_seed(text: str) -> bool:
     """Tell whether a text has the digits of a seed, and no more than Python converts."""
-    return text.isdecimal() and len(text) <= len(str(MOST_SEED))
+    return text.isascii() and text.isdecimal() and len(text) <= len(str(MOST_SEED))
 
 
 def _parameters(family: Family, values: dict[str, Any], text: str) -> FamilyParameters:

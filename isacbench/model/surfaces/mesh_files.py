@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from isacbench.errors import InputError
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.files.escaping import quoted
+from isacbench.number_text import is_number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -216,8 +217,8 @@ def _listed_triangles(path: Path) -> Floats:
 def _matrix(step: ElementTree.Element, path: Path) -> Floats:
     """Matrix (4, 4) of a step of a transformation."""
     try:
-        values = [float(number) for number in step.get("value", "").replace(",", " ").split()]
-        given = [float(step.get(axis, 1.0 if step.tag == "scale" else 0.0)) for axis in "xyz"]
+        values = [_number(word) for word in step.get("value", "").replace(",", " ").split()]
+        given = [_number(step.get(axis, "1" if step.tag == "scale" else "0")) for axis in "xyz"]
         matrix = np.eye(4)
         if (
             values
@@ -235,10 +236,16 @@ def _matrix(step: ElementTree.Element, path: Path) -> Floats:
             axis = np.array(values or given)
             if not axis.any():
                 raise ValueError("allowed is an axis other than 0")
-            turn = float(step.get("angle", "0")) / np.linalg.norm(axis)
+            turn = _number(step.get("angle", "0")) / np.linalg.norm(axis)
             matrix[:3, :3] = Rotation.from_rotvec(turn * axis, degrees=True).as_matrix()
         else:
             raise ValueError("allowed are matrix, translate, rotate and scale")
     except ValueError as error:
         raise InputError(f"{path}: {step.tag} of a to_world transform: {error}") from error
     return matrix
+
+
+def _number(text: str) -> float:
+    if not is_number(text):
+        raise ValueError(f"{quoted(text)} is no number")
+    return float(text)

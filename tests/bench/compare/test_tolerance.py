@@ -29,7 +29,7 @@ def test_spaces_and_powers_of_ten_are_allowed(text):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "deviation", "deviation=", "=5%", "a=-1%", "a=nan", "a=5%%", "a b=1", "a=1 2"],
+    ["", "deviation", "deviation=", "=5%", "a=-1%", "a=nan", "a=5%%", "a b=1", "a=1 2", "a=１", "a=1_0"],
 )
 def test_anything_else_is_refused_and_quoted(text):
     with pytest.raises(InputError, match="allowed is NAME=NUMBER%") as caught:

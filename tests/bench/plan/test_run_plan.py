@@ -147,7 +147,7 @@ def test_a_shard_is_read_as_it_is_written(k, n):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "1", "/", "0/3", "4/3", "1/0", "-1/3", "1/3/5", "a/b", "1.0/2", " 1/2", "1/²"]
+    "text", ["", "1", "/", "0/3", "4/3", "1/0", "-1/3", "1/3/5", "a/b", "1.0/2", " 1/2", "1/²", "１/３"]
 )
 def test_a_shard_that_is_none_is_refused(text):
     with pytest.raises(InputError, match="allowed is k/n with 1 <= k <= n"):

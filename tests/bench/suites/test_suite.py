@@ -178,6 +178,8 @@ def test_the_end_of_a_grid_survives_rounding(start, n_steps, step):
         ("a", "allowed are start:stop:step"),
         ("1:2", "allowed are start:stop:step"),
         ("1,,2", "allowed are start:stop:step"),
+        ("1_0", "allowed are start:stop:step"),
+        ("１０", "allowed are start:stop:step"),
         ("nan", "from -300 to 300"),
         ("0:inf:1", "from -300 to 300"),
         ("0:5:-1", "step positive"),

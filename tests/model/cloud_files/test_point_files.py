@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.io import loadmat, savemat
+from scipy.sparse import csc_array
 
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
@@ -171,6 +173,10 @@ TAKES = "the file takes the columns x, y, z, v and optionally power"
         ("x,y,z,v\n1,2,3,\n", "row 2: column v is ''; expected a number"),
         ("x,y,z,v\n1,2, abc,4\n", "row 2: column z is 'abc'; expected a number"),
         ("1,2,3,four\n", "row 1: column v is 'four'; expected a number"),
+        ("x,y,z,v\n1,2,1_0,4\n", "row 2: column z is '1_0'; expected a number"),
+        ("x,y,z,v\n1,2,3,４\n", "row 2: column v is '４'; expected a number"),
+        ("1_0,2,3,4\n", "row 1: column x is '1_0'; expected a number"),
+        ("1,2,0x1p3,4\n", "row 1: column z is '0x1p3'; expected a number"),
         ("1,2,3,4\n1,2,3,4,5\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
         (
             "1,2,3\n",
@@ -303,6 +309,44 @@ def test_npz_and_mat_of_no_points_are_an_empty_cloud(save: Callable[..., Path], 
     assert len(PointCloud.read(save(table=np.empty((0, columns))))) == 0
 
 
+POWERS = "Power", "rcs", "RCS_dBsm", "echo_power", "amplitude", "Intensity", "snr_db", "sigma"
+NO_POWER = "allowed is the name power for powers relative to a unit scatterer, or nothing like it"
+
+
+@pytest.mark.parametrize("name", POWERS)
+def test_a_power_under_another_name_is_refused_and_never_1(save: Callable[..., Path], name: str) -> None:
+    parts = {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3]}
+    for cloud in (parts, {"cloud": TABLE[:, :4]}):
+        assert refusal(save(**cloud, **{name: TABLE[:, 4]})).startswith(
+            f"has no power, but {name}; {NO_POWER}"
+        )
+        found = PointCloud.read(save(**parts, power=TABLE[:, 4], **{name: TABLE[:, 4] + 1}))
+        assert np.array_equal(found.power, TABLE[:, 4])
+
+
+def test_scalars_texts_and_other_arrays_beside_a_cloud_without_power_are_no_power(
+    save: Callable[..., Path],
+) -> None:
+    path = save(
+        xyz=TABLE[:, :3], velocity=TABLE[:, 3], power_dbm=20.0, power_unit="1", label=np.array([3, 4])
+    )
+    assert PointCloud.read(path).power.tolist() == [1, 1]
+
+
+@pytest.mark.parametrize("power", [csc_array(TABLE[:, 4:]), {"linear": TABLE[:, 4]}])
+def test_a_power_of_another_kind_is_refused(tmp_path: Path, power: Any) -> None:
+    named = {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3], "power": power}
+    savemat(tmp_path / "cloud.mat", named)
+    assert re.match(
+        "power takes 2 real numbers|has no power, but power/linear", refusal(tmp_path / "cloud.mat")
+    )
+
+
+@pytest.mark.parametrize("name", ["Velocity", "doppler", "vel"])
+def test_a_velocity_under_another_name_is_refused(save: Callable[..., Path], name: str) -> None:
+    assert refusal(save(xyz=TABLE[:, :3], **{name: TABLE[:, 3]})).startswith("has no array velocity")
+
+
 ARRAYS = (
     "takes xyz (n, 3) and velocity (n), optionally power (n), or exactly one array of shape (n, 4) or (n, 5)"
 )
@@ -342,7 +386,7 @@ def test_a_faulty_npz_or_mat_is_refused(
 
 def test_a_mat_of_structures_and_cells_names_what_it_holds(tmp_path: Path) -> None:
     savemat(tmp_path / "cloud.mat", {"s": {"xyz": TABLE}, "c": np.array([TABLE, "a"], dtype=object)})
-    assert refusal(tmp_path / "cloud.mat").startswith(f"{ARRAYS}; it holds s (")
+    assert refusal(tmp_path / "cloud.mat").startswith(f"{ARRAYS}; it holds s/xyz (")
 
 
 def test_a_mat73_of_other_variables_than_numbers_names_their_classes(tmp_path: Path) -> None:
@@ -358,7 +402,7 @@ def test_a_mat73_of_other_variables_than_numbers_names_their_classes(tmp_path: P
             file[name].attrs[attribute] = np.uint64(2)
     assert refusal(path) == (
         f"{ARRAYS}; it holds cell (cell), label (char), names (string), phases (complex128 of shape (2, 4)), "
-        "structure (struct), zeros (sparse matrix)"
+        "structure/xyz (float64 of shape (2, 5)), zeros (sparse matrix)"
     )
 
 
@@ -407,6 +451,31 @@ def test_a_foreign_ascii_ply_is_read(tmp_path: Path) -> None:
     path = tmp_path / "cloud.ply"
     path.write_bytes(text.encode())
     assert PointCloud.read(path).to_array().tolist() == [[1, 2, 3, 4, 0.5], [5, 6, 7, 8, 2]]
+
+
+@pytest.mark.parametrize("name", POWERS)
+def test_a_ply_with_a_power_under_another_name_is_refused(tmp_path: Path, name: str) -> None:
+    text = f"{HEAD}{PROPERTIES}property float scalar_{name}\nend_header\n1 2 3 4 5\n1 2 3 4 5\n"
+    assert refusal(text_file(tmp_path, "a.ply", text)).startswith(
+        f"has no power, but scalar_{name}; {NO_POWER}"
+    )
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_a_mesh_with_a_texture_is_no_cloud(tmp_path: Path, form: str) -> None:
+    """A triangle of x, y, z, u, v, as Mitsuba writes it."""
+    header = f"ply\nformat {form} 1.0\nelement vertex 3\n" + "".join(
+        f"property float {name}\n" for name in "xyzuv"
+    )
+    header += "element face 1\nproperty list uchar int vertex_index\nend_header\n"
+    rows = np.array([[0, 0, 0, 0, 0], [1, 0, 0, 1, 0], [0, 1, 0, 0, 1]], "<f4")
+    face = b"\x03" + np.arange(3, dtype="<i4").tobytes()
+    text = "".join(f"{' '.join(map(str, row))}\n" for row in rows.tolist()).encode() + b"3 0 1 2\n"
+    body = text if form == "ascii" else rows.tobytes() + face
+    (tmp_path / "mesh.ply").write_bytes(header.encode() + body)
+    assert refusal(tmp_path / "mesh.ply") == f"{WANTED} x, y, z, u, v, where v beside u is of a texture"
+    (tmp_path / "cloud.ply").write_bytes(header.encode().replace(b"float v\n", b"float velocity\n") + body)
+    assert PointCloud.read(tmp_path / "cloud.ply").velocity.tolist() == [0, 0, 1]
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
@@ -469,6 +538,22 @@ WANTED = "element vertex: takes properties x, y, z and either v or velocity, opt
         (
             HEAD + PROPERTIES + "end_header\n1 2 3 4\n1 2 x 3\n",
             "row 10: column z is 'x'; expected a number",
+        ),
+        (
+            HEAD + PROPERTIES + "end_header\n1 2 3 4\n1 2 3 1_0\n",
+            "row 10: column v is '1_0'; expected a number",
+        ),
+        (
+            HEAD + PROPERTIES + "end_header\n1 2 3 4\n１ 2 3 4\n",
+            "row 10: column x is '\ufffd\ufffd\ufffd'; expected a number",
+        ),
+        (
+            HEAD + PROPERTIES + "end_header\n1 2 3 4\n1\u00a02 3 4\n",
+            "row 10: 3 fields instead of 4 (x, y, z, v)",
+        ),
+        (
+            HEAD + "property float u\n" + PROPERTIES + "end_header\n",
+            f"{WANTED} u, x, y, z, v, where v beside u is of a texture",
         ),
     ],
 )

@@ -190,6 +190,8 @@ def test_a_scene_has_one_canonical_name(text, names):
         ("town[seed=0:1000000]", "1000001 scenes; allowed are at most 1000"),
         ("town[seed=[0:600,700:1300]]", "allowed are at most 1000 scenes"),
         ("town[seed=5:1]", "seed=5:1: allowed is a range first:last"),
+        ("town[seed=０:３]", "allowed is a range first:last"),
+        ("town[seed=1_0]", "seed = '1_0'"),
         ("town[seed=-1]", "seed = -1"),
         ("town[seed=1.5]", "seed = 1.5"),
         ("town[density=high]", "a family needs a seed"),

@@ -1,0 +1,382 @@
+"""What a file holds beside its cube is used or refused, whatever the format: the grid above all."""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import zarr
+from scipy.io import savemat
+from scipy.sparse import csc_array, csc_matrix
+
+from isacbench import get_estimator, load_scenario, observe_cube
+from isacbench.cubes import open_cube, read_grid
+from isacbench.errors import InputError
+from isacbench.model.echo import resource_grid
+
+from .samples import SHAPE, assert_gives, put_mat73, random_cube, write_mat73, write_zarr
+
+N, M = SHAPE[:2]
+QPSK = np.exp(0.5j * np.pi * np.random.default_rng(1).integers(4, size=(N, M)))
+CUBE = random_cube(dtype=np.complex128) * QPSK[:, :, None, None]
+CELL = np.empty((1, 1), object)
+CELL[0, 0] = QPSK
+RECORDS = QPSK.view([("re", "f8"), ("im", "f8")])
+
+MINI = """name = "mini"
+[system]
+n_subcarriers = 128
+n_symbols = 56
+[array]
+frame = "panel"
+tx_shape = [1, 1]
+rx_shape = [8, 8]
+[base_station]
+position_m = [0, 60, 10]
+[region]
+x_m = [-60, 60]
+y_m = [0, 60]
+z_m = [0, 20]
+speed_mps = [-40, 40]
+[[objects]]
+kind = "point"
+position_m = [3, 10, 5]
+velocity_mps = 7.3
+"""
+
+
+def npz(**arrays):
+    return ".npz", partial(np.savez, **arrays)
+
+
+def mat(**arrays):
+    return ".mat", lambda path: savemat(path, arrays)
+
+
+def mat73(**arrays):
+    def write(path):
+        write_mat73(path)
+        with h5py.File(path, "a") as file:
+            for name, array in arrays.items():
+                put_mat73(file, name, np.asarray(array))
+
+    return ".mat", write
+
+
+def h5(change=None, **arrays):
+    def write(path):
+        with h5py.File(path, "w") as file:
+            for name, array in arrays.items():
+                file[name] = array
+            if change is not None:
+                change(file)
+
+    return ".h5", write
+
+
+def zarr_of(**arrays):
+    return ".zarr", lambda path: write_zarr(path, **arrays)
+
+
+def members(**contents):
+    """An npz file with members of other kinds than arrays."""
+
+    def write(path):
+        np.savez(path, cube=CUBE)
+        with zipfile.ZipFile(path, "a") as archive:
+            for name, data in contents.items():
+                archive.writestr(name, data)
+
+    return ".npz", write
+
+
+def added_to_consolidated(path):
+    write_zarr(path, zarr_format=2, cube=CUBE)
+    zarr.consolidate_metadata(path)
+    zarr.open_group(path, mode="a", use_consolidated=False).create_array("transmitted", data=QPSK)
+
+
+def of_two_versions(path):
+    write_zarr(path, cube=CUBE)
+    zarr.create_array(path / "transmitted", data=QPSK, zarr_format=2)
+
+
+def with_zarr_attribute(path):
+    write_zarr(path, cube=CUBE)
+    zarr.open(path)["cube"].attrs["transmitted"] = "QPSK of seed 1"
+
+
+def group_twice(file):
+    file["symbols/values"] = np.ones(3)
+    file["transmitted"] = file["symbols"]
+
+
+def sparse73(path):
+    mat73(cube=CUBE)[1](path)
+    with h5py.File(path, "a") as file:
+        put_mat73(file, "transmitted/data", QPSK.ravel())
+        file["transmitted"].attrs["MATLAB_class"] = np.bytes_("double")
+        file["transmitted"].attrs["MATLAB_sparse"] = np.uint64(N)
+
+
+def of_class(name, kind):
+    def change(file):
+        put_mat73(file, name, np.ones((1, 6), np.uint32))
+        file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+
+    return change
+
+
+def mat_objects(*names):
+    """Objects, such as tables and texts in double quotes, after a cube."""
+
+    def text(word):
+        return struct.pack("<II", 1, len(word)) + word.encode() + bytes(-len(word) % 8)
+
+    def element(*parts):
+        inside = b"".join(parts)
+        return struct.pack("<II", 14, len(inside)) + inside
+
+    def write(path):
+        savemat(path, {"cube": CUBE})
+        plain = path.read_bytes()
+        savemat(path, {"a": np.ones((6, 1), np.uint32)})
+        metadata = path.read_bytes()[128:]
+        head = struct.pack("<IIII", 6, 8, 17, 0)
+        objects = [element(head, text(name), text("MCOS"), text("string"), metadata) for name in names]
+        path.write_bytes(plain + b"".join(objects))
+
+    return ".mat", write
+
+
+@pytest.fixture
+def path_of(tmp_path):
+    def write(suffix_and_writer, name="frame"):
+        suffix, writer = suffix_and_writer
+        path = Path(tmp_path / f"{name}{suffix}")
+        writer(path)
+        return path
+
+    return write
+
+
+USED = {
+    "capital": npz(cube=CUBE, Transmitted=QPSK),
+    "spaces": npz(**{"Cube": CUBE, " Transmitted ": QPSK}),
+    "capital, mat": mat(Cube=CUBE, TRANSMITTED=QPSK),
+    "structure": mat(cube=CUBE, transmitted={"grid": QPSK}),
+    "structure of both": mat(frame={"cube": CUBE, "transmitted": QPSK, "carrier_hz": 70e9}),
+    "structure of both, 7.3": mat73(**{"frame/cube": CUBE, "frame/transmitted": QPSK}),
+    "flattened": npz(**{"frame.cube": CUBE, "frame.transmitted": QPSK}),
+    "groups": h5(**{"frame/cube": CUBE, "frame/transmitted": QPSK}),
+    "group of the grid": h5(cube=CUBE, **{"transmitted/values": QPSK}),
+    "second link": h5(lambda file: file.update(transmitted=file["symbols"]), cube=CUBE, symbols=QPSK),
+    "first link": h5(lambda file: file.update(x=file["transmitted"]), cube=CUBE, transmitted=QPSK),
+    "second link of the cube": h5(lambda file: file.update(a=file["cube"]), cube=CUBE, transmitted=QPSK),
+    "zarr groups": zarr_of(**{"frame/cube": CUBE, "frame/transmitted": QPSK}),
+    "zarr capital": zarr_of(cube=CUBE, Transmitted=QPSK),
+    "zarr, consolidated before": (".zarr", added_to_consolidated),
+}
+
+
+@pytest.mark.parametrize("contents", USED.values(), ids=USED)
+def test_the_grid_is_used_wherever_it_lies(path_of, contents):
+    path = path_of(contents)
+    with open_cube(path) as cube:
+        assert_gives(cube, CUBE)
+        assert np.array_equal(cube.transmitted, QPSK)
+    assert np.array_equal(read_grid(path), QPSK)
+
+
+REFUSED = {
+    "sparse": (mat(cube=CUBE, transmitted=csc_matrix(QPSK)), r"transmitted \(sparse matrix\)"),
+    "sparse, 7.3": ((".mat", sparse73), r"transmitted \(sparse matrix\)"),
+    "cell": (mat(cube=CUBE, transmitted=CELL), r"transmitted \(cell\)"),
+    "text": (mat(cube=CUBE, transmitted="grid.mat"), r"transmitted \(char\)"),
+    "array of structures": (
+        mat(cube=CUBE, transmitted=np.zeros((2, 1), [("grid", object)])),
+        r"transmitted \(struct\)",
+    ),
+    "object": (mat_objects("transmitted"), r"transmitted \(object\)"),
+    "object before others": (mat_objects("transmitted", "unit", "units"), r"transmitted \(object\)"),
+    "table": (h5(of_class("transmitted", "table"), cube=CUBE), r"transmitted \(table\)"),
+    "cell, 7.3": (h5(of_class("transmitted", "cell"), cube=CUBE), r"transmitted \(cell\)"),
+    "two fields": (mat(cube=CUBE, transmitted={"re": QPSK.real, "im": QPSK.imag}), "transmitted/re .*/im"),
+    "Python objects": (npz(cube=CUBE, transmitted=QPSK.astype(object)), "transmitted .*never unpickled"),
+    "no array": (members(**{"transmitted.csv": "1,1"}), r"transmitted.csv \(no array\)"),
+    "array under another suffix": (members(transmitted=b"\x93NUMPY"), r"transmitted \(no array\)"),
+    "two": (npz(cube=CUBE, transmitted=QPSK, Transmitted=QPSK), "transmitted .*, Transmitted"),
+    "two groups": (h5(cube=CUBE, **{"a/transmitted": QPSK, "b/transmitted": QPSK}), "a/transmitted .*, b/"),
+    "soft link": (h5(lambda file: file.update(transmitted=h5py.SoftLink("/gone")), cube=CUBE), r"\(link\)"),
+    "external link": (
+        h5(lambda file: file.update(transmitted=h5py.ExternalLink("grid.h5", "/x")), cube=CUBE),
+        r"transmitted \(link\)",
+    ),
+    "nothing": (h5(cube=CUBE, transmitted=h5py.Empty("c16")), r"transmitted \(dataset\)"),
+    "empty group": (h5(lambda file: file.create_group("transmitted"), cube=CUBE), r"transmitted \(group\)"),
+    "second name of a group": (h5(group_twice, cube=CUBE), r"transmitted \(group\)"),
+    "attribute": (h5(lambda file: file["cube"].attrs.update(Transmitted=1), cube=CUBE), r"\(attribute\)"),
+    "attribute of the file": (h5(lambda file: file.attrs.update(transmitted=1), cube=CUBE), r"\(attribute\)"),
+    "zarr attribute": ((".zarr", with_zarr_attribute), r"cube@transmitted \(attribute\)"),
+    "zarr of another version": ((".zarr", of_two_versions), r"transmitted \(no zarr array\)"),
+}
+
+
+@pytest.mark.parametrize(("contents", "found"), REFUSED.values(), ids=REFUSED)
+def test_what_has_the_name_of_the_grid_and_is_no_single_array_is_refused(path_of, contents, found):
+    path = path_of(contents)
+    for opening in (open_cube, read_grid):
+        with pytest.raises(InputError, match=f"needs one array of numbers named 'transmitted'; .*{found}"):
+            opening(path)
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [1.0, QPSK.ravel(), QPSK[:, :-1], QPSK[:, :, None], QPSK.T, np.empty((0, M)), RECORDS, QPSK.astype(str)],
+)
+def test_a_grid_of_another_shape_or_type_is_refused(path_of, grid):
+    path = path_of(npz(cube=CUBE, transmitted=grid))
+    with pytest.raises(InputError, match=r"transmitted( has shape|: has shape|: holds)"):
+        open_cube(path)
+
+
+UNCLEAR = {
+    "alias": npz(cube=CUBE, tx=QPSK),
+    "alias, mat": mat(cube=CUBE, X=QPSK),
+    "alias, sparse": mat(cube=CUBE, X=csc_array(QPSK)),
+    "alias, structure": mat(cube=CUBE, setup={"tx": QPSK}),
+    "alias, group": h5(cube=CUBE, **{"tx/grid": QPSK}),
+    "alias, zarr": zarr_of(cube=CUBE, grid=QPSK),
+    "alias, cell": mat(cube=CUBE, transmitted_symbols=CELL),
+    "alias, objects": npz(cube=CUBE, transmitted_symbols=QPSK.astype(object)),
+    "of several antennas": npz(cube=CUBE, symbols=np.stack([QPSK, QPSK], axis=-1)),
+    "transposed": npz(cube=CUBE, symbols=QPSK.T),
+    "flat": npz(cube=CUBE, symbols=QPSK.ravel()),
+    "records": npz(cube=CUBE, symbols=RECORDS),
+    "parts": npz(cube=CUBE, re=QPSK.real, im=QPSK.imag),
+    "mask": npz(cube=CUBE, used=np.ones((N, M), bool)),
+    "imaginary part beside": npz(cube=CUBE, transmitted=QPSK.real, transmitted_im=QPSK.imag),
+    "second cube": npz(cube=CUBE, raw=CUBE),
+    "second cube in a group": h5(cube=CUBE, **{"old/raw": CUBE}),
+    "many frames": h5(cube=CUBE, frames=np.stack([CUBE, CUBE])),
+    "grid beside the only cube": npz(echo=CUBE, t=QPSK),
+}
+
+
+@pytest.mark.parametrize("contents", UNCLEAR.values(), ids=UNCLEAR)
+def test_other_arrays_with_axes_of_the_frame_are_refused(path_of, contents):
+    with pytest.raises(
+        InputError, match=r"holds .* beside the cube; allowed are one grid, named 'transmitted'"
+    ):
+        open_cube(path_of(contents))
+
+
+TWO_CUBES = {
+    "letters": npz(cube=CUBE, Cube=CUBE),
+    "groups": h5(**{"first/cube": CUBE, "second/cube": CUBE}),
+    "structure": mat(cube=CELL, echo=CUBE),
+    "link": h5(lambda file: file.update(cube=h5py.SoftLink("/echo")), echo=CUBE),
+    "parts": npz(cube_re=CUBE.real, cube_im=CUBE.imag),
+    "parts in a group": h5(**{"cube/re": CUBE.real, "cube/im": CUBE.imag}),
+}
+
+
+@pytest.mark.parametrize("contents", TWO_CUBES.values(), ids=TWO_CUBES)
+def test_of_what_may_be_the_cube_none_is_guessed(path_of, contents):
+    with pytest.raises(InputError, match="needs one array of numbers named 'cube'"):
+        open_cube(path_of(contents))
+
+
+@pytest.mark.parametrize("contents", [npz, mat])
+def test_a_real_cube_is_refused_with_its_imaginary_part_beside_it(path_of, contents):
+    with pytest.raises(InputError, match="cube: holds float64; a cube takes complex64"):
+        open_cube(path_of(contents(cube=CUBE.real, cube_im=CUBE.imag)))
+
+
+METADATA = {
+    "carrier_hz": 70e9,
+    "f": np.arange(float(N)),
+    "t": np.arange(float(M)),
+    "positions": np.ones((12, 3)),
+    "calibration": np.ones(SHAPE[2:], complex),
+    "note": "by hand",
+    "transmitted_power_dbm": 20.0,
+    "transmitted_modulation": "QPSK",
+}
+
+
+@pytest.mark.parametrize("contents", [npz, mat, mat73, zarr_of, h5])
+def test_scalars_texts_axes_and_other_shapes_beside_the_cube_are_no_grid(path_of, contents):
+    held = {name: np.asarray(value) for name, value in METADATA.items()}
+    if contents in (zarr_of, h5):
+        held = {name: value for name, value in held.items() if value.dtype.kind != "U"}
+    with open_cube(path_of(contents(cube=CUBE, **held))) as cube:
+        assert_gives(cube, CUBE)
+        assert cube.transmitted is None
+
+
+def test_texts_of_matlab_in_double_quotes_and_structures_of_settings_are_no_grid(path_of):
+    for contents in (mat_objects("unit", "units"), mat(cube=CUBE, setup={"carrier_hz": 70e9, "name": "a"})):
+        with open_cube(path_of(contents)) as cube:
+            assert cube.transmitted is None
+
+
+@pytest.mark.parametrize("contents", [npz, mat, mat73, h5])
+def test_the_axes_of_a_frame_of_one_symbol_are_no_grid(path_of, contents):
+    frame, grid = CUBE[:, :1], QPSK[:, :1]
+    with open_cube(path_of(contents(cube=frame, f=np.arange(float(N)), t=0.5))) as cube:
+        assert cube.transmitted is None
+    with pytest.raises(InputError, match=r"holds symbols .* beside the cube"):
+        open_cube(path_of(contents(cube=frame, symbols=grid)))
+
+
+def test_attributes_of_other_names_are_no_arrays(path_of):
+    def change(file):
+        file.attrs["carrier_hz"] = 70e9
+        file["transmitted"].attrs["unit"] = "1"
+        file["cube"].attrs["axes"] = "subcarriers, symbols, P, Q"
+
+    with open_cube(path_of(h5(change, cube=CUBE, transmitted=QPSK))) as cube:
+        assert np.array_equal(cube.transmitted, QPSK)
+
+
+def test_two_arrays_of_one_name_in_an_archive_are_refused(path_of, tmp_path):
+    np.save(tmp_path / "cube.npy", CUBE)
+    with pytest.warns(UserWarning, match="Duplicate name"):
+        path = path_of(members(**{"cube.npy": (tmp_path / "cube.npy").read_bytes()}))
+    with pytest.raises(InputError, match="holds cube twice"):
+        open_cube(path)
+
+
+def test_two_variables_of_one_name_in_a_mat_file_are_refused(path_of):
+    path = path_of(mat(cube=CUBE))
+    path.write_bytes(path.read_bytes() + path.read_bytes()[128:])
+    with pytest.raises(InputError, match='Duplicate variable name "cube"'):
+        open_cube(path)
+
+
+@pytest.mark.parametrize("contents", [npz, mat73, zarr_of, h5])
+def test_a_grid_alone_may_have_settings_in_groups_beside_it(path_of, contents):
+    path = path_of(contents(symbols=QPSK, **{"setup/limits": np.ones((2, 2))}))
+    assert np.array_equal(read_grid(path), QPSK)
+
+
+def test_the_image_of_a_received_frame_is_that_of_its_echoes(tmp_path):
+    """(F X) / X = F: the one point, not one of eighteen."""
+    (tmp_path / "mini.toml").write_text(MINI)
+    scenario = load_scenario(tmp_path / "mini.toml")
+    divided = resource_grid(scenario, scenario.array.positions).reshape(128, 56, 8, 8)
+    grid = np.exp(0.5j * np.pi * np.random.default_rng(0).integers(4, size=divided.shape[:2]))
+    received = divided * grid[:, :, None, None]
+    savemat(tmp_path / "frame.mat", {"cube": received, "transmitted": {"grid": grid}})
+    with h5py.File(tmp_path / "frame.h5", "w") as file:
+        file["frame/cube"], file["frame/symbols"] = received, grid
+        file["frame/transmitted"] = file["frame/symbols"]
+    for name in ("frame.mat", "frame.h5"):
+        cloud = get_estimator("fft4d").estimate(observe_cube(tmp_path / name, scenario))
+        assert np.allclose(cloud.xyz, [[3, 10, 5]], atol=0.1), name
