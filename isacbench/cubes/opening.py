@@ -41,7 +41,7 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
         one: npy, npz, mat, h5, hdf5, zarr, or zip with zarr in it. In a file
         of several arrays the cube is the one named ``cube``, else the only one
         of four axes. An array named ``transmitted`` is the transmitted grid;
-        no other may have axes of subcarriers and symbols.
+        without it, no other may have its size.
     tile_bytes : int
         Largest memory that a tile may touch, in bytes.
 
@@ -128,11 +128,15 @@ def _grid_beside(
                 f"shape {shape}: (subcarriers, symbols)"
             )
     others = {name: entry for name, entry in file.arrays.items() if entry not in used}
-    unclear = [name for name, entry in others.items() if _is_of_frame(name, entry, shape)]
+    unclear = [
+        name
+        for name, entry in others.items()
+        if (values is None or _is_called_grid(name)) and _may_be_grid(name, entry, shape)
+    ]
     if unclear:
         raise InputError(
-            f"{path}: holds {_listed(file, unclear)} beside the cube; allowed are one grid, "
-            f"named {GRID_NAME!r}, and no other array with axes of subcarriers and symbols"
+            f"{path}: holds {_listed(file, unclear)} beside the cube, which may be the transmitted grid; "
+            f"allowed is one array named {GRID_NAME!r}"
         )
     return values
 
@@ -171,7 +175,7 @@ def _only_array(
         return names[0], arrays[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
     held = _listed(file, named or [name for name in file.arrays if "@" not in name]) or "no arrays"
-    raise InputError(f"{path}: needs one array of numbers named {wanted!r}{others}; it holds {held}")
+    raise InputError(f"{path}: needs an array named {wanted!r}{others}; it holds {held}")
 
 
 def _named_grid(file: ArrayFile) -> list[str]:
@@ -184,14 +188,18 @@ def _parts(name: str) -> list[str]:
     return [re.sub(r"[\W_]", "", part).lower() for part in re.split(r"[/.\\]", name.rpartition("@")[2])]
 
 
-def _is_of_frame(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
-    """Tell if an entry may have a number for each of the (subcarriers, symbols), as grids and cubes have."""
+def _is_called_grid(name: str) -> bool:
+    return GRID_NAME in "".join(_parts(name))
+
+
+def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
+    """Tell if an entry may have a number for each of the (subcarriers, symbols); cubes and axes do not."""
     if isinstance(entry, str):
-        return entry == SPARSE or (entry not in TEXTS and GRID_NAME in "".join(_parts(name)))
+        return entry == SPARSE or (entry not in TEXTS and _is_called_grid(name))
     n_numbers = prod(entry.shape)
-    is_full = Counter(shape) <= Counter(entry.shape) or n_numbers == prod(shape)
+    is_full = Counter(shape) <= Counter(entry.shape) and len(entry.shape) != 4
     is_axis = max(entry.shape, default=1) == n_numbers and entry.dtype.kind in "biuf"
-    return is_full and not is_axis and entry.dtype.kind in "biufcV"
+    return (is_full or n_numbers == prod(shape)) and not is_axis and entry.dtype.kind in "biufcV"
 
 
 def _listed(file: ArrayFile, names: list[str]) -> str:

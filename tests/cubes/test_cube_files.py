@@ -159,7 +159,7 @@ def test_tiles_partition_the_cube_keep_to_their_memory_and_are_none_without_elem
 @pytest.mark.parametrize("kind", OF_SEVERAL)
 def test_the_cube_is_the_array_of_that_name_or_the_only_one_of_four_axes(tmp_path, kind):
     write, filename = FORMATS[kind]
-    array, other = random_cube(), random_cube(seed=2)[:-1]
+    array, other = random_cube(), random_cube(seed=2)
     for number, arrays in enumerate(({"cube": array, "other": other}, {"echo": array, "t": GRID[:-1]})):
         path = tmp_path / str(number) / filename
         path.parent.mkdir()
@@ -198,7 +198,7 @@ def test_a_real_grid_becomes_complex_and_any_byte_order_native(tmp_path):
 def test_of_several_arrays_none_is_guessed(tmp_path, kind):
     write, filename = FORMATS[kind]
     write(tmp_path / filename, first=random_cube(), second=random_cube())
-    with pytest.raises(InputError, match="needs one array of numbers named 'cube', or ") as refused:
+    with pytest.raises(InputError, match="needs an array named 'cube'") as refused:
         open_cube(tmp_path / filename)
     for name in ("first", "second"):
         assert f"{name} (complex64 of shape {SHAPE})" in str(refused.value)
