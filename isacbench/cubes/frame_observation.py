@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from isacbench.model.observation import Observation, cross_elements
 
 if TYPE_CHECKING:
     from isacbench.choices import Division, Sensing
+    from isacbench.model.numerology import System
     from isacbench.model.scene import Scenario
 
 CubeLike = Any
@@ -35,6 +37,7 @@ class CubeObservation(Observation):
 
     _source: CubeLike
     _factors: NDArray[np.complex128] | None
+    _carriers: NDArray[np.bool_] | None
     _workers: int | None
 
     def __init__(
@@ -42,12 +45,14 @@ class CubeObservation(Observation):
         source: CubeLike,
         scenario: Scenario,
         factors: NDArray[np.complex128] | None,
+        carriers: NDArray[np.bool_] | None,
         workers: int | None,
         sensing: Sensing,
     ) -> None:
+        system = scenario.system if carriers is None else _used_band(scenario.system, carriers)
         vars(self).update(  # whose attributes are frozen
-            gate=build_gate(scenario.system, scenario.base_station_m, scenario.region),
-            system=scenario.system,
+            gate=build_gate(system, scenario.base_station_m, scenario.region),
+            system=system,
             array=scenario.array,
             frame=scenario.frame,
             base_station_m=scenario.base_station_m,
@@ -55,6 +60,7 @@ class CubeObservation(Observation):
             sensing=sensing,
             _source=source,
             _factors=factors,
+            _carriers=carriers,
             _workers=workers,
         )
 
@@ -72,7 +78,7 @@ class CubeObservation(Observation):
         return self._transformed(cross_elements(self.array.shape))
 
     def _transformed(self, elements: NDArray[np.int64]) -> NDArray[np.complex128]:
-        transform = GateTransform(self.gate, self.system)
+        transform = GateTransform(self.gate, self.system, self._carriers)
         with open_cube(self._source) as cube:
             cells = transform.cells(cube, self.array.in_frame(elements), self._factors, self._workers)
         cells.setflags(write=False)
@@ -104,7 +110,9 @@ def observe_cube(
         not matter.
     transmitted : array_like, str or Path, optional
         Transmitted grid, shape (n_subcarriers, n_symbols), or the file that
-        holds it. The cube is divided by it. Without it the transmitted grid in
+        holds it. The cube is divided by it. Subcarriers that are 0 in all
+        symbols are null carriers: those at the edges are left out of the
+        band, and what others would have held is interpolated. Without it the transmitted grid in
         the file of the cube is taken; a cube without one counts as divided.
     workers : int, optional
         Threads of the transform; by default all cores.
@@ -147,14 +155,26 @@ def observe_cube(
         if isinstance(grid, str | Path):
             grid = read_grid(grid)
         sensed = sensed_elements(scenario.system, sensing)
-        symbols = None if grid is None else _checked(grid, cube, sensed)
+        symbols = None if grid is None else _checked(grid, cube, sensed, sensing)
         _require_known(cube, symbols, division, snr_db)
-        factors = None
+        factors = carriers = None
         if symbols is not None or not sensed.all():
             known = np.ones(sensed.shape) if symbols is None else symbols
-            factors = division_factors(known, sensed, signal.division, np.inf if snr_db is None else snr_db)
+            used = (known != 0).any(axis=1)
+            factors = np.zeros(sensed.shape, dtype=np.complex128)
+            factors[used] = division_factors(
+                known[used], sensed[used], signal.division, np.inf if snr_db is None else snr_db
+            )
+            carriers = None if used.all() else used
         source = cube if cube.is_held else array_or_path
-    return CubeObservation(source, scenario, factors, workers, sensing)
+    return CubeObservation(source, scenario, factors, carriers, workers, sensing)
+
+
+def _used_band(system: System, carriers: NDArray[np.bool_]) -> System:
+    """System of the subcarriers from the first that is used to the last."""
+    first, last = np.flatnonzero(carriers)[[0, -1]].tolist()
+    carrier_hz = system.carrier_hz + first * system.subcarrier_spacing_hz
+    return replace(system, n_subcarriers=last - first + 1, carrier_hz=carrier_hz)
 
 
 def _require_known(
@@ -172,20 +192,22 @@ def _require_known(
         raise InputError(f"{cube.name}: snr_db needs division = 'wiener', not {division!r}")
 
 
-def _checked(given: ArrayLike, cube: Cube, sensed: NDArray[np.bool_]) -> NDArray[np.complex128]:
-    """Transmitted grid without zeros and faults, as complex128."""
+def _checked(
+    given: ArrayLike, cube: Cube, sensed: NDArray[np.bool_], sensing: Sensing
+) -> NDArray[np.complex128]:
+    """Transmitted grid without faults, and with zeros in null carriers alone, as complex128."""
     grid = checked_array(f"{cube.name}: the transmitted grid", given, np.complex128)
     if grid.shape != cube.shape[:2]:
         raise InputError(
             f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "
             "subcarriers by symbols as in the cube"
         )
-    values = grid.astype(np.complex128)
-    faulty = sensed & (~np.isfinite(values) | (values == 0))
+    is_null = (grid == 0).all(axis=1) & ~(grid == 0).all() & (sensing == "all")
+    faulty = sensed & (~np.isfinite(grid) | ((grid == 0) & ~is_null[:, None]))
     if faulty.any():
         n, m = np.unravel_index(int(faulty.argmax()), faulty.shape)
         raise InputError(
-            f"{cube.name}: the transmitted grid is {values[n, m]:g} at subcarrier {n}, symbol {m}; "
-            "allowed are finite numbers other than 0, for the cube is divided by them"
+            f"{cube.name}: the transmitted grid is {grid[n, m]:g} at subcarrier {n}, symbol {m}; allowed are "
+            "finite numbers, and 0 only in subcarriers that are 0 in all symbols, with sensing = 'all'"
         )
-    return values
+    return grid

@@ -18,6 +18,7 @@ from isacbench.dsp.partial_dft import (
     DopplerSums,
     RangeMethod,
     doppler_sums,
+    interpolate_nulls,
     is_element_major,
     range_bins_by_fft,
     range_method,
@@ -47,15 +48,21 @@ class GateTransform:
     ----------
     gate : Gate
     system : System
+    carriers : ndarray of bool, shape (n_subcarriers of the cube,), optional
+        False for null carriers. The subcarriers of `system` are those from the
+        first that is used to the last; null carriers between them are
+        interpolated.
     """
 
     gate: Gate
     system: System
+    carriers: NDArray[np.bool_] | None = None
 
     @property
     def range_method(self) -> RangeMethod:
         """Transform to range bins of blocks whose subcarriers are not side by side."""
-        return range_method(self.gate.range_bins.size, self.system.n_subcarriers)
+        n_bins = self.gate.range_bins.size
+        return "partial" if self.carriers is not None else range_method(n_bins, self.system.n_subcarriers)
 
     def cells(
         self,
@@ -104,7 +111,16 @@ class GateTransform:
 
     @cached_property
     def _range_rows(self) -> NDArray[np.complex128]:
-        return range_rows(self.gate.range_bins, self.system.n_subcarriers)
+        bins = self.gate.range_bins
+        rows = range_rows(bins, self.system.n_subcarriers)
+        if self.carriers is None:
+            return rows
+        first, last = np.flatnonzero(self.carriers)[[0, -1]]
+        of_cube = np.zeros((len(rows), self.carriers.size), dtype=np.complex128)
+        of_cube[:, first : last + 1] = interpolate_nulls(
+            rows, self.carriers[first : last + 1], (float(bins[0]), float(bins[-1]))
+        )
+        return of_cube
 
     def _summed(
         self, cube: Cube, elements: NDArray[np.intp], weights: Complex | None, n_workers: int
@@ -145,6 +161,8 @@ class GateTransform:
     def _has_fast_lines(self, block: Complex) -> bool:
         """Tell if an FFT yields the range bins of a block fastest."""
         n_subcarriers = self.system.n_subcarriers
+        if self.carriers is not None:
+            return False
         method = range_method(self.gate.range_bins.size, n_subcarriers, "contiguous")
         return len(block) == n_subcarriers and is_element_major(block) and method == "fft"
 

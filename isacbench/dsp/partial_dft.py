@@ -30,9 +30,11 @@ from typing import Any, Literal
 import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, DTypeLike, NDArray
+from scipy.ndimage import maximum_filter1d
 
 from isacbench.checked_arrays import checked_array
 from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.model.region import Interval
 
 RangeMethod = Literal["partial", "fft"]
 
@@ -41,6 +43,12 @@ MOST_SUMS = 1.25
 
 FFT_OPERATION_COST = {"contiguous": 6.0, "strided": 16.0}
 """Time of an operation of an FFT over that of a matrix product, by how its lines lie in memory (measured)."""
+
+NEAR_CARRIERS = 32
+"""Distance of the carriers from which null carriers are interpolated."""
+
+INTERPOLATION_NOISE = 1e-3
+"""Noise over echo that the interpolation assumes: less would trust distant carriers too much."""
 
 FEW_ELEMENTS = 16
 """Columns below which products of small matrices are slow: elements are then moved outermost first."""
@@ -65,6 +73,50 @@ def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
     [0.0, 2.0]
     """
     return _rows(bins, n_subcarriers)
+
+
+def interpolate_nulls(
+    rows: NDArray[np.complex128], used: NDArray[np.bool_], limits: Interval
+) -> NDArray[np.complex128]:
+    """Rows of the transform over subcarriers in which null carriers are interpolated from those around them.
+
+    Echoes between two limits of range change slowly from one subcarrier to the
+    next. So the linear estimate of least mean square error tells what a null
+    carrier, such as that at DC, would have held; a long run of them is told less.
+
+    Parameters
+    ----------
+    rows : ndarray of complex128, shape (r, n_subcarriers)
+        From `range_rows`.
+    used : ndarray of bool, shape (n_subcarriers,)
+        False for null carriers.
+    limits : (float, float)
+        Lowest and highest range in bins.
+
+    Returns
+    -------
+    ndarray of complex128, same shape
+        0 for null carriers.
+
+    References
+    ----------
+    Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory"
+    (1993), chapter 12.
+    """
+    n, null = used.size, np.flatnonzero(~used)
+    is_near = maximum_filter1d((~used).astype(np.uint8), 2 * NEAR_CARRIERS + 1, mode="constant")
+    known = np.flatnonzero(used & (is_near > 0))
+    middle, width = sum(limits) / 2, limits[1] - limits[0]
+
+    def covariance(some: NDArray[np.intp], others: NDArray[np.intp]) -> NDArray[np.complex128]:
+        turns = np.subtract.outer(some, others) / n
+        echoes: NDArray[np.complex128] = np.exp(-2j * np.pi * middle * turns) * np.sinc(width * turns)
+        return echoes
+
+    among = covariance(known, known) + INTERPOLATION_NOISE * np.eye(known.size)
+    interpolated = rows * used
+    interpolated[:, known] += rows[:, null] @ np.linalg.solve(among, covariance(known, null)).conj().T
+    return interpolated
 
 
 def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:

@@ -1,0 +1,86 @@
+"""Transmitted grids that are 0 at DC, in guard carriers or in others: the image is that of the whole grid."""
+
+import numpy as np
+import pytest
+
+from isacbench.cubes.frame_observation import observe_cube
+from isacbench.dsp.partial_dft import interpolate_nulls, range_rows
+from isacbench.errors import InputError
+from isacbench.model.echo import resource_grid
+from isacbench.plugins.registry import get_estimator
+
+from .test_path_lengths import scenario_of
+
+SCENARIO = scenario_of(("-u", "-w"))
+N, M = SCENARIO.system.n_subcarriers, SCENARIO.system.n_symbols
+FRAME = resource_grid(SCENARIO, SCENARIO.array.positions, slice(0, N)).reshape(N, M, *SCENARIO.array.shape)
+NULLS = {
+    "DC": [64],
+    "guard carriers": [*range(10), *range(118, 128)],
+    "both": [*range(12), 64, *range(117, 128)],
+    "a gap": [*range(60, 66)],
+}
+
+
+def received(nulls, seed=0):
+    """Frame with noise at 0 dB, and a QPSK grid with null carriers."""
+    rng = np.random.default_rng(seed)
+    grid = np.exp(0.5j * np.pi * rng.integers(4, size=(N, M)))
+    grid[nulls] = 0
+    noise = rng.standard_normal((2, *FRAME.shape)) / np.sqrt(2)
+    return FRAME * grid[:, :, None, None] + noise[0] + 1j * noise[1], grid
+
+
+@pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
+@pytest.mark.parametrize("nulls", NULLS)
+def test_null_carriers_make_no_false_points(nulls, division):
+    frame, grid = received(NULLS[nulls])
+    snr = {"snr_db": 0.0} if division == "wiener" else {}
+    cloud = get_estimator("music2d").estimate(observe_cube(frame, SCENARIO, grid, division=division, **snr))
+    np.testing.assert_allclose(cloud.xyz, SCENARIO.scatterers.xyz, atol=0.15)
+    np.testing.assert_allclose(cloud.velocity, SCENARIO.scatterers.velocity, atol=0.1)
+
+
+def test_guard_carriers_narrow_the_band_and_leave_the_power_of_an_echo():
+    frame, grid = received(NULLS["guard carriers"])
+    seen = observe_cube(frame, SCENARIO, grid)
+    assert seen.system.n_subcarriers == N - 20
+    assert seen.system.carrier_hz == SCENARIO.system.carrier_hz + 10 * SCENARIO.system.subcarrier_spacing_hz
+    assert get_estimator("esprit2d").estimate(seen).power == pytest.approx([1.0], rel=0.05)
+
+
+def test_what_null_carriers_hold_does_not_matter():
+    frame, grid = received(NULLS["both"])
+    silent = frame * (grid != 0)[:, :, None, None]
+    np.testing.assert_array_equal(
+        *(
+            observe_cube(cube, SCENARIO, grid).cells
+            for cube in (frame + 9.0 * (grid == 0)[:, :, None, None], silent)
+        )
+    )
+
+
+@pytest.mark.parametrize("place", [3.0, 7.4, 11.8])
+def test_an_interpolated_carrier_holds_what_the_echo_would_have_there(place):
+    used = np.ones(N, dtype=bool)
+    used[[40, 41, 64]] = False
+    rows = range_rows(np.arange(0, 15), N)
+    echo = np.exp(-2j * np.pi * np.arange(N) * place / N)
+    interpolated = interpolate_nulls(rows, used, (0.0, 14.0))
+    assert not interpolated[:, ~used].any()
+    np.testing.assert_allclose(interpolated @ echo, rows @ echo, atol=2e-3)
+    # Left at 0, they are missed.
+    assert np.abs((rows * used) @ echo - rows @ echo).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("zeros", "sensing"),
+    [((5, 7), "all"), ((slice(None), 3), "all"), ((slice(None), slice(None)), "all"), (60, "prs")],
+)
+def test_other_zeros_are_refused_for_every_division(zeros, sensing):
+    frame, grid = received([])
+    grid[zeros] = 0
+    with pytest.raises(
+        InputError, match=r"is 0\+0j at subcarrier \d+, symbol \d+; allowed are finite numbers, and 0 only"
+    ):
+        observe_cube(frame, SCENARIO, grid, division="matched", sensing=sensing)
