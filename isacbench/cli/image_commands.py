@@ -108,6 +108,7 @@ def image_command(
     from isacbench.bench.cells.cell import estimate_cloud, score_image
     from isacbench.bench.cells.scored_images import image_reference
     from isacbench.cubes.frame_observation import observe_cube
+    from isacbench.cubes.frame_summary import summarise_frame
     from isacbench.instrument.remarks import Remarks
     from isacbench.link.sensing.echo_waveform import observe_waveform
     from isacbench.link.sensing.observing import observe as observe_closed_form
@@ -128,6 +129,8 @@ def image_command(
             along_u, _, along_w = ascending.partition(",")
             scene = replace(scene, array=replace(scene.array, ascending=(along_u, along_w)))
         observation = observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
+        for sentence in summarise_frame(observation).sentences():
+            say(f"{cube.name}: {sentence}")
     title = ", ".join(told)
     take = partial(estimate_cloud, imager, observation, scene.truth)
     try:

@@ -11,6 +11,7 @@ __all__ = [
     "Tile",
     "create_cube",
     "frame_observation",
+    "frame_summary",
     "image_cost",
     "open_cube",
     "opening",

@@ -21,6 +21,7 @@ from isacbench.model.observation import Observation, cross_elements
 
 if TYPE_CHECKING:
     from isacbench.choices import Division, Sensing
+    from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
     from isacbench.model.scene import Scenario
 
@@ -67,7 +68,7 @@ class CubeObservation(Observation):
     @cached_property
     def cells(self) -> NDArray[np.complex128]:
         """Cells (n_range, n_doppler, P, Q) of all virtual elements, read-only."""
-        cells = self._transformed(self.array.positions)
+        cells = self.transformed(self.array.positions, self.gate)
         return cells.reshape(*self.gate.shape, *self.array.shape)
 
     @cached_property
@@ -75,10 +76,23 @@ class CubeObservation(Observation):
         """Cells (n_range, n_doppler, P + Q - 1) of the elements (p, 0), then of (0, q) from q = 1."""
         if "cells" in vars(self):
             return super().cross
-        return self._transformed(cross_elements(self.array.shape))
+        return self.transformed(cross_elements(self.array.shape), self.gate)
 
-    def _transformed(self, elements: NDArray[np.int64]) -> NDArray[np.complex128]:
-        transform = GateTransform(self.gate, self.system, self._carriers)
+    def transformed(self, elements: NDArray[np.int64], gate: Gate) -> NDArray[np.complex128]:
+        """Transform elements to the cells of a gate.
+
+        Parameters
+        ----------
+        elements : ndarray of int64, shape (e, 2)
+            Places in the virtual array.
+        gate : Gate
+
+        Returns
+        -------
+        ndarray of complex128, shape (n_range, n_doppler, e)
+            Read-only.
+        """
+        transform = GateTransform(gate, self.system, self._carriers)
         with open_cube(self._source) as cube:
             cells = transform.cells(cube, self.array.in_frame(elements), self._factors, self._workers)
         cells.setflags(write=False)

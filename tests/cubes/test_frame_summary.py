@@ -1,0 +1,85 @@
+"""Summaries of recorded frames: strongest cell, and the convention in which echoes come from the region."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isacbench.cubes.frame_observation import observe_cube
+from isacbench.cubes.frame_summary import Convention, summarise_frame
+from isacbench.cubes.simulating import FrameSimulator
+from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers
+
+from .test_path_lengths import scenario_of
+
+# A region on one side of the panel and below it: no convention but one puts the echoes there.
+PLACES = np.array([[18.0, 20.0, -2.0], [25.0, 28.0, 1.0], [30.0, 15.0, -4.0]])
+SCENARIO = replace(
+    scenario_of(("-u", "-w")),
+    array=VirtualArray((1, 1), (8, 8), 1, 1),
+    region=Region((15.0, 35.0), (10.0, 30.0), (-6.0, 2.0), (2.0, 40.0)),
+    scatterers=Scatterers(PLACES, np.array([7.3, 12.0, 30.0]), np.ones(3)),
+)
+FRAME = np.concatenate([block for _, block in FrameSimulator(SCENARIO, 0.0).blocks()])
+MISTAKES = {
+    Convention(): lambda cube: cube,
+    Convention(conjugated=True): np.conj,
+    Convention(u_reversed=True): lambda cube: cube[:, :, ::-1],
+    Convention(w_reversed=True): lambda cube: cube[:, :, :, ::-1],
+    Convention(u_reversed=True, w_reversed=True): lambda cube: cube[:, :, ::-1, ::-1],
+    Convention(exchanged=True): lambda cube: cube.swapaxes(2, 3),
+    Convention(conjugated=True, u_reversed=True): lambda cube: cube[:, :, ::-1].conj(),
+}
+
+
+def summary_of(cube, scenario=SCENARIO):
+    return summarise_frame(observe_cube(cube, scenario))
+
+
+@pytest.mark.parametrize("convention", MISTAKES, ids=lambda one: str(one) or "right")
+def test_the_convention_of_a_frame_is_told(convention):
+    summary = summary_of(MISTAKES[convention](FRAME))
+    if convention == Convention():
+        assert (summary.better, summary.share > 0.9) == (None, True)
+        assert len(summary.sentences()) == 1
+    else:
+        assert summary.better == convention
+        assert summary.better_share > summary.share + 0.3
+        assert f"if {convention}, " in summary.sentences()[1]
+
+
+def test_exchanged_in_phase_and_quadrature_samples_are_conjugated_ones():
+    assert summary_of(FRAME.imag + 1j * FRAME.real).better == Convention(conjugated=True)
+
+
+def test_the_strongest_cell_is_that_of_the_strongest_echo_wherever_it_lies():
+    alone = replace(SCENARIO, scatterers=Scatterers(PLACES[:1], np.array([7.3]), np.ones(1)))
+    frame = np.concatenate([block for _, block in FrameSimulator(alone, 20.0).blocks()])
+    summary = summary_of(frame)
+    assert summary.range_m == pytest.approx(alone.range_m[0], abs=alone.system.range_bin_m / 2)
+    assert summary.velocity_mps == pytest.approx(7.3, abs=alone.system.velocity_bin_mps / 2)
+    assert summary.is_in_gate
+    assert 0 < summary.n_detected < summary.n_cells
+    receding = summary_of(frame.conj())
+    assert receding.velocity_mps == pytest.approx(-7.3, abs=alone.system.velocity_bin_mps / 2)
+    assert not receding.is_in_gate
+
+
+def test_noise_alone_names_no_convention():
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((2, *FRAME.shape))
+    summary = summary_of(noise[0] + 1j * noise[1])
+    assert (summary.n_echoes, summary.share, summary.better) == (0, 0.0, None)
+    assert summary.sentences()[0].endswith("; no echo stands out of the noise")
+
+
+def test_a_frame_of_few_elements_and_one_of_zeros_are_summarised(monkeypatch):
+    monkeypatch.setattr("isacbench.cubes.frame_summary.MOST_VALUES", 1)
+    assert summary_of(FRAME).n_detected > 0
+    assert summary_of(np.zeros_like(FRAME)).n_detected == 0
+    with pytest.raises(InputError, match="of a recorded frame"):
+        summarise_frame(Simulator(SCENARIO).observe(0.0))
