@@ -42,7 +42,7 @@ COSINE_SAMPLES = 128
 """Samples of the spectrum of a line of elements."""
 
 LEAST_DEVIATIONS = 8.0
-"""Standard deviations of the noise, averaged over elements, by which an echo is above the median of the map."""
+"""Standard deviations of noise averaged over the elements, by which an echo exceeds the median of the map."""
 
 CLEARLY_MORE = 0.1
 """Difference of two shares of the power from which the convention of the higher one is named."""
