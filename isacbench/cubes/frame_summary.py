@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 MOST_VALUES = 2**23
 """Cells of all elements that are read: 128 MiB. Of larger frames fewer elements are read."""
 
-STRONGEST_DB, MOST_ECHOES = 20.0, 64
-"""Range below the strongest cell, and number, of the echoes that are placed."""
+MOST_ECHOES = 64
+"""Strongest echoes that are placed."""
 
 COSINE_SAMPLES = 128
 """Samples of the spectrum of a line of elements."""
@@ -146,7 +146,7 @@ def summarise_frame(observation: Observation) -> FrameSummary:
     detected = get_detector("osca").detect(power[in_gate], looks=cells.shape[2]).mask & gate.reachable
     reachable = np.zeros(power.shape, dtype=np.bool_)
     reachable[in_gate] = gate.reachable
-    echoes = _strongest_echoes(cells, power, reachable | _opposite(reachable), len(column))
+    echoes = _strongest_echoes(cells, power, reachable, len(column))
     share, better, better_share = _best_convention(observation, echoes, reachable)
     strongest = np.unravel_index(int(power.argmax()), power.shape)
     doppler_bin = scipy.fft.fftfreq(n_doppler, 1 / n_doppler)[strongest[1]]
@@ -191,12 +191,13 @@ class _Echoes(NamedTuple):
         return _Echoes(range_bin, doppler_bin, u, w, power)
 
 
-def _strongest_echoes(cells: Complex, power: Floats, allowed: Mask, n_column: int) -> _Echoes:
-    """Local maxima of a map up to `STRONGEST_DB` below the strongest, each with the direction of its peak."""
-    noise = float(np.median(power)) * (1 + LEAST_DEVIATIONS / np.sqrt(cells.shape[2]))
-    weakest = max(power.max(where=allowed, initial=0) * 10 ** (-STRONGEST_DB / 10), noise)
-    peaks = allowed & (power >= maximum_filter(power, size=3, mode="wrap"))
-    rows, columns = np.nonzero(peaks & (power > weakest))
+def _strongest_echoes(cells: Complex, power: Floats, reachable: Mask, n_column: int) -> _Echoes:
+    """Local maxima in reachable and opposite bins, strongest first, each with the direction of its peak."""
+    noise = np.median(power) * (1 + LEAST_DEVIATIONS / np.sqrt(cells.shape[2]))
+    rows, columns = np.nonzero((power >= maximum_filter(power, size=3, mode="wrap")) & (power > noise))
+    n_range, n_doppler = power.shape
+    kept = reachable[rows, columns] | reachable[-rows % n_range, -columns % n_doppler]
+    rows, columns = rows[kept], columns[kept]
     order = np.argsort(-power[rows, columns], kind="stable")[:MOST_ECHOES]
     rows, columns = rows[order], columns[order]
     snapshots = cells[rows, columns]
@@ -227,18 +228,9 @@ def _share(observation: Observation, echoes: _Echoes, reachable: Mask) -> float:
     """Share of the power of echoes from cells and directions of the region, with half a beam around it."""
     xyz = observation.positions_m(echoes.range_bin, echoes.u, echoes.w)
     half_beam_m = np.linalg.norm(xyz - observation.base_station_m, axis=1) / min(observation.array.shape)
-    lower_m, upper_m = observation.region.lower_m, observation.region.upper_m
-    around_m = half_beam_m[:, None]
-    inside = np.all((xyz >= lower_m - around_m) & (xyz <= upper_m + around_m), axis=1)
+    inside = observation.region.contains(xyz, half_beam_m[:, None])
     inside &= reachable[echoes.range_bin, echoes.doppler_bin]
     return float(echoes.power @ inside / echoes.power.sum()) if echoes.power.any() else 0.0
-
-
-def _opposite(mask: Mask) -> Mask:
-    """Mask of the opposite bins of a whole map."""
-    n_range, n_doppler = mask.shape
-    opposite: Mask = mask[np.ix_(-np.arange(n_range) % n_range, -np.arange(n_doppler) % n_doppler)]
-    return opposite
 
 
 def _peak(lines: Complex) -> NDArray[np.float64]:

@@ -71,13 +71,13 @@ class Region:
         """Corners (8, 3)."""
         return np.array([*product(self.x_m, self.y_m, self.z_m)])
 
-    def contains(self, xyz: ArrayLike, tolerance_m: float = 0.0) -> NDArray[np.bool_]:
+    def contains(self, xyz: ArrayLike, tolerance_m: float | NDArray[np.float64] = 0.0) -> NDArray[np.bool_]:
         """Tell which points lie in the box grown by a tolerance on every side; NaN does not.
 
         Parameters
         ----------
         xyz : array_like, shape (n, 3)
-        tolerance_m : float
+        tolerance_m : float or ndarray of float64, shape (n, 1)
 
         Returns
         -------

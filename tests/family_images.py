@@ -1,0 +1,77 @@
+"""Small scenes of all families, frames and phases, and the committed scores of their images.
+
+``python -m tests.family_images`` writes the scores anew, after a change that is meant to move them.
+"""
+
+import csv
+import warnings
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from isacbench.bench.cells.cell import raw_cloud
+from isacbench.errors import InputWarning
+from isacbench.metrics.score import score
+from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
+from isacbench.model.frame import get_frame
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.registry import build_estimator, estimator_names
+
+PATH = Path(__file__).parents[1] / "results" / "reference" / "families.csv"
+FAMILIES = "street", "town", "facade", "crowd", "weak", "traffic", "crossing", "sparse"
+SCENES = [
+    f"{family} {frame} {phase}"
+    for family, frame, phase in product(FAMILIES, ("panel", "paper"), ("carrier", "zero"))
+]
+SEED, SNRS_DB = 7, (10.0, -20.0)
+DIGITS = 8
+SCORES = [
+    *("n_estimated", "hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m", "velocity_nmse"),
+    *("gospa_m", "precision", "recall"),
+]
+
+
+def small_scene(name):
+    """Scenario of a family with 256 subcarriers, 32 symbols and 8 x 8 elements."""
+    family, frame, phase = name.split()
+    scenario = load_scenario(f"{family}[seed={SEED}]")
+    system = replace(scenario.system, n_subcarriers=256, n_symbols=32, coherent_phase=phase == "carrier")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)  # of scatterers that the paper's frame does not see
+        return replace(
+            scenario, system=system, array=VirtualArray((1, 1), (8, 8), 1, 1), frame=get_frame(frame)
+        )
+
+
+def rows_of(name):
+    """Rows of a scene, one an estimator and SNR: (scene, SNR, estimator) and the scores."""
+    scenario = small_scene(name)
+    simulator = Simulator(scenario)
+    with threadpool_limits(1):
+        for snr_db in SNRS_DB:
+            seen = simulator.observe(snr_db)
+            for estimator in estimator_names():
+                cloud = raw_cloud(build_estimator(estimator), seen, scenario.truth)
+                bin_mps = scenario.system.velocity_bin_mps
+                scores = score(scenario.truth, cloud, region=scenario.region, velocity_bin_mps=bin_mps)
+                yield (name, f"{snr_db:g}", estimator), [float(f"{scores[one]:.{DIGITS}g}") for one in SCORES]
+
+
+def committed_rows():
+    """Committed scores by scene, SNR and estimator."""
+    with PATH.open(newline="") as file:
+        return {tuple(row[:3]): [float(value) for value in row[3:]] for row in list(csv.reader(file))[1:]}
+
+
+if __name__ == "__main__":
+    with PATH.open("w", newline="") as table:
+        writer = csv.writer(table, lineterminator="\n")
+        writer.writerow(["scene", "snr_db", "estimator", *SCORES])
+        for scene in SCENES:
+            writer.writerows(
+                [*key, *(f"{value:g}" if value == int(value) else repr(value) for value in values)]
+                for key, values in rows_of(scene)
+            )
