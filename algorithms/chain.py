@@ -35,6 +35,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 import numpy as np
 
 from isacbench.added_fields import added_field
+from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
@@ -573,6 +574,7 @@ class MapEstimator(ABC):
         PointCloud
         """
 
+    @one_blas_thread()
     def diagnose(self, observation: Observation) -> Diagnosis:
         """Show the range-Doppler map and its test.
 

@@ -47,6 +47,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from isacbench.cores import one_blas_thread
 from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import (
@@ -308,6 +309,7 @@ class Nomp4d:
         for name in ("max_rounds", "max_scatterers"):
             require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
 
+    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

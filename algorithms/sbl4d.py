@@ -42,6 +42,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from isacbench.cores import one_blas_thread
 from isacbench.dsp.array_types import Complex, Floats
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms
@@ -139,6 +140,7 @@ class Sbl4d:
         require(self.lone_scatterers >= 0, "lone_scatterers", self.lone_scatterers, "0 and more")
         require(self.max_scatterers >= 1, "max_scatterers", self.max_scatterers, "1 and more")
 
+    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
 
+from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError
 from isacbench.metrics.realisations import nearest_to_mean
 from isacbench.model.cloud import PointCloud
@@ -40,6 +41,7 @@ class Reference(ABC):
         list of PointCloud
         """
 
+    @one_blas_thread()
     def estimate(self, observation: Observation, truth: PointCloud | None = None) -> PointCloud:
         """Select the realisation whose deviation is nearest to the mean deviation.
 

@@ -20,7 +20,6 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from isacbench import get_estimator, load_scenario
 from isacbench.metrics.score import score
@@ -75,20 +74,19 @@ def measure(name: str, scenario_name: str, n_trials: int, settings: list[str]) -
     limits["velocity_bin_mps"] = scenario.system.velocity_bin_mps
     estimators = [estimator_in(setting, name) if setting in settings else None for setting in SETTINGS]
     values = np.full((len(SETTINGS), len(SNRS_DB), n_trials, len(COMPONENTS) + 1), np.nan)
-    with threadpool_limits(limits=1):
-        # Trials outside, so that their noise is drawn once.
-        for trial, (i, snr_db) in product(range(n_trials), enumerate(SNRS_DB)):
-            observation = simulator.observe(float(snr_db), trial)
-            rounded = replace(observation, cells=observation.cells.astype(np.complex64).astype(np.complex128))
-            for j, (setting, estimator) in enumerate(zip(SETTINGS, estimators, strict=True)):
-                if estimator is None:
-                    continue
-                seen = rounded if setting == "input" else observation
-                start = perf_counter()
-                cloud = estimator.estimate(seen)
-                time_s = perf_counter() - start
-                found = score(scenario.truth, cloud, **limits)
-                values[j, i, trial] = [*(found[component] for component in COMPONENTS), time_s]
+    # Trials outside, so that their noise is drawn once.
+    for trial, (i, snr_db) in product(range(n_trials), enumerate(SNRS_DB)):
+        observation = simulator.observe(float(snr_db), trial)
+        rounded = replace(observation, cells=observation.cells.astype(np.complex64).astype(np.complex128))
+        for j, (setting, estimator) in enumerate(zip(SETTINGS, estimators, strict=True)):
+            if estimator is None:
+                continue
+            seen = rounded if setting == "input" else observation
+            start = perf_counter()
+            cloud = estimator.estimate(seen)
+            time_s = perf_counter() - start
+            found = score(scenario.truth, cloud, **limits)
+            values[j, i, trial] = [*(found[component] for component in COMPONENTS), time_s]
     return values
 
 

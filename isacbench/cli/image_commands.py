@@ -103,10 +103,9 @@ def image_command(
     signal: dict[str, Any] = {name: choice for name, choice in choices.items() if choice is not None}
     register(plugin)
     require_names([scenario], [estimator])
-    from threadpoolctl import threadpool_limits
-
     from isacbench.bench.cells.cell import estimate_cloud, score_image
     from isacbench.bench.cells.scored_images import image_reference
+    from isacbench.cores import one_blas_thread
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.cubes.frame_summary import summarise_frame
     from isacbench.instrument.remarks import Remarks
@@ -132,14 +131,12 @@ def image_command(
         for sentence in summarise_frame(observation).sentences():
             say(f"{cube.name}: {sentence}")
     title = ", ".join(told)
-    take = partial(estimate_cloud, imager, observation, scene.truth)
+    take = one_blas_thread()(partial(estimate_cloud, imager, observation, scene.truth))
     try:
-        # Small batched algebra is slower on several threads, and much so where others use the cores.
-        with threadpool_limits(limits=1):
-            with Remarks() as remarks:
-                cloud, first_s = _timed(take)
-            # A recorded frame is read by the first call.
-            again_s = _timed(take)[1] if cube is None and first_s < REPEATED_S else None
+        with Remarks() as remarks:
+            cloud, first_s = _timed(take)
+        # A recorded frame is read by the first call.
+        again_s = _timed(take)[1] if cube is None and first_s < REPEATED_S else None
     except InputError:
         raise
     except Exception as error:

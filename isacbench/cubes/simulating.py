@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
-from isacbench.cores import available_cores
+from isacbench.cores import available_cores, one_blas_thread
 from isacbench.cubes.writing import create_cube
 from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
 from isacbench.model.echo import Simulator, random_stream, resource_grid, white_gaussian
@@ -128,10 +127,10 @@ class FrameSimulator:
             slice(first, min(first + BLOCK_SUBCARRIERS, n_subcarriers))
             for first in range(0, n_subcarriers, BLOCK_SUBCARRIERS)
         ]
-        with threadpool_limits(limits=1), ThreadPoolExecutor(n_threads) as threads:
+        with ThreadPoolExecutor(n_threads) as threads:
             for first in range(0, len(blocks), n_threads):
                 together = blocks[first : first + n_threads]
-                yield from zip(together, threads.map(work, together), strict=True)
+                yield from zip(together, threads.map(one_blas_thread()(work), together), strict=True)
 
 
 def write_frame(

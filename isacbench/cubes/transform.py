@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
-from isacbench.cores import available_cores
+from isacbench.cores import available_cores, one_blas_thread
 from isacbench.dsp.partial_dft import (
     DopplerSums,
     RangeMethod,
@@ -64,6 +63,7 @@ class GateTransform:
         n_bins = self.gate.range_bins.size
         return "partial" if self.carriers is not None else range_method(n_bins, self.system.n_subcarriers)
 
+    @one_blas_thread()
     def cells(
         self,
         cube: Cube,
@@ -146,7 +146,7 @@ class GateTransform:
                 return False, transform_block(block, rows, self._range_rows[:, tile.subcarriers])
 
         has_lines = False
-        with threadpool_limits(limits=1), ThreadPoolExecutor(n_workers) as threads:
+        with ThreadPoolExecutor(n_workers) as threads:
             done = _in_order(threads, transform, cube.tiles(elements), n_workers + TILES_AHEAD)
             for tile, (is_lines, share) in done:
                 if is_lines:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, unknown_name
 from isacbench.metrics.cloud_scores import RADIUS_M, pair_scores
 from isacbench.metrics.deviation import pair_deviation
@@ -127,10 +128,11 @@ def score(
         raise unknown_name("metric", str(metric), METRICS)
     pair = CloudPair(_as_cloud(truth, "truth"), _as_cloud(estimate, "estimate"))
     parts: tuple[object, ...]
-    if metric == "repository":
-        parts = (repository_deviation(pair.truth, pair.estimate, region),)
-    else:
-        parts = pair_deviation(pair, region, velocity_bin_mps), pair_scores(pair, region, radius_m)
+    with one_blas_thread():
+        if metric == "repository":
+            parts = (repository_deviation(pair.truth, pair.estimate, region),)
+        else:
+            parts = pair_deviation(pair, region, velocity_bin_mps), pair_scores(pair, region, radius_m)
     scores: dict[str, float] = {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
     for name in list(METRICS[metric])[len(scores) :]:
         scores[name] = next(getattr(part, name) for part in parts if hasattr(part, name))

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isacbench.cores import one_blas_thread
 from isacbench.errors import require
 from isacbench.model.array import element_errors
 from isacbench.model.gate import Gate, build_gate
@@ -371,6 +372,7 @@ class Simulator:
         require(snr_db >= lowest_db, "snr_db", snr_db, limits)
         return unit * float(np.sqrt(power * 10 ** (-float(snr_db) / 10)))
 
+    @one_blas_thread()
     def observe(self, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
         """Observe the scenario once.
 

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isacbench.cores import one_blas_thread
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -30,10 +32,10 @@ def process_state_kept() -> Iterator[None]:
 
     Restored are the working directory, environment, NumPy's error handling and
     print options, filters of warnings, import path, standard streams, recursion limit,
-    global random generators. In the main thread also signal handlers and the
-    alarm timer.
+    global random generators, and the threads of BLAS, of which it has one within. In
+    the main thread also signal handlers and the alarm timer.
     """
-    with ExitStack() as stack:
+    with one_blas_thread(), ExitStack() as stack:
         for state in (warnings.catch_warnings(), np.errstate(), np.printoptions(), _signals_kept()):
             stack.enter_context(state)
         for name in ("stdin", "stdout", "stderr"):

@@ -17,8 +17,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from threadpoolctl import threadpool_limits
-
 from isacbench.bench.cells.cell import describe_error
 from isacbench.bench.store.provenance import Made
 from isacbench.bench.store.resume import versions_now
@@ -240,8 +238,6 @@ def _observe(block: Block) -> list[Made]:
     if _workbench is None:
         assert _job is not None
         _workbench = Workbench(_job, _repeats)
-        # Threads make small batched algebra slower and its timing unrepeatable: off for good.
-        threadpool_limits(limits=1)
         # Permanent objects need not be searched at every garbage collection.
         gc.freeze()
     return _workbench.observe(block)

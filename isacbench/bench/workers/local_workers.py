@@ -6,8 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
-from threadpoolctl import threadpool_limits
-
 from isacbench.bench.plan.run_plan import BlockQueue
 from isacbench.bench.workers.guarded_cells import Guard, Lane
 from isacbench.bench.workers.workbench import Workbench
@@ -35,10 +33,8 @@ def work_here(job: Job, blocks: Sequence[Block], repeats: int | None = None) -> 
     Made
     """
     workbench = Workbench(job, repeats)
-    # Threads make small batched algebra slower and its timing unrepeatable.
-    with threadpool_limits(limits=1):
-        for block in blocks:
-            yield from workbench.work(block)
+    for block in blocks:
+        yield from workbench.work(block)
 
 
 def work_alone(job: Job, blocks: Sequence[Block], guard: Guard, repeats: int) -> Generator[Made, None, None]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from isacbench.bench.cells.isolation import process_state_kept, seed_global_generators
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store.provenance import Made, environment_id, environment_of
+from isacbench.cores import one_blas_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -62,6 +63,7 @@ class Workbench:
         self._digest = ""
         self._environments: dict[tuple[str, str], tuple[str, Environment]] = {}
 
+    @one_blas_thread()
     def observe(self, block: Block) -> list[Made]:
         """Observe what the cells of a block share.
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.checking.contract.contract_check import check_names, iterate_checks
 from isacbench.checking.contract.findings import Finding
+from isacbench.cores import one_blas_thread
 from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 
@@ -56,5 +57,6 @@ def _start(kind: PluginKind, name: str, plugins: tuple[PluginFile, ...]) -> None
     _checks = iterate_checks(kind, name)
 
 
+@one_blas_thread()
 def _next() -> Finding:
     return next(_checks)

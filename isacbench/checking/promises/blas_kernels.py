@@ -19,9 +19,8 @@ import sys
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
-from threadpoolctl import threadpool_limits
-
 from isacbench.bench.cells.cell import raw_cloud
+from isacbench.cores import one_blas_thread
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Estimator
@@ -191,7 +190,7 @@ def process_under(core_type: str) -> KernelProcess:
 def _serve(descriptor: int) -> None:
     """Image the observations that come through a connection, until it is closed."""
     connection = Connection(descriptor)
-    with threadpool_limits(1):
+    with one_blas_thread():
         while True:
             try:
                 plugins, instances, observation, truth = connection.recv()

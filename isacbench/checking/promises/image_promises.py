@@ -199,11 +199,10 @@ def _scaled(imaging: Imaging, odd: float) -> float:
 
 
 def _threads(imaging: Imaging) -> float:
-    drifts = []
-    for n_threads in (1, 2):
-        with threadpool_limits(n_threads):
-            drifts.append(imaging.drift(imaging.image(imaging.shot.observation())))
-    return max(drifts)
+    """Drift with two BLAS threads, for an estimator that does not keep to one itself."""
+    with threadpool_limits(2):
+        image = imaging.image(imaging.shot.observation())
+    return imaging.drift(image)
 
 
 def _blas_kernels(imaging: Imaging) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.cores import one_blas_thread
 from isacbench.link.sensing.division import Signal, division_weights, symbol_moduli
 from isacbench.link.sensing.noise_colouring import coloured_noise
 from isacbench.link.sensing.weighted_echo import weighted_echo
@@ -61,6 +62,7 @@ class SignalSimulator(Simulator):
 
         self._weights, self._echo, self._noise = weights, echo, noise
 
+    @one_blas_thread()
     def observe(self, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
         """Observe the scenario once.
 

@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.fft
-from threadpoolctl import threadpool_limits
 
-from isacbench.cores import available_cores
+from isacbench.cores import available_cores, one_blas_thread
 from isacbench.errors import InputError, require
 from isacbench.link.waveform.ofdm import checked_grid, layout, n_samples, transmit_window
 from isacbench.model.frozen_arrays import freeze_arrays
@@ -278,15 +277,14 @@ class _Receiver:
         for first in range(0, n_periods, n_together):
             yield range(first, min(first + n_together, n_periods))
 
+    @one_blas_thread()
     def samples(self, periods: range) -> Complex:
         """Received samples (periods, E, n_window), without the paths in `standing`."""
         received = np.zeros((len(periods), self.n_elements, self.time.size), dtype=np.complex128)
         for waves in self._waves():
             first, last = max(periods.start, waves.lag), min(periods.stop, len(self.sent) + waves.lag)
-            # Threads of BLAS cost more than they save in products of this size.
-            with threadpool_limits(limits=1, user_api="blas"):
-                for period in range(first, last):
-                    received[period - periods.start] += self._arriving(waves, period)
+            for period in range(first, last):
+                received[period - periods.start] += self._arriving(waves, period)
         return received
 
     def spectra(self, periods: range) -> Complex:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from isacbench.bench.cells.isolation import array_digest, process_state_kept, seed_global_generators
 from isacbench.bench.studies.study import SharedImage
@@ -37,6 +38,7 @@ def state():
         "recursion": sys.getrecursionlimit(),
         "handlers": [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)],
         "alarm": signal.getitimer(signal.ITIMER_REAL),
+        "threads": [library["num_threads"] for library in threadpool_info()],
     }
 
 
@@ -55,6 +57,7 @@ def disturb():
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, signal.SIG_IGN)
     signal.setitimer(signal.ITIMER_REAL, 3600)
+    threadpool_limits(3)
 
 
 @pytest.mark.parametrize("end", [None, ValueError, KeyboardInterrupt])

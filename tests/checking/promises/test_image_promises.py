@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from threadpoolctl import threadpool_info
 
 from isacbench.checking.promises import image_promises
 from isacbench.checking.promises.drift import cells_apart, cloud_drift
@@ -59,6 +60,9 @@ class Twisted:
             case "one row":
                 weights = np.linspace(1, 1.1, cells.shape[3])
                 seen = dataclasses.replace(observation, cells=cells * weights)
+            case "counts threads":
+                n_threads = max(library["num_threads"] for library in threadpool_info())
+                seen = dataclasses.replace(observation, cells=cells * n_threads)
         points = get_estimator("music2d").estimate(seen).to_array()
         match self.fault:
             case "ghost":
@@ -86,6 +90,7 @@ class Twisted:
         ("blind", "found"),
         ("absolute threshold", "scale by powers of two"),
         ("rounds to single", "scale"),
+        ("counts threads", "threads"),
         ("reads memory", "memory order"),
         ("one row", "element order"),
     ],

@@ -11,8 +11,6 @@ from io import StringIO
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
-from threadpoolctl import threadpool_limits
-
 from isacbench.bench.cells.isolation import process_state_kept, seed_global_generators
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.checking.promises.blas_kernels import other_kernels, set_kernels
@@ -253,6 +251,6 @@ def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
 def _examine(kind: PluginKind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
     [(_, plugin)] = _built(kind, spec)
     [case] = find_cases(case_spec)
-    with process_state_kept(), threadpool_limits(1), redirect_stdout(StringIO()):
+    with process_state_kept(), redirect_stdout(StringIO()):
         seed_global_generators(seed, spec, case_spec)
         return examine(case, plugin, seed)

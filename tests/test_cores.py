@@ -1,0 +1,282 @@
+"""Imaging keeps linear algebra on one thread; what the caller computes besides has his own number."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pkgutil import resolve_name
+from types import SimpleNamespace
+
+import cloudpickle
+import pytest
+import threadpoolctl
+from isacbench_algorithms.music2d import Music2d
+
+from isacbench import cores
+from isacbench.checking.promises.small_scenes import RESOLVED, observed
+from isacbench.cores import one_blas_thread
+from isacbench.cubes.frame_observation import observe_cube
+from isacbench.link.sensing.echo_waveform import observe_waveform
+from isacbench.link.sensing.observing import observe
+from isacbench.metrics.score import score
+from isacbench.model.echo import resource_grid
+from isacbench.model.observation import Observation
+from isacbench.plugins.registry import estimator_names, get_estimator
+
+SHOT = observed(RESOLVED, 20.0)
+SCENE = SHOT.scenario
+
+
+def threads():
+    """Numbers of threads of the libraries of linear algebra, by their paths."""
+    found = threadpoolctl.ThreadpoolController().select(user_api="blas").lib_controllers
+    return {library.filepath: library.num_threads for library in found}
+
+
+@pytest.fixture(params=[2])
+def callers(request):
+    """Numbers of threads that a caller has chosen."""
+    with threadpoolctl.threadpool_limits(request.param):
+        chosen = threads()
+        assert request.param in chosen.values()
+        yield chosen
+
+
+def calling(function, *args):
+    """Call a function in this thread."""
+    return function(*args)
+
+
+def assert_one(seen):
+    assert seen
+    assert {number for numbers in seen for number in numbers.values()} == {1}
+
+
+class Watched(Observation):
+    """Observation that notes the threads of whoever reads it."""
+
+    def __getattribute__(self, name):
+        if name in ("cells", "region"):
+            vars(self).setdefault("seen", []).append(threads())
+        return super().__getattribute__(name)
+
+
+def watched(**changes):
+    observation = SHOT.observation()
+    names = [field.name for field in dataclasses.fields(Observation)]
+    made = Watched(**{**{name: getattr(observation, name) for name in names}, **changes})
+    vars(made)["seen"] = []
+    return made
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_an_estimator_images_on_one_thread_and_its_caller_goes_on_with_his_own(name, callers):
+    plain, observation = get_estimator(name), watched()
+    truth = (SCENE.truth,) if name in ("oracle", "chance") else ()
+    assert len(type(plain)().estimate(observation, *truth))
+    assert_one(observation.seen)
+    assert threads() == callers
+    if hasattr(plain, "diagnose"):
+        observation = watched()
+        plain.diagnose(observation)
+        assert_one(observation.seen)
+        assert threads() == callers
+
+
+@pytest.mark.parametrize("callers", [2, 3], indirect=True)
+def test_after_an_exception_the_caller_has_his_threads_back(callers):
+    observation = watched(system=None)
+    with pytest.raises(AttributeError):
+        Music2d().estimate(observation)
+    assert_one(observation.seen)
+    assert threads() == callers
+
+
+def cube_cells():
+    grid = resource_grid(SCENE, SCENE.array.positions)
+    return observe_cube(grid.reshape(*grid.shape[:2], *SCENE.array.shape), SCENE).cells
+
+
+@pytest.mark.parametrize(
+    ("inside", "call"),
+    [
+        ("isacbench.model.echo.clean_echo", lambda: observe(dataclasses.replace(SCENE, name="new"), 10.0)),
+        (
+            "isacbench.link.sensing.link_observation.weighted_echo",
+            lambda: observe(SCENE, 10.0, sensing="prs"),
+        ),
+        ("isacbench.link.waveform.propagation._Receiver._arriving", lambda: observe_waveform(SCENE, 10.0)),
+        ("isacbench.cubes.transform.GateTransform._summed", cube_cells),
+        ("isacbench.metrics.score.pair_scores", lambda: score(SCENE.truth, SCENE.truth)),
+    ],
+)
+def test_observations_and_scores_are_made_on_one_thread(inside, call, callers, monkeypatch):
+    plain, seen = resolve_name(inside), []
+
+    def noting(*args):
+        seen.append(threads())
+        return plain(*args)
+
+    monkeypatch.setattr(inside, noting)
+    call()
+    assert_one(seen)
+    assert threads() == callers
+
+
+@pytest.fixture
+def other():
+    """Run functions in a thread that lives until the end, one after the other."""
+    with ThreadPoolExecutor(1) as executor:
+        yield lambda function, *args: executor.submit(function, *args).result(60)
+
+
+def test_of_threads_that_overlap_the_last_to_leave_restores_what_the_first_found(callers, other):
+    limit, seen = one_blas_thread(), []
+    for first, last in ((other, calling), (calling, other)):
+        first(limit.__enter__)
+        seen.append(threads())
+        last(limit.__enter__)
+        first(limit.__exit__)
+        seen.append(threads())
+        last(limit.__exit__)
+        assert threads() == callers
+    assert_one(seen)
+
+
+def test_a_thread_limits_although_another_one_has_chosen_a_number_and_may_choose_again(callers, other):
+    assert_one([other(one_blas_thread()(threads))])
+    assert threads() == callers
+    threadpoolctl.threadpool_limits(3)
+    assert 3 in threads().values()
+    assert_one([other(one_blas_thread()(threads))])
+    assert 3 in threads().values()
+    threadpoolctl.threadpool_limits(2)
+    assert threads() == callers
+
+
+def test_inner_limits_leave_the_outer_one_and_undo_no_other_number_but_the_caller_s(callers):
+    seen = []
+    with one_blas_thread():
+        with pytest.raises(ZeroDivisionError), one_blas_thread():
+            raise ZeroDivisionError
+        seen.append(threads())
+        threadpoolctl.threadpool_limits(3)  # as a plugin may, for good
+        with one_blas_thread():
+            seen.append(threads())
+    assert_one(seen)
+    assert threads() == callers
+
+
+def test_a_decorated_function_is_sent_by_its_code():
+    @one_blas_thread()
+    def answer():
+        return set(threads().values())
+
+    assert cloudpickle.loads(cloudpickle.dumps(answer))() == {1}
+
+
+class Library:
+    """A library whose threads are counted for the process, or with OpenMP for each thread."""
+
+    def __init__(self, internal_api, user_api, threading_layer=None):
+        self.filepath = self.internal_api = internal_api
+        self.user_api, self.threading_layer = user_api, threading_layer
+        self._of_process, self._of_thread = {}, threading.local()
+
+    @property
+    def _numbers(self):
+        is_of_thread = "openmp" in (self.user_api, self.threading_layer)
+        return vars(self._of_thread) if is_of_thread else self._of_process
+
+    @property
+    def num_threads(self):
+        return self._numbers.get("n", 4)
+
+    def set_num_threads(self, n):
+        self._numbers["n"] = n
+
+
+@pytest.fixture
+def loaded(monkeypatch):
+    """Libraries that are loaded in place of the real ones."""
+    libraries = []
+    monkeypatch.setattr(
+        threadpoolctl, "ThreadpoolController", lambda: SimpleNamespace(lib_controllers=[*libraries])
+    )
+    cores._libraries.cache_clear()
+    yield libraries
+    cores._libraries.cache_clear()
+
+
+def test_a_library_that_an_import_brings_later_is_limited_from_the_next_call_on(loaded, monkeypatch):
+    early, late = Library("openblas", "blas", "pthreads"), Library("mkl", "blas")
+    loaded.append(early)
+    with one_blas_thread():
+        loaded.append(late)
+        monkeypatch.setitem(sys.modules, "brings_late", None)
+        with one_blas_thread():
+            assert (early.num_threads, late.num_threads) == (1, 1)
+    assert (early.num_threads, late.num_threads) == (4, 4)
+
+
+@pytest.mark.parametrize("library", [Library("libgomp", "openmp"), Library("openblas", "blas", "openmp")])
+def test_openmp_has_its_number_back_in_each_thread(library, loaded, other):
+    loaded.append(library)
+    limit = one_blas_thread()
+    numbers = []
+    for act in (limit.__enter__, limit.__exit__):
+        for run in (other, calling):
+            run(act)
+            numbers.append((other(lambda: library.num_threads), library.num_threads))
+    assert numbers == [(1, 4), (1, 1), (4, 1), (4, 4)]
+
+
+PROGRAM = """
+import json, os, sys, threading
+from isacbench.cores import one_blas_thread
+import numpy
+from threadpoolctl import threadpool_info
+
+def threads():
+    return sorted({one["num_threads"] for one in threadpool_info()})
+
+found = {"loaded": "scipy.linalg" in sys.modules}
+with one_blas_thread():
+    import scipy.linalg
+    found["inside"] = threads()
+inside, done = threading.Event(), threading.Event()
+
+def image():
+    with one_blas_thread():
+        inside.set()
+        done.wait(60)
+
+other = threading.Thread(target=image)
+other.start()
+inside.wait(60)
+read, write = os.pipe()
+if not os.fork():  # a process without that thread
+    os.write(write, json.dumps(threads()).encode())
+    with one_blas_thread():
+        pass
+    os._exit(0)
+found["child"] = json.loads(os.read(read, 100))
+found["parent"] = threads()
+os.wait()
+done.set()
+other.join()
+found["after"] = threads()
+print(json.dumps(found))
+"""
+
+
+def test_scipy_s_library_is_limited_before_it_is_used_and_a_forked_process_waits_for_no_thread_it_lacks():
+    program = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", PROGRAM]
+    told = subprocess.run(
+        program, env={**os.environ, "OPENBLAS_NUM_THREADS": "2"}, capture_output=True, check=True, timeout=60
+    )
+    expected = {"loaded": False, "inside": [1], "child": [2], "parent": [1], "after": [2]}
+    assert json.loads(told.stdout) == expected
