@@ -145,5 +145,5 @@ def _as_cloud(values: PointCloud | ArrayLike, name: str) -> PointCloud:
         return values
     try:
         return PointCloud.from_array(values)
-    except InputError as error:
+    except ValueError as error:
         raise InputError(f"{name}: {error}") from error

@@ -36,8 +36,10 @@ class PointCloud(Displayed):
 
     Raises
     ------
+    ValueError
+        If the shapes disagree or a value is not finite.
     InputError
-        If the shapes disagree, or values are masked, complex, or not finite.
+        If values are masked or no real numbers.
 
     Examples
     --------
@@ -57,13 +59,13 @@ class PointCloud(Displayed):
         freeze_arrays(self, "xyz", "velocity", "power")
         n = self.velocity.size
         if self.xyz.shape != (n, 3) or self.velocity.shape != (n,) or self.power.shape != (n,):
-            raise InputError(
+            raise ValueError(
                 f"a point cloud takes xyz (n, 3), velocity (n,) and power (n,), "
                 f"not {self.xyz.shape}, {self.velocity.shape} and {self.power.shape}"
             )
         for name in ("xyz", "velocity", "power"):
             if not np.isfinite(getattr(self, name)).all():
-                raise InputError(f"a point cloud takes finite values; {name} has NaN or infinity")
+                raise ValueError(f"a point cloud takes finite values; {name} has NaN or infinity")
 
     def __len__(self) -> int:
         return self.velocity.size
@@ -93,8 +95,10 @@ class PointCloud(Displayed):
 
         Raises
         ------
+        ValueError
+            If it has another shape.
         InputError
-            If it has another shape, masked or complex numbers, or texts.
+            If numbers are masked or not real, or columns are missing or unknown.
 
         Examples
         --------
@@ -107,7 +111,7 @@ class PointCloud(Displayed):
             array = _stacked(columns)
         array = checked_array("a point array", array)
         if array.ndim != 2 or array.shape[1] not in (4, 5):
-            raise InputError(f"a point array takes shape (n, 4) or (n, 5), not {array.shape}")
+            raise ValueError(f"a point array takes shape (n, 4) or (n, 5), not {array.shape}")
         power = array[:, 4] if array.shape[1] == 5 else np.ones(len(array))
         return cls(xyz=array[:, :3], velocity=array[:, 3], power=power)
 
