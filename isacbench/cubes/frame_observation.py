@@ -46,9 +46,9 @@ class CubeObservation(Observation):
         source: CubeLike,
         scenario: Scenario,
         factors: NDArray[np.complex128] | None,
-        carriers: NDArray[np.bool_] | None,
         workers: int | None,
         sensing: Sensing,
+        carriers: NDArray[np.bool_] | None = None,
     ) -> None:
         system = scenario.system if carriers is None else _used_band(scenario.system, carriers)
         vars(self).update(  # whose attributes are frozen
@@ -181,7 +181,7 @@ def observe_cube(
             )
             carriers = None if used.all() else used
         source = cube if cube.is_held else array_or_path
-    return CubeObservation(source, scenario, factors, carriers, workers, sensing)
+    return CubeObservation(source, scenario, factors, workers, sensing, carriers)
 
 
 def _used_band(system: System, carriers: NDArray[np.bool_]) -> System:
