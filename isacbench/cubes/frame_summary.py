@@ -2,8 +2,8 @@
 
 A frame whose samples are conjugated, or whose array counts the other way, has
 its echoes in other places: outside the region, or mirrored in it. The summary
-reads one row and one column of the array and places the strongest echoes of the
-gate by their range and by the peak of either line's spectrum, as the frame is,
+reads one row and one column of the array and places the strongest echoes by
+their range and by the peak of either line's spectrum, as the frame is,
 and as it would be in other conventions.
 """
 
@@ -48,6 +48,10 @@ CLEARLY_MORE = 0.1
 """Difference of two shares of the power from which the convention of the higher one is named."""
 
 
+LEAST_SHARE = 0.5
+"""Share of the power below which the scenario is doubted."""
+
+
 class Convention(NamedTuple):
     """Changes that turn a frame into one of the usual convention.
 
@@ -84,7 +88,7 @@ class FrameSummary:
     n_detected, n_cells : int
         Cells that a CFAR detector finds among those that the region can reach.
     n_echoes : int
-        Strongest echoes of the cells that the region can reach, in any convention.
+        Strongest echoes of the map, at most `MOST_ECHOES`.
     share : float
         Share of their power that comes from the region; 0 if there are none.
     better : Convention or None
@@ -112,6 +116,8 @@ class FrameSummary:
         told = [f"{place}, {where}; {self.n_detected} of {counted(self.n_cells, 'cell')} detected; {echoes}"]
         if self.better is not None:
             told.append(f"if {self.better}, {self.better_share:.0%} would: look at the signs of the frame")
+        elif self.n_echoes and self.share < LEAST_SHARE:
+            told.append("the rest fits no other convention: look at the scenario's radio, place and region")
         return told
 
 
@@ -146,7 +152,7 @@ def summarise_frame(observation: Observation) -> FrameSummary:
     detected = get_detector("osca").detect(power[in_gate], looks=cells.shape[2]).mask & gate.reachable
     reachable = np.zeros(power.shape, dtype=np.bool_)
     reachable[in_gate] = gate.reachable
-    echoes = _strongest_echoes(cells, power, reachable, len(column))
+    echoes = _strongest_echoes(cells, power, len(column))
     share, better, better_share = _best_convention(observation, echoes, reachable)
     strongest = np.unravel_index(int(power.argmax()), power.shape)
     doppler_bin = scipy.fft.fftfreq(n_doppler, 1 / n_doppler)[strongest[1]]
@@ -191,13 +197,10 @@ class _Echoes(NamedTuple):
         return _Echoes(range_bin, doppler_bin, u, w, power)
 
 
-def _strongest_echoes(cells: Complex, power: Floats, reachable: Mask, n_column: int) -> _Echoes:
-    """Local maxima in reachable and opposite bins, strongest first, each with the direction of its peak."""
+def _strongest_echoes(cells: Complex, power: Floats, n_column: int) -> _Echoes:
+    """Local maxima of a whole map, strongest first, each with the direction of its peak."""
     noise = np.median(power) * (1 + LEAST_DEVIATIONS / np.sqrt(cells.shape[2]))
     rows, columns = np.nonzero((power >= maximum_filter(power, size=3, mode="wrap")) & (power > noise))
-    n_range, n_doppler = power.shape
-    kept = reachable[rows, columns] | reachable[-rows % n_range, -columns % n_doppler]
-    rows, columns = rows[kept], columns[kept]
     order = np.argsort(-power[rows, columns], kind="stable")[:MOST_ECHOES]
     rows, columns = rows[order], columns[order]
     snapshots = cells[rows, columns]

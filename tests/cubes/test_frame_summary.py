@@ -69,6 +69,13 @@ def test_the_strongest_cell_is_that_of_the_strongest_echo_wherever_it_lies():
     assert not receding.is_in_gate
 
 
+def test_a_scenario_of_another_spacing_is_doubted():
+    system = replace(SCENARIO.system, subcarrier_spacing_hz=480e3)
+    summary = summary_of(FRAME, replace(SCENARIO, system=system))
+    assert (summary.is_in_gate, summary.better) == (False, None)
+    assert summary.sentences()[1].endswith("look at the scenario's radio, place and region")
+
+
 def test_noise_alone_names_no_convention():
     rng = np.random.default_rng(0)
     noise = rng.standard_normal((2, *FRAME.shape))
