@@ -60,6 +60,7 @@ from isacbench.dsp.fitting.atom_fits import (
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import (
+    TIE_DIGITS,
     BeamSpace,
     descending,
     noise_maximum,
@@ -87,8 +88,9 @@ from isacbench.plugins.contracts import Needs
 SPLIT_CERTAINTY = 3.0
 """Required gain of a split, in thresholds of a new atom; higher, because a split is the best of many."""
 
-TABOO_CELLS = 0.15
-"""Distance from a failed split within which no split is tried again."""
+TABOO_CELLS = 0.15 + 1e-9
+"""Distance from a failed split within which no split is tried again. More than that of its halves, but for
+rounding."""
 
 HOPELESS_CELLS = 0.3
 """Distance from a failed new atom (its round changed nothing) within which no new atom is tried again."""
@@ -206,6 +208,10 @@ class Pursuit:
             np.concatenate([np.delete(old, moves.split, axis=0), *parts])
             for old in (self.places, self.origins)
         )
+        # Two splits a cell apart may meet in one place, where rounding would decide between them.
+        _, first = np.unique(np.round(self.places, TIE_DIGITS), axis=0, return_index=True)
+        single = np.sort(first)
+        self.places, self.origins = self.places[single], self.origins[single]
 
     def move_to_best_lobes(self) -> None:
         """Move each atom, with its box, to the grating lobe that fits the map best."""

@@ -56,7 +56,10 @@ def stress_command(
     plugin: PluginFiles = None,
     as_json: AsJson = False,
 ) -> None:
-    """Put estimators and detectors through hostile but finite input, and say what breaks."""
+    """Put estimators and detectors through hostile but finite input, and say what breaks.
+
+    Without -e and -d: all, but references, which see the truth.
+    """
     register(plugin)
     require_names(estimators=estimator or (), detectors=detector or ())
     from isacbench.bench.workers.process_server import start_process_server
@@ -66,14 +69,13 @@ def stress_command(
     from isacbench.checking.stress.runs import stress_table
     from isacbench.checking.stress.runs.families import find_families
     from isacbench.checking.stress.runs.stress_runs import examine_all, find_targets, tasks_of
-    from isacbench.plugins.registry import detector_names, estimator_names
+    from isacbench.plugins.registry import detector_names, estimator_names, sees_truth
     from isacbench.report.texts import stress_findings
 
-    everything = estimator is None and detector is None
-    targets = [
-        *find_targets("estimator", estimator_names() if everything else estimator or ()),
-        *find_targets("detector", detector_names() if everything else detector or ()),
-    ]
+    if estimator is None and detector is None:
+        estimator = [name for name in estimator_names() if not sees_truth(name)]
+        detector = detector_names()
+    targets = [*find_targets("estimator", estimator or ()), *find_targets("detector", detector or ())]
     options = tuple(part for path in plugin or () for part in ("--plugin", str(path)))
     if search is None:
         work = examine_all(tasks_of(targets, case or [], seed, options), jobs, timeout)

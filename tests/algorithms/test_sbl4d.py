@@ -9,6 +9,8 @@ from isacbench_algorithms.nomp4d import Nomp4d
 from isacbench_algorithms.sbl4d import Sbl4d
 
 from isacbench import load_scenario, observe, score
+from isacbench.checking.promises.image_promises import ELEMENT_ORDER, Imaging
+from isacbench.checking.stress.runs.families import find_cases
 from isacbench.errors import InputError
 from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
@@ -52,20 +54,21 @@ def test_lone_scatterers_are_the_image_of_the_pursuit():
     ids=["part", "street"],
 )
 def test_a_street_is_dense_without_ghosts_and_remarks_are_of_atoms_left_out(make, n_remarks):
-    scenario = make()
-    observation = observe(scenario, snr_db=10)
-    with Remarks() as remarks:
-        cloud = Sbl4d().estimate(observation)
-    scores = score(scenario.truth, cloud, region=scenario.region)
-    assert hausdorff_sum_m(scenario, cloud) < 0.9 * hausdorff_sum_m(
-        scenario, Esprit2d().estimate(observation)
-    )
-    assert scores["precision"] > 0.95
-    assert scores["recall"] > 0.95
-    assert scores["density"] < 0.6
-    assert scores["velocity_nmse"] < 1e-3
-    assert remarks.counts["unexplained"] == (0, 1)
-    assert ["left out" in sentence for sentence in remarks.sentences()] == [True] * n_remarks
+    scenario, ratios = make(), []
+    for trial in range(3):
+        observation = observe(scenario, 10, trial)
+        with Remarks() as remarks:
+            cloud = Sbl4d().estimate(observation)
+        scores = score(scenario.truth, cloud, region=scenario.region)
+        other = Esprit2d().estimate(observation)
+        ratios.append(hausdorff_sum_m(scenario, cloud) / hausdorff_sum_m(scenario, other))
+        assert scores["precision"] > 0.95
+        assert scores["recall"] > 0.95
+        assert scores["density"] < 0.6
+        assert scores["velocity_nmse"] < 1e-3
+        assert remarks.counts["unexplained"] == (0, 1)
+        assert ["left out" in sentence for sentence in remarks.sentences()] == [True] * n_remarks
+    assert np.mean(ratios) < 0.9  # a single one hangs on one point
 
 
 @pytest.mark.slow
@@ -90,9 +93,23 @@ def test_the_coherent_street_has_few_ghosts():
         score(scenario.truth, Sbl4d().estimate(observe(scenario, 10, trial)), region=scenario.region)[
             "precision"
         ]
-        for trial in range(3)
+        for trial in range(6)
     ]
-    assert np.mean(precision) >= 0.9
+    assert np.mean(precision) >= 0.87  # that of twelve draws is 0.91 ± 0.01
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "beyond[what=prefix,noise=20dB,excess=0.2]",
+        pytest.param("beyond[what=prefix,noise=none,excess=0.7]", marks=pytest.mark.slow),
+    ],
+)
+def test_atoms_on_the_leakage_of_an_echo_beyond_the_gate_mirror_and_turn_with_the_array(spec):
+    (case,) = find_cases(spec)
+    imaging = Imaging(Sbl4d(), case.shot(0))
+    assert len(imaging.cloud) > 2
+    assert ELEMENT_ORDER.drift(imaging) <= ELEMENT_ORDER.bound
 
 
 def test_a_crowd_beyond_the_limit_is_imaged_by_its_strongest_atoms_and_said():

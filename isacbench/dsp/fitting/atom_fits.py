@@ -54,8 +54,8 @@ BLURRED = 0.01
 NOT_LESS = 1e-12
 """Of the explained energy: a step that loses no more may as well gain."""
 
-LEAST_OWN = 1e-10
-"""Least energy of a unit atom that others do not explain: 1e-5 cells from another, steps are rounding."""
+LEAST_OWN = 1e-6
+"""Least energy of a unit atom that others do not explain: 5e-4 cells from another, steps are rounding."""
 
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-12
 """Levenberg-Marquardt damping, relative to the diagonal of the information."""

@@ -198,11 +198,10 @@ class BeamSpace:
         n_beams = 2 * BEAMS_A_CELL - 1
         mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
         samples_per_cell = (1, 1, BEAMS_A_CELL, BEAMS_A_CELL)
-        nearest = (
-            np.clip(np.rint((along - axis[0]) * n_samples).astype(np.int64), 0, axis.size - 1)
-            for axis, along, n_samples in zip(self.axes, places.T, samples_per_cell, strict=True)
-        )
-        around: Floats = mean[tuple(nearest)]
+        first = [axis[0] for axis in self.axes]
+        # Atoms at the edge of their boxes lie halfway between two bins, but for rounding.
+        at = np.rint(np.round((places - first) * samples_per_cell, TIE_DIGITS)).astype(np.int64)
+        around: Floats = mean[tuple(np.clip(at, 0, np.array(mean.shape) - 1).T)]
         return around
 
 

@@ -17,8 +17,8 @@ from isacbench.model.gate import Gate
 ROUND_RANGE_DB = 6.0
 """Moves of a round gain at most this much less than the best one."""
 
-APART_CELLS = 1.0
-"""Least distance between the moves of one round."""
+APART_CELLS = 1.0 - 1e-9
+"""Least distance between the moves of one round. Less than one: peaks are one apart but for rounding."""
 
 SPLIT_PREFERENCE = 2.0
 """Factor by which a split is preferred to a new atom nearby, which would only be the first of two."""

@@ -91,7 +91,7 @@ STATIC_DIMENSION, MOVING_DIMENSION = 1e-2, 2e-2
 MOST_SECTOR_CELLS = 24
 """Cells of a tile, the strongest first, that its sectors are learned from."""
 
-SAME_PLACE = np.array([0.2, 0.3, 0.27, 0.2])
+SAME_PLACE = np.array([0.2, 0.3, 0.235, 0.235])
 """Half widths in Rayleigh cells within which atoms of two tiles are one."""
 
 

@@ -6,12 +6,10 @@ import numpy as np
 
 from isacbench.dsp.array_types import Complex, Floats
 
-PITCH = 2.0**-10
-"""Rayleigh cells to which centroids are rounded: joint steps would magnify digits that rounding decides."""
-
-SHIFT = 1 / 3
-"""Of the rounded places, over their pitch: places with few binary digits, which settled atoms have, would lie
-halfway between two of them, and the last digit would choose."""
+PITCH = 2.0**-12 * (1 + np.sqrt(5))
+"""Rayleigh cells to which centroids are rounded: joint steps would magnify digits that rounding decides. By
+the golden ratio no place with few binary digits, which settled atoms have, is halfway between two of them,
+and mirrored places are rounded alike."""
 
 SAME_DIRECTION_CELLS = 0.5
 """Distance in u and w up to which the misfit of an atom is as strong as beside it."""
@@ -62,7 +60,7 @@ def gather(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Fl
         strengths.append(abs(amplitude[near].sum()))
         along, amplitude = along[:, ~near], amplitude[~near]
     centroids = np.array(centres).reshape(-1, places.shape[1])
-    return (np.rint(centroids / PITCH - SHIFT) + SHIFT) * PITCH, np.array(strengths)
+    return np.rint(centroids / PITCH) * PITCH, np.array(strengths)
 
 
 def strongest_near(places: Floats, amplitude: Floats, reach: tuple[float, float]) -> Floats:

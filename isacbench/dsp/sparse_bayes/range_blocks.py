@@ -50,7 +50,7 @@ MISFIT_DB = 35.0
 LEAST_SHARE = 1e-6
 """Least first power over the largest."""
 
-GATHER_BOX = np.array([0.15, 0.15, 0.2, 0.15])
+GATHER_BOX = np.array([0.15, 0.15, 0.175, 0.175])
 """Half widths in Rayleigh cells of what one scatterer is spread over."""
 
 DYNAMIC_RANGE_DB = 25.0

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from isacbench.dsp.array_types import Complex, Floats, Mask
-from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms, refit_atoms
+from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
 from isacbench.dsp.sparse_bayes.gathering import strongest_near
@@ -100,7 +100,8 @@ def settle(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> Ato
         step = damped_step(fit, damping)
         moved = np.clip(stepped(fit.places + step, step), origins - BOX_CELLS, origins + BOX_CELLS)
         tried = fit_atoms(atom_map, moved, ridge)
-        if tried.energy >= fit.energy:
+        # As in `refine_atoms`: at the optimum rounding must not decide about a step.
+        if tried.energy >= (1 - NOT_LESS) * fit.energy:
             fit, damping = tried, max(damping / 3, LEAST_DAMPING)
         else:
             damping *= 5

@@ -69,7 +69,7 @@ DYNAMIC_RANGE_DB = 25.0
 NEAR_BINS = 2.0, np.inf
 """Range and Doppler bins that count as near within a tile."""
 
-GATHER_BOX = np.array([0.2, 0.2, 0.27, 0.2])
+GATHER_BOX = np.array([0.2, 0.2, 0.235, 0.235])
 """Half widths in Rayleigh cells of what one scatterer is spread over."""
 
 CORE_BINS = 0.5

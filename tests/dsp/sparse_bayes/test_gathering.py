@@ -42,6 +42,14 @@ def test_the_last_digits_of_amplitudes_move_no_centroid_of_atoms_with_few_binary
 
 
 @given(st.integers(0, 10**6), st.integers(1, 40))
+def test_mirrored_atoms_are_gathered_into_mirrored_scatterers(seed, n):
+    (places, amplitude), mirror = atoms(seed, n), [1, 1, -1, 1]
+    centres, strength = gather(places * mirror, amplitude, BOX)
+    np.testing.assert_array_equal(centres * mirror, gather(places, amplitude, BOX)[0])
+    np.testing.assert_array_equal(strength, gather(places, amplitude, BOX)[1])
+
+
+@given(st.integers(0, 10**6), st.integers(1, 40))
 def test_the_strongest_nearby_is_found_as_by_a_plain_loop(seed, n):
     places, amplitude = atoms(seed, n)
     size = np.abs(amplitude)

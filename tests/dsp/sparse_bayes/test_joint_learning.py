@@ -1,5 +1,7 @@
 """Atoms off the grid: joint steps under a falling ridge, and blocks of range bins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,17 @@ def test_atoms_settle_on_the_echoes(noisy_map, reach_and_map, middle, rng):
     fit = settle(noisy_map(places, AMPLITUDE), reach, places + rng.uniform(-0.15, 0.15, places.shape), NOISE)
     np.testing.assert_allclose(fit.places, places, atol=0.02)
     np.testing.assert_allclose(fit.amplitude, AMPLITUDE, atol=0.05)
+
+
+def test_last_digits_do_not_decide_whether_a_last_step_is_taken(noisy_map, reach_and_map, middle):
+    reach, _ = reach_and_map
+    atom_map = noisy_map(middle[None], [1e3])
+    for offset in (1e-7, 1e-4, 1e-2):
+        places = [
+            settle(replace(atom_map, cells=unit * atom_map.cells), reach, middle[None] + offset, NOISE).places
+            for unit in (1.0, 1.7, 0.3, 3.1, 1.1, 0.77)
+        ]
+        np.testing.assert_allclose(places, places[:1] * len(places), rtol=0, atol=1e-11)
 
 
 def test_copies_of_an_atom_become_one(noisy_map, reach_and_map, middle):

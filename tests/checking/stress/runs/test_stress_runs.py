@@ -12,6 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 import isacbench
+from isacbench.checking.stress.runs import stress_runs
+from isacbench.checking.stress.runs.examining import BROKEN
 from isacbench.checking.stress.runs.families import FAMILIES
 from isacbench.checking.stress.runs.random_search import search
 from isacbench.checking.stress.runs.stress_runs import examine_all, find_targets, tasks_of
@@ -27,6 +29,7 @@ from isacbench.cli import app
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.registry import detector_names, estimator_names, sees_truth
 
 FRAIL = """
 import os
@@ -147,6 +150,27 @@ def test_a_table_without_findings_ends_with_code_0(cli, tmp_path):
         "stress.csv",
         "stress.json",
     ]
+
+
+def test_references_are_left_out_unless_named(cli, monkeypatch):
+    examined = []
+    monkeypatch.setattr(stress_runs, "tasks_of", lambda targets, *_: examined.extend(targets) or [])
+    assert cli().exit_code == 0
+    blind = [name for name in estimator_names() if not sees_truth(name)]
+    assert [target.spec for target in examined] == [*blind, *detector_names()]
+    examined.clear()
+    assert cli("-e", "chance").exit_code == 0
+    assert [target.spec for target in examined] == ["chance"]
+
+
+@pytest.mark.slow
+def test_the_whole_table_of_all_estimators_and_detectors_has_no_finding(cli, tmp_path):
+    result = cli("-o", "out")
+    cases = pd.read_csv(tmp_path / "out" / TABLE, keep_default_na=False)
+    broken = cases[cases["outcome"].isin(BROKEN)]
+    assert broken[["reproduce", "promise", "message"]].to_numpy().tolist() == []
+    assert result.exit_code == 0, result.stderr
+    assert set(cases["estimator"]) >= {"nomp4d", "sbl4d", "osca"}
 
 
 def test_a_finding_ends_with_code_3_and_a_line_that_reproduces_it(cli, tmp_path):
