@@ -248,7 +248,7 @@ def score_command(
 
     scores = _scorer(truth)(PointCloud.read(cloud), metric=metric)
     if as_json:
-        print_json(scores)
+        print_json({name: None if math.isnan(value) else value for name, value in scores.items()})
     else:
         print_scores(scores)
 

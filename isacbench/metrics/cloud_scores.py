@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 
-from isacbench.errors import require
-from isacbench.metrics.geometry import CloudPair, box_diagonal_m
+from isacbench.errors import InputWarning, require
+from isacbench.metrics.geometry import LARGEST, CloudPair, Floats, box_diagonal_m
+from isacbench.metrics.point_matching import matched_pairs
 
 if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
-
-Indices = NDArray[np.intp]
 
 RADIUS_M = 1.0
 """Distance, where no scenario says another: up to it a point counts as right for precision and recall; from
@@ -64,9 +61,9 @@ def cloud_scores(
     The chamfer distance is that of reference [1]_ ("chamfer-L1"): the mean of
     accuracy and completeness, each a mean of plain, not squared, distances.
     An empty estimate scores the worst that a point inside the region could in
-    accuracy and completeness, the diagonal of the box around region and
-    truth; 0 in precision and recall; and c·sqrt(n_true / 2) in GOSPA, in
-    which by its construction a false point is worse than none.
+    accuracy and completeness, see `isacbench.metrics.geometry.box_diagonal_m`;
+    0 in precision and recall; and c·sqrt(n_true / 2) in GOSPA, in which by its
+    construction a false point is worse than none.
 
     Parameters
     ----------
@@ -75,14 +72,14 @@ def cloud_scores(
     estimate : PointCloud
         Estimated points, possibly none.
     region : Region or None
-        Where scatterers can be; None takes the truth's bounding box.
+        Where scatterers can be; None takes the reach of the paper's Table I.
     radius_m : float
         Distance in m within which a point counts as one of a scatterer.
 
     Returns
     -------
     CloudScores
-        All finite.
+        All finite but `gospa_m` of very dense clouds, see there.
 
     Raises
     ------
@@ -111,12 +108,12 @@ def pair_scores(pair: CloudPair, region: Region | None = None, radius_m: float =
     -------
     CloudScores
     """
-    require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive number of m")
-    gospa = _tree_gospa_m(pair.truth_tree, pair.estimate_tree, radius_m)
+    require(1 / LARGEST <= radius_m <= LARGEST, "radius_m", radius_m, "a positive number of m")
+    forward_m, backward_m = pair.truth_to_estimate_m, pair.estimate_to_truth_m
+    gospa = _gospa_m(pair.truth.xyz, forward_m, pair.estimate.xyz, backward_m, radius_m)
     if not len(pair.estimate):
         diagonal_m = box_diagonal_m(pair.truth.xyz, region)
         return CloudScores(diagonal_m, diagonal_m, gospa, precision=0.0, recall=0.0)
-    forward_m, backward_m = pair.truth_to_estimate_m, pair.estimate_to_truth_m
     return CloudScores(
         accuracy_m=float(backward_m.mean()),
         completeness_m=float(forward_m.mean()),
@@ -130,9 +127,8 @@ def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M)
     """Generalised optimal sub-pattern assignment distance with c = the radius, p = 2, α = 2.
 
     The square root of the least Σd² over the pairs of a matching plus c²/2
-    for every point of either cloud left alone. Exact: a pair at c or farther
-    is never better than two points left alone, so the matching is sought
-    among the nearer pairs, which are few.
+    for every point of either cloud left alone. Exact, see
+    `isacbench.metrics.point_matching.matched_pairs`.
 
     Parameters
     ----------
@@ -144,7 +140,9 @@ def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M)
     Returns
     -------
     float
-        Distance in metres, at most c·sqrt((n_true + n_estimated) / 2).
+        Distance in metres, at most c·sqrt((n_true + n_estimated) / 2). NaN with
+        an `InputWarning` for clouds too dense to be matched: where the smaller
+        one has more than some 50 000 points close to ones of the other.
 
     References
     ----------
@@ -158,40 +156,24 @@ def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M)
     >>> gospa_m(truth, truth), gospa_m(truth, PointCloud.empty())
     (0.0, 1.0)
     """
-    return _tree_gospa_m(cKDTree(truth.xyz), cKDTree(estimate.xyz), radius_m)
+    to_estimate_m = np.asarray(cKDTree(estimate.xyz).query(truth.xyz)[0])
+    to_truth_m = np.asarray(cKDTree(truth.xyz).query(estimate.xyz)[0])
+    return _gospa_m(truth.xyz, to_estimate_m, estimate.xyz, to_truth_m, radius_m)
 
 
-def _tree_gospa_m(truth: cKDTree, estimate: cKDTree, radius_m: float) -> float:
-    """Compute the GOSPA distance of the points of two trees."""
-    near = truth.sparse_distance_matrix(estimate, radius_m, output_type="ndarray")
-    i, j = _best_matching(near["i"], near["j"], np.square(near["v"]), radius_m)
-    matched_m2 = float(np.square(truth.data[i] - estimate.data[j]).sum())
-    n_alone = truth.n + estimate.n - 2 * i.size
+def _gospa_m(
+    truth: Floats, to_estimate_m: Floats, estimate: Floats, to_truth_m: Floats, radius_m: float
+) -> float:
+    """Compute the GOSPA distance of positions whose nearest distances are known."""
+    pairs = matched_pairs(truth[to_estimate_m < radius_m], estimate[to_truth_m < radius_m], radius_m)
+    if pairs is None:
+        warnings.warn(
+            f"GOSPA of {len(truth)} true and {len(estimate)} estimated points is left out (NaN): too many "
+            f"pairs are within {radius_m:g} m; thin both clouds or choose a smaller radius",
+            InputWarning,
+            stacklevel=2,
+        )
+        return math.nan
+    matched_m2 = float(np.square(pairs[0] - pairs[1]).sum())
+    n_alone = len(truth) + len(estimate) - 2 * len(pairs[0])
     return math.sqrt(matched_m2 + radius_m**2 / 2 * n_alone)
-
-
-def _best_matching(
-    i: Indices, j: Indices, squared_m2: NDArray[np.float64], radius_m: float
-) -> tuple[Indices, Indices]:
-    """Pick the pairs of the cheapest matching when a pair that is left out costs c².
-
-    Every row gets a column of its own that costs c²: taking it leaves the row
-    alone, so that a full matching of the rows, which the sparse solver wants,
-    always exists.
-    """
-    if not i.size:
-        return i, j
-    rows, row = np.unique(i, return_inverse=True)
-    columns, column = np.unique(j, return_inverse=True)
-    own = np.arange(rows.size)
-    # The solver reads a weight of zero as no edge: c² on top of all leaves the best matching the best.
-    weights = np.concatenate([squared_m2, np.full(rows.size, radius_m**2)]) + radius_m**2
-    # The solver takes graphs with 32-bit indices alone.
-    ends = (
-        np.concatenate([row, own]).astype(np.int32),
-        np.concatenate([column, columns.size + own]).astype(np.int32),
-    )
-    graph = csr_array((weights, ends), shape=(rows.size, columns.size + rows.size))
-    chosen_row, chosen_column = min_weight_full_bipartite_matching(graph)
-    paired = chosen_column < columns.size
-    return rows[chosen_row[paired]], columns[chosen_column[paired]]

@@ -77,8 +77,9 @@ def paper_deviation(
     n_true · (velocity bin)².
 
     An empty estimate scores the diagonals of the region's projections, which no
-    point inside the region exceeds, and 1 for density and for velocity. If the
-    truth extends beyond the region, the box around both is taken instead.
+    point inside the region exceeds, see `isacbench.metrics.geometry.box_diagonal_m`,
+    and 1 for density and for velocity, which false points and wrong velocities
+    can exceed.
 
     Parameters
     ----------
@@ -87,7 +88,8 @@ def paper_deviation(
     estimate : PointCloud
         Estimated points, possibly none.
     region : Region or None
-        Region that can hold scatterers; None takes the truth's bounding box.
+        Region that can hold scatterers; None takes the reach of the paper's
+        Table I.
     velocity_bin_mps : float or None
         Velocity bin in m/s; None takes that of the paper's Table I.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from statistics import mean, pstdev
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -79,7 +80,11 @@ def score_realisations(
     means |= {name: round(means[name]) for name in COUNTS}
     if metric == "paper":
         columns["hausdorff_sum_m"] = [sum(row[name] for name in HAUSDORFF_COLUMNS) for row in rows]
-    spreads = {name: pstdev(values) for name, values in columns.items() if name != "n_true"}
+    spreads = {
+        name: math.nan if math.isnan(sum(values)) else pstdev(values)  # which takes no NaN
+        for name, values in columns.items()
+        if name != "n_true"
+    }
     return RealisationScores(means, spreads, _nearest(columns["deviation"]))
 
 

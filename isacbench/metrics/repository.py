@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.metrics.geometry import CloudPair, projected_hausdorff_m
+from isacbench.model.numerology import System
 
 if TYPE_CHECKING:
     from isacbench.model.cloud import PointCloud
@@ -55,10 +56,10 @@ def repository_deviation(
     only the highest true ones find a partner.
 
     An empty estimate scores the diagonals of the three projections of the
-    region (of the box around region and truth, should the truth reach out)
-    and half the width of the interval that holds the region's speeds, the
-    true velocities and zero: neither is exceeded inside the region. Its
-    density is 1.
+    region, see `isacbench.metrics.geometry.box_diagonal_m`, and half the width
+    of the interval that holds the region's speeds, the true velocities and
+    zero, at least a velocity bin of the paper's Table I: neither is exceeded
+    inside the region. Its density is 1.
 
     Parameters
     ----------
@@ -67,7 +68,8 @@ def repository_deviation(
     estimate : PointCloud
         Estimated points, possibly none.
     region : Region or None
-        Where scatterers can be and how fast; None takes the truth's bounds.
+        Where scatterers can be and how fast; None takes the reach and the
+        unambiguous speeds of the paper's Table I.
 
     Returns
     -------
@@ -115,5 +117,7 @@ def _velocity_deviation(true_mps: Floats, estimated_mps: Floats) -> float:
 
 def _worst_velocity(true_mps: Floats, region: Region | None) -> float:
     """Half the width of the interval of the true velocities, the region's speeds and zero."""
-    speeds = () if region is None else region.speed_mps
-    return float(np.ptp([*true_mps, *speeds, 0.0]) / 2)
+    radio = System()
+    largest_mps = radio.unambiguous_speed_mps
+    speeds = (-largest_mps, largest_mps) if region is None else region.speed_mps
+    return max(float(np.ptp([*true_mps, *speeds, 0.0])), radio.velocity_bin_mps) / 2

@@ -98,7 +98,7 @@ def score(
         that the published code computes.
     region : Region or None
         Region of the scenario, which decides the scores of an empty estimate;
-        None takes the truth's bounding box.
+        None takes all that a radar of the paper's Table I could report.
     velocity_bin_mps : float or None
         Velocity bin in m/s, the velocity unit of a static scene in the metric
         ``paper``; None takes that of the paper's Table I.
@@ -109,7 +109,8 @@ def score(
     Returns
     -------
     dict of str to float
-        The columns that `METRICS` describes, all finite; counts are ints.
+        The columns that `METRICS` describes, all finite; counts are ints. Of
+        very dense clouds ``gospa_m`` is NaN, with an `InputWarning`.
 
     Raises
     ------

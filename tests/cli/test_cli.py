@@ -315,6 +315,17 @@ def test_score_of_a_truth_against_itself_is_zero_in_the_pinned_columns(cli, tmp_
     assert {"position", "velocity", "density", "deviation"} <= set(repository)
 
 
+@pytest.mark.filterwarnings("default::isacbench.errors.InputWarning")
+def test_a_score_that_is_left_out_is_null_in_json_and_told(cli, tmp_path, monkeypatch):
+    monkeypatch.setattr("isacbench.metrics.point_matching.MOST_PAIRS", 1)
+    (tmp_path / "cloud.csv").write_text(CLOUD)
+    result = cli("score", "cloud.csv", "cloud.csv", "--json")
+    assert result.exit_code == 0
+    assert {name for name, value in json.loads(result.stdout).items() if value is None} == {"gospa_m"}
+    assert result.stderr.startswith("isacbench: warning: GOSPA of ")
+    assert result.stderr.count("\n") == 1
+
+
 def test_a_scenario_as_truth_brings_its_region(cli, tmp_path, tiny):
     (tmp_path / "empty.csv").write_text("x,y,z,v,power\n")
     scenario = load_scenario(tiny)

@@ -1,6 +1,7 @@
 """Chamfer, GOSPA, precision and recall against plain loops."""
 
 import math
+import tracemalloc
 from itertools import permutations
 
 import numpy as np
@@ -10,8 +11,10 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
+from isacbench.metrics import matching
 from isacbench.metrics.cloud_scores import cloud_scores, gospa_m
+from isacbench.metrics.geometry import hausdorff_m
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 
@@ -54,7 +57,7 @@ def test_scores_with_another_radius_are_those_of_clouds_in_another_unit(truth, e
     assert (scaled.precision, scaled.recall) == (one.precision, one.recall)
 
 
-@pytest.mark.parametrize("radius_m", [0.0, -1.0, math.inf, math.nan])
+@pytest.mark.parametrize("radius_m", [0.0, -1.0, math.inf, math.nan, 1e-200])
 def test_a_radius_that_is_none_is_refused(radius_m):
     with pytest.raises(InputError, match="radius_m"):
         cloud_scores(cloud_at([[0, 0, 0]]), PointCloud.empty(), radius_m=radius_m)
@@ -68,6 +71,64 @@ def test_gospa_equals_a_dense_assignment_in_crowds(width_m):
     expected = math.sqrt(cost[linear_sum_assignment(cost)].sum() + 30 / 2)
     assert gospa_m(truth, estimate) == pytest.approx(expected)
     assert gospa_m(estimate, truth) == pytest.approx(expected)
+
+
+CROWDS = {
+    "one cube": lambda a, b: (a, b),
+    "crowds that do not meet": lambda a, b: (a / 9, b / 9 + [0.5, 0, 0]),
+    "a small crowd in a large one": lambda a, b: (a / 9, b),
+    "unlike shares of two crowds": lambda a, b: (a / 9 + 0.6 * (a > 0.3), b / 9 + 0.6 * (b > 0.7)),
+    "a plane, shifted": lambda a, b: (a * [1, 1, 0], b * [1, 1, 0] + 0.3),
+    "lattices": lambda a, b: (np.round(a * 4) / 4, np.round(b * 3) / 3),
+    "two places": lambda a, b: (0 * a, 0 * b + [0.5, 0, 0]),
+    "no pair": lambda a, b: (a, b + 9),
+}
+
+
+@pytest.mark.parametrize("crowds", CROWDS.values(), ids=CROWDS)
+@pytest.mark.parametrize("n_estimated", [700, 40])
+def test_gospa_by_candidates_and_prices_equals_a_dense_assignment(monkeypatch, crowds, n_estimated):
+    rng = np.random.default_rng(11)
+    monkeypatch.setattr(matching, "MOST_PAIRS", 20_000)
+    a, b = crowds(rng.uniform(size=(600, 3)), rng.uniform(size=(n_estimated, 3)))
+    truth, estimate = cloud_at(3 * a), cloud_at(3 * b)
+    cost = np.minimum(cdist(truth.xyz, estimate.xyz, "sqeuclidean"), 9)
+    expected = math.sqrt(cost[linear_sum_assignment(cost)].sum() + 9 / 2 * abs(600 - n_estimated))
+    assert gospa_m(truth, estimate, 3.0) == pytest.approx(expected, rel=1e-9)
+    assert gospa_m(estimate, truth, 3.0) == pytest.approx(expected, rel=1e-9)
+
+
+def test_dense_clouds_are_scored_exactly_in_little_memory():
+    rng = np.random.default_rng(2)
+    truth, shift = cloud_at(rng.uniform(size=(3000, 3))), np.array([0.3, 0, 0])
+    tracemalloc.start()
+    try:
+        found = gospa_m(truth, cloud_at(rng.permutation(truth.xyz) + shift))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # Of squares, a shift is the best matching. All pairs within 1 m would take 0.2 GB.
+    assert found == pytest.approx(math.sqrt(3000 * 0.3**2))
+    assert peak < 100e6
+
+
+def test_clouds_too_dense_for_a_matching_have_all_other_scores_and_one_warning(monkeypatch):
+    monkeypatch.setattr(matching, "MOST_PAIRS", 1000)
+    rng = np.random.default_rng(2)
+    truth, estimate = cloud_at(rng.uniform(size=(300, 3))), cloud_at(rng.uniform(size=(200, 3)))
+    with pytest.warns(InputWarning, match="GOSPA of 300 true and 200 estimated points is left out") as warned:
+        found = cloud_scores(truth, estimate)
+    assert len(warned) == 1
+    assert math.isnan(found.gospa_m)
+    assert math.isfinite(found.chamfer_m)
+    assert found.precision == found.recall == 1
+
+
+def test_many_points_at_few_places_have_the_hausdorff_distance_of_the_places():
+    rng = np.random.default_rng(2)
+    places, others = rng.uniform(size=(2, 7, 2))
+    many, more = places[np.arange(20_000) % 7], others[np.arange(15_000) % 7]
+    assert hausdorff_m(many, more) == hausdorff_m(places, others)
 
 
 @given(a=clouds(), b=clouds(), c=clouds())

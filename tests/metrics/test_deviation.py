@@ -118,9 +118,11 @@ def test_an_empty_cloud_scores_the_diagonals_of_the_region():
     assert found == Deviation(5, math.hypot(3, 12), math.hypot(4, 12), density=1, velocity_nmse=1)
 
 
-def test_an_empty_cloud_without_a_region_scores_the_diagonals_of_the_truth():
+def test_an_empty_cloud_without_a_region_scores_the_diagonals_of_the_truth_grown_by_the_range_of_table_i():
     truth = PointCloud(xyz=[[0, 0, 0], [3, 4, 0]], velocity=[3, 3], power=[1, 1])
-    assert paper_deviation(truth, PointCloud.empty()) == Deviation(5, 3, 4, density=1, velocity_nmse=1)
+    x, y, z = np.array([3, 4, 0]) + 2 * System().unambiguous_range_m
+    expected = Deviation(math.hypot(x, y), math.hypot(x, z), math.hypot(y, z), density=1, velocity_nmse=1)
+    assert vars(paper_deviation(truth, PointCloud.empty())) == pytest.approx(vars(expected))
 
 
 def test_a_static_scene_measures_the_velocity_in_bins():
@@ -178,4 +180,5 @@ def test_magnitudes_whose_squares_overflow_are_refused(row):
 
 def test_the_largest_magnitudes_score_finite():
     truth = PointCloud.from_array(np.full((2, 4), 1e50))
-    assert math.isfinite(paper_deviation(truth, moved(truth, [-2e50] * 3)).deviation)
+    for estimate in (moved(truth, [-2e50] * 3), PointCloud.empty()):
+        assert math.isfinite(paper_deviation(truth, estimate).deviation)

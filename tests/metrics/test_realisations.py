@@ -1,10 +1,13 @@
 """Scores of realisations: means, spreads, and the cloud nearest to the mean."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isacbench.metrics import matching
 from isacbench.metrics.realisations import SPREAD_COLUMNS, nearest_to_mean, score_realisations
 from isacbench.metrics.score import METRICS, score
 from isacbench.model.cloud import PointCloud
@@ -54,6 +57,15 @@ def test_equal_clouds_have_the_scores_of_one_and_no_spread(seed, n, copies):
     assert found.means == score(truth, cloud, region=REGION)
     assert set(found.spreads.values()) == {0.0}
     assert found.nearest == 0
+
+
+@pytest.mark.filterwarnings("ignore::isacbench.errors.InputWarning")
+def test_a_score_that_one_realisation_lacks_has_neither_mean_nor_spread(monkeypatch):
+    monkeypatch.setattr(matching, "MOST_PAIRS", 30)
+    found = score_realisations(cloud_of(0, 10), [cloud_of(1, 2), cloud_of(2, 10)], radius_m=30.0)
+    assert math.isnan(found.means["gospa_m"])
+    assert math.isnan(found.spreads["gospa_m"])
+    assert math.isfinite(found.spreads["chamfer_m"])
 
 
 def test_the_metric_of_the_repository_is_averaged_too():

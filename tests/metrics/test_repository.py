@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from isacbench.errors import InputError
 from isacbench.metrics.repository import RepositoryDeviation, repository_deviation
 from isacbench.model.cloud import PointCloud
+from isacbench.model.numerology import System
 from isacbench.model.region import Region
 
 coordinate = st.floats(-50, 50, allow_subnormal=False) | st.integers(-2, 2).map(float)
@@ -104,8 +105,10 @@ def test_an_empty_cloud_scores_the_extent_of_region_and_truth():
     assert found == RepositoryDeviation(position=3 + 7 + 5, velocity=20, density=1)
 
 
-def test_an_empty_cloud_without_a_region_scores_half_the_largest_true_speed():
-    assert repository_deviation(at_origin([8]), PointCloud.empty()).velocity == 4
+def test_an_empty_cloud_without_a_region_scores_half_the_width_of_the_unambiguous_and_true_speeds():
+    largest_mps = System().unambiguous_speed_mps
+    assert repository_deviation(at_origin([8]), PointCloud.empty()).velocity == largest_mps
+    assert repository_deviation(at_origin([300]), PointCloud.empty()).velocity == (largest_mps + 300) / 2
 
 
 def test_an_empty_truth_is_refused():

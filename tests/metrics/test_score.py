@@ -11,6 +11,7 @@ from isacbench.metrics.deviation import paper_deviation
 from isacbench.metrics.repository import repository_deviation
 from isacbench.metrics.score import METRICS, score
 from isacbench.model.cloud import PointCloud
+from isacbench.model.numerology import System
 from isacbench.model.region import Region
 
 REGION = Region(x_m=(-10, 10), y_m=(-10, 10), z_m=(-10, 10), speed_mps=(-5, 5))
@@ -50,6 +51,61 @@ def test_an_empty_estimate_scores_finite_with_and_without_a_region(metric):
         found = score([[1, 2, 3, 4]], np.empty((0, 4)), metric, region=region)
         assert all(math.isfinite(value) for value in found.values())
         assert found.get("precision", 0) == found.get("recall", 0) == 0
+
+
+DISTANCES = [
+    *(
+        "hausdorff_xy_m",
+        "hausdorff_xz_m",
+        "hausdorff_yz_m",
+        "chamfer_m",
+        "density",
+        "velocity_nmse",
+        "deviation",
+    ),
+    *("position", "velocity"),
+]
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize(
+    "place",
+    [
+        pytest.param(lambda xyz: xyz[:1], id="one point"),
+        pytest.param(lambda xyz: xyz * [1, 0, 0], id="line"),
+        pytest.param(lambda xyz: xyz * [1, 1, 0], id="plane"),
+        pytest.param(lambda xyz: xyz * 1e-9, id="close together"),
+        pytest.param(lambda xyz: xyz, id="box"),
+    ],
+)
+@pytest.mark.parametrize("speed_mps", [0.0, 1.0])
+def test_without_a_region_no_image_that_table_i_can_deliver_scores_worse_than_an_empty_one(
+    metric, place, speed_mps
+):
+    rng = np.random.default_rng(5)
+    reach_m = System().unambiguous_range_m / math.sqrt(3)
+    xyz = place(rng.uniform(-reach_m, reach_m, (4, 3)))
+    truth = np.column_stack([xyz, np.full(len(xyz), speed_mps)])
+    empty = score(truth, np.empty((0, 4)), metric)
+    for size_m in (2, 30, reach_m):
+        shift = rng.choice([-size_m, size_m], xyz.shape)
+        poor = score(truth, np.column_stack([np.clip(xyz + shift, -reach_m, reach_m), truth[:, 3]]), metric)
+        assert all(empty[name] > poor[name] for name in DISTANCES if name in empty)
+        assert empty.get("recall", 0) <= poor.get("recall", 0)
+    fast = score(truth, np.column_stack([xyz, np.full(len(xyz), -205.0)]), "repository")
+    assert metric == "paper" or empty["velocity"] > fast["velocity"] > 0
+
+
+def test_without_a_region_the_score_of_an_empty_image_grows_continuously_with_the_truth():
+    alone, apart = (score([[0, 0, 0, 1], [x_m, 0, 0, 1]], np.empty((0, 4))) for x_m in (0, 1e-6))
+    assert 0 < apart["deviation"] - alone["deviation"] < 1e-5
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_an_empty_image_has_no_distance_of_zero_in_a_region_without_extent(metric):
+    region = Region(x_m=(3, 3), y_m=(3, 3), z_m=(3, 3), speed_mps=(0, 0))
+    found = score([[3, 3, 3, 0]], np.empty((0, 4)), metric, region=region)
+    assert all(found[name] > 0 for name in DISTANCES if name in found)
 
 
 def test_region_and_velocity_bin_reach_the_metrics():
