@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from isacbench.errors import InputError, InputWarning
-from isacbench.metrics import matching
+from isacbench.metrics import point_matching
 from isacbench.metrics.cloud_scores import cloud_scores, gospa_m
 from isacbench.metrics.geometry import hausdorff_m
 from isacbench.model.cloud import PointCloud
@@ -89,7 +89,7 @@ CROWDS = {
 @pytest.mark.parametrize("n_estimated", [700, 40])
 def test_gospa_by_candidates_and_prices_equals_a_dense_assignment(monkeypatch, crowds, n_estimated):
     rng = np.random.default_rng(11)
-    monkeypatch.setattr(matching, "MOST_PAIRS", 20_000)
+    monkeypatch.setattr(point_matching, "MOST_PAIRS", 20_000)
     a, b = crowds(rng.uniform(size=(600, 3)), rng.uniform(size=(n_estimated, 3)))
     truth, estimate = cloud_at(3 * a), cloud_at(3 * b)
     cost = np.minimum(cdist(truth.xyz, estimate.xyz, "sqeuclidean"), 9)
@@ -113,7 +113,7 @@ def test_dense_clouds_are_scored_exactly_in_little_memory():
 
 
 def test_clouds_too_dense_for_a_matching_have_all_other_scores_and_one_warning(monkeypatch):
-    monkeypatch.setattr(matching, "MOST_PAIRS", 1000)
+    monkeypatch.setattr(point_matching, "MOST_PAIRS", 1000)
     rng = np.random.default_rng(2)
     truth, estimate = cloud_at(rng.uniform(size=(300, 3))), cloud_at(rng.uniform(size=(200, 3)))
     with pytest.warns(InputWarning, match="GOSPA of 300 true and 200 estimated points is left out") as warned:
