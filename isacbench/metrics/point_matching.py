@@ -75,7 +75,7 @@ def _priced_matching(a: Floats, b: Floats) -> tuple[Indices, Indices, Floats] | 
     if len(b) < 2 * n:  # else many will be left alone
         j, i, _ = _offers(b, a, bids)
         pairs = np.concatenate([pairs, j * n + i])
-    steps = STEPS.copy()
+    steps = STEPS
     while steps:
         step, pairs = steps[0], np.unique(pairs)
         if pairs.size > MOST_PAIRS:
@@ -86,7 +86,8 @@ def _priced_matching(a: Floats, b: Floats) -> tuple[Indices, Indices, Floats] | 
         i, j, bids = _offers(a, b, prices)
         is_new = (bids > worth + 2 * step + 10)[i]
         pairs = np.concatenate([pairs, j[is_new] * n + i[is_new]])
-        steps = steps[not is_new.any() :]
+        if not is_new.any():
+            steps = steps[1:]
     is_matched = partners >= 0
     return np.flatnonzero(is_matched), partners[is_matched], bids
 

@@ -116,8 +116,7 @@ def _velocity_deviation(true_mps: Floats, estimated_mps: Floats) -> float:
 
 
 def _worst_velocity(true_mps: Floats, region: Region | None) -> float:
-    """Half the width of the interval of the true velocities, the region's speeds and zero."""
+    """Half the width of the interval of the true velocities, the region's speeds and zero, or of a bin."""
     radio = System()
-    largest_mps = radio.unambiguous_speed_mps
-    speeds = (-largest_mps, largest_mps) if region is None else region.speed_mps
-    return max(float(np.ptp([*true_mps, *speeds, 0.0])), radio.velocity_bin_mps) / 2
+    speeds = np.array([-1, 1]) * radio.unambiguous_speed_mps if region is None else region.speed_mps
+    return max(float(np.ptp([true_mps.min(), true_mps.max(), *speeds, 0.0])), radio.velocity_bin_mps) / 2
