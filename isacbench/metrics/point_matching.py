@@ -22,7 +22,7 @@ UNIT = 2.0**44
 """Savings are whole numbers of 1 / UNIT: their sums are exact, and no rounding looks like a gain."""
 
 STEPS = [2.0**32, 2.0**20, 2.0**10, 1.0]
-"""What savings are rounded to, roughly until all is settled: rivals would outbid each other by trifles."""
+"""Rounding of the savings, rough at first: else rivals would outbid each other by trifles."""
 
 TIE = 3e-7
 """Width of a random coordinate by which points at one place find different neighbours."""

@@ -1,4 +1,4 @@
-"""What a file holds beside its cube is used or refused, whatever the format: the grid above all."""
+"""Contents of a file beside its cube are used or refused, whatever the format: the grid above all."""
 
 from __future__ import annotations
 
