@@ -30,7 +30,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.beamformers import bartlett_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.array_types import Floats
@@ -71,7 +70,6 @@ class Bartlett2d(AngularSpectrumEstimator):
 
     local_dynamic_range_db: float = 14.0
 
-    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

@@ -36,7 +36,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.beamformers import capon_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.planar_subspaces import subarray_shape
@@ -92,7 +91,6 @@ class Capon2d(AngularSpectrumEstimator):
         require(0 < fraction <= 1, "subarray_fraction", fraction, "above 0, up to 1")
         require(abs(self.loading_db) <= 200, "loading_db", self.loading_db, "-200 to 200")
 
-    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

@@ -460,6 +460,8 @@ def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
 class MapEstimator(ABC):
     """Base of estimators that detect cells of a range-Doppler map: their parameters and common stages.
 
+    Their ``estimate`` runs on one thread of linear algebra (`isacbench.cores`).
+
     Attributes
     ----------
     separable : bool
@@ -512,6 +514,10 @@ class MapEstimator(ABC):
 
     merge = staticmethod(merge_scatterers)
     to_cloud = staticmethod(to_cloud)
+
+    def __init_subclass__(cls) -> None:
+        if "estimate" in vars(cls):
+            cls.estimate = one_blas_thread()(cls.estimate)  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")

@@ -39,7 +39,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.esprit import unitary_esprit
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Mask
@@ -81,7 +80,6 @@ class Esprit2d(JointSubspaceEstimator):
     local_dynamic_range_db: float = 14.0
     subarray_fraction: float = 0.625
 
-    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

@@ -36,7 +36,6 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from isacbench.added_fields import added_field
-from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.aperture import Cross
 from isacbench.dsp.angles.cosines import PERIOD, within_period
 from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
@@ -127,7 +126,6 @@ class Fft4d(CellwiseEstimator):
         """One reading of the cells, their Doppler lines apart with `demix`."""
         return (Reading(self.range_window, self.doppler_window, demix=self.demix),)
 
-    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

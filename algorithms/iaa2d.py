@@ -37,7 +37,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.beamformers import iaa_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
@@ -94,7 +93,6 @@ class Iaa2d(AngularSpectrumEstimator):
         for name, least in (("iterations", 1), ("polish", 0)):
             require(getattr(self, name) >= least, name, getattr(self, name), f"{least} and more")
 
-    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

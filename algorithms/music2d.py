@@ -45,7 +45,6 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 
 from isacbench.added_fields import added_field
-from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.cosines import cosine_samples, with_neighbours, within_period
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
@@ -196,7 +195,6 @@ class Music2d(CellwiseEstimator):
         """One reading of the cells, their Doppler lines apart with `demix`."""
         return (Reading(self.range_window, self.doppler_window, demix=self.demix),)
 
-    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

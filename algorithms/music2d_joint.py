@@ -42,7 +42,6 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.cosines import cosine_samples
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
 from isacbench.dsp.angles.planar_spectra import Minima
@@ -101,7 +100,6 @@ class Music2dJoint(JointSubspaceEstimator):
         super().__post_init__()
         require(self.samples_per_lobe >= 4, "samples_per_lobe", self.samples_per_lobe, "4 and more")
 
-    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

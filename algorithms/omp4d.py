@@ -38,7 +38,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.cores import one_blas_thread
 from isacbench.dsp.array_types import Floats
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
@@ -106,7 +105,6 @@ class Omp4d(MapEstimator):
         """All elements of all cells."""
         return replace(super().needs, cells="gate")
 
-    @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
 

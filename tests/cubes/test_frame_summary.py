@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isacbench.cubes.frame_observation import observe_cube
-from isacbench.cubes.frame_summary import Convention, summarise_frame
+from isacbench.cubes.frame_summary import CHANGES, summarise_frame
 from isacbench.cubes.simulating import FrameSimulator
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
@@ -25,14 +25,15 @@ SCENARIO = replace(
     scatterers=Scatterers(PLACES, np.array([7.3, 12.0, 30.0]), np.ones(3)),
 )
 FRAME = np.concatenate([block for _, block in FrameSimulator(SCENARIO, 0.0).blocks()])
+CONJUGATED, EXCHANGED, U_REVERSED, W_REVERSED = CHANGES
 MISTAKES = {
-    Convention(): lambda cube: cube,
-    Convention(conjugated=True): np.conj,
-    Convention(u_reversed=True): lambda cube: cube[:, :, ::-1],
-    Convention(w_reversed=True): lambda cube: cube[:, :, :, ::-1],
-    Convention(u_reversed=True, w_reversed=True): lambda cube: cube[:, :, ::-1, ::-1],
-    Convention(exchanged=True): lambda cube: cube.swapaxes(2, 3),
-    Convention(conjugated=True, u_reversed=True): lambda cube: cube[:, :, ::-1].conj(),
+    (): lambda cube: cube,
+    (CONJUGATED,): np.conj,
+    (U_REVERSED,): lambda cube: cube[:, :, ::-1],
+    (W_REVERSED,): lambda cube: cube[:, :, :, ::-1],
+    (U_REVERSED, W_REVERSED): lambda cube: cube[:, :, ::-1, ::-1],
+    (EXCHANGED,): lambda cube: cube.swapaxes(2, 3),
+    (CONJUGATED, U_REVERSED): lambda cube: cube[:, :, ::-1].conj(),
 }
 
 
@@ -40,20 +41,20 @@ def summary_of(cube, scenario=SCENARIO):
     return summarise_frame(observe_cube(cube, scenario))
 
 
-@pytest.mark.parametrize("convention", MISTAKES, ids=lambda one: str(one) or "right")
-def test_the_convention_of_a_frame_is_told(convention):
-    summary = summary_of(MISTAKES[convention](FRAME))
-    if convention == Convention():
-        assert (summary.better, summary.share > 0.9) == (None, True)
-        assert len(summary.sentences()) == 1
+@pytest.mark.parametrize("changes", MISTAKES, ids=lambda changes: " and ".join(changes) or "right")
+def test_the_convention_of_a_frame_is_told(changes):
+    summary = summary_of(MISTAKES[changes](FRAME))
+    assert summary.changes == changes
+    if changes:
+        assert summary.changed_share > summary.share + 0.3
+        assert f"with {' and '.join(changes)}, " in summary.sentences()[1]
     else:
-        assert summary.better == convention
-        assert summary.better_share > summary.share + 0.3
-        assert f"if {convention}, " in summary.sentences()[1]
+        assert summary.share > 0.9
+        assert len(summary.sentences()) == 1
 
 
 def test_exchanged_in_phase_and_quadrature_samples_are_conjugated_ones():
-    assert summary_of(FRAME.imag + 1j * FRAME.real).better == Convention(conjugated=True)
+    assert summary_of(FRAME.imag + 1j * FRAME.real).changes == (CONJUGATED,)
 
 
 def test_the_strongest_cell_is_that_of_the_strongest_echo_wherever_it_lies():
@@ -72,7 +73,7 @@ def test_the_strongest_cell_is_that_of_the_strongest_echo_wherever_it_lies():
 def test_a_scenario_of_another_spacing_is_doubted():
     system = replace(SCENARIO.system, subcarrier_spacing_hz=480e3)
     summary = summary_of(FRAME, replace(SCENARIO, system=system))
-    assert (summary.is_in_gate, summary.better) == (False, None)
+    assert (summary.is_in_gate, summary.changes) == (False, ())
     assert summary.sentences()[1].endswith("look at the scenario's radio, place and region")
 
 
@@ -80,7 +81,7 @@ def test_noise_alone_names_no_convention():
     rng = np.random.default_rng(0)
     noise = rng.standard_normal((2, *FRAME.shape))
     summary = summary_of(noise[0] + 1j * noise[1])
-    assert (summary.n_echoes, summary.share, summary.better) == (0, 0.0, None)
+    assert (summary.n_echoes, summary.share, summary.changes) == (0, 0.0, ())
     assert summary.sentences()[0].endswith("; no echo stands out of the noise")
 
 

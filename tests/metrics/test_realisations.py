@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.metrics import point_matching
 from isacbench.metrics.realisations import SPREAD_COLUMNS, nearest_to_mean, score_realisations
 from isacbench.metrics.score import METRICS, score
 from isacbench.model.cloud import PointCloud
@@ -61,7 +60,7 @@ def test_equal_clouds_have_the_scores_of_one_and_no_spread(seed, n, copies):
 
 @pytest.mark.filterwarnings("ignore::isacbench.errors.InputWarning")
 def test_a_score_that_one_realisation_lacks_has_neither_mean_nor_spread(monkeypatch):
-    monkeypatch.setattr(point_matching, "MOST_PAIRS", 30)
+    monkeypatch.setattr("isacbench.metrics.cloud_scores.MOST_PAIRS", 30)
     found = score_realisations(cloud_of(0, 10), [cloud_of(1, 2), cloud_of(2, 10)], radius_m=30.0)
     assert math.isnan(found.means["gospa_m"])
     assert math.isnan(found.spreads["gospa_m"])
