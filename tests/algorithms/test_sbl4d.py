@@ -93,9 +93,9 @@ def test_the_coherent_street_has_few_ghosts():
         score(scenario.truth, Sbl4d().estimate(observe(scenario, 10, trial)), region=scenario.region)[
             "precision"
         ]
-        for trial in range(6)
+        for trial in range(12)
     ]
-    assert np.mean(precision) >= 0.87  # that of twelve draws is 0.91 ± 0.01
+    assert np.mean(precision) >= 0.9
 
 
 @pytest.mark.parametrize(
