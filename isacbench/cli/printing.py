@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from isacbench.cli.app import say
-from isacbench.files.escaping import visible_json
+from isacbench.files.escaping import counted, visible_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -41,6 +41,9 @@ def report_run(folder: Path, records: pd.DataFrame, kind: str, with_page: bool =
     for grid in grids_of(records, kind):
         if not grid.is_detail:
             print_grid(grid)
+    has_score = records.reindex(columns=["deviation", "gospa_m"]).notna()
+    if n_dense := int((has_score["deviation"] & ~has_score["gospa_m"]).sum()):
+        say(f"{counted(n_dense, 'cell')} without gospa_m: too many pairs of points within the radius")
     written = [*write_run_tables(folder, records, kind), *draw_run_and_page(folder, with_page)]
     say(f"{folder}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")
 
