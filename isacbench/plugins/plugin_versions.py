@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib import import_module
+from inspect import unwrap
 from types import CodeType, FunctionType
 from typing import Any
 
@@ -220,12 +221,13 @@ def _is_made(value: object) -> bool:
 
 
 def _unwrapped(member: Any) -> list[FunctionType]:
-    """Functions behind a member of a class: of a property, a class method or a function itself."""
+    """Functions behind a member of a class: a property, a class method, a decorated function or itself."""
     if isinstance(member, property):
         found = [member.fget, member.fset, member.fdel]
     else:
         found = [getattr(member, "__func__", getattr(member, "func", member))]
-    return [one for one in found if isinstance(one, FunctionType)]
+    functions = [one for one in found if isinstance(one, FunctionType)]
+    return [one for function in functions for one in dict.fromkeys([function, unwrap(function)])]
 
 
 def _names(code: CodeType) -> Iterator[str]:

@@ -2,11 +2,13 @@ import hashlib
 import sys
 
 import pytest
+from isacbench_algorithms.omp4d import Omp4d
 
 import isacbench
+from isacbench.cores import one_blas_thread
 from isacbench.plugins.discovery import register_plugin
 from isacbench.plugins.local_files import PluginFile
-from isacbench.plugins.plugin_versions import library_code, plugin_version
+from isacbench.plugins.plugin_versions import class_digest, library_code, plugin_version
 from isacbench.plugins.registry import build_estimator, get_detector, get_estimator
 from tests.conftest import forget_code
 
@@ -139,3 +141,17 @@ def test_local_files_of_one_name_are_told_apart(write_plugin):
     versions = plugin_version(build_estimator("heir[detector=never]"))
     digests = {PluginFile("", source).digest for source in (DETECTOR, estimator)}
     assert digests <= {version["digest"] for version in versions.values()}
+
+
+@pytest.mark.parametrize("base", [Omp4d, object], ids=["decorated by a base", "decorated"])
+def test_the_code_behind_a_decorator_counts(base):
+    def digest_with(number):
+        class Local(base):
+            estimate = (lambda *_: 1) if number == 1 else (lambda *_: 2)
+            if base is object:
+                estimate = one_blas_thread()(estimate)
+
+        assert Local().estimate(None) == number
+        return class_digest([Local], Local.__module__)
+
+    assert digest_with(1) == digest_with(1) != digest_with(2)
