@@ -1,5 +1,6 @@
 """Arrays from outside: what NumPy cuts off in silence is honoured, or refused in one line, at every door."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -146,6 +147,16 @@ def test_a_table_with_other_columns_is_refused(names):
 def test_a_table_without_names_is_an_array():
     assert named_columns(pd.DataFrame([ROW])) is None
     assert PointCloud.from_array(pd.DataFrame([ROW])).velocity.tolist() == [4.0]
+
+
+@pytest.mark.parametrize(
+    ("x", "shapes"), [([1.0], "x (1,), y (2,)"), (np.ones((2, 2)), "x (2, 2), y (2,)"), (1.0, "x (), y (2,)")]
+)
+def test_columns_of_other_shapes_than_a_number_a_point_are_refused(x, shapes):
+    with pytest.raises(
+        InputError, match=f"one number a point, .* not shapes {re.escape(shapes)}"
+    ):
+        PointCloud.from_array({"v": [1, 2], "x": x, "y": [1, 2], "z": [1, 2]})
 
 
 def test_numbers_of_the_same_kind_are_taken_and_an_empty_list_is_no_numbers():

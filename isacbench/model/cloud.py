@@ -180,7 +180,12 @@ def _stacked(columns: dict[str, ArrayLike]) -> NDArray[np.float64]:
         found = ", ".join(columns)
         raise InputError(f"a table of points takes columns x, y, z, v and, if there, power, not {found}")
     values = dict(zip(names, columns.values(), strict=True))
-    return np.column_stack([checked_array(name, values[name]) for name in wanted])
+    arrays = [checked_array(name, values[name]) for name in wanted]
+    shapes = [array.shape for array in arrays]
+    if len(set(shapes)) > 1 or len(shapes[0]) > 1:
+        found = ", ".join(f"{name} {shape}" for name, shape in zip(wanted, shapes, strict=True))
+        raise InputError(f"columns of points take one number a point, as many in each, not shapes {found}")
+    return np.column_stack(arrays)
 
 
 def describe_points(
