@@ -153,9 +153,7 @@ def test_a_table_without_names_is_an_array():
     ("x", "shapes"), [([1.0], "x (1,), y (2,)"), (np.ones((2, 2)), "x (2, 2), y (2,)"), (1.0, "x (), y (2,)")]
 )
 def test_columns_of_other_shapes_than_a_number_a_point_are_refused(x, shapes):
-    with pytest.raises(
-        InputError, match=f"one number a point, .* not shapes {re.escape(shapes)}"
-    ):
+    with pytest.raises(InputError, match=f"one number a point, .* not shapes {re.escape(shapes)}"):
         PointCloud.from_array({"v": [1, 2], "x": x, "y": [1, 2], "z": [1, 2]})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,8 @@ from isacbench.checked_arrays import checked_array
 from isacbench.cubes.cube import Cube, require_shape
 from isacbench.cubes.opening import open_cube, read_grid
 from isacbench.cubes.transform import GateTransform
-from isacbench.errors import InputError
+from isacbench.dsp.partial_dft import interpolate_nulls
+from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation, cross_elements
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
     from isacbench.model.scene import Scenario
+
+MOST_MISSED = 10 ** (-33 / 20)
+"""Amplitude of false ranges over that of an echo: estimators look as far down."""
 
 CubeLike = Any
 """Array in memory, HDF5 dataset, zarr array, or the path of a file that holds one."""
@@ -151,6 +156,11 @@ def observe_cube(
         shape or is not complex, or a division lacks the transmitted grid or the
         SNR that it takes.
 
+    Warns
+    -----
+    InputWarning
+        If null carriers between others are too many to be interpolated.
+
     Examples
     --------
     >>> from isacbench import get_estimator, load_scenario
@@ -181,7 +191,26 @@ def observe_cube(
             )
             carriers = None if used.all() else used
         source = cube if cube.is_held else array_or_path
-    return CubeObservation(source, scenario, factors, workers, sensing, carriers)
+    observation = CubeObservation(source, scenario, factors, workers, sensing, carriers)
+    if carriers is not None:
+        _warn_of_gaps(cube.name, carriers, observation.gate)
+    return observation
+
+
+def _warn_of_gaps(name: str, carriers: NDArray[np.bool_], gate: Gate) -> None:
+    """Warn where null carriers between others are too many to be interpolated."""
+    first, last = np.flatnonzero(carriers)[[0, -1]]
+    limits = float(gate.range_bins[0]), float(gate.range_bins[-1])
+    no_rows = np.empty((0, last + 1 - first), dtype=np.complex128)
+    missed = interpolate_nulls(no_rows, carriers[first : last + 1], limits)[1]
+    if missed > MOST_MISSED:
+        warnings.warn(
+            f"{name}: {np.count_nonzero(~carriers[first:last])} null carriers lie between others: "
+            f"false ranges of each echo are up to {20 * np.log10(missed):.0f} dB of it; "
+            "a region of fewer range bins leaves less",
+            InputWarning,
+            stacklevel=3,
+        )
 
 
 def _used_band(system: System, carriers: NDArray[np.bool_]) -> System:

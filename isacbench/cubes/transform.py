@@ -117,7 +117,7 @@ class GateTransform:
             return rows
         first, last = np.flatnonzero(self.carriers)[[0, -1]]
         of_cube = np.zeros((len(rows), self.carriers.size), dtype=np.complex128)
-        of_cube[:, first : last + 1] = interpolate_nulls(
+        of_cube[:, first : last + 1], _ = interpolate_nulls(
             rows, self.carriers[first : last + 1], (float(bins[0]), float(bins[-1]))
         )
         return of_cube

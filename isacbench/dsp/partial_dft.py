@@ -77,7 +77,7 @@ def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
 
 def interpolate_nulls(
     rows: NDArray[np.complex128], used: NDArray[np.bool_], limits: Interval
-) -> NDArray[np.complex128]:
+) -> tuple[NDArray[np.complex128], float]:
     """Rows of the transform over subcarriers in which null carriers are interpolated from those around them.
 
     Echoes between two limits of range change slowly from one subcarrier to the
@@ -95,8 +95,11 @@ def interpolate_nulls(
 
     Returns
     -------
-    ndarray of complex128, same shape
+    interpolated : ndarray of complex128, shape of the rows
         0 for null carriers.
+    missed : float
+        Amplitude that the interpolation leaves in other range bins, at most,
+        over that of an echo.
 
     References
     ----------
@@ -115,8 +118,11 @@ def interpolate_nulls(
 
     among = covariance(known, known) + INTERPOLATION_NOISE * np.eye(known.size)
     interpolated = rows * used
-    interpolated[:, known] += rows[:, null] @ np.linalg.solve(among, covariance(known, null)).conj().T
-    return interpolated
+    across = covariance(known, null)
+    weights = np.linalg.solve(among, across).conj()
+    interpolated[:, known] += rows[:, null] @ weights.T
+    unknown = np.maximum(1 - (weights * across).sum(axis=0).real, 0)
+    return interpolated, float(np.sqrt(unknown).sum() / n)
 
 
 def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:

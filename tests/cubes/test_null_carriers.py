@@ -5,7 +5,7 @@ import pytest
 
 from isacbench.cubes.frame_observation import observe_cube
 from isacbench.dsp.partial_dft import interpolate_nulls, range_rows
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.model.echo import resource_grid
 from isacbench.plugins.registry import get_estimator
 
@@ -66,7 +66,8 @@ def test_an_interpolated_carrier_holds_what_the_echo_would_have_there(place):
     used[[40, 41, 64]] = False
     rows = range_rows(np.arange(0, 15), N)
     echo = np.exp(-2j * np.pi * np.arange(N) * place / N)
-    interpolated = interpolate_nulls(rows, used, (0.0, 14.0))
+    interpolated, missed = interpolate_nulls(rows, used, (0.0, 14.0))
+    assert missed < 2e-3
     assert not interpolated[:, ~used].any()
     np.testing.assert_allclose(interpolated @ echo, rows @ echo, atol=2e-3)
     # Left at 0, they are missed.
@@ -84,3 +85,20 @@ def test_other_zeros_are_refused_for_every_division(zeros, sensing):
         InputError, match=r"is 0\+0j at subcarrier \d+, symbol \d+; allowed are finite numbers, and 0 only"
     ):
         observe_cube(frame, SCENARIO, grid, division="matched", sensing=sensing)
+
+
+def test_what_the_interpolation_misses_is_less_than_it_says():
+    used = np.ones(N, dtype=bool)
+    used[50:62] = False
+    rows = range_rows(np.arange(N), N)
+    interpolated, missed = interpolate_nulls(rows, used, (0.0, 30.0))
+    places = np.linspace(0, 30, 61)
+    echoes = np.exp(-2j * np.pi * np.outer(np.arange(N), places) / N)
+    errors = np.abs((interpolated - rows) @ echoes).max(axis=0) / np.sqrt(N)
+    assert 0.1 * missed < np.sqrt(np.mean(errors**2)) < missed
+
+
+def test_gaps_that_are_too_wide_are_told():
+    frame, grid = received([*range(40, 90)])
+    with pytest.warns(InputWarning, match=r"50 null carriers lie between others: false ranges .* -1\d dB"):
+        observe_cube(frame, SCENARIO, grid)
