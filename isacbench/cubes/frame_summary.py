@@ -64,8 +64,11 @@ class FrameSummary(NamedTuple):
         Of the strongest cell of the whole range-Doppler map.
     is_in_gate : bool
         Whether a scatterer of the region can have its peak there.
-    n_detected, n_cells : int
-        Cells that a CFAR detector finds among those that the region can reach.
+    n_detected : int or None
+        Cells that a CFAR detector finds among those that the region can reach;
+        None of a map smaller than the detector's window.
+    n_cells : int
+        Cells that the region can reach.
     n_echoes : int
         Strongest echoes of the map, at most `MOST_ECHOES`.
     share : float
@@ -79,7 +82,7 @@ class FrameSummary(NamedTuple):
     range_m: float
     velocity_mps: float
     is_in_gate: bool
-    n_detected: int
+    n_detected: int | None
     n_cells: int
     n_echoes: int
     share: float
@@ -92,7 +95,8 @@ class FrameSummary(NamedTuple):
         where = "in the gate" if self.is_in_gate else "outside the gate"
         power = f"{self.share:.0%} of the power of the strongest echoes comes from the region"
         echoes = power if self.n_echoes else "no echo stands out of the noise"
-        told = [f"{place}, {where}; {self.n_detected} of {counted(self.n_cells, 'cell')} detected; {echoes}"]
+        n_detected = "too few for a detector" if self.n_detected is None else f"{self.n_detected} detected"
+        told = [f"{place}, {where}; {counted(self.n_cells, 'cell')}, {n_detected}; {echoes}"]
         if self.changes:
             changes = " and ".join(self.changes)
             told.append(f"with {changes}, {self.changed_share:.0%} would: look at the signs of the frame")
@@ -131,7 +135,11 @@ def summarise_frame(observation: Observation) -> FrameSummary:
     cells = observation.transformed(np.concatenate([column, row]), whole)
     power = np.mean(cells.real**2 + cells.imag**2, axis=2)
     in_gate = np.ix_(gate.range_bins % shape[0], gate.doppler_bins % shape[1])
-    detected = get_detector("osca").detect(power[in_gate], looks=cells.shape[2]).mask & gate.reachable
+    try:
+        detection = get_detector("osca").detect(power[in_gate], looks=cells.shape[2])
+        n_detected = int(np.count_nonzero(detection.mask & gate.reachable))
+    except InputError:  # the map is smaller than the window; not all estimators need a detector
+        n_detected = None
     reachable = np.zeros(shape, dtype=np.bool_)
     reachable[in_gate] = gate.reachable
     rows, columns = _strongest_echoes(power, cells.shape[2])
@@ -144,7 +152,7 @@ def summarise_frame(observation: Observation) -> FrameSummary:
         range_m=float(strongest[0] * system.range_bin_m),
         velocity_mps=float(scipy.fft.fftfreq(shape[1], 1 / shape[1])[strongest[1]] * system.velocity_bin_mps),
         is_in_gate=bool(reachable[strongest]),
-        n_detected=int(np.count_nonzero(detected)),
+        n_detected=n_detected,
         n_cells=int(np.count_nonzero(gate.reachable)),
         n_echoes=len(rows),
         share=share,

@@ -91,3 +91,10 @@ def test_a_frame_of_few_elements_and_one_of_zeros_are_summarised(monkeypatch):
     assert summary_of(np.zeros_like(FRAME)).n_detected == 0
     with pytest.raises(InputError, match="of a recorded frame"):
         summarise_frame(Simulator(SCENARIO).observe(0.0))
+
+
+def test_a_map_smaller_than_a_window_is_summarised_without_detected_cells():
+    system = replace(SCENARIO.system, n_subcarriers=8)
+    summary = summary_of(FRAME[:8], replace(SCENARIO, system=system))
+    assert summary.n_detected is None
+    assert "cells, too few for a detector; " in summary.sentences()[0]

@@ -167,7 +167,7 @@ def apart_from_times(records):
 
 
 def lanes_left(cluster):
-    """Processes that cells run in, below a worker's server of processes, and that do not end by themselves."""
+    """Processes that cells run in, below a worker's server of processes, that do not end by themselves."""
     alive = [process for process in cluster.processes if process.poll() is None]
     below = [child for process in alive for child in psutil.Process(process.pid).children(recursive=True)]
     servers = [process for process in below if "forkserver" in " ".join(process.cmdline())]
