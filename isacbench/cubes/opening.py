@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import warnings
 from collections import Counter
 from contextlib import closing
 from math import prod
@@ -15,10 +16,10 @@ import numpy as np
 from isacbench.cubes.array_cubes import ArrayCube
 from isacbench.cubes.chunked import ChunkedCube
 from isacbench.cubes.cube import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require_cube, require_grid
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.files.arrays.array_files import FORMATS, listed_arrays
 from isacbench.files.arrays.hdf5_files import dataset_array
-from isacbench.files.arrays.stored_arrays import SPARSE, TEXTS, ChunkedArray, StoredArray
+from isacbench.files.arrays.stored_arrays import FIELD, HELD_IN_CELL, SPARSE, TEXTS, ChunkedArray, StoredArray
 from isacbench.files.arrays.zarr_stores import zarr_array
 from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
 from isacbench.files.escaping import shortened
@@ -54,6 +55,11 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     ------
     InputError
         If the file is missing, of an unknown format or damaged, or if the array is not a cube.
+
+    Warns
+    -----
+    InputWarning
+        If the file holds other arrays or objects that may be data of the frame.
 
     Examples
     --------
@@ -94,51 +100,69 @@ def read_grid(path: str | Path) -> ComplexArray:
     Raises
     ------
     InputError
-        If the file is missing, of an unknown format or damaged, or holds no grid.
+        If the file is missing, of an unknown format or damaged, or holds no
+        grid or several arrays that may be it.
+
+    Warns
+    -----
+    InputWarning
+        If the file holds other arrays or objects that may be data of the frame.
     """
     path = Path(path)
     _require_format(path)
     with listed_arrays(path) as file, closing(file):
-        return _read_grid(path, *_only_array(path, file, GRID_NAME, _named_grid(file), 2))
+        name, stored = _only_array(path, file, GRID_NAME, _named_grid(file), 2)
+        grid = _read_grid(path, name, stored)
+        used = [stored, *(file.arrays[name] for name in _named_cube(file))]
+        unused = _unused(path, file, used, grid.shape, "grid")
+    _warn_of_unused(path, unused)
+    return grid
 
 
 def _open_file(path: Path, tile_bytes: int) -> Cube:
     """Open the cube of a file, with its transmitted grid."""
     _require_format(path)
     with listed_arrays(path) as file:
-        named = [name for name in file.arrays if _parts(name)[-1] == CUBE_NAME]
-        name, stored = _only_array(path, file, CUBE_NAME, named, 4)
+        name, stored = _only_array(path, file, CUBE_NAME, _named_cube(file), 4)
         cube = _cube_of(_called(path, name), stored, tile_bytes)
         cube.close = file.close
-        cube.transmitted = _grid_beside(path, file, stored, cube.shape[:2])
+        used: list[StoredArray | str] = [stored]
+        if named_grid := _named_grid(file):
+            name, grid = _only_array(path, file, GRID_NAME, named_grid, 2)
+            cube.transmitted = _read_grid(path, name, grid)
+            used.append(grid)
+            if grid.shape != cube.shape[:2]:
+                raise InputError(
+                    f"{path}: {name} has shape {grid.shape}; the cube needs a grid of "
+                    f"shape {cube.shape[:2]}: (subcarriers, symbols)"
+                )
+        unused = _unused(path, file, used, cube.shape[:2], "cube")
+    _warn_of_unused(path, unused)
     return cube
 
 
-def _grid_beside(
-    path: Path, file: ArrayFile, cube: StoredArray, shape: tuple[int, int]
-) -> ComplexArray | None:
-    """Read what is named as the grid of a cube in its file, and refuse what else could be one."""
-    used, values = [cube], None
-    if named := _named_grid(file):
-        name, grid = _only_array(path, file, GRID_NAME, named, 2)
-        used, values = [cube, grid], _read_grid(path, name, grid)
-        if values.shape != shape:
-            raise InputError(
-                f"{path}: {name} has shape {values.shape}; the cube needs a grid of "
-                f"shape {shape}: (subcarriers, symbols)"
-            )
+def _unused(
+    path: Path, file: ArrayFile, used: list[StoredArray | str], shape: tuple[int, ...], beside: str
+) -> str:
+    """List what may be data of the frame beside what is used, and refuse what may be the grid."""
     others = {name: entry for name, entry in file.arrays.items() if entry not in used}
+    has_grid = bool(_named_grid(file))
     unclear = [
         name
         for name, entry in others.items()
-        if (values is None or _is_called_grid(name)) and _may_be_grid(name, entry, shape)
+        if (not has_grid or _is_called_grid(name)) and _may_be_grid(name, entry, shape)
     ]
     if unclear:
         raise InputError(
-            f"{path}: holds {_listed(file, unclear)} beside the cube, which may be the transmitted grid; "
+            f"{path}: holds {_listed(file, unclear)} beside the {beside}, which may be the transmitted grid; "
             f"allowed is one array named {GRID_NAME!r}"
         )
-    return values
+    return _listed(file, [name for name, entry in others.items() if _may_be_data(entry, shape)])
+
+
+def _warn_of_unused(path: Path, unused: str) -> None:
+    if unused:
+        warnings.warn(f"{path}: does not use {unused}", InputWarning, stacklevel=4)
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
@@ -170,7 +194,8 @@ def _only_array(
     """Take the array of a name, else the only one of `n_axes` axes; unnamed formats hold just one."""
     arrays = {name: array for name, array in file.arrays.items() if isinstance(array, StoredArray)}
     fitting = [name for name, array in arrays.items() if not name or len(array.shape) == n_axes]
-    names = named or [name for name in fitting if "/" not in name] or fitting
+    at_root = [name for name in fitting if "/" not in name and n_axes == 2]  # settings may lie in groups
+    names = named or at_root or fitting
     if names and names[0] in arrays and len({id(file.arrays[name]) for name in names}) == 1:
         return names[0], arrays[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
@@ -178,9 +203,17 @@ def _only_array(
     raise InputError(f"{path}: needs an array named {wanted!r}{others}; it holds {held}")
 
 
+def _named_cube(file: ArrayFile) -> list[str]:
+    return [name for name in file.arrays if _parts(name)[-1] == CUBE_NAME]
+
+
 def _named_grid(file: ArrayFile) -> list[str]:
     """Names of all that is called the transmitted grid, or lies in a group that is."""
-    return [name for name in file.arrays if GRID_NAME in _parts(name)]
+    return [
+        name
+        for name, entry in file.arrays.items()
+        if GRID_NAME in (_parts(name)[-1:] if entry == FIELD else _parts(name))
+    ]
 
 
 def _parts(name: str) -> list[str]:
@@ -196,10 +229,22 @@ def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) ->
     """Tell if an entry may have a number for each of the (subcarriers, symbols); cubes and axes do not."""
     if isinstance(entry, str):
         return entry == SPARSE or (entry not in TEXTS and _is_called_grid(name))
-    n_numbers = prod(entry.shape)
     is_full = Counter(shape) <= Counter(entry.shape) and len(entry.shape) != 4
-    is_axis = max(entry.shape, default=1) == n_numbers and entry.dtype.kind in "biuf"
-    return (is_full or n_numbers == prod(shape)) and not is_axis and entry.dtype.kind in "biufcV"
+    may_fit = (is_full or prod(entry.shape) == prod(shape)) and not _is_axis(entry, shape)
+    return may_fit and entry.dtype.kind in "biufcV"
+
+
+def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
+    """Tell if an entry may hold samples of the frame; scalars, texts, axes and small tables do not."""
+    if isinstance(entry, str):
+        return entry not in (*TEXTS, FIELD, HELD_IN_CELL)
+    is_large = prod(entry.shape) >= (prod(shape) if entry.dtype.kind in "biuf" else max(shape))
+    return is_large and entry.dtype.kind not in "SU" and not _is_axis(entry, shape)
+
+
+def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:
+    """Tell if an array is a real vector as long as an axis of the grid."""
+    return entry.dtype.kind in "biuf" and max(entry.shape, default=1) == prod(entry.shape) in (1, *shape)
 
 
 def _listed(file: ArrayFile, names: list[str]) -> str:

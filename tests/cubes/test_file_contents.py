@@ -16,7 +16,7 @@ from scipy.sparse import csc_array, csc_matrix
 
 from isacbench import get_estimator, load_scenario, observe_cube
 from isacbench.cubes import open_cube, read_grid
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.model.echo import resource_grid
 
 from .samples import SHAPE, assert_gives, put_mat73, random_cube, write_mat73, write_zarr
@@ -26,6 +26,8 @@ QPSK = np.exp(0.5j * np.pi * np.random.default_rng(1).integers(4, size=(N, M)))
 CUBE = random_cube(dtype=np.complex128) * QPSK[:, :, None, None]
 CELL = np.empty((1, 1), object)
 CELL[0, 0] = QPSK
+CELL_OF_STRUCTURE = np.empty((1, 1), object)
+CELL_OF_STRUCTURE[0, 0] = {"transmitted": QPSK}
 RECORDS = QPSK.view([("re", "f8"), ("im", "f8")])
 
 MINI = """name = "mini"
@@ -109,6 +111,11 @@ def of_two_versions(path):
 def with_zarr_attribute(path):
     write_zarr(path, cube=CUBE)
     zarr.open(path)["cube"].attrs["transmitted"] = "QPSK of seed 1"
+
+
+def with_zarr_grid(path):
+    write_zarr(path, cube=CUBE)
+    zarr.open(path).attrs["grid"] = QPSK.real.tolist()
 
 
 def group_twice(file):
@@ -223,6 +230,23 @@ REFUSED = {
     "attribute": (h5(lambda file: file["cube"].attrs.update(Transmitted=1), cube=CUBE), r"\(attribute\)"),
     "attribute of the file": (h5(lambda file: file.attrs.update(transmitted=1), cube=CUBE), r"\(attribute\)"),
     "zarr attribute": ((".zarr", with_zarr_attribute), r"cube@transmitted \(attribute\)"),
+    "field of records": (
+        npz(cube=CUBE, frame=np.zeros(3, [("setup", [("Transmitted", "c16", (N, M))])])),
+        r"frame/setup/Transmitted \(field",
+    ),
+    "field of records, HDF5": (
+        h5(cube=CUBE, frame=np.zeros(1, [("transmitted", "f8", (N, M))])),
+        "frame/tra",
+    ),
+    "field of an array of structures": (
+        mat(cube=CUBE, frame=np.zeros((2, 1), [("transmitted", object)])),
+        r"frame/transmitted \(field",
+    ),
+    "structure in a cell": (mat(cube=CUBE, frame=CELL_OF_STRUCTURE), r"frame/0/transmitted \(in a cell\)"),
+    "structure in a cell, 7.3": (
+        h5(cube=CUBE, **{"#refs#/a/transmitted": QPSK}),
+        r"#refs#/a/transmitted \(in a cell\)",
+    ),
     "zarr of another version": ((".zarr", of_two_versions), r"transmitted \(no zarr array\)"),
 }
 
@@ -261,6 +285,10 @@ UNCLEAR = {
     "parts": npz(cube=CUBE, re=QPSK.real, im=QPSK.imag),
     "mask": npz(cube=CUBE, used=np.ones((N, M), bool)),
     "imaginary part beside": npz(cube=CUBE, transmitted=QPSK.real, transmitted_im=QPSK.imag),
+    "real, flat": npz(cube=CUBE, bpsk=np.ones(N * M)),
+    "name of a cell in another program": h5(cube=CUBE, **{"#1": QPSK}),
+    "attribute": h5(lambda file: file["cube"].attrs.update(grid=QPSK), cube=CUBE),
+    "attribute, zarr": (".zarr", with_zarr_grid),
     "grid beside the only cube": npz(echo=CUBE, t=QPSK),
 }
 
@@ -281,6 +309,7 @@ TWO_CUBES = {
     "link": h5(lambda file: file.update(cube=h5py.SoftLink("/echo")), echo=CUBE),
     "parts": npz(cube_re=CUBE.real, cube_im=CUBE.imag),
     "parts in a group": h5(**{"cube/re": CUBE.real, "cube/im": CUBE.imag}),
+    "calibration at the root": h5(calibration=np.ones_like(CUBE), **{"rx/data": CUBE}),
 }
 
 
@@ -297,15 +326,23 @@ def test_a_real_cube_is_refused_with_its_imaginary_part_beside_it(path_of, conte
 
 
 OTHERS = {
-    "second cube": npz(cube=CUBE, raw=CUBE),
-    "second cube in a group": h5(cube=CUBE, **{"old/raw": CUBE}),
-    "map beside the grid": mat(cube=CUBE, transmitted=np.ones((N, M)), map=np.ones((N, M))),
+    "second cube": (npz(cube=CUBE, raw=CUBE), r"raw \(complex128 of shape"),
+    "flat cube": (npz(cube=CUBE, raw=CUBE.ravel()), r"raw \(complex128 of shape"),
+    "second cube in a group": (h5(cube=CUBE, **{"old/raw": CUBE}), "old/raw"),
+    "map beside the grid": (mat(cube=CUBE, transmitted=np.ones((N, M)), map=np.ones((N, M))), "map"),
+    "a vector each symbol": (npz(cube=CUBE, x0=QPSK[:, 0], x1=QPSK[:, 1]), "x0 .*, x1"),
+    "cell": (mat(cube=CUBE, symbols=CELL), r"symbols \(cell\)$"),
+    "Python objects": (npz(cube=CUBE, meta=np.array({"transmitted": QPSK})), "meta .*never unpickled"),
+    "link": (h5(lambda file: file.update(grid=h5py.SoftLink("/x")), cube=CUBE), r"grid \(link\)"),
 }
 
 
-@pytest.mark.parametrize("contents", OTHERS.values(), ids=OTHERS)
-def test_other_arrays_beside_a_cube_and_a_grid_of_these_names_are_ignored(path_of, contents):
-    with open_cube(path_of(contents)) as cube:
+@pytest.mark.parametrize(("contents", "unused"), OTHERS.values(), ids=OTHERS)
+def test_what_may_be_data_and_is_not_used_is_told(path_of, contents, unused):
+    with (
+        pytest.warns(InputWarning, match=f"frame.* does not use {unused}"),
+        open_cube(path_of(contents)) as cube,
+    ):
         assert_gives(cube, CUBE)
 
 
@@ -332,9 +369,11 @@ def test_scalars_texts_axes_and_other_shapes_beside_the_cube_are_no_grid(path_of
 
 
 def test_texts_of_matlab_in_double_quotes_and_structures_of_settings_are_no_grid(path_of):
-    for contents in (mat_objects("unit", "units"), mat(cube=CUBE, setup={"carrier_hz": 70e9, "name": "a"})):
-        with open_cube(path_of(contents)) as cube:
-            assert cube.transmitted is None
+    with pytest.warns(InputWarning, match=r"does not use unit \(object\), units \(object\)$"):
+        cube = open_cube(path_of(mat_objects("unit", "units")))
+    assert cube.transmitted is None
+    with open_cube(path_of(mat(cube=CUBE, setup={"carrier_hz": 70e9, "name": "a"}))) as cube:
+        assert cube.transmitted is None
 
 
 @pytest.mark.parametrize("contents", [npz, mat, mat73, h5])
@@ -375,6 +414,27 @@ def test_two_variables_of_one_name_in_a_mat_file_are_refused(path_of):
 def test_a_grid_alone_may_have_settings_in_groups_beside_it(path_of, contents):
     path = path_of(contents(symbols=QPSK, **{"setup/limits": np.ones((2, 2))}))
     assert np.array_equal(read_grid(path), QPSK)
+
+
+UNCLEAR_GRIDS = {
+    "sparse": mat(tx=csc_array(QPSK), used=np.ones((N, M))),
+    "flat": npz(tx=QPSK.ravel(), mask=np.ones((N, M))),
+    "parts": npz(re=QPSK.real, im=QPSK.imag.ravel()),
+    "in a group": h5(used=np.ones((N, M)), **{"a/tx": QPSK}),
+    "of several antennas": npz(tx=np.stack([QPSK, QPSK]), used=np.ones((N, M))),
+}
+
+
+@pytest.mark.parametrize("contents", UNCLEAR_GRIDS.values(), ids=UNCLEAR_GRIDS)
+def test_of_what_may_be_the_grid_none_is_guessed(path_of, contents):
+    with pytest.raises(InputError, match="may be the transmitted grid; allowed is one array named 'transm"):
+        read_grid(path_of(contents))
+
+
+def test_cells_and_objects_beside_a_grid_alone_are_told(path_of):
+    for contents, unused in ((mat(x=QPSK, tx=CELL), "tx"), (npz(x=QPSK, t=QPSK.astype(object)), "t")):
+        with pytest.warns(InputWarning, match=rf"does not use {unused} \("):
+            assert np.array_equal(read_grid(path_of(contents)), QPSK)
 
 
 def test_the_image_of_a_received_frame_is_that_of_its_echoes(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 import zarr
 
 from isacbench.cubes import open_cube, read_grid, require_shape
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.model.array import VirtualArray
 from isacbench.model.numerology import System
 
@@ -142,7 +142,7 @@ def test_an_array_of_python_objects_is_no_cube(tmp_path):
     with pytest.raises(InputError, match=r"^array: holds object"):
         open_cube(objects)
     np.savez(tmp_path / "c.npz", cube=ARRAY, notes=objects)
-    with open_cube(tmp_path / "c.npz") as cube:
+    with pytest.warns(InputWarning, match="does not use notes"), open_cube(tmp_path / "c.npz") as cube:
         assert cube.shape == SHAPE
 
 

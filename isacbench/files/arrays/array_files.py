@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from isacbench.errors import InputError
 from isacbench.files.arrays.hdf5_files import list_hdf5
 from isacbench.files.arrays.mat_files import list_mat
 from isacbench.files.arrays.npy_files import list_npy, list_npz
+from isacbench.files.arrays.stored_arrays import FIELD, StoredArray
 from isacbench.files.arrays.zarr_stores import list_zarr
 from isacbench.files.escaping import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    import numpy as np
 
     from isacbench.files.arrays.stored_arrays import ArrayFile
 
@@ -53,6 +56,9 @@ def listed_arrays(path: Path) -> Iterator[ArrayFile]:
     kind, list_arrays = FORMATS[path.suffix.lower()]
     try:
         file = list_arrays(path)
+        for name, array in list(file.arrays.items()):
+            if isinstance(array, StoredArray):
+                file.arrays.update(dict.fromkeys(_fields(name, array.dtype), FIELD))
         try:
             yield file
         except BaseException:
@@ -62,3 +68,10 @@ def listed_arrays(path: Path) -> Iterator[ArrayFile]:
         raise
     except Exception as error:  # Damaged files surface as anything that a parser can raise.
         raise InputError(f"{path}: cannot be read as {kind}: {shortened(str(error))}") from error
+
+
+def _fields(name: str, dtype: np.dtype[Any]) -> Iterator[str]:
+    """Names of the fields of records, and of the fields in these."""
+    for field in dtype.base.names or ():
+        yield f"{name}/{field}"
+        yield from _fields(f"{name}/{field}", dtype.base[field])

@@ -16,12 +16,14 @@ import numpy as np
 
 from isacbench.errors import InputError
 from isacbench.files.arrays.stored_arrays import (
+    HELD_IN_CELL,
     SPARSE,
     ArrayFile,
     ChunkedArray,
     StoredArray,
     as_complex,
     complex_dtype,
+    listed_attribute,
 )
 from isacbench.files.escaping import shortened
 
@@ -35,6 +37,9 @@ if TYPE_CHECKING:
 
 CLASS_ATTRIBUTE, EMPTY_ATTRIBUTE, SPARSE_ATTRIBUTE = "MATLAB_class", "MATLAB_empty", "MATLAB_sparse"
 """Attributes that MATLAB gives a variable, an array without elements and a sparse matrix."""
+
+CELL_CONTENTS = ("#refs#", "#subsystem#")
+"""Groups at the root in which MATLAB keeps what cells and objects refer to."""
 
 INTEGER_CLASSES = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 NUMBER_CLASSES = {"double", "single", "logical", *INTEGER_CLASSES}
@@ -61,17 +66,21 @@ def list_hdf5(path: Path) -> ArrayFile:
     import h5py
 
     file = h5py.File(path, "r")
-    entries: dict[str, StoredArray | str] = {f"@{key}": "attribute" for key in file.attrs}
+    entries = _attributes("", file)
     first_names = {file["/"].id: ""}
 
     def add(name: str, link: Any) -> None:
-        if name.startswith("#") or isinstance(entries.get(name.rpartition("/")[0]), str):
-            return  # what cells refer to, and the parts of a sparse matrix
+        top, *inside = name.split("/")
+        if top in CELL_CONTENTS:
+            entries.update({name: HELD_IN_CELL} if len(inside) > 1 else {})  # fields of structures
+            return
+        if isinstance(entries.get(name.rpartition("/")[0]), str):
+            return  # a part of a sparse matrix
         if not isinstance(link, h5py.HardLink):
             entries[name] = "link"
             return
         item = file[name]
-        entries.update({f"{name}@{key}": "attribute" for key in item.attrs if not key.startswith("MATLAB_")})
+        entries.update(_attributes(name, item))
         first, kind = first_names.setdefault(item.id, name), _class_name(item)
         has_members = isinstance(item, h5py.Group) and len(item) and kind in (None, "struct")
         if first in entries:
@@ -124,6 +133,12 @@ def dataset_array(dataset: h5py.Dataset, name: str) -> StoredArray:
         read_box=read_box,
         require_filled=partial(_require_filled, name, dataset),
     )
+
+
+def _attributes(name: str, item: h5py.HLObject) -> dict[str, StoredArray | str]:
+    """Attributes of an object that MATLAB did not write, by their names."""
+    keys = [key for key in item.attrs if not key.startswith("MATLAB_")]
+    return {f"{name}@{key}": listed_attribute(item.attrs[key]) for key in keys}
 
 
 def _class_name(item: h5py.HLObject) -> str | None:

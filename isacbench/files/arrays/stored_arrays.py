@@ -19,6 +19,9 @@ PAIRS = (("real", "imag"), ("r", "i"))
 SPARSE, TEXTS = "sparse matrix", ("char", "string", "attribute")
 """Kinds of what is no array: one that could be, and those that hold no numbers or few."""
 
+FIELD, HELD_IN_CELL = "field of records", "in a cell"
+"""Kinds of what is listed for its name alone, beside what holds it."""
+
 
 @dataclass(frozen=True, eq=False)
 class StoredArray:
@@ -91,6 +94,25 @@ class ArrayFile(NamedTuple):
 
     arrays: dict[str, StoredArray | str]
     close: Callable[[], None] = lambda: None
+
+
+def listed_attribute(value: object) -> StoredArray | str:
+    """Describe an attribute: an array if it has an axis of numbers.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    StoredArray or str
+    """
+    try:
+        values = as_complex(np.asarray(value))
+    except ValueError:  # a ragged list
+        return "attribute"
+    is_array = values.ndim > 0 and values.dtype.kind in "biufcV"
+    return StoredArray(values.shape, values.dtype, lambda: values) if is_array else "attribute"
 
 
 def complex_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:

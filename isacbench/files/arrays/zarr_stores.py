@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isacbench.errors import InputError
-from isacbench.files.arrays.stored_arrays import ArrayFile, ChunkedArray, as_complex, complex_dtype
+from isacbench.files.arrays.stored_arrays import (
+    ArrayFile,
+    ChunkedArray,
+    as_complex,
+    complex_dtype,
+    listed_attribute,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,7 +56,7 @@ def list_zarr(path: Path) -> ArrayFile:
         skipped = re.findall(r"Object at (.+) is not recognized", text)
         entries: dict[str, StoredArray | str] = dict.fromkeys(skipped, "no zarr array")
         for name, member in sorted(members, key=itemgetter(0)):
-            entries.update({f"{name}@{key}": "attribute" for key in member.attrs})
+            entries.update({f"{name}@{key}": listed_attribute(value) for key, value in member.attrs.items()})
             if isinstance(member, zarr.Array):
                 entries[name] = zarr_array(member, f"{path}: {name}" if name else str(path))
             elif name and not member.nmembers():
