@@ -50,10 +50,6 @@ def checked_array(what: str, values: ArrayLike, dtype: DTypeLike = np.float64) -
     """
     wanted = np.dtype(dtype)
     allowed = KINDS[wanted.kind]
-    if named_columns(values) is not None:
-        raise InputError(f"{what} is a table of named columns; allowed is an array of {allowed}")
-    if any(hasattr(values, name) for name in ("unit", "units")):
-        raise InputError(f"{what} has a unit; allowed are plain {allowed}")
     plain = unmasked_array(what, values)
     if not plain.size and plain.dtype == np.float64:  # an empty list
         return np.asarray(plain, dtype=wanted)
@@ -68,7 +64,7 @@ def checked_array(what: str, values: ArrayLike, dtype: DTypeLike = np.float64) -
 
 
 def unmasked_array(what: str, values: ArrayLike) -> NDArray[Any]:
-    """Convert values to an array of whatever type they have, if none of them is masked.
+    """Convert values to an array of whatever type they have, if they have no mask, name or unit.
 
     Parameters
     ----------
@@ -84,21 +80,33 @@ def unmasked_array(what: str, values: ArrayLike) -> NDArray[Any]:
     Raises
     ------
     InputError
-        If values are masked, or of different lengths.
+        If values are masked, have names or a unit, or are of different lengths.
     """
-    if type(values) is np.ndarray:
+    if type(values) is np.ndarray and values.dtype.names is None:
         return values
+    _require_plain(what, values)
     try:
-        array: NDArray[Any] = np.ma.asarray(values)  # which keeps the masks inside lists, too
+        return np.asarray(values)
     except (TypeError, ValueError) as error:
         raise InputError(f"{what} is no array: {error}") from error
-    if n_masked := int(np.count_nonzero(np.ma.getmask(array))):
-        raise InputError(f"{what} has {n_masked} masked numbers of {array.size}; drop them, or fill them in")
-    return np.asarray(array)
+
+
+def _require_plain(what: str, values: Any) -> None:
+    """Refuse masks, names and units, in lists as well: NumPy drops them."""
+    if named_columns(values) is not None:
+        raise InputError(f"{what} is a table of named columns; allowed is an array of numbers")
+    if any(hasattr(values, name) for name in ("unit", "units")):
+        raise InputError(f"{what} has a unit; allowed are plain numbers")
+    if n_masked := int(np.count_nonzero(np.ma.getmask(values))):
+        raise InputError(f"{what} has {n_masked} masked numbers of {np.size(values)}; drop or fill them")
+    for row in values if isinstance(values, list | tuple) else ():
+        if not isinstance(row, float | int | complex):
+            # A row of a DataFrame has the columns' names in its index.
+            _require_plain(what, row.to_frame().T if hasattr(row, "to_frame") else row)
 
 
 def named_columns(values: object) -> dict[str, Any] | None:
-    """Find the columns of a table: a DataFrame, a structured array, an Arrow table or a mapping.
+    """Find the columns of a table: a DataFrame, a structured array, an Arrow table, a mapping, a named tuple.
 
     Parameters
     ----------
@@ -107,7 +115,7 @@ def named_columns(values: object) -> dict[str, Any] | None:
     Returns
     -------
     dict of str to object, or None
-        None for what has no names of columns. Numbers are no names.
+        None for what has no names of columns. Ascending numbers are no names.
 
     Examples
     --------
@@ -116,13 +124,21 @@ def named_columns(values: object) -> dict[str, Any] | None:
     >>> named_columns([[1.0, 2.0]]) is None
     True
     """
+    table: Any = values
     if isinstance(values, Mapping):
         labels: Any = list(values)
     elif isinstance(values, np.ndarray | np.void):
         labels = values.dtype.names
+    elif isinstance(values, tuple):
+        labels = getattr(values, "_fields", None)
+        table = dict(zip(labels or (), values, strict=False))
     else:
         labels = getattr(values, "column_names", getattr(values, "columns", None))
-    if labels is None or all(isinstance(label, int | np.integer) for label in labels):
+    if labels is None or _are_places(labels):
         return None
-    table: Any = values
     return {str(label): table[label] for label in labels}
+
+
+def _are_places(labels: Any) -> bool:
+    """Tell if labels are ascending whole numbers, as those of a DataFrame made of an array."""
+    return all(isinstance(label, int | np.integer) for label in labels) and list(labels) == sorted(labels)

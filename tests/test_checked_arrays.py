@@ -1,6 +1,7 @@
 """Arrays from outside: what NumPy cuts off in silence is honoured, or refused in one line, at every door."""
 
 import re
+from collections import namedtuple
 from dataclasses import replace
 
 import numpy as np
@@ -17,14 +18,18 @@ from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steeri
 from isacbench.dsp.angles.planar_spectra import squared_projections
 from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance
 from isacbench.dsp.angles.plane_waves import PlaneWaves
+from isacbench.dsp.bounds.deterministic_bounds import tone_std_bins
 from isacbench.dsp.partial_dft import doppler_rows, range_rows
 from isacbench.errors import InputError
+from isacbench.link.waveform.figures_of_merit import hard_decision_capacity, papr_ccdf
 from isacbench.link.waveform.ofdm import demodulate
-from isacbench.link.waveform.qam import modulate_bits
+from isacbench.link.waveform.qam import awgn_ber, modulate_bits
 from isacbench.metrics.score import score
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
+from isacbench.model.frame import get_frame
 from isacbench.model.gate import Gate
+from isacbench.model.kernels import dirichlet, steering
 from isacbench.model.numerology import System
 from isacbench.model.scene import Scatterers
 from isacbench.plugins.registry import get_detector
@@ -62,6 +67,16 @@ DOORS = {
     "snapshots of planes": lambda make: planar_covariance(make(np.ones((1, 4, 4))), (3, 3)),
     "bins of a gate": lambda make: Gate(make(np.arange(3)), np.arange(3), slice(3), slice(3)),
     "bins of a transform": lambda make: range_rows(make(np.arange(3)), 8),
+    "points of a region": lambda make: EMPTY.region.contains(make(np.ones((2, 3)))),
+    "directions of a frame": lambda make: get_frame("panel").direction_cosines(make(np.ones((2, 3)))),
+    "offsets of a frame": lambda make: get_frame("panel").offsets(*np.ones((2, 2)), make(np.ones(2))),
+    "directions of steering vectors": lambda make: steering(4, make(np.ones(2))),
+    "places of kernels": lambda make: dirichlet(np.ones(2), make(np.ones(2)), 4),
+    "elements": lambda make: EMPTY.array.in_frame(make(np.ones((2, 2), int))),
+    "signal-to-noise ratios": lambda make: tone_std_bins(8, make(np.ones(2))),
+    "bit error rates": lambda make: hard_decision_capacity(make(np.zeros(2))),
+    "levels of noise": lambda make: awgn_ber("qpsk", make(np.zeros(2))),
+    "peak-to-average power ratios": lambda make: papr_ccdf(make(np.zeros(2)), 8),
     "a waveform": lambda make: demodulate(make(np.ones(9)), System()),
 }
 
@@ -97,9 +112,46 @@ def test_a_mask_that_hides_nothing_is_no_mask():
     assert cloud.to_array().tolist() == [[*ROW, 1.0]]
 
 
-def test_masks_inside_lists_count():
-    with pytest.raises(InputError, match="xyz has 1 masked number"):
-        PointCloud([np.ma.masked_equal([1.0, 2.0, 3.0], 3.0), [1.0, 2.0, 3.0]], [1, 1], [1, 1])
+HIDING = {
+    "rows": lambda rows: [np.ma.masked_equal(rows[0], 3.0), *rows[1:]],
+    "numbers": lambda rows: [[np.ma.masked if x == 3.0 else x for x in row] for row in rows],
+    "tuples": lambda rows: tuple((*row[:2], np.ma.masked, *row[3:]) if 3.0 in row else row for row in rows),
+}
+
+
+@pytest.mark.parametrize("kind", HIDING)
+def test_masks_inside_lists_count(kind):
+    rows = HIDING[kind]([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]])
+    for values in (rows, [rows, rows], [[[rows]]]):
+        with pytest.raises(InputError, match="xyz has 1 masked number"):
+            checked_array("xyz", values)
+
+
+TABLE = pd.DataFrame([[4.0, 3.0, 2.0, 1.0]] * 2, columns=list("vzyx"))
+ROWS_WITH_NAMES = {
+    "itertuples": list(TABLE.itertuples(index=False)),
+    "Series": [row for _, row in TABLE.iterrows()],
+    "dicts": TABLE.to_dict("records"),
+    "records": list(TABLE.to_records(index=False)),
+    "frames": [TABLE],
+    "columns in another order": pd.DataFrame([ROW])[[3, 0, 1, 2]],
+}
+
+
+@pytest.mark.parametrize("kind", ROWS_WITH_NAMES)
+def test_rows_with_names_are_not_taken_by_their_place(kind):
+    with pytest.raises(InputError, match=r"a point array is a table of named|takes columns x, y, z, v"):
+        PointCloud.from_array(ROWS_WITH_NAMES[kind])
+
+
+def test_a_named_tuple_of_columns_is_a_table():
+    points = namedtuple("Points", "v z y x")([4.0], [3.0], [2.0], [1.0])
+    assert PointCloud.from_array(points).to_array().tolist() == [[*ROW, 1.0]]
+
+
+def test_the_index_of_a_series_numbers_its_rows():
+    assert checked_array("velocity", TABLE["v"][::-1]).tolist() == [4.0, 4.0]
+    assert checked_array("row", TABLE.iloc[0]).tolist() == ROW[::-1]
 
 
 def test_a_cube_with_masked_numbers_is_refused():
@@ -107,12 +159,22 @@ def test_a_cube_with_masked_numbers_is_refused():
         open_cube(masked(FRAME))
 
 
+def test_points_are_selected_by_what_is_not_masked():
+    cloud = PointCloud.from_array([ROW] * 3)
+    for keep in (np.ma.array([True] * 3, mask=[0, 1, 0]), np.ma.array([0, 1], mask=[0, 1])):
+        with pytest.raises(InputError, match="keep has 1 masked number"):
+            cloud.select(keep)
+    with pytest.raises(InputError, match="keep holds float64; allowed are whole numbers"):
+        cloud.select([1.0])
+    assert [len(cloud.select(keep)) for keep in ([], [True, False, True], [2, 2, 0, 1])] == [0, 2, 4]
+
+
 class Quantity(np.ndarray):
     unit = "km"
 
 
 def test_a_unit_is_not_cut_off():
-    with pytest.raises(InputError, match="a point array has a unit; allowed are plain real numbers"):
+    with pytest.raises(InputError, match="a point array has a unit; allowed are plain numbers"):
         PointCloud.from_array(np.array([ROW]).view(Quantity))
 
 

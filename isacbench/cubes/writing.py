@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from isacbench.checked_arrays import unmasked_array
 from isacbench.cubes.cube import CUBE_NAME, ComplexArray, require_cube
 from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
 from isacbench.errors import InputError
@@ -19,7 +20,7 @@ from isacbench.files.checked_files import require_new
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import DTypeLike
+    from numpy.typing import ArrayLike, DTypeLike
 
 Shape: TypeAlias = tuple[int, int, int, int]
 Write: TypeAlias = Callable[[int, ComplexArray], None]
@@ -56,33 +57,42 @@ class CubeWriter:
         self._write = write
         self.is_written = np.zeros(shape[0], dtype=bool)
 
-    def write(self, first_subcarrier: int, block: ComplexArray) -> None:
+    def write(self, first_subcarrier: int, block: ArrayLike) -> None:
         """Write consecutive subcarriers; again, where they are already written.
 
         Parameters
         ----------
         first_subcarrier : int
-        block : ndarray of complex, shape (n, M, P, Q)
+        block : array_like of complex, shape (n, M, P, Q)
             Converted to the cube's precision.
 
         Raises
         ------
         InputError
-            If the block is not complex, does not fit into the cube or cannot be written.
+            If the block is not complex, masked, does not fit into the cube or
+            its precision, or cannot be written.
         """
-        if block.dtype.kind != "c" or block.shape[1:] != self.shape[1:]:
+        given = unmasked_array(f"{self.path}: a block", block)
+        if given.dtype.kind != "c" or given.shape[1:] != self.shape[1:]:
             raise InputError(
                 f"{self.path}: a block takes complex numbers of shape "
-                f"(n, {', '.join(map(str, self.shape[1:]))}), not {block.dtype} of shape {block.shape}"
+                f"(n, {', '.join(map(str, self.shape[1:]))}), not {given.dtype} of shape {given.shape}"
             )
-        stop = first_subcarrier + len(block)
+        stop = first_subcarrier + len(given)
         if not 0 <= first_subcarrier < stop <= self.shape[0]:
             raise InputError(
-                f"{self.path}: a block of {len(block)} subcarriers from {first_subcarrier} on does not lie "
+                f"{self.path}: a block of {len(given)} subcarriers from {first_subcarrier} on does not lie "
                 f"in the cube's {self.shape[0]}"
             )
+        try:
+            with np.errstate(over="raise"):
+                values = np.ascontiguousarray(given, dtype=self.dtype)
+        except FloatingPointError:
+            raise InputError(
+                f"{self.path}: a block has numbers that are too large for {self.dtype}"
+            ) from None
         with _writing(self.path):
-            self._write(first_subcarrier, np.ascontiguousarray(block, dtype=self.dtype))
+            self._write(first_subcarrier, values)
         self.is_written[first_subcarrier:stop] = True
 
 

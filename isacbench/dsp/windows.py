@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import checked_array
 from isacbench.dsp.array_types import Complex, Floats
 from isacbench.errors import InputError
 
@@ -131,7 +132,7 @@ def fractional_bin(ratio: ArrayLike, window: Window) -> Floats:
     >>> fractional_bin([0.5, 1.0, 2.0], "hann").round(3).tolist()
     [0.0, 0.5, 1.0]
     """
-    ratio = np.asarray(ratio, dtype=np.float64)
+    ratio = checked_array("ratio", ratio)
     shares, offsets = _share_table(window)
     offset: Floats = np.interp(ratio / (1 + ratio), shares, offsets)
     return offset
@@ -159,7 +160,7 @@ def bin_profile(offset: ArrayLike, window: Window) -> Complex:
     """
     n_side = reach(window)
     bins = np.arange(-1 - n_side, 2 + n_side)
-    distance = bins - np.asarray(offset, dtype=np.float64)[..., np.newaxis]
+    distance = bins - checked_array("offset", offset)[..., np.newaxis]
     untapered = np.sinc(distance) * np.exp(1j * np.pi * distance)
     kernel = np.array(taps(window))
     return np.stack([untapered[..., k : k + kernel.size] @ kernel for k in range(3)], axis=-1)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.added_fields import added_field
+from isacbench.checked_arrays import checked_array
 from isacbench.errors import InputError, require
 from isacbench.model.number_limits import require_count
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
@@ -138,7 +139,7 @@ class VirtualArray:
         >>> VirtualArray(ascending=("+u", "-w")).in_frame([[0, 0], [1, 2]]).tolist()
         [[15, 0], [14, 2]]
         """
-        places, (n_p, n_q) = np.asarray(elements, dtype=np.int64), self.shape
+        places, (n_p, n_q) = checked_array("elements", elements, np.int64), self.shape
         is_mirrored = [axis.startswith("+") for axis in self.ascending]
         return np.where(is_mirrored, (n_p - 1, n_q - 1) - places, places)
 
@@ -171,7 +172,7 @@ def element_errors(
     >>> element_errors("street", 0.0, 0.0, [[0, 0], [3, 1]]).tolist()
     [(1+0j), (1+0j)]
     """
-    places = np.asarray(elements, dtype=np.int64).reshape(-1, 2)
+    places = checked_array("elements", elements, np.int64).reshape(-1, 2)
     if not (gain_error_db or phase_error_deg):
         return np.ones(len(places), dtype=np.complex128)
     uniforms = np.array([raw_uniforms(f"element {p} {q} of {name}", 2) for p, q in places.tolist()])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.checked_arrays import checked_array, named_columns
+from isacbench.checked_arrays import checked_array, named_columns, unmasked_array
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
@@ -157,18 +157,21 @@ class PointCloud(Displayed):
 
         return pd.DataFrame(self.to_array(), columns=POINT_COLUMNS)
 
-    def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
+    def select(self, keep: ArrayLike) -> PointCloud:
         """Select points.
 
         Parameters
         ----------
-        keep : ndarray of bool, shape (n,), or of intp
-            Mask or indices.
+        keep : array_like of bool, shape (n,), or of int
+            Which points, or their indices.
 
         Returns
         -------
         PointCloud
         """
+        keep = unmasked_array("keep", keep)
+        if keep.dtype != np.bool_:
+            keep = checked_array("keep", keep, np.int64)
         return PointCloud(xyz=self.xyz[keep], velocity=self.velocity[keep], power=self.power[keep])
 
 

@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isacbench.checked_arrays import checked_array
 from isacbench.errors import InputError
 
 FrameName = Literal["paper", "panel"]
@@ -98,7 +99,7 @@ def _nonzero(values: Floats) -> Floats:
 
 def _jacobian(range_m: ArrayLike, along_range: Floats, along_u: Floats, along_w: Floats) -> Floats:
     """Jacobians (n, 3, 3) of a unit direction and its two slopes, each (n, 3), scaled by the range."""
-    scale = np.asarray(range_m, dtype=np.float64)[..., None]
+    scale = checked_array("range_m", range_m)[..., None]
     jacobian: Floats = np.stack([along_range, scale * along_u, scale * along_w], axis=-1)
     return jacobian
 
@@ -134,7 +135,7 @@ class PaperFrame(Frame):
         -------
         u, w : ndarray of float64, shape (n,)
         """
-        offset = np.asarray(offset_m, dtype=np.float64)
+        offset = checked_array("offset_m", offset_m)
         cos_phi = -offset[:, 2] / np.linalg.norm(offset, axis=1)
         theta = np.arctan2(-offset[:, 1], offset[:, 0])
         return cos_phi * np.cos(theta), cos_phi * np.sin(theta)
@@ -151,13 +152,13 @@ class PaperFrame(Frame):
         ndarray of float64, shape (n, 3)
             In metres; NaN outside the visible region.
         """
-        u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
+        u, w = checked_array("u", u), checked_array("w", w)
         sin_phi = _normal_cosine(u, w)
         theta = np.arctan2(w + 0.0, u + 0.0)  # + 0 turns -0, whose angle is π, into 0
         direction: Floats = np.stack(
             [sin_phi * np.cos(theta), -sin_phi * np.sin(theta), -np.hypot(u, w)], axis=-1
         )
-        return np.asarray(range_m, dtype=np.float64)[..., None] * direction
+        return checked_array("range_m", range_m)[..., None] * direction
 
     def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
         """Compute the derivatives; NaN straight down (u² + w² = 1) and at the horizon (u = w = 0).
@@ -171,7 +172,7 @@ class PaperFrame(Frame):
         ndarray of float64, shape (n, 3, 3)
             Rows are x, y and z, columns R, u and w.
         """
-        u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
+        u, w = checked_array("u", u), checked_array("w", w)
         h, s = _nonzero(np.hypot(u, w)), _nonzero(_normal_cosine(u, w))
         cos_theta, sin_theta = u / h, w / h
         # With h = cosφ and s = sinφ: s falls by h/s, and θ turns by 1/h across the direction (u, w).
@@ -204,7 +205,7 @@ class PaperFrame(Frame):
         -------
         ndarray of bool, shape (n,)
         """
-        return np.asarray(offset_m, dtype=np.float64)[:, 2] <= 0
+        return checked_array("offset_m", offset_m)[:, 2] <= 0
 
 
 @dataclass(frozen=True)
@@ -255,7 +256,7 @@ class PanelFrame(Frame):
         -------
         u, w : ndarray of float64, shape (n,)
         """
-        offset = np.asarray(offset_m, dtype=np.float64)
+        offset = checked_array("offset_m", offset_m)
         direction = offset / np.linalg.norm(offset, axis=1, keepdims=True)
         u, w = self.axes[:2] @ direction.T
         return u, w
@@ -272,10 +273,10 @@ class PanelFrame(Frame):
         ndarray of float64, shape (n, 3)
             In metres; NaN outside the visible region.
         """
-        u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
+        u, w = checked_array("u", u), checked_array("w", w)
         local = np.stack([u, w, _normal_cosine(u, w)], axis=-1)
         direction: Floats = local @ self.axes
-        return np.asarray(range_m, dtype=np.float64)[..., None] * direction
+        return checked_array("range_m", range_m)[..., None] * direction
 
     def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
         """Compute the derivatives; NaN in the plane of the panel.
@@ -289,7 +290,7 @@ class PanelFrame(Frame):
         ndarray of float64, shape (n, 3, 3)
             Rows are x, y and z, columns R, u and w.
         """
-        u, w = np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64)
+        u, w = checked_array("u", u), checked_array("w", w)
         normal = _nonzero(_normal_cosine(u, w))
         one, zero = np.ones_like(normal), np.zeros_like(normal)
         return _jacobian(
@@ -310,7 +311,7 @@ class PanelFrame(Frame):
         -------
         ndarray of bool, shape (n,)
         """
-        ahead: NDArray[np.bool_] = np.asarray(offset_m, dtype=np.float64) @ self.axes[2] >= 0
+        ahead: NDArray[np.bool_] = checked_array("offset_m", offset_m) @ self.axes[2] >= 0
         return ahead
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isacbench.checked_arrays import checked_array
+
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -36,7 +38,7 @@ def dirichlet(bins: ArrayLike, places: ArrayLike, n: int) -> Complex:
     >>> float(dirichlet([3], [3.0], 16)[0, 0].real)
     4.0
     """
-    distance = np.asarray(bins, dtype=np.float64)[:, None] - np.asarray(places, dtype=np.float64)[None, :]
+    distance = checked_array("bins", bins)[:, None] - checked_array("places", places)[None, :]
     # Whole turns of the kernel are taken out first: sines of small angles keep their digits.
     distance -= n * np.rint(distance / n)
     ratio = np.sinc(distance) / np.sinc(distance / n)
@@ -105,6 +107,6 @@ def steering(n_elements: int, cosine: ArrayLike) -> Complex:
     >>> steering(3, [1.0]).real.round(12).tolist()
     [[1.0, -1.0, 1.0]]
     """
-    phase = np.multiply.outer(np.asarray(cosine, dtype=np.float64), -np.pi * np.arange(n_elements))
+    phase = np.multiply.outer(checked_array("cosine", cosine), -np.pi * np.arange(n_elements))
     response: Complex = np.exp(1j * phase)
     return response

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
 from isacbench.display import span
 from isacbench.model.number_limits import LARGEST_PLACE_M, require_interval
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
@@ -83,7 +84,7 @@ class Region:
         -------
         ndarray of bool, shape (n,)
         """
-        xyz = np.asarray(xyz, dtype=np.float64)
+        xyz = checked_array("xyz", xyz)
         inside: NDArray[np.bool_] = np.all(
             (xyz >= self.lower_m - tolerance_m) & (xyz <= self.upper_m + tolerance_m), axis=1
         )
@@ -100,7 +101,7 @@ class Region:
         -------
         (float, float)
         """
-        base = np.asarray(base_station_m, dtype=np.float64)
+        base = checked_array("base_station_m", base_station_m)
         nearest = np.clip(base, self.lower_m, self.upper_m)
         farthest = np.where(base - self.lower_m > self.upper_m - base, self.lower_m, self.upper_m)
         return float(np.linalg.norm(nearest - base)), float(np.linalg.norm(farthest - base))

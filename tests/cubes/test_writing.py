@@ -144,6 +144,8 @@ def test_a_full_disk_is_told_before_work(tmp_path, monkeypatch):
         (0, np.ones((2, 3), np.complex64), r"not complex64 of shape \(2, 3\)$"),
         (-1, random_cube()[:2], "a block of 2 subcarriers from -1 on does not lie in the cube's 24$"),
         (23, random_cube()[:2], "a block of 2 subcarriers from 23 on"),
+        (0, np.ma.masked_less(random_cube()[:2], -1), "a block has .* masked numbers of 240"),
+        (0, 1e40 * random_cube(dtype=np.complex128)[:2], "numbers that are too large for complex64$"),
         (0, random_cube()[:0], "a block of 0 subcarriers from 0 on"),
     ],
 )

@@ -180,7 +180,7 @@ def joint_bound(
 
 def _positive(ratio: ArrayLike, name: str) -> Floats:
     """Signal-to-noise ratios as an array, checked."""
-    checked = np.asarray(ratio, dtype=np.float64)
+    checked = checked_array(name, ratio)
     require(bool(np.all((checked > 0) & (checked < np.inf))), name, ratio, "a positive ratio |G|²/σ²")
     return checked
 

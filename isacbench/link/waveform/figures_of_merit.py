@@ -250,7 +250,7 @@ def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:
     >>> hard_decision_capacity([0.0, 0.5, 0.11]).round(3).tolist()
     [1.0, 0.0, 0.5]
     """
-    rate = np.asarray(ber, dtype=np.float64)
+    rate = checked_array("ber", ber)
     require_all("ber", rate, (rate >= 0) & (rate <= 1), "numbers from 0 to 1")
     entropy = -(xlogy(rate, rate) + xlogy(1 - rate, 1 - rate)) / np.log(2)
     capacity: NDArray[np.float64] = 1 - entropy
@@ -334,7 +334,7 @@ def papr_ccdf(papr_db: ArrayLike, n_subcarriers: int, *, oversampled: bool = Tru
     >>> papr_ccdf([10.0, 12.0], 2048, oversampled=False).round(6).tolist()
     [0.088789, 0.000268]
     """
-    power = 10 ** (np.asarray(papr_db, dtype=np.float64) / 10)
+    power = 10 ** (checked_array("papr_db", papr_db) / 10)
     if oversampled:
         power = np.maximum(power, MOST_CROSSINGS_AT)
         expected = n_subcarriers * np.sqrt(np.pi / 3 * power) * np.exp(-power)

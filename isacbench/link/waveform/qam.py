@@ -180,7 +180,7 @@ def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
     is_outermost = np.abs(levels) == n_levels - 1
     with np.errstate(over="ignore", divide="ignore"):
         # Standard deviation along one axis, in units of half the distance of levels.
-        sigma = 10 ** (-np.asarray(snr_db, dtype=np.float64) / 20) / np.sqrt(2) / _unit(n_bits)
+        sigma = 10 ** (-checked_array("snr_db", snr_db) / 20) / np.sqrt(2) / _unit(n_bits)
         sigma = sigma[..., None, None]
         # Probability of each decided level, as a difference of tails, which keep their digits.
         share = ndtr((1 - distance) / sigma) - np.where(is_outermost, 0, ndtr(-(1 + distance) / sigma))
