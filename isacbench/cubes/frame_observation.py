@@ -15,7 +15,7 @@ from isacbench.checked_arrays import checked_array
 from isacbench.cubes.cube import Cube, require_shape
 from isacbench.cubes.opening import open_cube, read_grid
 from isacbench.cubes.transform import GateTransform
-from isacbench.dsp.partial_dft import interpolate_nulls
+from isacbench.dsp.partial_dft import NullCarriers, interpolate_nulls
 from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.model.gate import build_gate
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 MOST_MISSED = 10 ** (-33 / 20)
 """Amplitude of false ranges over that of an echo: estimators look as far down."""
 
+LEAST_SYMBOL = 1e-6
+"""Smallest symbol over the largest of a transmitted grid: less is 0 but for the rounding of a transform."""
+
 CubeLike = Any
 """Array in memory, HDF5 dataset, zarr array, or the path of a file that holds one."""
 
@@ -43,7 +46,7 @@ class CubeObservation(Observation):
 
     _source: CubeLike
     _factors: NDArray[np.complex128] | None
-    _carriers: NDArray[np.bool_] | None
+    _nulls: NullCarriers | None
     _workers: int | None
 
     def __init__(
@@ -56,8 +59,10 @@ class CubeObservation(Observation):
         carriers: NDArray[np.bool_] | None = None,
     ) -> None:
         system = scenario.system if carriers is None else _used_band(scenario.system, carriers)
+        gate = build_gate(system, scenario.base_station_m, scenario.region)
+        limits = float(gate.range_bins[0]), float(gate.range_bins[-1])
         vars(self).update(  # whose attributes are frozen
-            gate=build_gate(system, scenario.base_station_m, scenario.region),
+            gate=gate,
             system=system,
             array=scenario.array,
             frame=scenario.frame,
@@ -66,7 +71,7 @@ class CubeObservation(Observation):
             sensing=sensing,
             _source=source,
             _factors=factors,
-            _carriers=carriers,
+            _nulls=None if carriers is None else interpolate_nulls(carriers, limits),
             _workers=workers,
         )
 
@@ -97,7 +102,7 @@ class CubeObservation(Observation):
         ndarray of complex128, shape (n_range, n_doppler, e)
             Read-only.
         """
-        transform = GateTransform(gate, self.system, self._carriers)
+        transform = GateTransform(gate, self.system, self._nulls)
         with open_cube(self._source) as cube:
             cells = transform.cells(cube, self.array.in_frame(elements), self._factors, self._workers)
         cells.setflags(write=False)
@@ -192,25 +197,15 @@ def observe_cube(
             carriers = None if used.all() else used
         source = cube if cube.is_held else array_or_path
     observation = CubeObservation(source, scenario, factors, workers, sensing, carriers)
-    if carriers is not None:
-        _warn_of_gaps(cube.name, carriers, observation.gate)
-    return observation
-
-
-def _warn_of_gaps(name: str, carriers: NDArray[np.bool_], gate: Gate) -> None:
-    """Warn where null carriers between others are too many to be interpolated."""
-    first, last = np.flatnonzero(carriers)[[0, -1]]
-    limits = float(gate.range_bins[0]), float(gate.range_bins[-1])
-    no_rows = np.empty((0, last + 1 - first), dtype=np.complex128)
-    missed = interpolate_nulls(no_rows, carriers[first : last + 1], limits)[1]
-    if missed > MOST_MISSED:
+    nulls = observation._nulls
+    if nulls is not None and nulls.missed > MOST_MISSED:
         warnings.warn(
-            f"{name}: {np.count_nonzero(~carriers[first:last])} null carriers lie between others: "
-            f"false ranges of each echo are up to {20 * np.log10(missed):.0f} dB of it; "
-            "a region of fewer range bins leaves less",
+            f"{cube.name}: {nulls.null.size} null carriers lie between others: false ranges of each echo are "
+            f"up to {20 * np.log10(nulls.missed):.0f} dB of it; a region of fewer range bins leaves less",
             InputWarning,
-            stacklevel=3,
+            stacklevel=2,
         )
+    return observation
 
 
 def _used_band(system: System, carriers: NDArray[np.bool_]) -> System:
@@ -245,12 +240,15 @@ def _checked(
             f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "
             "subcarriers by symbols as in the cube"
         )
-    is_null = (grid == 0).all(axis=1) & ~(grid == 0).all() & (sensing == "all")
-    faulty = sensed & (~np.isfinite(grid) | ((grid == 0) & ~is_null[:, None]))
+    amplitude = np.abs(grid)
+    is_zero = amplitude <= LEAST_SYMBOL * np.max(amplitude, where=sensed & np.isfinite(grid), initial=0)
+    is_null = is_zero.all(axis=1) & ~is_zero.all() & (sensing == "all")
+    faulty = sensed & (~np.isfinite(grid) | (is_zero & ~is_null[:, None]))
     if faulty.any():
         n, m = np.unravel_index(int(faulty.argmax()), faulty.shape)
         raise InputError(
             f"{cube.name}: the transmitted grid is {grid[n, m]:g} at subcarrier {n}, symbol {m}; allowed are "
-            "finite numbers, and 0 only in subcarriers that are 0 in all symbols, with sensing = 'all'"
+            "finite numbers, and 0 only in subcarriers that are 0 in all symbols, with sensing = 'all' "
+            f"(what is below {LEAST_SYMBOL:g} of the largest counts as 0)"
         )
-    return grid
+    return np.where(is_null[:, None], 0, grid)

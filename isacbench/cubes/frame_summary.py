@@ -42,6 +42,8 @@ LEAST_DEVIATIONS = 8.0
 
 CHANGES = (
     "conjugated samples",
+    "subcarriers in descending order",
+    "symbols in reverse order",
     "exchanged axes of the elements",
     "elements reversed along u",
     "elements reversed along w",
@@ -74,7 +76,8 @@ class FrameSummary(NamedTuple):
     share : float
         Share of their power that comes from the region; 0 if there are none.
     changes : tuple of str
-        The fewest of `CHANGES` after which clearly more of it would.
+        The fewest of `CHANGES` after which clearly more of it would, orders
+        of subcarriers and symbols where nothing else does.
     changed_share : float
         Share after them.
     """
@@ -133,6 +136,7 @@ def summarise_frame(observation: Observation) -> FrameSummary:
         np.arange(shape[0]), np.arange(shape[1]), slice(0, shape[0]), slice(0, shape[1]), (True, True)
     )
     cells = observation.transformed(np.concatenate([column, row]), whole)
+    cells = cells / max(np.abs(cells.real).max(), np.abs(cells.imag).max(), np.finfo(float).tiny)
     power = np.mean(cells.real**2 + cells.imag**2, axis=2)
     in_gate = np.ix_(gate.range_bins % shape[0], gate.doppler_bins % shape[1])
     try:
@@ -184,11 +188,12 @@ def _best_changes(
     shares = {
         changes: float(weights @ _come_from_region(observation, reachable, echoes, changes))
         for changes in product((False, True), repeat=len(CHANGES))
-        if len(set(observation.array.shape)) == 1 or not changes[1]
+        if len(set(observation.array.shape)) == 1
+        or not changes[CHANGES.index("exchanged axes of the elements")]
     }
     share, most = shares[(False,) * len(CHANGES)], max(shares.values())
     near_most = [changes for changes in shares if shares[changes] > most - CLEARLY_MORE / 2]
-    fewest = min(near_most, key=lambda changes: (sum(changes), -shares[changes]))
+    fewest = min(near_most, key=lambda changes: (sum(changes[1:3]), sum(changes), -shares[changes]))
     return share, tuple(compress(CHANGES, fewest)) if most >= share + CLEARLY_MORE else (), shares[fewest]
 
 
@@ -197,13 +202,12 @@ def _come_from_region(
 ) -> NDArray[np.bool_]:
     """Tell which echoes of a changed frame have cells and directions of the region, or half a beam around."""
     range_bin, doppler_bin, u, w = echoes
-    conjugated, exchanged, u_reversed, w_reversed = changes
-    if conjugated:
-        range_bin, doppler_bin, u, w = -range_bin, -doppler_bin, -u, -w
+    conjugated, descending, backwards, exchanged, *mirrored = changes
     if exchanged:
         u, w = w, u
-    cell = range_bin % reachable.shape[0], doppler_bin % reachable.shape[1]
-    xyz = observation.positions_m(cell[0], -u if u_reversed else u, -w if w_reversed else w)
+    signs = [-1 if conjugated != other else 1 for other in (descending, backwards, *mirrored)]
+    cell = signs[0] * range_bin % reachable.shape[0], signs[1] * doppler_bin % reachable.shape[1]
+    xyz = observation.positions_m(cell[0], signs[2] * u, signs[3] * w)
     half_beam_m = np.linalg.norm(xyz - observation.base_station_m, axis=1) / min(observation.array.shape)
     inside: NDArray[np.bool_] = observation.region.contains(xyz, half_beam_m[:, None]) & reachable[cell]
     return inside

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from isacbench.cores import available_cores, one_blas_thread
 from isacbench.dsp.partial_dft import (
     DopplerSums,
+    NullCarriers,
     RangeMethod,
     doppler_sums,
-    interpolate_nulls,
     is_element_major,
     range_bins_by_fft,
     range_method,
@@ -47,21 +47,19 @@ class GateTransform:
     ----------
     gate : Gate
     system : System
-    carriers : ndarray of bool, shape (n_subcarriers of the cube,), optional
-        False for null carriers. The subcarriers of `system` are those from the
-        first that is used to the last; null carriers between them are
-        interpolated.
+    nulls : NullCarriers, optional
+        Of the cube, whose band the system has.
     """
 
     gate: Gate
     system: System
-    carriers: NDArray[np.bool_] | None = None
+    nulls: NullCarriers | None = None
 
     @property
     def range_method(self) -> RangeMethod:
         """Transform to range bins of blocks whose subcarriers are not side by side."""
         n_bins = self.gate.range_bins.size
-        return "partial" if self.carriers is not None else range_method(n_bins, self.system.n_subcarriers)
+        return "partial" if self.nulls is not None else range_method(n_bins, self.system.n_subcarriers)
 
     @one_blas_thread()
     def cells(
@@ -102,7 +100,7 @@ class GateTransform:
             sums = self._summed(cube, elements, weights, n_workers)
             cells = self._doppler_sums.bins(sums).astype(np.complex128, copy=False)
         if not np.isfinite(cells).all():
-            raise InputError(f"{cube.name}: {_find_fault(cube, elements)}")
+            raise InputError(f"{cube.name}: {_find_fault(cube, elements, self.nulls)}")
         return cells
 
     @cached_property
@@ -111,16 +109,8 @@ class GateTransform:
 
     @cached_property
     def _range_rows(self) -> NDArray[np.complex128]:
-        bins = self.gate.range_bins
-        rows = range_rows(bins, self.system.n_subcarriers)
-        if self.carriers is None:
-            return rows
-        first, last = np.flatnonzero(self.carriers)[[0, -1]]
-        of_cube = np.zeros((len(rows), self.carriers.size), dtype=np.complex128)
-        of_cube[:, first : last + 1], _ = interpolate_nulls(
-            rows, self.carriers[first : last + 1], (float(bins[0]), float(bins[-1]))
-        )
-        return of_cube
+        rows = range_rows(self.gate.range_bins, self.system.n_subcarriers)
+        return rows if self.nulls is None else self.nulls.interpolated(rows)
 
     def _summed(
         self, cube: Cube, elements: NDArray[np.intp], weights: Complex | None, n_workers: int
@@ -139,6 +129,8 @@ class GateTransform:
             with np.errstate(all="ignore"):  # a thread has its own
                 if weights is not None:
                     block = block * weights[tile.subcarriers, tile.symbols, None]
+                if self.nulls is not None:
+                    block[~self.nulls.used[tile.subcarriers]] = 0  # whatever it was, NaN as well
                 if self._has_fast_lines(block):
                     return False, transform_lines(block, rows, self.gate.range_bins)
                 if lines.size:
@@ -161,7 +153,7 @@ class GateTransform:
     def _has_fast_lines(self, block: Complex) -> bool:
         """Tell if an FFT yields the range bins of a block fastest."""
         n_subcarriers = self.system.n_subcarriers
-        if self.carriers is not None:
+        if self.nulls is not None:
             return False
         method = range_method(self.gate.range_bins.size, n_subcarriers, "contiguous")
         return len(block) == n_subcarriers and is_element_major(block) and method == "fft"
@@ -186,11 +178,13 @@ def _in_order(threads: ThreadPoolExecutor, work: Any, tiles: Iterator[Tile], n_a
         yield first, future.result()
 
 
-def _find_fault(cube: Cube, elements: NDArray[np.intp]) -> str:
+def _find_fault(cube: Cube, elements: NDArray[np.intp], nulls: NullCarriers | None) -> str:
     """Describe the first number that is not finite by its place, or else an overflow."""
     for tile in cube.tiles(elements):
         block = tile.load()
         faulty = ~np.isfinite(block)
+        if nulls is not None:
+            faulty[~nulls.used[tile.subcarriers]] = False
         if faulty.any():
             n, m, e = np.unravel_index(int(faulty.argmax()), block.shape)
             p, q = elements[tile.elements[e]]

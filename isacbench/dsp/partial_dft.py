@@ -25,7 +25,7 @@ input or output points", IEEE Trans. SP 41 (1993).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -49,6 +49,12 @@ NEAR_CARRIERS = 32
 
 INTERPOLATION_NOISE = 1e-3
 """Noise over echo that the interpolation assumes: less would trust distant carriers too much."""
+
+MISSED = 1e-3
+"""Amplitude left of an echo for which the ranges may be wider than the gate: 60 dB below it."""
+
+WIDEST_LIMITS = 0.9
+"""Largest part of all ranges from which echoes are interpolated."""
 
 FEW_ELEMENTS = 16
 """Columns below which products of small matrices are slow: elements are then moved outermost first."""
@@ -75,54 +81,87 @@ def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
     return _rows(bins, n_subcarriers)
 
 
-def interpolate_nulls(
-    rows: NDArray[np.complex128], used: NDArray[np.bool_], limits: Interval
-) -> tuple[NDArray[np.complex128], float]:
-    """Rows of the transform over subcarriers in which null carriers are interpolated from those around them.
+class NullCarriers(NamedTuple):
+    """Linear estimate of what null carriers would have held, from the carriers around them.
+
+    Attributes
+    ----------
+    used : ndarray of bool, shape (n_subcarriers,)
+        False for null carriers. The band reaches from the first that is used to the last.
+    known, null : ndarray of int, shape (k,) and (n_null,)
+        Carriers of the band that the estimate takes and gives.
+    weights : ndarray of complex128, shape (k, n_null)
+    missed : float
+        Amplitude that the estimate leaves in other range bins, at most, over
+        that of an echo.
+    """
+
+    used: NDArray[np.bool_]
+    known: NDArray[np.intp]
+    null: NDArray[np.intp]
+    weights: NDArray[np.complexfloating[Any, Any]]
+    missed: float
+
+    def interpolated(self, rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Transform of all carriers (r, n_subcarriers), 0 for those not used, from rows over the band."""
+        of_all = np.zeros((len(rows), self.used.size), dtype=np.complex128)
+        of_all[:, _band(self.used)] = rows
+        estimated = rows[:, self.null] @ self.weights.T
+        of_all[:, _band(self.used)][:, self.known] += estimated
+        return of_all * self.used
+
+
+def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers:
+    """Estimate what null carriers within a band would have held from the carriers around them.
 
     Echoes between two limits of range change slowly from one subcarrier to the
     next. So the linear estimate of least mean square error tells what a null
     carrier, such as that at DC, would have held; a long run of them is told less.
+    The limits are widened as far as the gaps allow, so that strong echoes from
+    beyond the region are told as well.
 
     Parameters
     ----------
-    rows : ndarray of complex128, shape (r, n_subcarriers)
-        From `range_rows`.
     used : ndarray of bool, shape (n_subcarriers,)
         False for null carriers.
     limits : (float, float)
-        Lowest and highest range in bins.
+        Lowest and highest range in bins of the band.
 
     Returns
     -------
-    interpolated : ndarray of complex128, shape of the rows
-        0 for null carriers.
-    missed : float
-        Amplitude that the interpolation leaves in other range bins, at most,
-        over that of an echo.
+    NullCarriers
 
     References
     ----------
     Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory"
     (1993), chapter 12.
     """
-    n, null = used.size, np.flatnonzero(~used)
-    is_near = maximum_filter1d((~used).astype(np.uint8), 2 * NEAR_CARRIERS + 1, mode="constant")
-    known = np.flatnonzero(used & (is_near > 0))
-    middle, width = sum(limits) / 2, limits[1] - limits[0]
+    band = used[_band(used)]
+    n, null = band.size, np.flatnonzero(~band)
+    is_near = maximum_filter1d((~band).astype(np.uint8), 2 * NEAR_CARRIERS + 1, mode="constant")
+    known = np.flatnonzero(band & (is_near > 0))
+    middle, narrowest, width = sum(limits) / 2, limits[1] - limits[0], WIDEST_LIMITS * n
 
     def covariance(some: NDArray[np.intp], others: NDArray[np.intp]) -> NDArray[np.complex128]:
         turns = np.subtract.outer(some, others) / n
         echoes: NDArray[np.complex128] = np.exp(-2j * np.pi * middle * turns) * np.sinc(width * turns)
         return echoes
 
-    among = covariance(known, known) + INTERPOLATION_NOISE * np.eye(known.size)
-    interpolated = rows * used
-    across = covariance(known, null)
-    weights = np.linalg.solve(among, across).conj()
-    interpolated[:, known] += rows[:, null] @ weights.T
-    unknown = np.maximum(1 - (weights * across).sum(axis=0).real, 0)
-    return interpolated, float(np.sqrt(unknown).sum() / n)
+    while True:
+        width = max(width, narrowest)
+        across = covariance(known, null)
+        among = covariance(known, known) + INTERPOLATION_NOISE * np.eye(known.size)
+        weights = np.linalg.solve(among, across).conj()
+        unknown = np.maximum(1 - (weights * across).sum(axis=0).real, 0)
+        missed = float(np.sqrt(unknown).sum() / n)
+        if missed <= MISSED or width == narrowest:
+            return NullCarriers(used, known, null, weights, missed)
+        width /= 2
+
+
+def _band(used: NDArray[np.bool_]) -> slice:
+    first, last = np.flatnonzero(used)[[0, -1]].tolist()
+    return slice(first, last + 1)
 
 
 def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:

@@ -25,7 +25,7 @@ SCENARIO = replace(
     scatterers=Scatterers(PLACES, np.array([7.3, 12.0, 30.0]), np.ones(3)),
 )
 FRAME = np.concatenate([block for _, block in FrameSimulator(SCENARIO, 0.0).blocks()])
-CONJUGATED, EXCHANGED, U_REVERSED, W_REVERSED = CHANGES
+CONJUGATED, DESCENDING, BACKWARDS, EXCHANGED, U_REVERSED, W_REVERSED = CHANGES
 MISTAKES = {
     (): lambda cube: cube,
     (CONJUGATED,): np.conj,
@@ -33,7 +33,11 @@ MISTAKES = {
     (W_REVERSED,): lambda cube: cube[:, :, :, ::-1],
     (U_REVERSED, W_REVERSED): lambda cube: cube[:, :, ::-1, ::-1],
     (EXCHANGED,): lambda cube: cube.swapaxes(2, 3),
+    (DESCENDING,): lambda cube: cube[::-1],
+    (BACKWARDS,): lambda cube: cube[:, ::-1],
+    (BACKWARDS, W_REVERSED): lambda cube: cube[:, ::-1, :, ::-1],
     (CONJUGATED, U_REVERSED): lambda cube: cube[:, :, ::-1].conj(),
+    (CONJUGATED, U_REVERSED, W_REVERSED): lambda cube: cube[:, :, ::-1, ::-1].conj(),
 }
 
 
@@ -51,6 +55,11 @@ def test_the_convention_of_a_frame_is_told(changes):
     else:
         assert summary.share > 0.9
         assert len(summary.sentences()) == 1
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-160, 1e200])
+def test_the_unit_of_a_frame_does_not_matter(scale):
+    assert summary_of(FRAME * scale).sentences() == summary_of(FRAME).sentences()
 
 
 def test_exchanged_in_phase_and_quadrature_samples_are_conjugated_ones():

@@ -1,5 +1,7 @@
 """Transmitted grids that are 0 at DC, in guard carriers or in others: the image is that of the whole grid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from isacbench.cubes.frame_observation import observe_cube
 from isacbench.dsp.partial_dft import interpolate_nulls, range_rows
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.echo import resource_grid
+from isacbench.model.region import Region
 from isacbench.plugins.registry import get_estimator
 
 from .test_path_lengths import scenario_of
@@ -60,14 +63,39 @@ def test_what_null_carriers_hold_does_not_matter():
     )
 
 
+@pytest.mark.parametrize("rounding", [1e-12, 3e-8])
+def test_null_carriers_may_hold_what_a_transform_rounds_and_the_frame_nothing(rounding):
+    frame, grid = received(NULLS["both"])
+    expected = observe_cube(frame, SCENARIO, grid).cells
+    is_null = grid == 0
+    frame[is_null] = np.nan
+    np.testing.assert_array_equal(
+        observe_cube(frame, SCENARIO, grid + rounding * is_null, sensing="all").cells, expected
+    )
+    frame[70, 3, 2, 1] = np.nan
+    with pytest.raises(InputError, match=r"nan.* at subcarrier 70, symbol 3, element \(2, 1\)"):
+        _ = observe_cube(frame, SCENARIO, grid).cells
+
+
+@pytest.mark.parametrize("range_bin", [40.0, 60.0, 90.0, 126.0])
+def test_strong_echoes_from_beyond_the_region_make_no_false_points(range_bin):
+    frame, grid = received(NULLS["DC"])
+    away = np.exp(-2j * np.pi * range_bin * np.arange(N) / N)[:, None] * grid
+    scenario = replace(SCENARIO, region=Region((-10.0, 10.0), (0.0, 30.0), (0.0, 10.0), (-40.0, 40.0)))
+    seen = observe_cube(frame + 30 * away[:, :, None, None], scenario, grid)
+    cloud = get_estimator("music2d").estimate(seen)
+    np.testing.assert_allclose(cloud.xyz, SCENARIO.scatterers.xyz, atol=0.3)
+
+
 @pytest.mark.parametrize("place", [3.0, 7.4, 11.8])
 def test_an_interpolated_carrier_holds_what_the_echo_would_have_there(place):
     used = np.ones(N, dtype=bool)
     used[[40, 41, 64]] = False
     rows = range_rows(np.arange(0, 15), N)
     echo = np.exp(-2j * np.pi * np.arange(N) * place / N)
-    interpolated, missed = interpolate_nulls(rows, used, (0.0, 14.0))
-    assert missed < 2e-3
+    nulls = interpolate_nulls(used, (0.0, 14.0))
+    interpolated = nulls.interpolated(rows)
+    assert nulls.missed < 2e-3
     assert not interpolated[:, ~used].any()
     np.testing.assert_allclose(interpolated @ echo, rows @ echo, atol=2e-3)
     # Left at 0, they are missed.
@@ -91,11 +119,11 @@ def test_what_the_interpolation_misses_is_less_than_it_says():
     used = np.ones(N, dtype=bool)
     used[50:62] = False
     rows = range_rows(np.arange(N), N)
-    interpolated, missed = interpolate_nulls(rows, used, (0.0, 30.0))
+    nulls = interpolate_nulls(used, (0.0, 30.0))
     places = np.linspace(0, 30, 61)
     echoes = np.exp(-2j * np.pi * np.outer(np.arange(N), places) / N)
-    errors = np.abs((interpolated - rows) @ echoes).max(axis=0) / np.sqrt(N)
-    assert 0.1 * missed < np.sqrt(np.mean(errors**2)) < missed
+    errors = np.abs((nulls.interpolated(rows) - rows) @ echoes).max(axis=0) / np.sqrt(N)
+    assert 0.1 * nulls.missed < np.sqrt(np.mean(errors**2)) < nulls.missed
 
 
 def test_gaps_that_are_too_wide_are_told():
