@@ -165,7 +165,19 @@ def _velocity_errors_mps(pair: CloudPair) -> NDArray[np.float64]:
     distance_m, index = pair.two_nearest_estimates
     errors = velocity[index[:, 0]] - true_velocity
     reach_m = distance_m[:, 0] * (1 + TIE_RATIO) + TIE_M
-    for scatterer in np.flatnonzero(distance_m[:, 1] <= reach_m):
-        tied = pair.estimate_tree.query_ball_point(pair.truth.xyz[scatterer], reach_m[scatterer])
-        errors[scatterer] = np.abs(velocity[tied] - true_velocity[scatterer]).min()
+    has_ties = np.flatnonzero(distance_m[:, 1] <= reach_m)
+    # Those at one place are searched for once.
+    group = np.unique(pair.truth.xyz[has_ties], axis=0, return_inverse=True)[1].ravel()
+    in_order = has_ties[np.argsort(group, kind="stable")]
+    for here in np.split(in_order, np.cumsum(np.bincount(group))[:-1]) if has_ties.size else ():
+        tied = pair.estimate_tree.query_ball_point(pair.truth.xyz[here[0]], reach_m[here[0]])
+        errors[here] = _nearest_differences(true_velocity[here], velocity[tied])
     return errors
+
+
+def _nearest_differences(values: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Difference of each value from the nearest of the others, without sign."""
+    ascending = np.concatenate([[-np.inf], np.sort(others), [np.inf]])
+    above = np.searchsorted(ascending, values)
+    nearest: NDArray[np.float64] = np.minimum(ascending[above] - values, values - ascending[above - 1])
+    return nearest

@@ -182,3 +182,16 @@ def test_the_largest_magnitudes_score_finite():
     truth = PointCloud.from_array(np.full((2, 4), 1e50))
     for estimate in (moved(truth, [-2e50] * 3), PointCloud.empty()):
         assert math.isfinite(paper_deviation(truth, estimate).deviation)
+
+
+def test_many_scatterers_and_points_at_few_places_have_the_nearest_velocity_of_their_place():
+    rng = np.random.default_rng(4)
+    places, velocities = rng.uniform(size=(5, 3)), rng.standard_normal((2, 4000))
+    here = np.arange(4000) % 5
+    truth, estimate = (PointCloud(places[here], v, np.ones(4000)) for v in velocities)
+    expected = [
+        np.abs(velocities[1][here == place] - v).min() for place, v in zip(here, velocities[0], strict=True)
+    ]
+    energy = np.square(velocities[0]).sum()
+    found = paper_deviation(truth, estimate).velocity_nmse
+    assert found == pytest.approx(np.square(expected).sum() / energy)
