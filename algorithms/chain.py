@@ -30,6 +30,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from inspect import getattr_static
+from types import FunctionType
 from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
 import numpy as np
@@ -516,8 +518,11 @@ class MapEstimator(ABC):
     to_cloud = staticmethod(to_cloud)
 
     def __init_subclass__(cls) -> None:
-        if "estimate" in vars(cls):
-            cls.estimate = one_blas_thread()(cls.estimate)  # type: ignore[method-assign]
+        super().__init_subclass__()
+        estimate = getattr_static(cls, "estimate")
+        is_limited = "estimate" not in vars(cls) and hasattr(estimate, "__wrapped__")  # by the class it is of
+        if isinstance(estimate, FunctionType) and not is_limited:
+            cls.estimate = one_blas_thread()(estimate)  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")

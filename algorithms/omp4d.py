@@ -142,7 +142,11 @@ class Omp4d(MapEstimator):
         """
         step = 1 / self.samples_per_cell
         u, w = (
-            np.linspace(lower / size, upper / size, ceil((upper - lower) / size / step) + 1)
+            np.linspace(lower / size, upper / size, ceil((upper - lower) / size / step) + 1)[
+                : -1
+                if upper - lower == 2
+                else None  # on the whole circle both ends are one direction
+            ]
             for (lower, upper), size in zip(observation.cosine_limits, atom_map.cell_size[2:], strict=True)
         )
         bins = np.stack(detected.cells.bins, axis=1).astype(np.float64)

@@ -1,6 +1,7 @@
 """Imaging keeps linear algebra on one thread; what the caller computes besides has his own number."""
 
 import dataclasses
+import functools
 import json
 import os
 import subprocess
@@ -84,6 +85,38 @@ def test_an_estimator_images_on_one_thread_and_its_caller_goes_on_with_his_own(n
         plain.diagnose(observation)
         assert_one(observation.seen)
         assert threads() == callers
+
+
+def other_estimate(self, observation):
+    return threads()
+
+
+@functools.wraps(other_estimate)
+def wrapped_estimate(self, observation):
+    return other_estimate(self, observation)
+
+
+class Mixin:
+    estimate = other_estimate
+
+
+KINDS = {
+    "own": lambda: type("Own", (Music2d,), {"estimate": other_estimate}),
+    "own in a wrapper": lambda: type("Own", (Music2d,), {"estimate": wrapped_estimate}),
+    "mixed in": lambda: type("Mixed", (Mixin, Music2d), {}),
+    "inherited": lambda: type("Child", (type("Own", (Music2d,), {"estimate": other_estimate}),), {}),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_whatever_estimates_below_the_base_class_is_limited(kind, callers):
+    assert_one([KINDS[kind]()().estimate(SHOT.observation())])
+    assert threads() == callers
+
+
+def test_an_estimate_without_self_stays_as_it_is():
+    made = type("Static", (Music2d,), {"estimate": staticmethod(len)})()
+    assert made.estimate([1, 2]) == 2
 
 
 @pytest.mark.parametrize("callers", [2, 3], indirect=True)
