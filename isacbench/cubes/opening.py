@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-import warnings
 from collections import Counter
 from contextlib import closing
 from math import prod
@@ -16,13 +15,12 @@ import numpy as np
 from isacbench.cubes.array_cubes import ArrayCube
 from isacbench.cubes.chunked import ChunkedCube
 from isacbench.cubes.cube import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require_cube, require_grid
-from isacbench.errors import InputError, InputWarning
-from isacbench.files.arrays.array_files import FORMATS, listed_arrays
+from isacbench.errors import InputError
+from isacbench.files.arrays.array_files import FORMATS, listed, listed_arrays, warn_of_unused
 from isacbench.files.arrays.hdf5_files import dataset_array
-from isacbench.files.arrays.stored_arrays import FIELD, HELD_IN_CELL, SPARSE, TEXTS, ChunkedArray, StoredArray
+from isacbench.files.arrays.stored_arrays import FIELD, NO_DATA, SPARSE, TEXTS, ChunkedArray, StoredArray
 from isacbench.files.arrays.zarr_stores import zarr_array
 from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
-from isacbench.files.escaping import shortened
 
 if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray
@@ -115,7 +113,7 @@ def read_grid(path: str | Path) -> ComplexArray:
         grid = _read_grid(path, name, stored)
         used = [stored, *(file.arrays[name] for name in _named_cube(file))]
         unused = _unused(path, file, used, grid.shape, "grid")
-    _warn_of_unused(path, unused)
+    warn_of_unused(path, unused)
     return grid
 
 
@@ -137,32 +135,27 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
                     f"shape {cube.shape[:2]}: (subcarriers, symbols)"
                 )
         unused = _unused(path, file, used, cube.shape[:2], "cube")
-    _warn_of_unused(path, unused)
+    warn_of_unused(path, unused)
     return cube
 
 
 def _unused(
     path: Path, file: ArrayFile, used: list[StoredArray | str], shape: tuple[int, ...], beside: str
-) -> str:
-    """List what may be data of the frame beside what is used, and refuse what may be the grid."""
+) -> dict[str, StoredArray | str]:
+    """Find what may be data of the frame beside what is used, and refuse what may be the grid."""
     others = {name: entry for name, entry in file.arrays.items() if entry not in used}
     has_grid = bool(_named_grid(file))
-    unclear = [
-        name
+    unclear = {
+        name: entry
         for name, entry in others.items()
         if (not has_grid or _is_called_grid(name)) and _may_be_grid(name, entry, shape)
-    ]
+    }
     if unclear:
         raise InputError(
-            f"{path}: holds {_listed(file, unclear)} beside the {beside}, which may be the transmitted grid; "
+            f"{path}: holds {listed(unclear)} beside the {beside}, which may be the transmitted grid; "
             f"allowed is one array named {GRID_NAME!r}"
         )
-    return _listed(file, [name for name, entry in others.items() if _may_be_data(entry, shape)])
-
-
-def _warn_of_unused(path: Path, unused: str) -> None:
-    if unused:
-        warnings.warn(f"{path}: does not use {unused}", InputWarning, stacklevel=4)
+    return {name: entry for name, entry in others.items() if _may_be_data(entry, shape)}
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
@@ -199,8 +192,10 @@ def _only_array(
     if names and names[0] in arrays and len({id(file.arrays[name]) for name in names}) == 1:
         return names[0], arrays[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
-    held = _listed(file, named or [name for name in file.arrays if "@" not in name]) or "no arrays"
-    raise InputError(f"{path}: needs an array named {wanted!r}{others}; it holds {held}")
+    held = {name: file.arrays[name] for name in named or file.arrays if named or "@" not in name}
+    raise InputError(
+        f"{path}: needs an array named {wanted!r}{others}; it holds {listed(held) or 'no arrays'}"
+    )
 
 
 def _named_cube(file: ArrayFile) -> list[str]:
@@ -237,7 +232,7 @@ def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) ->
 def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
     """Tell if an entry may hold samples of the frame; scalars, texts, axes and small tables do not."""
     if isinstance(entry, str):
-        return entry not in (*TEXTS, FIELD, HELD_IN_CELL)
+        return entry not in NO_DATA
     is_large = prod(entry.shape) >= (prod(shape) if entry.dtype.kind in "biuf" else max(shape))
     return is_large and entry.dtype.kind not in "SU" and not _is_axis(entry, shape)
 
@@ -245,10 +240,6 @@ def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
 def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:
     """Tell if an array is a real vector as long as an axis of the grid."""
     return entry.dtype.kind in "biuf" and max(entry.shape, default=1) == prod(entry.shape) in (1, *shape)
-
-
-def _listed(file: ArrayFile, names: list[str]) -> str:
-    return shortened(", ".join(f"{name} ({file.arrays[name]})".strip() for name in names))
 
 
 def _called(path: Path, name: str) -> str:

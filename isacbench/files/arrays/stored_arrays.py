@@ -22,6 +22,9 @@ SPARSE, TEXTS = "sparse matrix", ("char", "string", "attribute")
 FIELD, HELD_IN_CELL = "field of records", "in a cell"
 """Kinds of what is listed for its name alone, beside what holds it."""
 
+NO_DATA = (*TEXTS, FIELD, HELD_IN_CELL)
+"""Kinds of what is no data of its own."""
+
 
 @dataclass(frozen=True, eq=False)
 class StoredArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,9 @@ _UNSIGNED = {f"u{name}": f"u{number}" for name, number in _SIGNED.items()}
 _TYPES = {**_SIGNED, **_UNSIGNED, "float": "float32", "double": "float64"}
 _TYPES.update({number: number for number in _TYPES.values()})
 """NumPy's names of the types of properties, which PLY files name as C or as NumPy does."""
+
+_BESIDE_OTHER_V = re.compile(r"(.*[_ ])?(t?u|s)", re.IGNORECASE)
+"""Properties of a texture or a colour, whose v is no velocity."""
 
 
 @dataclass
@@ -78,7 +82,7 @@ def read_ply(path: Path) -> Floats:
 
     The element ``vertex`` needs the properties x, y, z and v (or velocity);
     power is optional and others are ignored, as are other elements. A v beside
-    u belongs to a texture.
+    u or s belongs to a texture or a colour.
 
     Parameters
     ----------
@@ -147,15 +151,15 @@ def _wanted_properties(path: Path, vertex: _Element) -> list[str]:
     if vertex.has_list:
         raise InputError(f"{path}: element vertex: has a list property; only plain ones can be read")
     wanted: list[str] = [name for name in ("x", "y", "z", "v", "velocity", "power") if name in vertex.types]
-    is_texture = {"u", "v"} <= {*vertex.types}
-    if is_texture:
+    beside = next(filter(_BESIDE_OTHER_V.fullmatch, vertex.types), None) if "v" in wanted else None
+    if beside:
         wanted.remove("v")
     speeds = {"v", "velocity"} & {*wanted}
     if wanted[:3] != ["x", "y", "z"] or len(speeds) != 1:
         raise InputError(
             f"{path}: element vertex: takes properties x, y, z and either v or velocity, optionally power; "
             f"it has {shortened(', '.join(vertex.types)) or 'none'}"
-            f"{', where v beside u is of a texture' if is_texture else ''}"
+            f"{f', where v beside {beside} is of a texture' if beside else ''}"
         )
     if "power" not in wanted:
         require_no_power(path, vertex.types)

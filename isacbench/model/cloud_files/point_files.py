@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
-from isacbench.files.arrays.array_files import listed_arrays
+from isacbench.files.arrays.array_files import listed, listed_arrays
 from isacbench.files.arrays.stored_arrays import TEXTS, StoredArray
 from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file, require_writable
 from isacbench.files.escaping import quoted, shortened
@@ -232,7 +232,7 @@ def _chosen_arrays(path: Path, arrays: Mapping[str, StoredArray | str]) -> list[
         return list(tables.values())
     if "" in arrays:
         raise InputError(f"{path}: takes real numbers of shape (n, 4) or (n, 5), not {arrays['']}")
-    held = ", ".join(f"{name} ({array})" for name, array in arrays.items() if "@" not in name) or "nothing"
+    held = listed({name: array for name, array in arrays.items() if "@" not in name}) or "nothing"
     found = f"several could be the cloud: {', '.join(tables)}" if tables else f"it holds {held}"
     raise InputError(
         f"{path}: takes xyz (n, 3) and velocity (n), optionally power (n), "

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _LIKE_POWER = re.compile(
-    "power|amplitude|intensity|magnitude|strength|reflect|gain|section"
-    "|(?<![a-z])(rcs|snr|rssi|amp|mag|p|sigma|dbs?m?)(?![a-z])",
+    "pow|pwr|amplitude|intensity|magnitude|strength|reflect|gain|section|energy|level|rcs|snr|rssi"
+    "|(?<![a-z])(ampl?s?|mags?|p|sigma|dbs?m?)(?![a-z])",
     re.IGNORECASE,
 )
 

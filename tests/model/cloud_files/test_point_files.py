@@ -309,7 +309,7 @@ def test_npz_and_mat_of_no_points_are_an_empty_cloud(save: Callable[..., Path], 
     assert len(PointCloud.read(save(table=np.empty((0, columns))))) == 0
 
 
-POWERS = "Power", "rcs", "RCS_dBsm", "echo_power", "amplitude", "Intensity", "snr_db", "sigma"
+POWERS = "Power", "rcs", "RCS_dBsm", "echo_power", "amplitude", "Intensity", "snr_db", "sigma", "pwr", "RCSdB"
 NO_POWER = "allowed is the name power for powers relative to a unit scatterer, or nothing like it"
 
 
@@ -474,6 +474,9 @@ def test_a_mesh_with_a_texture_is_no_cloud(tmp_path: Path, form: str) -> None:
     body = text if form == "ascii" else rows.tobytes() + face
     (tmp_path / "mesh.ply").write_bytes(header.encode() + body)
     assert refusal(tmp_path / "mesh.ply") == f"{WANTED} x, y, z, u, v, where v beside u is of a texture"
+    for name in ("U", "tu", "texture_u", "s"):
+        (tmp_path / "mesh.ply").write_bytes(header.replace("float u\n", f"float {name}\n").encode() + body)
+        assert refusal(tmp_path / "mesh.ply").endswith(f"where v beside {name} is of a texture")
     (tmp_path / "cloud.ply").write_bytes(header.encode().replace(b"float v\n", b"float velocity\n") + body)
     assert PointCloud.read(tmp_path / "cloud.ply").velocity.tolist() == [0, 0, 1]
 
