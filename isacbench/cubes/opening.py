@@ -18,7 +18,7 @@ from isacbench.cubes.cube import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require
 from isacbench.errors import InputError
 from isacbench.files.arrays.array_files import FORMATS, listed, listed_arrays, warn_of_unused
 from isacbench.files.arrays.hdf5_files import dataset_array
-from isacbench.files.arrays.stored_arrays import FIELD, NO_DATA, SPARSE, TEXTS, ChunkedArray, StoredArray
+from isacbench.files.arrays.stored_arrays import SPARSE, TEXTS, ChunkedArray, StoredArray
 from isacbench.files.arrays.zarr_stores import zarr_array
 from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
 
@@ -204,11 +204,7 @@ def _named_cube(file: ArrayFile) -> list[str]:
 
 def _named_grid(file: ArrayFile) -> list[str]:
     """Names of all that is called the transmitted grid, or lies in a group that is."""
-    return [
-        name
-        for name, entry in file.arrays.items()
-        if GRID_NAME in (_parts(name)[-1:] if entry == FIELD else _parts(name))
-    ]
+    return [name for name in file.arrays if GRID_NAME in _parts(name)]
 
 
 def _parts(name: str) -> list[str]:
@@ -232,9 +228,9 @@ def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) ->
 def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
     """Tell if an entry may hold samples of the frame; scalars, texts, axes and small tables do not."""
     if isinstance(entry, str):
-        return entry not in NO_DATA
-    is_large = prod(entry.shape) >= (prod(shape) if entry.dtype.kind in "biuf" else max(shape))
-    return is_large and entry.dtype.kind not in "SU" and not _is_axis(entry, shape)
+        return entry not in TEXTS
+    least = {"c": max(shape), "V": 1}.get(entry.dtype.kind, prod(shape))
+    return prod(entry.shape) >= least and entry.dtype.kind not in "SU" and not _is_axis(entry, shape)
 
 
 def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:

@@ -5,22 +5,19 @@ from __future__ import annotations
 import warnings
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.arrays.hdf5_files import list_hdf5
 from isacbench.files.arrays.mat_files import list_mat
 from isacbench.files.arrays.npy_files import list_npy, list_npz
-from isacbench.files.arrays.stored_arrays import FIELD, StoredArray
 from isacbench.files.arrays.zarr_stores import list_zarr
 from isacbench.files.escaping import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    import numpy as np
-
-    from isacbench.files.arrays.stored_arrays import ArrayFile
+    from isacbench.files.arrays.stored_arrays import ArrayFile, StoredArray
 
 FORMATS: dict[str, tuple[str, Callable[[Path], ArrayFile]]] = {
     ".npy": ("npy", list_npy),
@@ -57,9 +54,6 @@ def listed_arrays(path: Path) -> Iterator[ArrayFile]:
     kind, list_arrays = FORMATS[path.suffix.lower()]
     try:
         file = list_arrays(path)
-        for name, array in list(file.arrays.items()):
-            if isinstance(array, StoredArray):
-                file.arrays.update(dict.fromkeys(_fields(name, array.dtype), FIELD))
         try:
             yield file
         except BaseException:
@@ -81,16 +75,9 @@ def warn_of_unused(path: Path, entries: dict[str, StoredArray | str]) -> None:
         Of an `ArrayFile`.
     """
     if entries:
-        warnings.warn(f"{path}: does not use {listed(entries)}", InputWarning, stacklevel=5)
+        warnings.warn(f"{path}: does not use {listed(entries)}", InputWarning, stacklevel=4)
 
 
 def listed(entries: dict[str, StoredArray | str]) -> str:
     """Name entries of a file with their types and shapes, in the length of a message."""
     return shortened(", ".join(f"{name} ({entry})".strip() for name, entry in entries.items()))
-
-
-def _fields(name: str, dtype: np.dtype[Any]) -> Iterator[str]:
-    """Names of the fields of records, and of the fields in these."""
-    for field in dtype.base.names or ():
-        yield f"{name}/{field}"
-        yield from _fields(f"{name}/{field}", dtype.base[field])

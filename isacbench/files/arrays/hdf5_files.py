@@ -16,7 +16,6 @@ import numpy as np
 
 from isacbench.errors import InputError
 from isacbench.files.arrays.stored_arrays import (
-    HELD_IN_CELL,
     SPARSE,
     ArrayFile,
     ChunkedArray,
@@ -70,12 +69,8 @@ def list_hdf5(path: Path) -> ArrayFile:
     first_names = {file["/"].id: ""}
 
     def add(name: str, link: Any) -> None:
-        top, *inside = name.split("/")
-        if top in CELL_CONTENTS:
-            entries.update({name: HELD_IN_CELL} if len(inside) > 1 else {})  # fields of structures
-            return
-        if isinstance(entries.get(name.rpartition("/")[0]), str):
-            return  # a part of a sparse matrix
+        if name.partition("/")[0] in CELL_CONTENTS or isinstance(entries.get(name.rpartition("/")[0]), str):
+            return  # the latter a part of a sparse matrix
         if not isinstance(link, h5py.HardLink):
             entries[name] = "link"
             return

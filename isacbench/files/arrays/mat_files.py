@@ -18,7 +18,7 @@ import numpy as np
 
 from isacbench.errors import InputError
 from isacbench.files.arrays.hdf5_files import list_hdf5
-from isacbench.files.arrays.stored_arrays import FIELD, HELD_IN_CELL, SPARSE, ArrayFile, StoredArray
+from isacbench.files.arrays.stored_arrays import SPARSE, ArrayFile, StoredArray
 from isacbench.files.checked_files import HELD_BYTES, require_file
 
 if TYPE_CHECKING:
@@ -122,9 +122,6 @@ def _sendable(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any] | str]]
             yield from _sendable(f"{name}/{field}", value.flat[0][field])
     else:
         yield name, OTHER_KINDS.get(value.dtype.kind, "object")
-        yield from ((f"{name}/{field}", FIELD) for field in value.dtype.names or ())
-        for index, item in enumerate(value.flat if value.dtype.kind == "O" else ()):
-            yield from ((held, HELD_IN_CELL) for held, _ in _sendable(f"{name}/{index}", item))
 
 
 if __name__ == "__main__":

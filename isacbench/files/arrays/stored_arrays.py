@@ -19,12 +19,6 @@ PAIRS = (("real", "imag"), ("r", "i"))
 SPARSE, TEXTS = "sparse matrix", ("char", "string", "attribute")
 """Kinds of what is no array: one that could be, and those that hold no numbers or few."""
 
-FIELD, HELD_IN_CELL = "field of records", "in a cell"
-"""Kinds of what is listed for its name alone, beside what holds it."""
-
-NO_DATA = (*TEXTS, FIELD, HELD_IN_CELL)
-"""Kinds of what is no data of its own."""
-
 
 @dataclass(frozen=True, eq=False)
 class StoredArray:
