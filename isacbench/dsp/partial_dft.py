@@ -103,7 +103,18 @@ class NullCarriers(NamedTuple):
     missed: float
 
     def interpolated(self, rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Transform of all carriers (r, n_subcarriers), 0 for those not used, from rows over the band."""
+        """Estimate null carriers within a transform.
+
+        Parameters
+        ----------
+        rows : ndarray of complex128, shape (r, n_band)
+            Of the transform over the band, from `range_rows`.
+
+        Returns
+        -------
+        ndarray of complex128, shape (r, n_subcarriers)
+            Over all carriers; 0 for those that are not used.
+        """
         of_all = np.zeros((len(rows), self.used.size), dtype=np.complex128)
         of_all[:, _band(self.used)] = rows
         estimated = rows[:, self.null] @ self.weights.T

@@ -79,5 +79,15 @@ def warn_of_unused(path: Path, entries: dict[str, StoredArray | str]) -> None:
 
 
 def listed(entries: dict[str, StoredArray | str]) -> str:
-    """Name entries of a file with their types and shapes, in the length of a message."""
+    """Name entries of a file with their types and shapes, in the length of a message.
+
+    Parameters
+    ----------
+    entries : dict of str to StoredArray or str
+        Of an `ArrayFile`.
+
+    Returns
+    -------
+    str
+    """
     return shortened(", ".join(f"{name} ({entry})".strip() for name, entry in entries.items()))
