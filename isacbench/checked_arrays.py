@@ -7,7 +7,7 @@ and fractions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -86,20 +86,22 @@ def unmasked_array(what: str, values: ArrayLike) -> NDArray[Any]:
         return values
     _require_plain(what, values)
     try:
-        return np.asarray(values)
-    except (TypeError, ValueError) as error:
+        array: NDArray[Any] = np.asanyarray(values)
+    except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{what} is no array: {error}") from error
+    _require_plain(what, array)
+    return np.asarray(array)
 
 
 def _require_plain(what: str, values: Any) -> None:
-    """Refuse masks, names and units, in lists as well: NumPy drops them."""
+    """Refuse masks, names and units, in sequences as well: NumPy drops them."""
     if named_columns(values) is not None:
         raise InputError(f"{what} is a table of named columns; allowed is an array of numbers")
     if any(hasattr(values, name) for name in ("unit", "units")):
         raise InputError(f"{what} has a unit; allowed are plain numbers")
     if n_masked := int(np.count_nonzero(np.ma.getmask(values))):
         raise InputError(f"{what} has {n_masked} masked numbers of {np.size(values)}; drop or fill them")
-    for row in values if isinstance(values, list | tuple) else ():
+    for row in values if isinstance(values, Sequence) and not isinstance(values, str | bytes) else ():
         if not isinstance(row, float | int | complex):
             # A row of a DataFrame has the columns' names in its index.
             _require_plain(what, row.to_frame().T if hasattr(row, "to_frame") else row)

@@ -1,7 +1,7 @@
 """Arrays from outside: what NumPy cuts off in silence is honoured, or refused in one line, at every door."""
 
 import re
-from collections import namedtuple
+from collections import deque, namedtuple
 from dataclasses import replace
 
 import numpy as np
@@ -112,9 +112,21 @@ def test_a_mask_that_hides_nothing_is_no_mask():
     assert cloud.to_array().tolist() == [[*ROW, 1.0]]
 
 
+class Convertible:
+    """Numbers that NumPy is given when it asks, as by variables of NetCDF files."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __array__(self, dtype=None, copy=None):
+        return self.array
+
+
 HIDING = {
     "rows": lambda rows: [np.ma.masked_equal(rows[0], 3.0), *rows[1:]],
     "numbers": lambda rows: [[np.ma.masked if x == 3.0 else x for x in row] for row in rows],
+    "deques": lambda rows: deque([np.ma.masked_equal(rows[0], 3.0), *rows[1:]]),
+    "conversions": lambda rows: Convertible(np.ma.masked_equal(rows, 3.0)),
     "tuples": lambda rows: tuple((*row[:2], np.ma.masked, *row[3:]) if 3.0 in row else row for row in rows),
 }
 
@@ -122,13 +134,14 @@ HIDING = {
 @pytest.mark.parametrize("kind", HIDING)
 def test_masks_inside_lists_count(kind):
     rows = HIDING[kind]([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]])
-    for values in (rows, [rows, rows], [[[rows]]]):
+    for values in (rows, *([] if kind == "conversions" else ([rows, rows], [[[rows]]]))):
         with pytest.raises(InputError, match="xyz has 1 masked number"):
             checked_array("xyz", values)
 
 
 TABLE = pd.DataFrame([[4.0, 3.0, 2.0, 1.0]] * 2, columns=list("vzyx"))
 ROWS_WITH_NAMES = {
+    "deque": deque(TABLE.itertuples(index=False)),
     "itertuples": list(TABLE.itertuples(index=False)),
     "Series": [row for _, row in TABLE.iterrows()],
     "dicts": TABLE.to_dict("records"),
@@ -142,6 +155,12 @@ ROWS_WITH_NAMES = {
 def test_rows_with_names_are_not_taken_by_their_place(kind):
     with pytest.raises(InputError, match=r"a point array is a table of named|takes columns x, y, z, v"):
         PointCloud.from_array(ROWS_WITH_NAMES[kind])
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 1), (2, 2, 3)])
+def test_points_of_another_shape_lie_in_no_region(shape):
+    with pytest.raises(InputError, match=r"shape of xyz = .*allowed is \(n, 3\)"):
+        EMPTY.region.contains(np.ones(shape))
 
 
 def test_a_named_tuple_of_columns_is_a_table():

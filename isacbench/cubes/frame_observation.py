@@ -33,6 +33,9 @@ MOST_MISSED = 10 ** (-33 / 20)
 LEAST_SYMBOL = 1e-6
 """Smallest symbol over the largest of a transmitted grid: less is 0 but for the rounding of a transform."""
 
+MOST_MISSED_BEYOND = 0.1
+"""The same for echoes from beyond the region."""
+
 CubeLike = Any
 """Array in memory, HDF5 dataset, zarr array, or the path of a file that holds one."""
 
@@ -87,6 +90,11 @@ class CubeObservation(Observation):
         if "cells" in vars(self):
             return super().cross
         return self.transformed(cross_elements(self.array.shape), self.gate)
+
+    @property
+    def missed_beyond(self) -> float:
+        """Amplitude that an echo leaves in false ranges because carriers are null, wherever it is."""
+        return 0.0 if self._nulls is None else self._nulls.missed_beyond
 
     def transformed(self, elements: NDArray[np.int64], gate: Gate) -> NDArray[np.complex128]:
         """Transform elements to the cells of a gate.
@@ -198,10 +206,12 @@ def observe_cube(
         source = cube if cube.is_held else array_or_path
     observation = CubeObservation(source, scenario, factors, workers, sensing, carriers)
     nulls = observation._nulls
-    if nulls is not None and nulls.missed > MOST_MISSED:
+    if nulls is not None and (nulls.missed > MOST_MISSED or nulls.missed_beyond > MOST_MISSED_BEYOND):
+        own_db, beyond_db = (20 * np.log10(missed) for missed in (nulls.missed, nulls.missed_beyond))
         warnings.warn(
             f"{cube.name}: {nulls.null.size} null carriers lie between others: false ranges of each echo are "
-            f"up to {20 * np.log10(nulls.missed):.0f} dB of it; a region of fewer range bins leaves less",
+            f"up to {own_db:.0f} dB of it, of one from beyond the region up to {beyond_db:.0f} dB; "
+            "a region of fewer range bins leaves less",
             InputWarning,
             stacklevel=2,
         )

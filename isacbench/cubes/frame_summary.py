@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.fft
 from scipy.ndimage import maximum_filter
+from scipy.special import gammainccinv, gammaincinv
 
 from isacbench.cubes.frame_observation import CubeObservation
 from isacbench.errors import InputError
@@ -37,8 +38,8 @@ MOST_ECHOES = 64
 COSINE_SAMPLES = 128
 """Samples of the spectrum of a line of elements."""
 
-LEAST_DEVIATIONS = 8.0
-"""Standard deviations of noise averaged over the elements, by which an echo exceeds the median of the map."""
+NOISE_ECHOES = 1e-3
+"""Mean number of echoes that are taken in a map of noise alone."""
 
 CHANGES = (
     "conjugated samples",
@@ -55,6 +56,9 @@ CLEARLY_MORE = 0.1
 
 LEAST_SHARE = 0.5
 """Share of the power below which the scenario is doubted."""
+
+MOST_LEAKED_DB = -30.0
+"""Level of false ranges that is told: estimators look nearly as far down."""
 
 
 class FrameSummary(NamedTuple):
@@ -80,6 +84,9 @@ class FrameSummary(NamedTuple):
         of subcarriers and symbols where nothing else does.
     changed_share : float
         Share after them.
+    leaked_db : float
+        Most that echoes from ranges beyond the gate leave in false ranges,
+        because carriers are null, over the strongest cell of the gate.
     """
 
     range_m: float
@@ -91,6 +98,7 @@ class FrameSummary(NamedTuple):
     share: float
     changes: tuple[str, ...]
     changed_share: float
+    leaked_db: float
 
     def sentences(self) -> list[str]:
         """Describe the frame, and the convention that fits better."""
@@ -105,6 +113,11 @@ class FrameSummary(NamedTuple):
             told.append(f"with {changes}, {self.changed_share:.0%} would: look at the signs of the frame")
         elif self.n_echoes and self.share < LEAST_SHARE:
             told.append("the rest fits no other convention: look at the scenario's radio, place and region")
+        if self.leaked_db > MOST_LEAKED_DB:
+            told.append(
+                "null carriers: strong echoes from beyond the region leave false ranges, the strongest up to "
+                f"{self.leaked_db:.0f} dB of the strongest cell in the gate"
+            )
         return told
 
 
@@ -129,8 +142,9 @@ def summarise_frame(observation: Observation) -> FrameSummary:
         raise InputError("only the observation of a recorded frame, from observe_cube, can be summarised")
     system, gate = observation.system, observation.gate
     shape, n_p = (system.n_subcarriers, system.n_symbols), observation.array.shape[0]
-    cross, n_most = cross_elements(observation.array.shape), max(MOST_VALUES // (shape[0] * shape[1] * 2), 1)
-    column, row = cross[:n_p][:n_most], np.delete(cross, np.s_[1:n_p], axis=0)[:n_most]
+    n_most = max(MOST_VALUES // (shape[0] * shape[1] * 2), 1)
+    cross = cross_elements(observation.array.shape)
+    column, row = cross[:n_p][:n_most], cross[n_p:][: n_most - 1]
     # All bins, those of negative ranges and speeds at the end.
     whole = Gate(
         np.arange(shape[0]), np.arange(shape[1]), slice(0, shape[0]), slice(0, shape[1]), (True, True)
@@ -147,7 +161,8 @@ def summarise_frame(observation: Observation) -> FrameSummary:
     reachable = np.zeros(shape, dtype=np.bool_)
     reachable[in_gate] = gate.reachable
     rows, columns = _strongest_echoes(power, cells.shape[2])
-    u, w = _peaks(cells[rows, columns, : len(column)]), _peaks(cells[rows, columns, len(column) :])
+    echoes = cells[rows, columns]
+    u, w = _peaks(echoes[:, : len(column)]), _peaks(np.delete(echoes, np.s_[1 : len(column)], axis=1))
     share, changes, changed_share = _best_changes(
         observation, reachable, (rows, columns, u, w), power[rows, columns]
     )
@@ -162,13 +177,21 @@ def summarise_frame(observation: Observation) -> FrameSummary:
         share=share,
         changes=changes,
         changed_share=changed_share,
+        leaked_db=_leaked_db(power.max(axis=1), gate.range_bins % shape[0], observation.missed_beyond),
     )
+
+
+def _leaked_db(power: NDArray[np.float64], in_gate: NDArray[np.int64], missed: float) -> float:
+    """Level of false ranges of echoes beyond the gate over the strongest range bin in it."""
+    beyond = np.delete(power, in_gate).max(initial=0) * missed**2
+    return float(10 * np.log10(beyond / power[in_gate].max())) if beyond > 0 else -np.inf
 
 
 def _strongest_echoes(power: NDArray[np.float64], looks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of the local maxima of a whole map, strongest first."""
-    noise = np.median(power) * (1 + LEAST_DEVIATIONS / np.sqrt(looks))
-    rows, columns = np.nonzero((power >= maximum_filter(power, size=3, mode="wrap")) & (power > noise))
+    # Noise averaged over looks is gamma-distributed.
+    least = np.median(power) * gammainccinv(looks, NOISE_ECHOES / power.size) / gammaincinv(looks, 0.5)
+    rows, columns = np.nonzero((power >= maximum_filter(power, size=3, mode="wrap")) & (power > least))
     order = np.argsort(-power[rows, columns], kind="stable")[:MOST_ECHOES]
     return rows[order], columns[order]
 
@@ -200,7 +223,7 @@ def _best_changes(
 def _come_from_region(
     observation: Observation, reachable: NDArray[np.bool_], echoes: Echoes, changes: tuple[bool, ...]
 ) -> NDArray[np.bool_]:
-    """Tell which echoes of a changed frame have cells and directions of the region, or half a beam around."""
+    """Tell which echoes of a changed frame come from the region, or half a beam and a range bin around."""
     range_bin, doppler_bin, u, w = echoes
     conjugated, descending, backwards, exchanged, *mirrored = changes
     if exchanged:
@@ -209,5 +232,6 @@ def _come_from_region(
     cell = signs[0] * range_bin % reachable.shape[0], signs[1] * doppler_bin % reachable.shape[1]
     xyz = observation.positions_m(cell[0], signs[2] * u, signs[3] * w)
     half_beam_m = np.linalg.norm(xyz - observation.base_station_m, axis=1) / min(observation.array.shape)
-    inside: NDArray[np.bool_] = observation.region.contains(xyz, half_beam_m[:, None]) & reachable[cell]
+    around_m = half_beam_m[:, None] + observation.system.range_bin_m / 2
+    inside: NDArray[np.bool_] = observation.region.contains(xyz, around_m) & reachable[cell]
     return inside

@@ -229,8 +229,8 @@ def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
     """Tell if an entry may hold samples of the frame; scalars, texts, axes and small tables do not."""
     if isinstance(entry, str):
         return entry not in TEXTS
-    least = {"c": max(shape), "V": 1}.get(entry.dtype.kind, prod(shape))
-    return prod(entry.shape) >= least and entry.dtype.kind not in "SU" and not _is_axis(entry, shape)
+    least = {"c": max(shape), "V": 1, "O": 1}.get(entry.dtype.kind, prod(shape))
+    return prod(entry.shape) >= least and entry.dtype.kind not in "SUT" and not _is_axis(entry, shape)
 
 
 def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:

@@ -91,6 +91,8 @@ class CubeWriter:
             raise InputError(
                 f"{self.path}: a block has numbers that are too large for {self.dtype}"
             ) from None
+        if given.any() and not values.any():
+            raise InputError(f"{self.path}: a block has numbers that are too small for {self.dtype}")
         with _writing(self.path):
             self._write(first_subcarrier, values)
         self.is_written[first_subcarrier:stop] = True

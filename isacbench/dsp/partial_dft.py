@@ -30,7 +30,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, DTypeLike, NDArray
-from scipy.ndimage import maximum_filter1d
 
 from isacbench.checked_arrays import checked_array
 from isacbench.dsp.array_types import Complex, Floats, Integers
@@ -47,14 +46,22 @@ FFT_OPERATION_COST = {"contiguous": 6.0, "strided": 16.0}
 NEAR_CARRIERS = 32
 """Distance of the carriers from which null carriers are interpolated."""
 
+NEAR_OFFSETS = np.arange(-NEAR_CARRIERS, NEAR_CARRIERS + 1)
+
 INTERPOLATION_NOISE = 1e-3
 """Noise over echo that the interpolation assumes: less would trust distant carriers too much."""
 
+LEAKAGE_BINS = 2
+"""Ranges from -2 to 2 bins, in which the transmitter's own signal is received."""
+
 MISSED = 1e-3
-"""Amplitude left of an echo for which the ranges may be wider than the gate: 60 dB below it."""
+"""Amplitude that may be left of an echo from the region for the sake of those from beyond it."""
+
+SHARES_BEYOND = (1.0, 0.1, 0.01, 1e-3, 0.0)
+"""Power of echoes from anywhere over that of those from the region."""
 
 WIDEST_LIMITS = 0.9
-"""Largest part of all ranges from which echoes are interpolated."""
+"""Part of all ranges that is anywhere."""
 
 FEW_ELEMENTS = 16
 """Columns below which products of small matrices are slow: elements are then moved outermost first."""
@@ -88,19 +95,22 @@ class NullCarriers(NamedTuple):
     ----------
     used : ndarray of bool, shape (n_subcarriers,)
         False for null carriers. The band reaches from the first that is used to the last.
-    known, null : ndarray of int, shape (k,) and (n_null,)
-        Carriers of the band that the estimate takes and gives.
-    weights : ndarray of complex128, shape (k, n_null)
+    null : ndarray of int, shape (n_null,)
+        Null carriers within the band, counted in it.
+    weights : ndarray of complex128, shape (n_null, 2 NEAR_CARRIERS + 1)
+        Of the carriers around each.
     missed : float
         Amplitude that the estimate leaves in other range bins, at most, over
-        that of an echo.
+        that of an echo from the region.
+    missed_beyond : float
+        The same for an echo from anywhere.
     """
 
     used: NDArray[np.bool_]
-    known: NDArray[np.intp]
     null: NDArray[np.intp]
     weights: NDArray[np.complexfloating[Any, Any]]
     missed: float
+    missed_beyond: float
 
     def interpolated(self, rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Estimate null carriers within a transform.
@@ -116,9 +126,11 @@ class NullCarriers(NamedTuple):
             Over all carriers; 0 for those that are not used.
         """
         of_all = np.zeros((len(rows), self.used.size), dtype=np.complex128)
-        of_all[:, _band(self.used)] = rows
-        estimated = rows[:, self.null] @ self.weights.T
-        of_all[:, _band(self.used)][:, self.known] += estimated
+        of_band = of_all[:, _band(self.used)]
+        of_band[...] = rows
+        for offset, weights in zip(NEAR_OFFSETS, self.weights.T, strict=True):
+            there = np.flatnonzero(weights)
+            of_band[:, self.null[there] + offset] += rows[:, self.null[there]] * weights[there]
         return of_all * self.used
 
 
@@ -128,8 +140,9 @@ def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers
     Echoes between two limits of range change slowly from one subcarrier to the
     next. So the linear estimate of least mean square error tells what a null
     carrier, such as that at DC, would have held; a long run of them is told less.
-    The limits are widened as far as the gaps allow, so that strong echoes from
-    beyond the region are told as well.
+    The transmitter's own signal at range 0 is expected besides, and echoes from
+    anywhere, in the largest of some shares that leaves those from the region
+    well told.
 
     Parameters
     ----------
@@ -149,25 +162,35 @@ def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers
     """
     band = used[_band(used)]
     n, null = band.size, np.flatnonzero(~band)
-    is_near = maximum_filter1d((~band).astype(np.uint8), 2 * NEAR_CARRIERS + 1, mode="constant")
-    known = np.flatnonzero(band & (is_near > 0))
-    middle, narrowest, width = sum(limits) / 2, limits[1] - limits[0], WIDEST_LIMITS * n
+    near = null[:, None] + NEAR_OFFSETS
+    is_known = (near >= 0) & (near < n) & band[near.clip(0, n - 1)]
+    # Null carriers with the same carriers around them have the same weights.
+    patterns, pattern = np.unique(is_known, axis=0, return_inverse=True)
+    counts = np.bincount(pattern.ravel(), minlength=len(patterns))
+    turns = np.subtract.outer(NEAR_OFFSETS, NEAR_OFFSETS) / n
 
-    def covariance(some: NDArray[np.intp], others: NDArray[np.intp]) -> NDArray[np.complex128]:
-        turns = np.subtract.outer(some, others) / n
-        echoes: NDArray[np.complex128] = np.exp(-2j * np.pi * middle * turns) * np.sinc(width * turns)
-        return echoes
+    def covariance(lower: float, upper: float) -> NDArray[np.complex128]:
+        """Covariance of the carriers around another, of echoes between two ranges in bins."""
+        values: NDArray[np.complex128] = np.exp(-1j * np.pi * (lower + upper) * turns)
+        return values * np.sinc((upper - lower) * turns)
 
-    while True:
-        width = max(width, narrowest)
-        across = covariance(known, null)
-        among = covariance(known, known) + INTERPOLATION_NOISE * np.eye(known.size)
-        weights = np.linalg.solve(among, across).conj()
-        unknown = np.maximum(1 - (weights * across).sum(axis=0).real, 0)
-        missed = float(np.sqrt(unknown).sum() / n)
-        if missed <= MISSED or width == narrowest:
-            return NullCarriers(used, known, null, weights, missed)
-        width /= 2
+    region, leakage = covariance(*limits), covariance(-LEAKAGE_BINS, LEAKAGE_BINS)
+    middle, reach = sum(limits) / 2, WIDEST_LIMITS * n / 2
+    anywhere = covariance(middle - reach, middle + reach)
+
+    def missed(weights: NDArray[np.complexfloating[Any, Any]], echoes: NDArray[np.complex128]) -> float:
+        explained = 2 * weights @ echoes[:, NEAR_CARRIERS] - ((weights @ echoes) * weights.conj()).sum(axis=1)
+        return float(counts @ np.sqrt(np.maximum(1 - explained.real, 0)) / n)
+
+    unknown = np.where(patterns, INTERPOLATION_NOISE, 1e9)[:, :, None] * np.eye(NEAR_OFFSETS.size)
+    for share in SHARES_BEYOND:
+        echoes = region + bool(share) * leakage + share * anywhere
+        weights = np.linalg.solve(echoes + unknown, echoes[:, NEAR_CARRIERS, None])[..., 0].conj() * patterns
+        if missed(weights, region) <= MISSED:
+            break
+    return NullCarriers(
+        used, null, weights[pattern.ravel()], missed(weights, region), missed(weights, anywhere)
+    )
 
 
 def _band(used: NDArray[np.bool_]) -> slice:

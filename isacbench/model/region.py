@@ -10,6 +10,7 @@ import numpy as np
 
 from isacbench.checked_arrays import checked_array
 from isacbench.display import span
+from isacbench.errors import require
 from isacbench.model.number_limits import LARGEST_PLACE_M, require_interval
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 
@@ -83,8 +84,14 @@ class Region:
         Returns
         -------
         ndarray of bool, shape (n,)
+
+        Raises
+        ------
+        InputError
+            If the points have another shape.
         """
-        xyz = checked_array("xyz", xyz)
+        xyz, tolerance_m = checked_array("xyz", xyz), checked_array("tolerance_m", tolerance_m)
+        require(xyz.ndim == 2 and xyz.shape[1] == 3, "shape of xyz", xyz.shape, "(n, 3)")
         inside: NDArray[np.bool_] = np.all(
             (xyz >= self.lower_m - tolerance_m) & (xyz <= self.upper_m + tolerance_m), axis=1
         )

@@ -116,6 +116,22 @@ def with_zarr_grid(path):
     zarr.open(path).attrs["grid"] = QPSK.real.tolist()
 
 
+def with_rows(name):
+    def change(file):
+        rows = file.create_dataset(name, (N,), h5py.vlen_dtype(np.float64))
+        for n in range(N):
+            rows[n] = QPSK[n].view(float)
+
+    return change
+
+
+def with_references(file):
+    """An array of structures, as MATLAB writes it in version 7.3."""
+    put_mat73(file, "#refs#/a", QPSK)
+    file.create_dataset("frame/tx", (2, 1), h5py.ref_dtype)[...] = file["#refs#/a"].ref
+    file["frame"].attrs["MATLAB_class"] = np.bytes_("struct")
+
+
 def group_twice(file):
     file["symbols/values"] = np.ones(3)
     file["transmitted"] = file["symbols"]
@@ -322,6 +338,8 @@ OTHERS = {
         mat(cube=CUBE, frame=np.zeros((2, 1), [("transmitted", object)])),
         r"frame \(struct",
     ),
+    "rows of any length": (h5(with_rows("tx"), cube=CUBE), r"tx \(object of shape \(24,\)\)$"),
+    "references": (h5(with_references, cube=CUBE), r"frame/tx \(object of shape"),
     "link": (h5(lambda file: file.update(grid=h5py.SoftLink("/x")), cube=CUBE), r"grid \(link\)"),
 }
 
@@ -374,8 +392,12 @@ def test_the_axes_of_a_frame_of_one_symbol_are_no_grid(path_of, contents):
         open_cube(path_of(contents(cube=frame, symbols=grid)))
 
 
-def test_attributes_of_other_names_are_no_arrays(path_of):
+def test_attributes_texts_and_scales_are_no_arrays(path_of):
     def change(file):
+        file["notes"] = np.array(["by", "hand"], dtype=h5py.string_dtype())
+        file["f"] = np.arange(float(N))
+        file["f"].make_scale("f")
+        file["cube"].dims[0].attach_scale(file["f"])
         file.attrs["carrier_hz"] = 70e9
         file["transmitted"].attrs["unit"] = "1"
         file["cube"].attrs["axes"] = "subcarriers, symbols, P, Q"

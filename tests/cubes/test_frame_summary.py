@@ -79,6 +79,18 @@ def test_the_strongest_cell_is_that_of_the_strongest_echo_wherever_it_lies():
     assert not receding.is_in_gate
 
 
+@pytest.mark.parametrize("place", [(0.0, 54.0, 9.0), (1.5, 53.2, 8.3), (-2.0, 55.0, 10.0)])
+def test_a_region_within_a_range_bin_is_not_doubted(place):
+    near = replace(
+        SCENARIO,
+        system=replace(SCENARIO.system, n_subcarriers=64, n_symbols=16),
+        region=Region((-2.0, 2.0), (53.0, 55.0), (8.0, 10.0), (-10.0, 10.0)),
+        scatterers=Scatterers(np.array([place]), np.zeros(1), np.ones(1)),
+    )
+    frame = np.concatenate([block for _, block in FrameSimulator(near, 20.0).blocks()])
+    assert len(summary_of(frame, near).sentences()) == 1
+
+
 def test_a_scenario_of_another_spacing_is_doubted():
     system = replace(SCENARIO.system, subcarrier_spacing_hz=480e3)
     summary = summary_of(FRAME, replace(SCENARIO, system=system))
@@ -86,10 +98,12 @@ def test_a_scenario_of_another_spacing_is_doubted():
     assert summary.sentences()[1].endswith("look at the scenario's radio, place and region")
 
 
-def test_noise_alone_names_no_convention():
-    rng = np.random.default_rng(0)
-    noise = rng.standard_normal((2, *FRAME.shape))
-    summary = summary_of(noise[0] + 1j * noise[1])
+@pytest.mark.parametrize("shape", [(2, 2), (3, 2), (8, 8)])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_alone_names_no_convention(seed, shape):
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((2, *FRAME.shape[:2], *shape))
+    summary = summary_of(noise[0] + 1j * noise[1], replace(SCENARIO, array=VirtualArray((1, 1), shape, 1, 1)))
     assert (summary.n_echoes, summary.share, summary.changes) == (0, 0.0, ())
     assert summary.sentences()[0].endswith("; no echo stands out of the noise")
 

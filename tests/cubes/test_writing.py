@@ -146,6 +146,7 @@ def test_a_full_disk_is_told_before_work(tmp_path, monkeypatch):
         (23, random_cube()[:2], "a block of 2 subcarriers from 23 on"),
         (0, np.ma.masked_less(random_cube()[:2], -1), "a block has .* masked numbers of 240"),
         (0, 1e40 * random_cube(dtype=np.complex128)[:2], "numbers that are too large for complex64$"),
+        (0, 1e-60 * random_cube(dtype=np.complex128)[:2], "numbers that are too small for complex64$"),
         (0, random_cube()[:0], "a block of 0 subcarriers from 0 on"),
     ],
 )

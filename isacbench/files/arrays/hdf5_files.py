@@ -80,6 +80,8 @@ def list_hdf5(path: Path) -> ArrayFile:
         has_members = isinstance(item, h5py.Group) and len(item) and kind in (None, "struct")
         if first in entries:
             entries[name] = entries[first]
+        elif isinstance(item, h5py.Dataset) and h5py.check_string_dtype(item.dtype):
+            entries[name] = "string"
         elif isinstance(item, h5py.Dataset) and item.shape is not None and kind in (None, *NUMBER_CLASSES):
             entries[name] = dataset_array(item, f"{path}: {name}")
         elif not has_members or first != name:

@@ -108,7 +108,7 @@ def listed_attribute(value: object) -> StoredArray | str:
         values = as_complex(np.asarray(value))
     except ValueError:  # a ragged list
         return "attribute"
-    is_array = values.ndim > 0 and values.dtype.kind in "biufcV"
+    is_array = values.ndim > 0 and values.dtype.kind in "biufc"
     return StoredArray(values.shape, values.dtype, lambda: values) if is_array else "attribute"
 
 
