@@ -57,11 +57,14 @@ LEAKAGE_BINS = 2
 MISSED = 1e-3
 """Amplitude that may be left of an echo from the region for the sake of those from beyond it."""
 
-SHARES_BEYOND = (1.0, 0.1, 0.01, 1e-3, 0.0)
+MOST_NOISE = 0.15
+"""Power of the noise that comes with the estimate for their sake, over that of the noise of all carriers."""
+
+SHARES_BEYOND = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0)
 """Power of echoes from anywhere over that of those from the region."""
 
-WIDEST_LIMITS = 0.9
-"""Part of all ranges that is anywhere."""
+FARTHEST = 0.75
+"""Farthest echoes that are expected, over the unambiguous range: more would amplify noise."""
 
 FEW_ELEMENTS = 16
 """Columns below which products of small matrices are slow: elements are then moved outermost first."""
@@ -103,7 +106,7 @@ class NullCarriers(NamedTuple):
         Amplitude that the estimate leaves in other range bins, at most, over
         that of an echo from the region.
     missed_beyond : float
-        The same for an echo from anywhere.
+        The same for an echo from up to `FARTHEST` of the unambiguous range.
     """
 
     used: NDArray[np.bool_]
@@ -175,8 +178,7 @@ def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers
         return values * np.sinc((upper - lower) * turns)
 
     region, leakage = covariance(*limits), covariance(-LEAKAGE_BINS, LEAKAGE_BINS)
-    middle, reach = sum(limits) / 2, WIDEST_LIMITS * n / 2
-    anywhere = covariance(middle - reach, middle + reach)
+    anywhere = covariance(-LEAKAGE_BINS, FARTHEST * n)
 
     def missed(weights: NDArray[np.complexfloating[Any, Any]], echoes: NDArray[np.complex128]) -> float:
         explained = 2 * weights @ echoes[:, NEAR_CARRIERS] - ((weights @ echoes) * weights.conj()).sum(axis=1)
@@ -186,7 +188,8 @@ def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers
     for share in SHARES_BEYOND:
         echoes = region + bool(share) * leakage + share * anywhere
         weights = np.linalg.solve(echoes + unknown, echoes[:, NEAR_CARRIERS, None])[..., 0].conj() * patterns
-        if missed(weights, region) <= MISSED:
+        noise = counts @ np.square(np.abs(weights)).sum(axis=1) / n
+        if missed(weights, region) <= MISSED and noise <= MOST_NOISE:
             break
     return NullCarriers(
         used, null, weights[pattern.ravel()], missed(weights, region), missed(weights, anywhere)
