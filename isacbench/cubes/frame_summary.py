@@ -184,7 +184,8 @@ def summarise_frame(observation: Observation) -> FrameSummary:
 def _leaked_db(power: NDArray[np.float64], in_gate: NDArray[np.int64], missed: float) -> float:
     """Level of false ranges of echoes beyond the gate over the strongest range bin in it."""
     beyond = np.delete(power, in_gate).max(initial=0) * missed**2
-    return float(10 * np.log10(beyond / power[in_gate].max())) if beyond > 0 else -np.inf
+    with np.errstate(divide="ignore"):
+        return float(10 * np.log10(beyond / power[in_gate].max())) if beyond > 0 else -np.inf
 
 
 def _strongest_echoes(power: NDArray[np.float64], looks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
