@@ -30,7 +30,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from inspect import getattr_static
 from types import FunctionType
 from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
@@ -519,9 +518,9 @@ class MapEstimator(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        estimate = getattr_static(cls, "estimate")
-        is_limited = "estimate" not in vars(cls) and hasattr(estimate, "__wrapped__")  # by the class it is of
-        if isinstance(estimate, FunctionType) and not is_limited:
+        owner = next(base for base in cls.__mro__ if "estimate" in vars(base))
+        estimate = vars(owner)["estimate"]
+        if isinstance(estimate, FunctionType) and (owner is cls or not issubclass(owner, MapEstimator)):
             cls.estimate = one_blas_thread()(estimate)  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:

@@ -38,6 +38,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from isacbench.dsp.angles.cosines import PERIOD
 from isacbench.dsp.array_types import Floats
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
@@ -48,6 +49,7 @@ from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
+from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Needs
 
 from .chain import Detected, Levels, MapEstimator, detect, read_map
@@ -142,12 +144,8 @@ class Omp4d(MapEstimator):
         """
         step = 1 / self.samples_per_cell
         u, w = (
-            np.linspace(lower / size, upper / size, ceil((upper - lower) / size / step) + 1)[
-                : -1
-                if upper - lower == 2
-                else None  # on the whole circle both ends are one direction
-            ]
-            for (lower, upper), size in zip(observation.cosine_limits, atom_map.cell_size[2:], strict=True)
+            _cosine_cells(limits, size, step)
+            for limits, size in zip(observation.cosine_limits, atom_map.cell_size[2:], strict=True)
         )
         bins = np.stack(detected.cells.bins, axis=1).astype(np.float64)
         return PlaceGrid(bins, u, w, np.array([BIN_STEP, BIN_STEP, step, step]), self.zoom)
@@ -197,3 +195,10 @@ class Omp4d(MapEstimator):
         range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
         power, family = fit.shown / prod(atom_map.array_shape), np.full(len(fit), -1)
         return LocatedScatterers(range_bin, doppler_bin, u, w, power, family)
+
+
+def _cosine_cells(limits: Interval, size: float, step: float) -> Floats:
+    """Cosines in Rayleigh cells from one limit to the other; the ends of a whole circle are one direction."""
+    lower, upper = limits
+    n_steps, is_open = ceil((upper - lower) / size / step), upper - lower < PERIOD
+    return np.linspace(lower / size, upper / size, n_steps + is_open, endpoint=is_open)

@@ -7,7 +7,8 @@ and fractions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -97,14 +98,17 @@ def _require_plain(what: str, values: Any) -> None:
     """Refuse masks, names and units, in sequences as well: NumPy drops them."""
     if named_columns(values) is not None:
         raise InputError(f"{what} is a table of named columns; allowed is an array of numbers")
-    if any(hasattr(values, name) for name in ("unit", "units")):
+    if any(hasattr(type(values), name) for name in ("unit", "units")):
         raise InputError(f"{what} has a unit; allowed are plain numbers")
     if n_masked := int(np.count_nonzero(np.ma.getmask(values))):
         raise InputError(f"{what} has {n_masked} masked numbers of {np.size(values)}; drop or fill them")
-    for row in values if isinstance(values, Sequence) and not isinstance(values, str | bytes) else ():
+    for row in values if isinstance(values, list | tuple | deque) else ():
         if not isinstance(row, float | int | complex):
-            # A row of a DataFrame has the columns' names in its index.
-            _require_plain(what, row.to_frame().T if hasattr(row, "to_frame") else row)
+            # The index of a row of a DataFrame has the names of columns.
+            names: list[Any] = getattr(getattr(row, "index", None), "tolist", list)()
+            if names and all(isinstance(name, str) for name in names):
+                raise InputError(f"{what} has rows of named columns; allowed is an array of numbers")
+            _require_plain(what, row)
 
 
 def named_columns(values: object) -> dict[str, Any] | None:
@@ -133,7 +137,7 @@ def named_columns(values: object) -> dict[str, Any] | None:
         labels = values.dtype.names
     elif isinstance(values, tuple):
         labels = getattr(values, "_fields", None)
-        table = dict(zip(labels or (), values, strict=False))
+        table = dict(zip(labels, values, strict=True)) if labels else values
     else:
         labels = getattr(values, "column_names", getattr(values, "columns", None))
     if labels is None or _are_places(labels):

@@ -153,7 +153,9 @@ ROWS_WITH_NAMES = {
 
 @pytest.mark.parametrize("kind", ROWS_WITH_NAMES)
 def test_rows_with_names_are_not_taken_by_their_place(kind):
-    with pytest.raises(InputError, match=r"a point array is a table of named|takes columns x, y, z, v"):
+    with pytest.raises(
+        InputError, match=r"a point array (is a table|has rows) of named columns|takes columns x, y, z, v"
+    ):
         PointCloud.from_array(ROWS_WITH_NAMES[kind])
 
 
@@ -171,6 +173,8 @@ def test_a_named_tuple_of_columns_is_a_table():
 def test_the_index_of_a_series_numbers_its_rows():
     assert checked_array("velocity", TABLE["v"][::-1]).tolist() == [4.0, 4.0]
     assert checked_array("row", TABLE.iloc[0]).tolist() == ROW[::-1]
+    assert checked_array("columns", [TABLE["v"][::-1], TABLE["x"]]).tolist() == [[4.0, 4.0], [1.0, 1.0]]
+    assert checked_array("bins", [pd.Index([0.5, 1.5])]).tolist() == [[0.5, 1.5]]
 
 
 def test_a_cube_with_masked_numbers_is_refused():

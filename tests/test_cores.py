@@ -103,6 +103,9 @@ class Mixin:
 KINDS = {
     "own": lambda: type("Own", (Music2d,), {"estimate": other_estimate}),
     "own in a wrapper": lambda: type("Own", (Music2d,), {"estimate": wrapped_estimate}),
+    "mixed in, in a wrapper": lambda: type(
+        "Mixed", (type("Mixin", (), {"estimate": wrapped_estimate}), Music2d), {}
+    ),
     "mixed in": lambda: type("Mixed", (Mixin, Music2d), {}),
     "inherited": lambda: type("Child", (type("Own", (Music2d,), {"estimate": other_estimate}),), {}),
 }

@@ -71,6 +71,8 @@ class Cube(ABC):
         complex64 or complex128, native byte order.
     transmitted : ndarray of complex, shape (N, M), or None
         Transmitted grid that the same file holds.
+    unused : str
+        What the file holds besides that may be data, in a sentence.
     is_held : bool
         True if the whole cube is in memory.
     close : callable
@@ -97,6 +99,7 @@ class Cube(ABC):
         self.shape = require_cube(name, shape, dtype)
         self.dtype = dtype.newbyteorder("=")
         self.transmitted: ComplexArray | None = None
+        self.unused = ""
         self.is_held = False
         self.close: Callable[[], None] = lambda: None
 

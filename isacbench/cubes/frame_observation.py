@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from isacbench.checked_arrays import checked_array
 from isacbench.cubes.cube import Cube, require_shape
-from isacbench.cubes.opening import open_cube, read_grid
+from isacbench.cubes.opening import open_cube, read_grid, reopen_cube
 from isacbench.cubes.transform import GateTransform
-from isacbench.dsp.partial_dft import NullCarriers, interpolate_nulls
+from isacbench.dsp.null_carriers import NullCarriers, interpolate_nulls, used_band
 from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.model.gate import build_gate
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 MOST_MISSED = 10 ** (-33 / 20)
 """Amplitude of false ranges over that of an echo: estimators look as far down."""
 
+MOST_MISSED_BEYOND = 10 ** (-10 / 20)
+"""The same for echoes from beyond the region, of which a frame may have none."""
+
 LEAST_SYMBOL = 1e-6
 """Smallest symbol over the largest of a transmitted grid: less is 0 but for the rounding of a transform."""
-
-MOST_MISSED_BEYOND = 0.1
-"""The same for echoes from beyond the region."""
 
 CubeLike = Any
 """Array in memory, HDF5 dataset, zarr array, or the path of a file that holds one."""
@@ -45,11 +45,17 @@ class CubeObservation(Observation):
 
     `cells` reads the whole frame, `cross` one column and one row of the
     array. Built by `observe_cube`.
+
+    Attributes
+    ----------
+    nulls : NullCarriers or None
+        Null carriers of the frame; its `system` is that of the band between
+        the outermost that are used.
     """
 
+    nulls: NullCarriers | None
     _source: CubeLike
     _factors: NDArray[np.complex128] | None
-    _nulls: NullCarriers | None
     _workers: int | None
 
     def __init__(
@@ -74,7 +80,7 @@ class CubeObservation(Observation):
             sensing=sensing,
             _source=source,
             _factors=factors,
-            _nulls=None if carriers is None else interpolate_nulls(carriers, limits),
+            nulls=None if carriers is None else interpolate_nulls(carriers, limits),
             _workers=workers,
         )
 
@@ -91,11 +97,6 @@ class CubeObservation(Observation):
             return super().cross
         return self.transformed(cross_elements(self.array.shape), self.gate)
 
-    @property
-    def missed_beyond(self) -> float:
-        """Amplitude that an echo leaves in false ranges because carriers are null, wherever it is."""
-        return 0.0 if self._nulls is None else self._nulls.missed_beyond
-
     def transformed(self, elements: NDArray[np.int64], gate: Gate) -> NDArray[np.complex128]:
         """Transform elements to the cells of a gate.
 
@@ -110,8 +111,8 @@ class CubeObservation(Observation):
         ndarray of complex128, shape (n_range, n_doppler, e)
             Read-only.
         """
-        transform = GateTransform(gate, self.system, self._nulls)
-        with open_cube(self._source) as cube:
+        transform = GateTransform(gate, self.system, self.nulls)
+        with reopen_cube(self._source) as cube:
             cells = transform.cells(cube, self.array.in_frame(elements), self._factors, self._workers)
         cells.setflags(write=False)
         return cells
@@ -142,8 +143,8 @@ def observe_cube(
         not matter.
     transmitted : array_like, str or Path, optional
         Transmitted grid, shape (n_subcarriers, n_symbols), or the file that
-        holds it. The cube is divided by it. Subcarriers that are 0 in all
-        symbols are null carriers: those at the edges are left out of the
+        holds it. The cube is divided by it. Subcarriers that are 0 (below 1e-6
+        of the largest) in all symbols are null carriers: those at the edges are left out of the
         band, and what others would have held is interpolated. Without it the transmitted grid in
         the file of the cube is taken; a cube without one counts as divided.
     workers : int, optional
@@ -172,7 +173,8 @@ def observe_cube(
     Warns
     -----
     InputWarning
-        If null carriers between others are too many to be interpolated.
+        If null carriers between others are too many to be interpolated, or
+        the file holds what may be data and is not used.
 
     Examples
     --------
@@ -205,12 +207,12 @@ def observe_cube(
             carriers = None if used.all() else used
         source = cube if cube.is_held else array_or_path
     observation = CubeObservation(source, scenario, factors, workers, sensing, carriers)
-    nulls = observation._nulls
+    nulls = observation.nulls
     if nulls is not None and (nulls.missed > MOST_MISSED or nulls.missed_beyond > MOST_MISSED_BEYOND):
         own_db, beyond_db = (20 * np.log10(missed) for missed in (nulls.missed, nulls.missed_beyond))
         warnings.warn(
-            f"{cube.name}: {nulls.null.size} null carriers lie between others: false ranges of each echo are "
-            f"up to {own_db:.0f} dB of it, of one from beyond the region up to {beyond_db:.0f} dB; "
+            f"{cube.name}: {nulls.null.size} null carriers lie between others: false ranges are up to "
+            f"{own_db:.0f} dB of an echo from the region, up to {beyond_db:.0f} dB of one from beyond it; "
             "a region of fewer range bins leaves less",
             InputWarning,
             stacklevel=2,
@@ -220,9 +222,9 @@ def observe_cube(
 
 def _used_band(system: System, carriers: NDArray[np.bool_]) -> System:
     """System of the subcarriers from the first that is used to the last."""
-    first, last = np.flatnonzero(carriers)[[0, -1]].tolist()
-    carrier_hz = system.carrier_hz + first * system.subcarrier_spacing_hz
-    return replace(system, n_subcarriers=last - first + 1, carrier_hz=carrier_hz)
+    band = used_band(carriers)
+    carrier_hz = system.carrier_hz + band.start * system.subcarrier_spacing_hz
+    return replace(system, n_subcarriers=band.stop - band.start, carrier_hz=carrier_hz)
 
 
 def _require_known(

@@ -57,7 +57,7 @@ CLEARLY_MORE = 0.1
 LEAST_SHARE = 0.5
 """Share of the power below which the scenario is doubted."""
 
-MOST_LEAKED_DB = -30.0
+MOST_LEAKED_DB = -25.0
 """Level of false ranges that is told: estimators look nearly as far down."""
 
 
@@ -80,8 +80,8 @@ class FrameSummary(NamedTuple):
     share : float
         Share of their power that comes from the region; 0 if there are none.
     changes : tuple of str
-        The fewest of `CHANGES` after which clearly more of it would, orders
-        of subcarriers and symbols where nothing else does.
+        The fewest of `CHANGES` after which clearly more of it would; those of
+        the order of subcarriers or symbols only if no others do.
     changed_share : float
         Share after them.
     leaked_db : float
@@ -115,7 +115,7 @@ class FrameSummary(NamedTuple):
             told.append("the rest fits no other convention: look at the scenario's radio, place and region")
         if self.leaked_db > MOST_LEAKED_DB:
             told.append(
-                "null carriers: strong echoes from beyond the region leave false ranges, the strongest up to "
+                "null carriers: echoes from beyond the region leave false ranges up to "
                 f"{self.leaked_db:.0f} dB of the strongest cell in the gate"
             )
         return told
@@ -177,15 +177,20 @@ def summarise_frame(observation: Observation) -> FrameSummary:
         share=share,
         changes=changes,
         changed_share=changed_share,
-        leaked_db=_leaked_db(power.max(axis=1), gate.range_bins % shape[0], observation.missed_beyond),
+        leaked_db=_leaked_db(observation, power.max(axis=1)),
     )
 
 
-def _leaked_db(power: NDArray[np.float64], in_gate: NDArray[np.int64], missed: float) -> float:
-    """Level of false ranges of echoes beyond the gate over the strongest range bin in it."""
-    beyond = np.delete(power, in_gate).max(initial=0) * missed**2
-    with np.errstate(divide="ignore"):
-        return float(10 * np.log10(beyond / power[in_gate].max())) if beyond > 0 else -np.inf
+def _leaked_db(observation: CubeObservation, power: NDArray[np.float64]) -> float:
+    """Level of false ranges, because of null carriers, of echoes beyond the gate over the strongest in it."""
+    if observation.nulls is None:
+        return -np.inf
+    in_gate = observation.gate.range_bins % len(power)
+    beyond = np.delete(np.arange(len(power)), in_gate)
+    strongest = beyond[np.argsort(-power[beyond])[:MOST_ECHOES]]
+    left = power[strongest] * observation.nulls.missed_at(strongest) ** 2
+    least = power.max() * np.finfo(float).eps
+    return float(10 * np.log10(max(left.max(initial=0), least) / max(power[in_gate].max(), least)))
 
 
 def _strongest_echoes(power: NDArray[np.float64], looks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -217,7 +222,8 @@ def _best_changes(
     }
     share, most = shares[(False,) * len(CHANGES)], max(shares.values())
     near_most = [changes for changes in shares if shares[changes] > most - CLEARLY_MORE / 2]
-    fewest = min(near_most, key=lambda changes: (sum(changes[1:3]), sum(changes), -shares[changes]))
+    orders = np.s_[1:3]  # a descending frequency or a reversed time is a rarer mistake
+    fewest = min(near_most, key=lambda changes: (sum(changes[orders]), sum(changes), -shares[changes]))
     return share, tuple(compress(CHANGES, fewest)) if most >= share + CLEARLY_MORE else (), shares[fewest]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import warnings
 from collections import Counter
 from contextlib import closing
 from math import prod
@@ -15,8 +16,8 @@ import numpy as np
 from isacbench.cubes.array_cubes import ArrayCube
 from isacbench.cubes.chunked import ChunkedCube
 from isacbench.cubes.cube import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require_cube, require_grid
-from isacbench.errors import InputError
-from isacbench.files.arrays.array_files import FORMATS, listed, listed_arrays, warn_of_unused
+from isacbench.errors import InputError, InputWarning
+from isacbench.files.arrays.array_files import FORMATS, listed, listed_arrays
 from isacbench.files.arrays.hdf5_files import dataset_array
 from isacbench.files.arrays.stored_arrays import SPARSE, TEXTS, ChunkedArray, StoredArray
 from isacbench.files.arrays.zarr_stores import zarr_array
@@ -40,7 +41,7 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
         one: npy, npz, mat, h5, hdf5, zarr, or zip with zarr in it. In a file
         of several arrays the cube is the one named ``cube``, else the only one
         of four axes. An array named ``transmitted`` is the transmitted grid;
-        without it, no other may have its size.
+        without it, no other may be one.
     tile_bytes : int
         Largest memory that a tile may touch, in bytes.
 
@@ -64,6 +65,27 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     >>> with open_cube(np.ones((8, 4, 2, 2), np.complex64)) as cube:
     ...     cube.shape, str(cube.dtype)
     ((8, 4, 2, 2), 'complex64')
+    """
+    cube = reopen_cube(source, tile_bytes)
+    try:
+        _warn(cube.unused)
+    except InputWarning:
+        cube.close()
+        raise
+    return cube
+
+
+def reopen_cube(source: Any, tile_bytes: int = TILE_BYTES) -> Cube:
+    """Open a recorded cube as `open_cube` does, without its warning.
+
+    Parameters
+    ----------
+    source : ndarray, h5py.Dataset, zarr.Array, str, Path or Cube
+    tile_bytes : int
+
+    Returns
+    -------
+    Cube
     """
     if isinstance(source, str | Path):
         return _open_file(Path(source), tile_bytes)
@@ -89,7 +111,8 @@ def read_grid(path: str | Path) -> ComplexArray:
     ----------
     path : str or Path
         A file as for `open_cube`. Of several arrays the grid is the one named
-        ``transmitted``, else the only one of two axes.
+        ``transmitted``, else the only one of two axes, at the root if there is
+        one.
 
     Returns
     -------
@@ -111,9 +134,9 @@ def read_grid(path: str | Path) -> ComplexArray:
     with listed_arrays(path) as file, closing(file):
         name, stored = _only_array(path, file, GRID_NAME, _named_grid(file), 2)
         grid = _read_grid(path, name, stored)
-        used = [stored, *(file.arrays[name] for name in _named_cube(file))]
+        used = {name, *_named_cube(file)}
         unused = _unused(path, file, used, grid.shape, "grid")
-    warn_of_unused(path, unused)
+    _warn(unused)
     return grid
 
 
@@ -124,26 +147,24 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
         name, stored = _only_array(path, file, CUBE_NAME, _named_cube(file), 4)
         cube = _cube_of(_called(path, name), stored, tile_bytes)
         cube.close = file.close
-        used: list[StoredArray | str] = [stored]
+        used = {name}
         if named_grid := _named_grid(file):
             name, grid = _only_array(path, file, GRID_NAME, named_grid, 2)
             cube.transmitted = _read_grid(path, name, grid)
-            used.append(grid)
+            used.add(name)
             if grid.shape != cube.shape[:2]:
                 raise InputError(
                     f"{path}: {name} has shape {grid.shape}; the cube needs a grid of "
                     f"shape {cube.shape[:2]}: (subcarriers, symbols)"
                 )
-        unused = _unused(path, file, used, cube.shape[:2], "cube")
-    warn_of_unused(path, unused)
+        cube.unused = _unused(path, file, used, cube.shape[:2], "cube")
     return cube
 
 
-def _unused(
-    path: Path, file: ArrayFile, used: list[StoredArray | str], shape: tuple[int, ...], beside: str
-) -> dict[str, StoredArray | str]:
-    """Find what may be data of the frame beside what is used, and refuse what may be the grid."""
-    others = {name: entry for name, entry in file.arrays.items() if entry not in used}
+def _unused(path: Path, file: ArrayFile, used: set[str], shape: tuple[int, ...], beside: str) -> str:
+    """Say what may be data of the frame beside what is used, and refuse what may be the grid."""
+    arrays = [file.arrays[name] for name in used if isinstance(file.arrays[name], StoredArray)]
+    others = {name: entry for name, entry in file.arrays.items() if name not in used and entry not in arrays}
     has_grid = bool(_named_grid(file))
     unclear = {
         name: entry
@@ -155,7 +176,13 @@ def _unused(
             f"{path}: holds {listed(unclear)} beside the {beside}, which may be the transmitted grid; "
             f"allowed is one array named {GRID_NAME!r}"
         )
-    return {name: entry for name, entry in others.items() if _may_be_data(entry, shape)}
+    unused = {name: entry for name, entry in others.items() if "@" not in name and _may_be_data(entry, shape)}
+    return f"{path}: does not use {listed(unused)}" if unused else ""
+
+
+def _warn(sentence: str) -> None:
+    if sentence:
+        warnings.warn(sentence, InputWarning, stacklevel=3)
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
@@ -185,7 +212,11 @@ def _only_array(
     path: Path, file: ArrayFile, wanted: str, named: list[str], n_axes: int
 ) -> tuple[str, StoredArray]:
     """Take the array of a name, else the only one of `n_axes` axes; unnamed formats hold just one."""
-    arrays = {name: array for name, array in file.arrays.items() if isinstance(array, StoredArray)}
+    arrays = {
+        name: array
+        for name, array in file.arrays.items()
+        if isinstance(array, StoredArray) and "@" not in name
+    }
     fitting = [name for name, array in arrays.items() if not name or len(array.shape) == n_axes]
     at_root = [name for name in fitting if "/" not in name and n_axes == 2]  # settings may lie in groups
     names = named or at_root or fitting

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.cores import available_cores, one_blas_thread
+from isacbench.dsp.null_carriers import NullCarriers
 from isacbench.dsp.partial_dft import (
     DopplerSums,
-    NullCarriers,
     RangeMethod,
     doppler_sums,
     is_element_major,
@@ -48,7 +48,7 @@ class GateTransform:
     gate : Gate
     system : System
     nulls : NullCarriers, optional
-        Of the cube, whose band the system has.
+        Null carriers of the cube; `system` is that of the band between its outermost used carriers.
     """
 
     gate: Gate
@@ -129,8 +129,8 @@ class GateTransform:
             with np.errstate(all="ignore"):  # a thread has its own
                 if weights is not None:
                     block = block * weights[tile.subcarriers, tile.symbols, None]
-                if self.nulls is not None:
-                    block[~self.nulls.used[tile.subcarriers]] = 0  # whatever it was, NaN as well
+                if self.nulls is not None:  # whatever they held, NaN as well
+                    block = np.where(self.nulls.used[tile.subcarriers, None, None], block, 0)
                 if self._has_fast_lines(block):
                     return False, transform_lines(block, rows, self.gate.range_bins)
                 if lines.size:

@@ -69,8 +69,9 @@ class CubeWriter:
         Raises
         ------
         InputError
-            If the block is not complex, masked, does not fit into the cube or
-            its precision, or cannot be written.
+            If the block is not complex or is masked, does not fit into the cube,
+            has numbers too large or too small for its precision, or cannot be
+            written.
         """
         given = unmasked_array(f"{self.path}: a block", block)
         if given.dtype.kind != "c" or given.shape[1:] != self.shape[1:]:
@@ -91,7 +92,7 @@ class CubeWriter:
             raise InputError(
                 f"{self.path}: a block has numbers that are too large for {self.dtype}"
             ) from None
-        if given.any() and not values.any():
+        if not values.any() and given.any():
             raise InputError(f"{self.path}: a block has numbers that are too small for {self.dtype}")
         with _writing(self.path):
             self._write(first_subcarrier, values)

@@ -25,7 +25,7 @@ input or output points", IEEE Trans. SP 41 (1993).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import scipy.fft
@@ -33,7 +33,6 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from isacbench.checked_arrays import checked_array
 from isacbench.dsp.array_types import Complex, Floats, Integers
-from isacbench.model.region import Interval
 
 RangeMethod = Literal["partial", "fft"]
 
@@ -42,29 +41,6 @@ MOST_SUMS = 1.25
 
 FFT_OPERATION_COST = {"contiguous": 6.0, "strided": 16.0}
 """Time of an operation of an FFT over that of a matrix product, by how its lines lie in memory (measured)."""
-
-NEAR_CARRIERS = 32
-"""Distance of the carriers from which null carriers are interpolated."""
-
-NEAR_OFFSETS = np.arange(-NEAR_CARRIERS, NEAR_CARRIERS + 1)
-
-INTERPOLATION_NOISE = 1e-3
-"""Noise over echo that the interpolation assumes: less would trust distant carriers too much."""
-
-LEAKAGE_BINS = 2
-"""Ranges from -2 to 2 bins, in which the transmitter's own signal is received."""
-
-MISSED = 1e-3
-"""Amplitude that may be left of an echo from the region for the sake of those from beyond it."""
-
-MOST_NOISE = 0.15
-"""Power of the noise that comes with the estimate for their sake, over that of the noise of all carriers."""
-
-SHARES_BEYOND = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0)
-"""Power of echoes from anywhere over that of those from the region."""
-
-FARTHEST = 0.75
-"""Farthest echoes that are expected, over the unambiguous range: more would amplify noise."""
 
 FEW_ELEMENTS = 16
 """Columns below which products of small matrices are slow: elements are then moved outermost first."""
@@ -89,116 +65,6 @@ def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
     [0.0, 2.0]
     """
     return _rows(bins, n_subcarriers)
-
-
-class NullCarriers(NamedTuple):
-    """Linear estimate of what null carriers would have held, from the carriers around them.
-
-    Attributes
-    ----------
-    used : ndarray of bool, shape (n_subcarriers,)
-        False for null carriers. The band reaches from the first that is used to the last.
-    null : ndarray of int, shape (n_null,)
-        Null carriers within the band, counted in it.
-    weights : ndarray of complex128, shape (n_null, 2 NEAR_CARRIERS + 1)
-        Of the carriers around each.
-    missed : float
-        Amplitude that the estimate leaves in other range bins, at most, over
-        that of an echo from the region.
-    missed_beyond : float
-        The same for an echo from up to `FARTHEST` of the unambiguous range.
-    """
-
-    used: NDArray[np.bool_]
-    null: NDArray[np.intp]
-    weights: NDArray[np.complexfloating[Any, Any]]
-    missed: float
-    missed_beyond: float
-
-    def interpolated(self, rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Estimate null carriers within a transform.
-
-        Parameters
-        ----------
-        rows : ndarray of complex128, shape (r, n_band)
-            Of the transform over the band, from `range_rows`.
-
-        Returns
-        -------
-        ndarray of complex128, shape (r, n_subcarriers)
-            Over all carriers; 0 for those that are not used.
-        """
-        of_all = np.zeros((len(rows), self.used.size), dtype=np.complex128)
-        of_band = of_all[:, _band(self.used)]
-        of_band[...] = rows
-        for offset, weights in zip(NEAR_OFFSETS, self.weights.T, strict=True):
-            there = np.flatnonzero(weights)
-            of_band[:, self.null[there] + offset] += rows[:, self.null[there]] * weights[there]
-        return of_all * self.used
-
-
-def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers:
-    """Estimate what null carriers within a band would have held from the carriers around them.
-
-    Echoes between two limits of range change slowly from one subcarrier to the
-    next. So the linear estimate of least mean square error tells what a null
-    carrier, such as that at DC, would have held; a long run of them is told less.
-    The transmitter's own signal at range 0 is expected besides, and echoes from
-    anywhere, in the largest of some shares that leaves those from the region
-    well told.
-
-    Parameters
-    ----------
-    used : ndarray of bool, shape (n_subcarriers,)
-        False for null carriers.
-    limits : (float, float)
-        Lowest and highest range in bins of the band.
-
-    Returns
-    -------
-    NullCarriers
-
-    References
-    ----------
-    Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory"
-    (1993), chapter 12.
-    """
-    band = used[_band(used)]
-    n, null = band.size, np.flatnonzero(~band)
-    near = null[:, None] + NEAR_OFFSETS
-    is_known = (near >= 0) & (near < n) & band[near.clip(0, n - 1)]
-    # Null carriers with the same carriers around them have the same weights.
-    patterns, pattern = np.unique(is_known, axis=0, return_inverse=True)
-    counts = np.bincount(pattern.ravel(), minlength=len(patterns))
-    turns = np.subtract.outer(NEAR_OFFSETS, NEAR_OFFSETS) / n
-
-    def covariance(lower: float, upper: float) -> NDArray[np.complex128]:
-        """Covariance of the carriers around another, of echoes between two ranges in bins."""
-        values: NDArray[np.complex128] = np.exp(-1j * np.pi * (lower + upper) * turns)
-        return values * np.sinc((upper - lower) * turns)
-
-    region, leakage = covariance(*limits), covariance(-LEAKAGE_BINS, LEAKAGE_BINS)
-    anywhere = covariance(-LEAKAGE_BINS, FARTHEST * n)
-
-    def missed(weights: NDArray[np.complexfloating[Any, Any]], echoes: NDArray[np.complex128]) -> float:
-        explained = 2 * weights @ echoes[:, NEAR_CARRIERS] - ((weights @ echoes) * weights.conj()).sum(axis=1)
-        return float(counts @ np.sqrt(np.maximum(1 - explained.real, 0)) / n)
-
-    unknown = np.where(patterns, INTERPOLATION_NOISE, 1e9)[:, :, None] * np.eye(NEAR_OFFSETS.size)
-    for share in SHARES_BEYOND:
-        echoes = region + bool(share) * leakage + share * anywhere
-        weights = np.linalg.solve(echoes + unknown, echoes[:, NEAR_CARRIERS, None])[..., 0].conj() * patterns
-        noise = counts @ np.square(np.abs(weights)).sum(axis=1) / n
-        if missed(weights, region) <= MISSED and noise <= MOST_NOISE:
-            break
-    return NullCarriers(
-        used, null, weights[pattern.ravel()], missed(weights, region), missed(weights, anywhere)
-    )
-
-
-def _band(used: NDArray[np.bool_]) -> slice:
-    first, last = np.flatnonzero(used)[[0, -1]].tolist()
-    return slice(first, last + 1)
 
 
 def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:

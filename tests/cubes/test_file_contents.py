@@ -442,6 +442,32 @@ def test_of_what_may_be_the_grid_none_is_guessed(path_of, contents):
         read_grid(path_of(contents))
 
 
+def test_attributes_are_neither_a_cube_nor_a_grid_that_hides_another(path_of):
+    def change(file):
+        file.attrs["rotation"], file.attrs["kernel"] = np.eye(3), np.ones((1, 1, 2, 2))
+
+    with open_cube(path_of(h5(change, echo=CUBE))) as cube:
+        assert_gives(cube, CUBE)
+    assert np.array_equal(read_grid(path_of(h5(change, x=QPSK), "grid")), QPSK)
+    with pytest.raises(InputError, match=r"cube@transmitted \(complex128"):
+        open_cube(path_of(h5(lambda file: file["cube"].attrs.update(transmitted=QPSK), cube=CUBE)))
+
+
+def test_a_sparse_cube_hides_no_sparse_grid(path_of):
+    contents = mat(cube=csc_array(QPSK), tx=csc_array(QPSK), used=np.ones((N, M)))
+    with pytest.raises(InputError, match=r"holds tx \(sparse matrix\) beside the grid"):
+        read_grid(path_of(contents))
+
+
+def test_a_frame_is_told_of_once(path_of, tmp_path):
+    (tmp_path / "mini.toml").write_text(MINI)
+    scenario = load_scenario(tmp_path / "mini.toml")
+    frame = np.ones((128, 56, 8, 8), np.complex64)
+    with pytest.warns(InputWarning) as told:
+        _ = observe_cube(path_of(h5(cube=frame, raw=frame)), scenario).cross
+    assert len(told) == 1
+
+
 def test_cells_and_objects_beside_a_grid_alone_are_told(path_of):
     for contents, unused in ((mat(x=QPSK, tx=CELL), "tx"), (npz(x=QPSK, t=QPSK.astype(object)), "t")):
         with pytest.warns(InputWarning, match=rf"does not use {unused} \("):

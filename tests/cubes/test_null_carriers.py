@@ -7,7 +7,8 @@ import pytest
 
 from isacbench.cubes.frame_observation import observe_cube
 from isacbench.cubes.frame_summary import summarise_frame
-from isacbench.dsp.partial_dft import interpolate_nulls, range_rows
+from isacbench.dsp.null_carriers import interpolate_nulls
+from isacbench.dsp.partial_dft import range_rows
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.echo import resource_grid
 from isacbench.model.region import Region
@@ -146,14 +147,14 @@ def test_what_the_interpolation_misses_is_less_than_it_says():
 
 def test_gaps_that_are_too_wide_are_told():
     frame, grid = received([*range(40, 90)])
-    with pytest.warns(InputWarning, match=r"50 null carriers lie between others: false ranges .* -1\d dB of"):
+    with pytest.warns(InputWarning, match=r"50 null carriers lie between others: false ranges .* -\d dB of"):
         observe_cube(frame, SCENARIO, grid)
 
 
 def test_a_comb_tells_that_echoes_from_beyond_the_region_fold_into_it():
     frame, grid = received([n for n in range(N) if n % 4])
     with pytest.warns(
-        InputWarning, match=r"up to -\d\d dB of it, of one from beyond the region up to -\d dB"
+        InputWarning, match=r"up to -\d\d dB of an echo from the region, up to -?\d dB of one from be"
     ):
         observe_cube(frame, NEARBY, grid)
 
@@ -162,7 +163,19 @@ def test_a_comb_tells_that_echoes_from_beyond_the_region_fold_into_it():
 def test_the_summary_tells_of_strong_echoes_whose_false_ranges_reach_the_region(nulls, is_told):
     frame, grid = received(nulls)
     sentences = summarise_frame(observe_cube(frame + 10 * away(60, grid), NEARBY, grid)).sentences()
-    assert any("false ranges, the strongest up to -1" in sentence for sentence in sentences) == is_told
+    assert any("false ranges up to -1" in sentence for sentence in sentences) == is_told
+
+
+@pytest.mark.parametrize(
+    ("nulls", "of_region_db", "of_beyond_db"),
+    [([64], -94, -55), ([63, 64], -63, -34), ([*range(60, 66)], -47, -14), ([20, 50, 80, 110], -82, -48)],
+)
+def test_the_levels_of_false_ranges_are_those_of_the_page(nulls, of_region_db, of_beyond_db):
+    used = np.ones(N, dtype=bool)
+    used[nulls] = False
+    found = interpolate_nulls(used, (10.0, 30.0))
+    levels_db = 20 * np.log10([found.missed, found.missed_beyond])
+    assert levels_db == pytest.approx([of_region_db, of_beyond_db], abs=0.6)
 
 
 def test_many_null_carriers_take_little_time_and_memory():

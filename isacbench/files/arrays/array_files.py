@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from isacbench.errors import InputError, InputWarning
+from isacbench.errors import InputError
 from isacbench.files.arrays.hdf5_files import list_hdf5
 from isacbench.files.arrays.mat_files import list_mat
 from isacbench.files.arrays.npy_files import list_npy, list_npz
@@ -63,19 +62,6 @@ def listed_arrays(path: Path) -> Iterator[ArrayFile]:
         raise
     except Exception as error:  # Damaged files surface as anything that a parser can raise.
         raise InputError(f"{path}: cannot be read as {kind}: {shortened(str(error))}") from error
-
-
-def warn_of_unused(path: Path, entries: dict[str, StoredArray | str]) -> None:
-    """Warn of what a file holds and nothing uses.
-
-    Parameters
-    ----------
-    path : Path
-    entries : dict of str to StoredArray or str
-        Of an `ArrayFile`.
-    """
-    if entries:
-        warnings.warn(f"{path}: does not use {listed(entries)}", InputWarning, stacklevel=4)
 
 
 def listed(entries: dict[str, StoredArray | str]) -> str:

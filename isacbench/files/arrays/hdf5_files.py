@@ -70,7 +70,7 @@ def list_hdf5(path: Path) -> ArrayFile:
 
     def add(name: str, link: Any) -> None:
         if name.partition("/")[0] in CELL_CONTENTS or isinstance(entries.get(name.rpartition("/")[0]), str):
-            return  # the latter a part of a sparse matrix
+            return  # contents of cells, or parts of a sparse matrix
         if not isinstance(link, h5py.HardLink):
             entries[name] = "link"
             return
