@@ -10,6 +10,7 @@ __all__ = [
     "detection",
     "doppler_lines",
     "fitting",
+    "null_carriers",
     "partial_dft",
     "rangedoppler",
     "scaling",
