@@ -257,10 +257,10 @@ def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) ->
 
 
 def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
-    """Tell if an entry may hold samples of the frame; scalars, texts, axes and small tables do not."""
+    """Tell if an entry may hold samples of the frame; scalars, texts, axes and small real tables do not."""
     if isinstance(entry, str):
         return entry not in TEXTS
-    least = {"c": max(shape), "V": 1, "O": 1}.get(entry.dtype.kind, prod(shape))
+    least = {"c": 2, "V": 1, "O": 1}.get(entry.dtype.kind, prod(shape))
     return prod(entry.shape) >= least and entry.dtype.kind not in "SUT" and not _is_axis(entry, shape)
 
 
