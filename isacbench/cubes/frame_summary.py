@@ -110,7 +110,10 @@ class FrameSummary(NamedTuple):
         told = [f"{place}, {where}; {counted(self.n_cells, 'cell')}, {n_detected}; {echoes}"]
         if self.changes:
             changes = " and ".join(self.changes)
-            told.append(f"with {changes}, {self.changed_share:.0%} would: look at the signs of the frame")
+            told.append(
+                f"with {changes}, {self.changed_share:.0%} would: look at the signs of the frame, "
+                "or for strong echoes from outside the region"
+            )
         elif self.n_echoes and self.share < LEAST_SHARE:
             told.append("the rest fits no other convention: look at the scenario's radio, place and region")
         if self.leaked_db > MOST_LEAKED_DB:
@@ -160,6 +163,8 @@ def summarise_frame(observation: Observation) -> FrameSummary:
         n_detected = None
     reachable = np.zeros(shape, dtype=np.bool_)
     reachable[in_gate] = gate.reachable
+    if observation.sensing != "all":  # then echoes come again all over the map
+        power = np.where(reachable, power, 0)
     rows, columns = _strongest_echoes(power, cells.shape[2])
     echoes = cells[rows, columns]
     u, w = _peaks(echoes[:, : len(column)]), _peaks(np.delete(echoes, np.s_[1 : len(column)], axis=1))
@@ -196,7 +201,8 @@ def _leaked_db(observation: CubeObservation, power: NDArray[np.float64]) -> floa
 def _strongest_echoes(power: NDArray[np.float64], looks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of the local maxima of a whole map, strongest first."""
     # Noise averaged over looks is gamma-distributed.
-    least = np.median(power) * gammainccinv(looks, NOISE_ECHOES / power.size) / gammaincinv(looks, 0.5)
+    held = power[power > 0] if power.any() else power
+    least = np.median(held) * gammainccinv(looks, NOISE_ECHOES / power.size) / gammaincinv(looks, 0.5)
     rows, columns = np.nonzero((power >= maximum_filter(power, size=3, mode="wrap")) & (power > least))
     order = np.argsort(-power[rows, columns], kind="stable")[:MOST_ECHOES]
     return rows[order], columns[order]

@@ -176,7 +176,11 @@ def _unused(path: Path, file: ArrayFile, used: set[str], shape: tuple[int, ...],
             f"{path}: holds {listed(unclear)} beside the {beside}, which may be the transmitted grid; "
             f"allowed is one array named {GRID_NAME!r}"
         )
-    unused = {name: entry for name, entry in others.items() if "@" not in name and _may_be_data(entry, shape)}
+    unused = {
+        name: entry
+        for name, entry in others.items()
+        if _may_be_data(entry, shape) and ("@" not in name or _is_complex(entry))
+    }
     return f"{path}: does not use {listed(unused)}" if unused else ""
 
 
@@ -251,22 +255,40 @@ def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) ->
     """Tell if an entry may have a number for each of the (subcarriers, symbols); cubes and axes do not."""
     if isinstance(entry, str):
         return entry == SPARSE or (entry not in TEXTS and _is_called_grid(name))
+    if entry.dtype.kind not in "biufcV":
+        return False
     is_full = Counter(shape) <= Counter(entry.shape) and len(entry.shape) != 4
     may_fit = (is_full or prod(entry.shape) == prod(shape)) and not _is_axis(entry, shape)
-    return may_fit and entry.dtype.kind in "biufcV"
+    return may_fit or (_is_called_grid(name) and prod(entry.shape) > 1)
 
 
 def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
     """Tell if an entry may hold samples of the frame; scalars, texts, axes and small real tables do not."""
     if isinstance(entry, str):
         return entry not in TEXTS
+    n = prod(entry.shape)
     least = {"c": 2, "V": 1, "O": 1}.get(entry.dtype.kind, prod(shape))
-    return prod(entry.shape) >= least and entry.dtype.kind not in "SUT" and not _is_axis(entry, shape)
+    # One number, or its real and imaginary part, a subcarrier or a symbol.
+    is_along_axis = n > 1 and (_is_vector(entry, shape) or (n / 2 in shape and 2 in entry.shape))
+    may_fit = (n >= least or is_along_axis) and not _is_axis(entry, shape)
+    return may_fit and entry.dtype.kind not in "SUT"
+
+
+def _is_complex(entry: StoredArray | str) -> bool:
+    return isinstance(entry, StoredArray) and entry.dtype.kind == "c"
+
+
+def _is_vector(entry: StoredArray, shape: tuple[int, ...]) -> bool:
+    """Tell if an array is a number, or a vector as long as an axis of the grid."""
+    return max(entry.shape, default=1) == prod(entry.shape) in (1, *shape)
 
 
 def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:
-    """Tell if an array is a real vector as long as an axis of the grid."""
-    return entry.dtype.kind in "biuf" and max(entry.shape, default=1) == prod(entry.shape) in (1, *shape)
+    """Tell if an array is a real number, or a vector that ascends or descends as frequencies and times do."""
+    if entry.dtype.kind not in "biuf" or not _is_vector(entry, shape):
+        return False
+    steps = np.diff(entry.read().ravel().astype(np.float64))
+    return bool((steps >= 0).all() or (steps <= 0).all())
 
 
 def _called(path: Path, name: str) -> str:

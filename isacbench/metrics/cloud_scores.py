@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 
+from isacbench.checked_arrays import checked_array
 from isacbench.errors import InputWarning, require
 from isacbench.metrics.geometry import LARGEST, CloudPair, box_diagonal_m
 
@@ -115,6 +116,7 @@ def pair_scores(pair: CloudPair, region: Region | None = None, radius_m: float =
     -------
     CloudScores
     """
+    radius_m = checked_array("radius_m", radius_m).item()
     require(1 / LARGEST <= radius_m <= LARGEST, "radius_m", radius_m, "a positive number of m")
     forward_m, backward_m = pair.truth_to_estimate_m, pair.estimate_to_truth_m
     gospa = _tree_gospa_m(pair.truth_tree, pair.estimate_tree, radius_m)
@@ -198,8 +200,10 @@ def _best_matching(
     rows, row = np.unique(i, return_inverse=True)
     columns, column = np.unique(j, return_inverse=True)
     own = np.arange(rows.size)
-    # The solver reads a weight of zero as no edge: c² on top of all leaves the best matching the best.
-    weights = np.concatenate([squared_m2, np.full(rows.size, radius_m**2)]) + radius_m**2
+    # Beyond what other pairs of the matching can lose, c² changes nothing but rounds off what they cost.
+    alone_m2 = min(radius_m**2, (rows.size + 1) * squared_m2.max() or np.inf)
+    # The solver reads a weight of zero as no edge: more on top of all leaves the best matching the best.
+    weights = np.concatenate([squared_m2, np.full(rows.size, alone_m2)]) + alone_m2
     # The solver takes graphs with 32-bit indices alone.
     ends = (
         np.concatenate([row, own]).astype(np.int32),

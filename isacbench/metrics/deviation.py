@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import checked_array
 from isacbench.errors import require
 from isacbench.metrics.geometry import LARGEST, CloudPair, projected_hausdorff_m
 from isacbench.model.numerology import System
@@ -136,7 +137,9 @@ def pair_deviation(
     -------
     Deviation
     """
-    bin_mps = System().velocity_bin_mps if velocity_bin_mps is None else velocity_bin_mps
+    bin_mps = System().velocity_bin_mps
+    if velocity_bin_mps is not None:
+        bin_mps = checked_array("velocity_bin_mps", velocity_bin_mps).item()
     require(1 / LARGEST <= bin_mps <= LARGEST, "velocity_bin_mps", bin_mps, "a positive number of m/s")
     n_true = len(pair.truth)
     return Deviation(

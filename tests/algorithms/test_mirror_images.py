@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from isacbench.checking.promises.small_scenes import Echo, Layout, observed
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.scene import Scatterers
@@ -16,7 +17,7 @@ ESTIMATORS = sorted(set(estimator_names()) - {"oracle", "chance"})
 RANGE_M = 40.0
 
 
-@pytest.mark.parametrize("shape", slow_but(["8x8"], ["4x4", "5x7", "8x8", "16x16"]))
+@pytest.mark.parametrize("shape", slow_but(["8x8"], ["4x4", "4x8", "5x7", "8x4", "8x8", "16x16"]))
 @pytest.mark.parametrize("axis", ["azimuth", "elevation"])
 @pytest.mark.parametrize("name", [*ESTIMATORS, "music2d[search=root]"])
 def test_one_echo_is_one_point_up_to_89_degrees_on_either_side(name, axis, shape):
@@ -32,3 +33,13 @@ def test_one_echo_is_one_point_up_to_89_degrees_on_either_side(name, axis, shape
             seen = Simulator(replace(EMPTY, scatterers=echo, array=array, region=region)).observe(20.0)
             found = estimator.estimate(seen).xyz
             assert np.linalg.norm(found - place, axis=1) == pytest.approx([0.0], abs=1.0), (angle, side)
+
+
+@pytest.mark.parametrize("shape", [(8, 4), (4, 8), (2, 14), (16, 2), (6, 6)])
+def test_fft4d_images_a_lone_echo_between_samples_on_few_elements(shape):
+    estimator = build_estimator("fft4d")
+    rng = np.random.default_rng(3)
+    for u in rng.uniform(-0.98, 0.98, 12):
+        echo = Echo(9.3, 1.2, u, rng.uniform(-0.9, 0.9) * np.sqrt(1 - u * u))
+        for snr_db in (np.inf, 20.0):
+            assert len(estimator.estimate(observed([echo], snr_db, layout=Layout(array=shape)).seen)) == 1

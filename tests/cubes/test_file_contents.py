@@ -283,6 +283,8 @@ UNCLEAR = {
     "mask": npz(cube=CUBE, used=np.ones((N, M), bool)),
     "imaginary part beside": npz(cube=CUBE, transmitted=QPSK.real, transmitted_im=QPSK.imag),
     "real, flat": npz(cube=CUBE, bpsk=np.ones(N * M)),
+    "one number a subcarrier": npz(cube=CUBE, transmitted_preamble=np.sign(QPSK[:, 0].real)),
+    "attribute of a name": h5(lambda file: file.attrs.update(transmitted_preamble=QPSK[:, 0]), cube=CUBE),
     "name of a cell in another program": h5(cube=CUBE, **{"#1": QPSK}),
     "attribute": h5(lambda file: file["cube"].attrs.update(grid=QPSK), cube=CUBE),
     "attribute, zarr": (".zarr", with_zarr_grid),
@@ -329,6 +331,9 @@ OTHERS = {
     "map beside the grid": (mat(cube=CUBE, transmitted=np.ones((N, M)), map=np.ones((N, M))), "map"),
     "calibration": (h5(cube=CUBE, calibration=np.ones(SHAPE[2:], complex)), r"calibration \(complex"),
     "a vector each symbol": (npz(cube=CUBE, x0=QPSK[:, 0], x1=QPSK[:, 1]), "x0 .*, x1"),
+    "signs": (npz(cube=CUBE, preamble=np.tile([1.0, -1.0], N // 2)), "preamble"),
+    "real and imaginary parts": (npz(cube=CUBE, x=np.ones((M, 2))), r"x \(float64"),
+    "attribute": (h5(lambda file: file.attrs.update(preamble=QPSK[:, 0]), cube=CUBE), "@?preamble"),
     "cell": (mat(cube=CUBE, symbols=CELL), r"symbols \(cell\)$"),
     "Python objects": (npz(cube=CUBE, meta=np.array({"transmitted": QPSK})), "meta .*never unpickled"),
     "records": (

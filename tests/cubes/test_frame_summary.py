@@ -79,6 +79,13 @@ def test_the_strongest_cell_is_that_of_the_strongest_echo_wherever_it_lies():
     assert not receding.is_in_gate
 
 
+def test_the_prs_alone_says_what_all_resource_elements_say():
+    summary = summarise_frame(observe_cube(FRAME, SCENARIO, sensing="prs"))
+    assert summary.is_in_gate
+    assert summary.share > 0.9
+    assert summary.changes == ()
+
+
 @pytest.mark.parametrize("place", [(0.0, 54.0, 9.0), (1.5, 53.2, 8.3), (-2.0, 55.0, 10.0)])
 def test_a_region_within_a_range_bin_is_not_doubted(place):
     near = replace(

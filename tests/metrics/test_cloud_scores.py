@@ -14,6 +14,7 @@ from scipy.spatial.distance import cdist
 from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.cloud_scores import cloud_scores, gospa_m
 from isacbench.metrics.geometry import hausdorff_m
+from isacbench.metrics.score import score
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 
@@ -70,6 +71,24 @@ def test_gospa_equals_a_dense_assignment_in_crowds(width_m):
     expected = math.sqrt(cost[linear_sum_assignment(cost)].sum() + 30 / 2)
     assert gospa_m(truth, estimate) == pytest.approx(expected)
     assert gospa_m(estimate, truth) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("radius_m", [1e3, 1e8, 1e9, 1e40])
+def test_without_a_cut_off_gospa_is_the_best_matching_to_rounding(radius_m):
+    rng = np.random.default_rng(1)
+    truth = rng.normal(size=(50, 3))
+    estimate = rng.permutation(truth) + 0.3 * rng.normal(size=(50, 3))
+    cost = cdist(truth, estimate, "sqeuclidean")
+    expected = math.sqrt(cost[linear_sum_assignment(cost)].sum())
+    assert gospa_m(cloud_at(truth), cloud_at(estimate), radius_m) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["radius_m", "velocity_bin_mps"])
+def test_a_unit_of_any_real_type_is_taken_and_a_text_refused(name):
+    table = np.arange(8.0).reshape(2, 4)
+    assert score(table, table, **{name: np.float32(2)}) == score(table, table, **{name: 2.0})
+    with pytest.raises(InputError, match=f"{name} holds <U1"):
+        score(table, table, **{name: "2"})
 
 
 def test_clouds_too_dense_for_a_matching_have_all_other_scores_and_one_warning(monkeypatch):

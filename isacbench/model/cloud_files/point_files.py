@@ -229,6 +229,7 @@ def _chosen_arrays(path: Path, arrays: Mapping[str, StoredArray | str]) -> list[
     outer = [name for name in arrays if not set("/@") & {*name}] or arrays
     tables = {name: array for name in outer if _is_table(array := arrays[name])}
     if len(tables) == 1:
+        _require_no_other_points(path, arrays, *tables.items())
         return list(tables.values())
     if "" in arrays:
         raise InputError(f"{path}: takes real numbers of shape (n, 4) or (n, 5), not {arrays['']}")
@@ -238,6 +239,24 @@ def _chosen_arrays(path: Path, arrays: Mapping[str, StoredArray | str]) -> list[
         f"{path}: takes xyz (n, 3) and velocity (n), optionally power (n), "
         f"or exactly one array of shape (n, 4) or (n, 5); {shortened(found)}"
     )
+
+
+def _require_no_other_points(
+    path: Path, arrays: Mapping[str, StoredArray | str], table: tuple[str, StoredArray]
+) -> None:
+    """Refuse a table without a name, such as the pose of a sensor, where other arrays may be the points."""
+    n, n_columns = table[1].shape
+    others = {
+        name: array
+        for name, array in arrays.items()
+        if "@" not in name and _is_real(array)
+        if prod(array.shape) > n * n_columns or (array.shape[1:] in ((3,), (4,), (5,)) and array.shape[0] > n)
+    }
+    if others:
+        raise InputError(
+            f"{path}: {table[0]} may be the cloud, and so may {shortened(listed(others))}; allowed are the "
+            "names xyz (n, 3) and velocity (n), optionally power (n), or no other such array"
+        )
 
 
 def _parts(path: Path, arrays: Mapping[str, StoredArray | str]) -> list[StoredArray]:

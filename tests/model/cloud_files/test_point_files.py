@@ -292,6 +292,28 @@ def test_npz_and_mat_are_read_as_parts_or_as_the_only_table(
     assert np.array_equal(PointCloud.read(save(**named)).to_array(), TABLE)
 
 
+@pytest.mark.parametrize(
+    "others",
+    [
+        {"points": np.ones((50, 3)), "doppler": np.ones(50)},
+        {name: np.ones(50) for name in ("x", "y", "z", "v")},
+        {"points": np.ones((5, 3))},
+    ],
+)
+def test_the_pose_of_a_sensor_is_not_taken_for_the_cloud_beside_it(
+    save: Callable[..., Path], others: dict[str, Any]
+) -> None:
+    with pytest.raises(InputError, match="pose may be the cloud, and so may "):
+        PointCloud.read(save(pose=np.eye(4), **others))
+
+
+def test_a_table_is_not_taken_for_the_cloud_of_a_structure_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.mat"
+    savemat(path, {"truth": {"points": np.ones((50, 4))}, "estimate": np.ones((3, 4))})
+    with pytest.raises(InputError, match="estimate may be the cloud, and so may truth/points"):
+        PointCloud.read(path)
+
+
 def test_npz_and_mat_without_power_have_power_one(save: Callable[..., Path]) -> None:
     for named in ({"p": TABLE[:, :4]}, {"xyz": TABLE[:, :3], "velocity": TABLE[:, 3]}):
         found = PointCloud.read(save(**named)).to_array()
