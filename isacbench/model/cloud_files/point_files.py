@@ -246,7 +246,7 @@ def _require_no_other_points(
 ) -> None:
     """Refuse a table without a name, such as the pose of a sensor, where other arrays may be the points."""
     n, n_columns = table[1].shape
-    others = {
+    others: dict[str, StoredArray | str] = {
         name: array
         for name, array in arrays.items()
         if "@" not in name and _is_real(array)
