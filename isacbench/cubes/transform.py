@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -26,7 +27,8 @@ from isacbench.dsp.partial_dft import (
     transform_lines,
     with_few_elements_outermost,
 )
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
+from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
     from isacbench.cubes.cube import Cube, Tile
@@ -123,29 +125,33 @@ class GateTransform:
         if self.range_method == "fft":
             lines = np.zeros((self.system.n_subcarriers, n_sums, len(elements)), dtype=cube.dtype)
 
-        def transform(tile: Tile) -> tuple[bool, Complex]:
-            """Share of a tile, and whether it is lines."""
+        def transform(tile: Tile) -> tuple[NDArray[np.bool_], bool, Complex]:
+            """Where an element of a tile is not 0, whether its share is lines, and its share."""
             block, rows = with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
+            held = block[:, :, 0] != 0
             with np.errstate(all="ignore"):  # a thread has its own
                 if weights is not None:
                     block = block * weights[tile.subcarriers, tile.symbols, None]
                 if self.nulls is not None:  # whatever they held, NaN as well
                     block = np.where(self.nulls.used[tile.subcarriers, None, None], block, 0)
                 if self._has_fast_lines(block):
-                    return False, transform_lines(block, rows, self.gate.range_bins)
+                    return held, False, transform_lines(block, rows, self.gate.range_bins)
                 if lines.size:
-                    return True, transform_block(block, rows)
-                return False, transform_block(block, rows, self._range_rows[:, tile.subcarriers])
+                    return held, True, transform_block(block, rows)
+                return held, False, transform_block(block, rows, self._range_rows[:, tile.subcarriers])
 
+        is_held = np.zeros(cube.shape[:2], dtype=np.bool_)
         has_lines = False
         with ThreadPoolExecutor(n_workers) as threads:
             done = _in_order(threads, transform, cube.tiles(elements), n_workers + TILES_AHEAD)
-            for tile, (is_lines, share) in done:
+            for tile, (held, is_lines, share) in done:
+                is_held[tile.subcarriers, tile.symbols] |= held
                 if is_lines:
                     lines[tile.subcarriers, :, _consecutive(tile.elements)] += share
                     has_lines = True
                 else:
                     cells[:, :, _consecutive(tile.elements)] += share
+        _warn_of_zeros(cube.name, is_held, np.True_ if weights is None else weights != 0)
         if has_lines:
             cells += range_bins_by_fft(lines, self.gate.range_bins, n_workers)
         return cells
@@ -176,6 +182,27 @@ def _in_order(threads: ThreadPoolExecutor, work: Any, tiles: Iterator[Tile], n_a
     while waiting:
         first, future = waiting.popleft()
         yield first, future.result()
+
+
+def _warn_of_zeros(name: str, is_held: NDArray[np.bool_], is_sensed: NDArray[np.bool_] | np.bool_) -> None:
+    """Tell of subcarriers and symbols that hold nothing, but are transformed as if something was received."""
+    is_empty = ~is_held & is_sensed
+    empty = {
+        "subcarrier": is_empty.any(axis=1) & ~is_held.any(axis=1),
+        "symbol": is_empty.any(axis=0) & ~is_held.any(axis=0),
+    }
+    told = [
+        f"{counted(int(where.sum()), what)} from {where.argmax()} on"
+        for what, where in empty.items()
+        if where.any()
+    ]
+    if told and is_held.any():
+        warnings.warn(
+            f"{name}: {' and '.join(told)} hold zeros alone, which give false ranges or velocities; a "
+            "transmitted grid that is 0 in null carriers leaves them out, symbols have to be cut off",
+            InputWarning,
+            stacklevel=2,
+        )
 
 
 def _find_fault(cube: Cube, elements: NDArray[np.intp], nulls: NullCarriers | None) -> str:

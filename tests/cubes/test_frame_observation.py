@@ -11,7 +11,7 @@ from isacbench_algorithms.oracle import Oracle
 from isacbench import observe_cube
 from isacbench.cubes import frame_observation, transform
 from isacbench.dsp.rangedoppler import range_doppler_map
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.waveform.resource_grid import draw_grid
@@ -195,3 +195,23 @@ def test_a_region_that_spans_the_whole_map_is_imaged_too(small_street, noisy_cub
     assert cells.shape[1] == 56
     expected = unabridged(noisy_cube, everywhere).cells
     np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("empty", "told"),
+    [
+        (np.s_[[0, 1, -1]], "3 subcarriers from 0 on hold zeros"),
+        (np.s_[:, -2:], "2 symbols from "),
+        (np.s_[5], None),
+    ],
+)
+def test_subcarriers_and_symbols_of_zeros_are_told(small_street, noisy_cube, empty, told):
+    frame = noisy_cube.copy()
+    frame[empty] = 0
+    used = np.ones(frame.shape[:2])
+    if told is None:  # the grid says so
+        used[5] = 0
+        assert observe_cube(frame, small_street, used).cells.any()
+    else:
+        with pytest.warns(InputWarning, match=f"array: {told}"):
+            assert observe_cube(frame, small_street).cells.any()
