@@ -17,6 +17,7 @@ from isacbench.cubes.opening import open_cube, read_grid, reopen_cube
 from isacbench.cubes.transform import GateTransform
 from isacbench.dsp.null_carriers import NullCarriers, interpolate_nulls, used_band
 from isacbench.errors import InputError, InputWarning
+from isacbench.files.escaping import counted
 from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation, cross_elements
@@ -35,6 +36,9 @@ MOST_MISSED_BEYOND = 10 ** (-10 / 20)
 
 LEAST_SYMBOL = 1e-6
 """Smallest symbol over the largest of a transmitted grid: less is 0 but for the rounding of a transform."""
+
+WEAK = 10 ** (-30 / 20)
+"""Amplitude of a subcarrier over the largest symbol below which little was transmitted there."""
 
 CubeLike = Any
 """Array in memory, HDF5 dataset, zarr array, or the path of a file that holds one."""
@@ -173,8 +177,8 @@ def observe_cube(
     Warns
     -----
     InputWarning
-        If null carriers between others are too many to be interpolated, or
-        the file holds what may be data and is not used.
+        If null carriers between others are too many to be interpolated, or the
+        transmitted grid is next to 0 in others, or the file holds what may be data and is not used.
 
     Examples
     --------
@@ -200,6 +204,8 @@ def observe_cube(
         if symbols is not None or not sensed.all():
             known = np.ones(sensed.shape) if symbols is None else symbols
             used = (known != 0).any(axis=1)
+            if division == "reciprocal":
+                _warn_of_weak_carriers(cube.name, np.abs(known).max(axis=1, where=sensed, initial=0))
             factors = np.zeros(sensed.shape, dtype=np.complex128)
             factors[used] = division_factors(
                 known[used], sensed[used], signal.division, np.inf if snr_db is None else snr_db
@@ -225,6 +231,19 @@ def _used_band(system: System, carriers: NDArray[np.bool_]) -> System:
     band = used_band(carriers)
     carrier_hz = system.carrier_hz + band.start * system.subcarrier_spacing_hz
     return replace(system, n_subcarriers=band.stop - band.start, carrier_hz=carrier_hz)
+
+
+def _warn_of_weak_carriers(name: str, amplitude: NDArray[np.float64]) -> None:
+    """Tell of subcarriers in which little was transmitted: their noise is divided by next to nothing."""
+    is_weak = (amplitude > 0) & (amplitude < WEAK * amplitude.max())
+    if is_weak.any():
+        warnings.warn(
+            f"{name}: {counted(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
+            f"{20 * np.log10(WEAK):.0f} dB of the largest symbol in the transmitted grid: the division "
+            "raises their noise as much; write 0 for null carriers, or division = 'wiener'",
+            InputWarning,
+            stacklevel=3,
+        )
 
 
 def _require_known(

@@ -145,6 +145,14 @@ def test_what_the_interpolation_misses_is_less_than_it_says():
     assert 0.1 * nulls.missed < np.sqrt(np.mean(errors**2)) < nulls.missed
 
 
+def test_carriers_of_little_power_are_told_where_the_division_raises_their_noise():
+    cube, grid = received(NULLS["guard carriers"])
+    grid[NULLS["guard carriers"]] = 1e-3
+    with pytest.warns(InputWarning, match="array: 20 subcarriers from 0 on have less than -30 dB"):
+        observe_cube(cube, SCENARIO, grid)
+    observe_cube(cube, SCENARIO, grid, division="matched")  # which warns of nothing
+
+
 def test_gaps_that_are_too_wide_are_told():
     frame, grid = received([*range(40, 90)])
     with pytest.warns(InputWarning, match=r"50 null carriers lie between others: false ranges .* -\d dB of"):

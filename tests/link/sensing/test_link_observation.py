@@ -3,13 +3,14 @@
 import dataclasses
 import importlib
 import sys
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
 import isacbench
 from isacbench.dsp.rangedoppler import range_doppler_map
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing import weighted_echo as weighted_echo_module
 from isacbench.link.sensing.division import Signal, symbol_moduli
 from isacbench.link.sensing.link_observation import SignalSimulator
@@ -232,7 +233,10 @@ def test_a_recorded_frame_that_was_divided_so_is_observed_alike(scenario, signal
     grid = resource_grid(scenario, scenario.array.positions).reshape(*weight.shape, 4, 4)
     recorded = isacbench.observe_cube(weight[:, :, None, None] * grid, scenario)
     expected = simulator.echo_cells(snr_db)
-    np.testing.assert_allclose(recorded.cells, expected, atol=1e-12 * np.abs(expected).max())
+    has_all = weight.any(axis=0).all() and weight.any(axis=1).all()
+    with nullcontext() if has_all else pytest.warns(InputWarning, match="symbols .* hold zeros alone"):
+        cells = recorded.cells
+    np.testing.assert_allclose(cells, expected, atol=1e-12 * np.abs(expected).max())
     if weight.all():
         # Or as the division of a received frame, here by what Y X*/... is the reciprocal of.
         sent = draw_grid(system, signal.modulation).symbols
