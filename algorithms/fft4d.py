@@ -228,8 +228,8 @@ class Fft4d(CellwiseEstimator):
         """Test the maximum of a lone plane wave without noise on P x Q elements.
 
         The mainlobe of a few elements covers all samples that the detector
-        compares with: then its test tells nothing. Clearly, since a wave between
-        samples or near the end of an axis, where windows are shifted, has less.
+        compares with: then its test tells nothing. `CLEARLY` leaves room for waves
+        between samples, and near the end of an axis, where windows are shifted.
         """
         power = _fourier_power(np.ones((1, *elements)), samples)
         peak = tuple(index[:1] for index in np.nonzero(power == power.max()))

@@ -240,7 +240,7 @@ def _warn_of_weak_carriers(name: str, amplitude: NDArray[np.float64]) -> None:
         warnings.warn(
             f"{name}: {counted(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
             f"{20 * np.log10(WEAK):.0f} dB of the largest symbol in the transmitted grid: the division "
-            "raises their noise as much; write 0 for null carriers, or division = 'wiener'",
+            "raises their noise as much; write 0 for null carriers, or choose division = 'wiener'",
             InputWarning,
             stacklevel=3,
         )

@@ -67,7 +67,8 @@ class FrameSummary(NamedTuple):
     Attributes
     ----------
     range_m, velocity_mps : float
-        Of the strongest cell of the whole range-Doppler map.
+        Of the strongest cell of the whole range-Doppler map; of the gate if only
+        the PRS is sensed, for then echoes repeat outside.
     is_in_gate : bool
         Whether a scatterer of the region can have its peak there.
     n_detected : int or None
@@ -163,7 +164,7 @@ def summarise_frame(observation: Observation) -> FrameSummary:
         n_detected = None
     reachable = np.zeros(shape, dtype=np.bool_)
     reachable[in_gate] = gate.reachable
-    if observation.sensing != "all":  # then echoes come again all over the map
+    if observation.sensing != "all":  # echoes repeat outside the gate
         power = np.where(reachable, power, 0)
     rows, columns = _strongest_echoes(power, cells.shape[2])
     echoes = cells[rows, columns]

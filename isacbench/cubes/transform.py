@@ -126,7 +126,7 @@ class GateTransform:
             lines = np.zeros((self.system.n_subcarriers, n_sums, len(elements)), dtype=cube.dtype)
 
         def transform(tile: Tile) -> tuple[NDArray[np.bool_], bool, Complex]:
-            """Where an element of a tile is not 0, whether its share is lines, and its share."""
+            """Mask of what an element of a tile holds, whether the tile's share is lines, and the share."""
             block, rows = with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
             held = block[:, :, 0] != 0
             with np.errstate(all="ignore"):  # a thread has its own

@@ -66,7 +66,7 @@ def read_point_table(path: str | Path) -> Floats:
         - npy: an array of shape (n, 4) or (n, 5);
         - npz and mat (MATLAB's -v4 to -v7.3): arrays ``xyz`` (n, 3),
           ``velocity`` (n,) and optionally ``power`` (n,), or exactly one
-          array of shape (n, 4) or (n, 5) under any name;
+          array of shape (n, 4) or (n, 5) under any name, and none larger;
         - ply: element vertex with x, y, z, v (or velocity), optionally power.
 
         A missing power is 1. Nothing is ever unpickled.
