@@ -430,13 +430,12 @@ def noisy_cube(clean_cube):
 def forget_code():
     """Have the code of plugins and of what they import read anew."""
     for remembered in (
-        plugin_versions._digest,
         plugin_versions._library_digest,
         plugin_versions._distribution,
-        import_closure._code,
         import_closure._spec,
     ):
         remembered.cache_clear()
+    import_closure._codes.clear()
 
 
 @pytest.fixture

@@ -180,9 +180,21 @@ def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:
                 yield from _with_parents(home, packages)
 
 
-@cache
+_codes: dict[str, tuple[object, _Code | None]] = {}
+
+
 def _code(name: str) -> _Code | None:
-    """Code of a module; None where there is no such file."""
+    """Code of a module as its file was when it was first asked for; None where there is no such file.
+
+    A module that is loaded again, as in a notebook, gets a new specification: its file is read again.
+    """
+    loaded = getattr(sys.modules.get(name), "__spec__", None)
+    if name not in _codes or _codes[name][0] is not loaded:
+        _codes[name] = loaded, _read(name)
+    return _codes[name][1]
+
+
+def _read(name: str) -> _Code | None:
     spec = _spec(name)
     if spec is None or spec.origin is None or not Path(spec.origin).is_file():
         return None

@@ -6,6 +6,7 @@ One of a script, of a notebook or of a test travels by its code.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import io
 import json
@@ -14,13 +15,15 @@ import sys
 from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from threading import Lock
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import cloudpickle
 
 from isacbench.errors import InputError
+from isacbench.plugins.class_code import known_codes
 from isacbench.plugins.import_closure import is_importable
-from isacbench.plugins.plugin_versions import plugin_parts
+from isacbench.plugins.plugin_versions import own_codes, plugin_parts
 from isacbench.plugins.registry import canonical_params, field_defaults, is_frozen_dataclass
 from isacbench.specifications import spell_spec
 
@@ -96,8 +99,9 @@ def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
 class Instances(Mapping[str, "Estimator"]):
     """Estimators that are objects, by the texts that stand for them.
 
-    In another process they are unpickled where they are first asked for, when
-    the files of their plugins are registered.
+    A copy of them in this process has the same classes. In another process they are
+    unpickled where they are first asked for, when the files of their plugins are
+    registered, with the codes of their classes as they were when they were sent.
 
     Parameters
     ----------
@@ -119,11 +123,21 @@ class Instances(Mapping[str, "Estimator"]):
 
     def _unpacked(self) -> Mapping[str, Estimator]:
         if self._estimators is None:
-            self._estimators = pickle.loads(self._packed)
+            try:
+                self._estimators, codes = pickle.loads(self._packed)
+            except Exception as error:
+                raise InputError(
+                    f"estimators: cannot be had in a worker process ({type(error).__name__}: {error}): leave "
+                    "out jobs and dask, or put the class and what it uses into a module or a plugin file"
+                ) from error
+            known_codes.update(codes)
         return self._estimators
 
     def __getstate__(self) -> dict[str, Any]:
         return {"_estimators": None, "_packed": self._packed or _packed(self._unpacked())}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Instances:
+        return Instances(copy.deepcopy(dict(self._unpacked()), memo))
 
 
 class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
@@ -137,9 +151,22 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
 def _packed(estimators: Mapping[str, Estimator]) -> bytes:
     """Pickle estimators, those by their code whose modules no other process can import."""
     packed = io.BytesIO()
-    with _by_value(estimators.values()):
-        _Pickler(packed).dump(dict(estimators))
+    with _packing, _by_value(estimators.values()):
+        for text, one in estimators.items():
+            try:
+                _Pickler(io.BytesIO()).dump(one)
+            except Exception as error:
+                reason = f"cannot be sent to a worker process ({type(error).__name__}: {error})"
+                raise InputError(
+                    f"estimator {text}: {reason}: leave out jobs and dask, or put its class and what it uses "
+                    "into a module or a plugin file"
+                ) from error
+        codes = [own_codes(one) for one in estimators.values()]
+        _Pickler(packed).dump((dict(estimators), dict(ChainMap(*codes))))
     return packed.getvalue()
+
+
+_packing = Lock()
 
 
 @contextmanager
@@ -147,6 +174,7 @@ def _by_value(plugins: Iterable[object]) -> Iterator[None]:
     """Let cloudpickle send classes of some modules by their code; those of ``__main__`` go so in any case."""
     classes = {base for plugin in plugins for part in plugin_parts(plugin) for base in type(part).__mro__}
     names = {base.__module__ for base in classes} - {"__main__", "builtins"}
+    names -= cloudpickle.list_registry_pickle_by_value()
     modules = [sys.modules[name] for name in sorted(names) if not is_importable(name)]
     try:
         for module in modules:

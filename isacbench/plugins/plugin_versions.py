@@ -6,25 +6,25 @@ A checkout changes its code without changing its version. The digest tells.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import sys
+import sysconfig
 from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib import import_module
-from inspect import unwrap
-from types import CodeType, FunctionType
+from pathlib import Path
 from typing import Any
 
-from isacbench.plugins.discovery import GROUPS, entries, local_plugins
+from isacbench.plugins.class_code import ClassCode, class_code, has_a_file
+from isacbench.plugins.discovery import GROUPS, RegisteredPlugin, entries, local_plugins
 from isacbench.plugins.import_closure import digest_of, import_closure, is_importable
 from isacbench.plugins.local_files import PluginFile
 
 LIBRARY = "isacbench"
 
-PLAIN = bool, int, float, complex, str, bytes, type(None), tuple
-"""Types of class attributes that count in a digest."""
+VERSIONED = {*sys.stdlib_module_names, "numpy", "scipy"} - {"__main__"}
+"""Packages whose versions every row has."""
 
-MADE_BY_PYTHON = "__module__", "__doc__", "__firstlineno__", "__static_attributes__"
+INSTALLED = tuple(map(Path, {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}))
 
 
 def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
@@ -40,10 +40,11 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
         For each distribution, or local file, that the classes and their bases
         come from: ``version``, None for a file, and ``digest``, the SHA-256 of
         their modules and of all that these import from the same top-level
-        package, None where they are not on disk. Of a script or a notebook
-        the classes count, and the functions that they use; likewise of classes
-        that are made in functions. What is imported from `isacbench` itself,
-        `library_code` tells.
+        package, None where they are not on disk. Of a script or a notebook,
+        and of classes that are made in functions, the classes count, with all
+        functions and values that they use, and the modules that these come
+        from; of other people's packages the version alone. What is imported
+        from `isacbench` itself, `library_code` tells.
 
     Examples
     --------
@@ -58,16 +59,13 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
     for module in _modules(plugin):
         if module in local:
             found[_shown(local[module])] = {"version": None, "digest": local[module].digest}
-        elif is_importable(module):
+        elif is_importable(module) and module.partition(".")[0] != LIBRARY:
             packaged.setdefault(_distribution(_root(module)), set()).add(module)
-        else:
-            found[module] = {"version": None, "digest": class_digest(_classes(plugin), module)}
     for (package, version), modules in packaged.items():
-        found[package] = {"version": version, "digest": _digest(frozenset(modules))}
-    for base in _classes(plugin):  # of two that functions of one module make, its file tells nothing
-        if "<locals>" in base.__qualname__ and is_importable(base.__module__):
-            name = f"{base.__module__}.{base.__qualname__}"
-            found[name] = {"version": None, "digest": class_digest([base], base.__module__)}
+        is_released = all(map(_is_released, modules))
+        found[package] = {"version": version, "digest": None if is_released else _digest(modules)}
+    for base, code in own_codes(plugin).items():
+        found[f"{base.__module__}.{base.__qualname__}"] = {"version": None, "digest": code.digest}
     return dict(sorted(found.items()))
 
 
@@ -95,7 +93,8 @@ def library_code(plugin: object, harness: Iterable[str] = ()) -> str:
     local = {file.module_name: file.source for file in local_plugins()}
     modules = _modules(plugin)
     sources = tuple((name, local[name]) for name in sorted(modules & local.keys()))
-    found = frozenset(module for module in modules - local.keys() if is_importable(module))
+    others = (module for module in modules - local.keys() if is_importable(module))
+    found = frozenset(module for module in others if not _is_released(module))
     return _library_digest(found, frozenset(harness), sources)
 
 
@@ -128,34 +127,66 @@ def plugin_parts(plugin: object) -> Iterator[object]:
 def _classes(plugin: object) -> set[type[Any]]:
     """Classes of a plugin and of its parts, and their bases, but for Python's own and the library's."""
     classes = {base for part in plugin_parts(plugin) for base in type(part).__mro__}
-    own = {*sys.stdlib_module_names, LIBRARY} - {"__main__"}
-    return {base for base in classes if base.__module__.partition(".")[0] not in own}
+    return {base for base in classes if base.__module__.partition(".")[0] not in {*VERSIONED, LIBRARY}}
+
+
+def own_codes(plugin: object) -> dict[type[Any], ClassCode]:
+    """Find the codes of a plugin's classes whose files, if there are any, do not say all about them.
+
+    Parameters
+    ----------
+    plugin : object
+
+    Returns
+    -------
+    dict of type to ClassCode
+    """
+    local = {file.module_name for file in local_plugins()}
+    classes = (base for base in _classes(plugin) if base.__module__ not in local)
+    return {base: class_code(base) for base in classes if not has_a_file(base)}
 
 
 def _modules(plugin: object) -> frozenset[str]:
-    """Modules of those classes."""
-    return frozenset(base.__module__ for base in _classes(plugin))
+    """Modules of those classes, and of what those without a file use."""
+    used = (code.modules for code in own_codes(plugin).values())
+    modules = frozenset(base.__module__ for base in _classes(plugin)).union(*used)
+    return frozenset(module for module in modules if module.partition(".")[0] not in VERSIONED)
 
 
 def _root(module: str) -> str:
     """Outermost package of a module that has code of its own: a namespace has none, and many owners."""
     parts = module.split(".")
     names = [".".join(parts[: n + 1]) for n in range(len(parts))]
-    return next((name for name in names if import_module(name).__file__ is not None), module)
+    files = ((name, getattr(import_module(name), "__file__", None)) for name in names)
+    return next((name for name, file in files if file is not None), module)
+
+
+def _is_released(module: str) -> bool:
+    """Tell whether a module is of an installed package with a version, that registers no plugins."""
+    root = _root(module)
+    file = Path(getattr(sys.modules[root], "__file__", None) or "")
+    is_installed = any(folder in file.parents for folder in INSTALLED)
+    return (
+        is_installed and _distribution(root)[1] is not None and not (root == LIBRARY or _registered_by(root))
+    )
+
+
+def _registered_by(root: str) -> RegisteredPlugin | None:
+    """Some plugin of a distribution that registers plugins of a package."""
+    registered = (entry for kind in GROUPS for entry in entries(kind).values() if entry.version is not None)
+    return next((one for one in registered if f"{one.module}.".startswith(f"{root}.")), None)
 
 
 @cache
 def _distribution(root: str) -> tuple[str, str | None]:
     """Name and version of the distribution that registers plugins of a package, else the package's own."""
-    for kind in GROUPS:
-        for entry in entries(kind).values():
-            if entry.version is not None and (entry.module == root or entry.module.startswith(f"{root}.")):
-                return entry.package, entry.version
-    return root, getattr(sys.modules[root], "__version__", None)
+    entry = _registered_by(root)
+    return (
+        (entry.package, entry.version) if entry else (root, getattr(sys.modules[root], "__version__", None))
+    )
 
 
-@cache
-def _digest(modules: frozenset[str]) -> str | None:
+def _digest(modules: Iterable[str]) -> str | None:
     """Digest of modules and of what they import from their own packages."""
     code = import_closure(modules, {_root(module) for module in modules})
     return digest_of(code) if code else None
@@ -169,83 +200,3 @@ def _library_digest(
     packages = {LIBRARY, *(_root(module) for module in modules)}
     code = import_closure(modules | harness, packages, dict(sources))
     return digest_of({name: text for name, text in code.items() if name.partition(".")[0] == LIBRARY})
-
-
-def class_digest(classes: Iterable[type[Any]], module: str) -> str:
-    """Compute the digest of classes without a file, and of all of their module that they use.
-
-    Parameters
-    ----------
-    classes : iterable of type
-    module : str
-        Classes of other modules do not count.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal: the same in every process of one version of
-        Python that has the classes by their code.
-    """
-    waiting: list[Any] = [one for one in classes if one.__module__ == module]
-    texts: dict[str, str] = {}
-    while waiting:
-        thing = waiting.pop()
-        if thing.__qualname__ in texts:
-            continue
-        members = _members(thing)
-        constants = sorted(f"{name}={value!r}" for name, value in members if isinstance(value, PLAIN))
-        functions = [one for _, member in sorted(members) for one in _unwrapped(member)]
-        texts[thing.__qualname__] = repr([*constants, *(_text(one.__code__) for one in functions)])
-        for function in functions:
-            used = (function.__globals__.get(name) for name in _names(function.__code__))
-            waiting += [
-                one for one in used if isinstance(one, (FunctionType, type)) and one.__module__ == module
-            ]
-    return hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest()
-
-
-def _members(thing: Any) -> list[tuple[str, Any]]:
-    """Members of a class but for those that dataclasses make, or a function itself."""
-    if isinstance(thing, FunctionType):
-        return [("", thing)]
-    return [
-        (name, value)
-        for name, value in vars(thing).items()
-        if name not in MADE_BY_PYTHON and not (name.startswith("__") and _is_made(value))
-    ]
-
-
-def _is_made(value: object) -> bool:
-    """Tell whether a function was compiled from a text of the library of dataclasses."""
-    return isinstance(value, FunctionType) and value.__code__.co_filename == "<string>"
-
-
-def _unwrapped(member: Any) -> list[FunctionType]:
-    """Functions behind a member of a class: a property, a class method, a decorated function or itself."""
-    if isinstance(member, property):
-        found = [member.fget, member.fset, member.fdel]
-    else:
-        found = [getattr(member, "__func__", getattr(member, "func", member))]
-    functions = [one for one in found if isinstance(one, FunctionType)]
-    return [one for function in functions for one in dict.fromkeys([function, unwrap(function)])]
-
-
-def _names(code: CodeType) -> Iterator[str]:
-    """Global names that code uses, that of functions inside included."""
-    yield from code.co_names
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _names(constant)
-
-
-def _text(code: CodeType) -> str:
-    """Instructions, names and constants of code, but neither its file nor its lines."""
-    constants = [
-        _text(one)
-        if isinstance(one, CodeType)
-        else repr(sorted(one, key=repr))
-        if isinstance(one, frozenset)
-        else repr(one)
-        for one in code.co_consts
-    ]
-    return repr((code.co_name, code.co_code.hex(), code.co_names, code.co_varnames, constants))

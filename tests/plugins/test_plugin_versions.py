@@ -6,9 +6,10 @@ from isacbench_algorithms.omp4d import Omp4d
 
 import isacbench
 from isacbench.cores import one_blas_thread
+from isacbench.plugins.class_code import class_code
 from isacbench.plugins.discovery import register_plugin
 from isacbench.plugins.local_files import PluginFile
-from isacbench.plugins.plugin_versions import class_digest, library_code, plugin_version
+from isacbench.plugins.plugin_versions import library_code, plugin_version
 from isacbench.plugins.registry import build_estimator, get_detector, get_estimator
 from tests.conftest import forget_code
 
@@ -152,6 +153,6 @@ def test_the_code_behind_a_decorator_counts(base):
                 estimate = one_blas_thread()(estimate)
 
         assert Local().estimate(None) == number
-        return class_digest([Local], Local.__module__)
+        return class_code(Local)
 
     assert digest_with(1) == digest_with(1) != digest_with(2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
+import copy
 import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -53,8 +53,9 @@ class Workbench:
     """
 
     def __init__(self, job: Job, repeats: int | None = None) -> None:
-        # Plugins see a copy, and the next ones a fresh copy should they have changed it.
-        self._job = pickle.dumps(job)
+        # Plugins see a copy, and the next ones a fresh copy should they have changed it. Classes are not
+        # copied: in this process they are the caller's.
+        self._job = copy.deepcopy(job)
         self._seed, self._repeats = job.suite.seed, repeats
         self._scenes = self._fresh_scenes()
         self._scene: Scene | None = None
@@ -185,8 +186,7 @@ class Workbench:
             return False
 
     def _fresh_scenes(self) -> Sequence[Scene]:
-        job: Job = pickle.loads(self._job)
-        return job.plan.scenes
+        return copy.deepcopy(self._job).plan.scenes
 
     def _entry(self, entry: int) -> Entry[Any]:
         return self._scenes[self._block.scene].entries[entry]

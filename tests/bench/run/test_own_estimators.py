@@ -4,9 +4,11 @@ import dataclasses
 import pickle
 import sys
 from dataclasses import dataclass
+from threading import Lock
 from types import ModuleType
 from typing import ClassVar
 
+import cloudpickle
 import numpy as np
 import pytest
 
@@ -18,7 +20,6 @@ from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import Detector
 from isacbench.plugins.discovery import local_plugins
 from isacbench.plugins.instances import Instances, spelled_estimators
-from isacbench.plugins.plugin_versions import plugin_version
 from tests.conftest import PLUGINS
 
 
@@ -150,48 +151,71 @@ def test_elsewhere_they_come_by_their_code_and_fields_without_a_default_lack_it_
     assert n.default_factory is dataclasses.MISSING
 
 
-def _made(source):
-    """Class of a module that no file holds, as a notebook has it."""
-    module = ModuleType("made_in_a_notebook")
-    sys.modules[module.__name__] = module
-    exec(source, vars(module))
-    return module.Made
-
-
-MADE = """
+NOTEBOOK = """
 from dataclasses import dataclass
 from typing import ClassVar
 
-GAIN = 2
+from isacbench.model.cloud import PointCloud
 
-def used(x):
-    return x in {"a", "b", "c"}
+N = 2
 
-def unused(x):
-    return x
+class ByName:
+    def __reduce__(self):
+        return "KNOWN_HERE"
 
 @dataclass(frozen=True)
 class Made:
     name: ClassVar[str] = "made"
-    level = 1
-
-    @property
-    def half(self):
-        return 0.5
 
     def estimate(self, observation):
-        return used(GAIN)
+        return PointCloud([[1, 2, 3]] * N, [1] * N, [1] * N)
 """
 
 
-def test_classes_that_no_file_holds_are_known_by_their_code_and_by_what_it_uses(monkeypatch):
-    monkeypatch.setitem(sys.modules, "made_in_a_notebook", None)
+@pytest.fixture
+def notebook(monkeypatch):
+    """Return a module that no file holds, with a class of an estimator."""
+    module = ModuleType("made_in_a_notebook")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(NOTEBOOK, vars(module))
+    return module
 
-    def digest(source):
-        (version,) = plugin_version(_made(source)()).values()
-        return version["digest"]
 
-    assert digest(MADE) == digest("# moved down\n\n" + MADE)
-    assert digest(MADE) == digest(MADE.replace("    return x\n", "    return None\n", 1))
-    for old, new in [('"c"', '"d"'), ("level = 1", "level = 2"), ("0.5", "0.25"), ("used(GAIN)", "used(1)")]:
-        assert digest(MADE) != digest(MADE.replace(old, new)), old
+@pytest.mark.parametrize("jobs", [None, 1])
+def test_after_a_run_a_notebook_may_go_on_with_its_edits(suite, notebook, jobs):
+    before = dict(vars(notebook.Made))
+    asked = {"estimators": [notebook.Made()], "trials": 1, "jobs": jobs}
+    assert run(suite, **asked)["n_estimated"].tolist() == [2]
+    assert {name: vars(notebook.Made)[name] for name in before} == before
+    assert notebook.Made.estimate.__globals__ is vars(notebook)
+    notebook.N = 3
+    assert run(suite, **asked)["n_estimated"].tolist() == [3]
+
+
+def test_wherever_it_was_made_a_row_is_of_the_values_at_that_time(suite, notebook, tmp_path):
+    asked = {"out": tmp_path / "run", "estimators": [notebook.Made()]}
+    run(suite, **asked, trials=1, jobs=1)
+    assert len(run(suite, **asked)) == 2
+    notebook.N = 3
+    for jobs in (None, 1):
+        with pytest.raises(InputError, match="plugins made_in_a_notebook.Made digest"):
+            run(suite, **asked, jobs=jobs)
+    assert run(suite, **asked, rerun=["stale"])["n_estimated"].tolist() == [3, 3]
+
+
+def test_modules_that_a_user_sends_by_value_are_sent_so_still(suite, notebook):
+    cloudpickle.register_pickle_by_value(notebook)
+    try:
+        pickle.dumps(Instances({"made": notebook.Made()}))
+        assert notebook.__name__ in cloudpickle.list_registry_pickle_by_value()
+    finally:
+        cloudpickle.unregister_pickle_by_value(notebook)
+
+
+def test_what_cannot_be_sent_or_had_in_a_worker_is_told_in_a_line(suite, notebook):
+    notebook.N = Lock()
+    with pytest.raises(InputError, match="estimator made: cannot be sent .*: leave out jobs"):
+        run(suite, estimators=[notebook.Made()], jobs=1)
+    notebook.N = notebook.KNOWN_HERE = notebook.ByName()
+    with pytest.raises(InputError, match="cannot be had in a worker process .*made_in_a_notebook.*: leave out jobs"):
+        run(suite, estimators=[notebook.Made()], jobs=1)

@@ -1,0 +1,254 @@
+"""Code of classes that no file holds: what counts, what does not, and that it is the same elsewhere."""
+
+import importlib
+import os
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+from isacbench.plugins.class_code import class_code
+from isacbench.plugins.plugin_versions import library_code, plugin_version
+
+SOURCE = """
+import enum
+import functools
+from collections import OrderedDict, namedtuple
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+
+import neighbour
+from neighbour import helped
+from isacbench.dsp.stable_order import stepped
+
+GAIN = 2.5
+WORDS = {"deep": [1, {"er": (2, 3)}], "other": {"a", "b", "c"}}
+WEIGHTS = np.arange(6.0)
+TABLE = pd.DataFrame({"a": [1, 2]})
+PLACE = Path("here")
+MODE = enum.Enum("Mode", "SLOW FAST")
+ORDER = OrderedDict(first=1)
+POINT = namedtuple("Point", "x y")(1, 2)
+seen = 0
+
+@dataclass(frozen=True)
+class Setup:
+    level: float = 7.0
+
+    @functools.cached_property
+    def costly(self):
+        return 1
+
+SETUP = Setup(level=3.5)
+
+class Tool:
+    factor = 11
+
+    def turn(self):
+        return 12
+
+def rounded(x, digits=4, *, base=10):
+    return round(x, digits)
+
+def traced(function):
+    @functools.wraps(function)
+    def inner(*args):
+        return function(*args)
+    return inner
+
+def scaled_by(k):
+    def scaled(x):
+        return k * x
+    return scaled
+
+TWICE = scaled_by(13)
+HALF = functools.partial(rounded, 0.125, digits=5)
+SQUARE = lambda x: x + 14
+unused = 15
+
+class Base:
+    def begin(self):
+        return 16
+
+class Plugged(Base):
+    name: ClassVar[str] = "plugged"
+    steps = [17, 18]
+    kernel = np.ones(3)
+    half = property(lambda self: 19)
+    tool = functools.partialmethod(lambda self, x: x, 20)
+
+    @staticmethod
+    def fixed():
+        return 21
+
+    @functools.cached_property
+    def kept(self):
+        return 22
+
+    @functools.lru_cache(maxsize=4)
+    def cached(self, x):
+        return 23
+
+    @traced
+    def behind(self):
+        return 24
+
+    def estimate(self, observation, start=25):
+        global seen
+        seen = seen + 1
+        values = [one * GAIN for one in WORDS]
+        self.unused = WEIGHTS, TABLE, PLACE, MODE.SLOW, ORDER, POINT, SETUP.level, Tool(), rounded
+        return TWICE, HALF, SQUARE, helped, neighbour.CONSTANT, stepped
+
+@dataclass(frozen=True)
+class Frozen(Plugged):
+    pass
+"""
+
+COUNTS = [
+    ("GAIN = 2.5", "GAIN = 2.6"),
+    ("(2, 3)", "(2, 4)"),
+    ('"c"}', '"d"}'),
+    ("np.arange(6.0)", "np.arange(6)"),
+    ('{"a": [1, 2]}', '{"a": [1, 3]}'),
+    ('Path("here")', 'Path("there")'),
+    ('"SLOW FAST"', '"FAST SLOW"'),
+    ("first=1", "first=2"),
+    ('"Point", "x y")(1, 2)', '"Point", "x y")(1, 3)'),
+    ("level=3.5", "level=3.6"),
+    ("factor = 11", "factor = 12"),
+    ("return 12\n", "return 13\n"),
+    ("digits=4", "digits=5"),
+    ("base=10", "base=11"),
+    ("round(x, digits)", "round(x, 3)"),
+    ("return function(*args)", "return function(*args) or None"),
+    ("scaled_by(13)", "scaled_by(14)"),
+    ("0.125", "0.25"),
+    ("digits=5)", "digits=6)"),
+    ("x + 14", "x + 15"),
+    ("return 16", "return 17"),
+    ("[17, 18]", "[17, 19]"),
+    ("np.ones(3)", "np.ones(4)"),
+    ("lambda self: 19", "lambda self: 20"),
+    ("x, 20)", "x, 21)"),
+    ("return 21", "return 22"),
+    ("return 22", "return 23"),
+    ("return 23", "return 24"),
+    ("return 24", "return 25"),
+    ("start=25", "start=26"),
+]
+DOES_NOT = [
+    ("GAIN = 2.5", "# moved down\n\nGAIN = 2.5"),
+    ("unused = 15", "unused = 16"),
+    ("seen = 0", "seen = 4"),
+    ("class Plugged(Base):\n", 'class Plugged(Base):\n    """Say what it does."""\n'),
+]
+
+
+@pytest.fixture
+def neighbour(tmp_path, monkeypatch):
+    """Return the file of a module beside the notebook."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "neighbour.py").write_text("CONSTANT = 1\ndef helped(): return 1\n")
+    importlib.invalidate_caches()
+    yield tmp_path / "neighbour.py"
+    sys.modules.pop("neighbour", None)
+
+
+@pytest.fixture
+def made(neighbour, monkeypatch):
+    """Return a function that makes a module without a file of a text, and the class of its plugin."""
+
+    def run(source=SOURCE):
+        module = ModuleType("made_in_a_notebook")
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        exec(compile(source, "<notebook>", "exec"), vars(module))
+        return module.Frozen
+
+    return run
+
+
+pytestmark = pytest.mark.usefixtures("unknown_code")
+
+
+@pytest.mark.parametrize(("old", "new"), COUNTS, ids=[old.strip() for old, _ in COUNTS])
+def test_every_value_that_a_class_uses_counts(made, old, new):
+    assert SOURCE.count(old) == 1
+    before = class_code(made())
+    assert class_code(made(SOURCE.replace(old, new))) != before
+
+
+@pytest.mark.parametrize(("old", "new"), DOES_NOT, ids=[new for _, new in DOES_NOT])
+def test_what_it_does_not_use_and_what_it_sets_itself_does_not_count(made, old, new):
+    before = class_code(made())
+    assert class_code(made(SOURCE.replace(old, new))) == before
+
+
+def test_use_changes_nothing(made):
+    plugged = made()
+    before = class_code(plugged)
+    plugged().estimate.__func__.__globals__["SETUP"].costly  # noqa: B018
+    plugged.cached(plugged(), 1)
+    assert class_code(plugged) == before
+
+
+def test_a_closure_counts_by_what_it_holds():
+    def factory(k):
+        class Local:
+            def estimate(self):
+                return k
+
+        return Local
+
+    assert class_code(factory(1)) == class_code(factory(1)) != class_code(factory(2))
+
+
+def test_values_within_themselves_end():
+    ring = [1]
+    ring.append(ring)
+
+    class Local:
+        def estimate(self):
+            return ring, Local
+
+    assert len(class_code(Local).digest) == 64
+
+
+def test_modules_that_it_uses_count_by_their_files_and_packages_by_their_versions(made, neighbour):
+    versions = plugin_version(made()())
+    assert versions["neighbour"]["version"] is None
+    assert versions["pandas"]["version"] is not None
+    assert versions["pandas"]["digest"] is None
+    assert not versions.keys() & {"numpy", "functools"}  # which every row names anyway
+    neighbour.write_text("CONSTANT = 2\ndef helped(): return 1\n")
+    again = plugin_version(made()())
+    assert again == versions  # what was imported before is what runs
+    importlib.reload(sys.modules["neighbour"])
+    assert plugin_version(made()())["neighbour"] != versions["neighbour"]
+
+
+def test_what_it_uses_of_isacbench_counts(made):
+    without = SOURCE.replace("from isacbench.dsp.stable_order import stepped", "stepped = 1")
+    assert library_code(made()()) != library_code(made(without)())
+
+
+def test_the_code_is_the_same_in_every_process(made, neighbour):
+    ask = f"import sys; sys.path.insert(0, {str(neighbour.parent)!r})"
+    answer = "from isacbench.plugins.class_code import class_code\nprint(class_code(Frozen).digest)"
+    processes = [
+        subprocess.run(
+            [sys.executable, "-c", "\n".join([ask, SOURCE, answer])],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        for seed in ("1", "2", "3")
+    ]
+    assert {process.stderr for process in processes} == {""}
+    assert len({process.stdout for process in processes}) == 1
