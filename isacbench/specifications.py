@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import re
 from contextlib import suppress
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
 
 MAX_VARIANTS = 1000
 """Most variants of a grid; a larger one is most likely a mistake."""
+
+
+class QuotedText(str):
+    """A text that was given in quotes: no number, no truth value and not ``none``."""
+
+    __slots__ = ()
 
 
 class Spec(NamedTuple):
@@ -43,8 +50,8 @@ class SpelledVariant(NamedTuple):
 def parse_spec(text: str) -> Spec:
     """Parse ``name[param=value,...]``.
 
-    A value is an integer, a float, ``true``, ``false``, a bare word, a tuple
-    of such in parentheses, or a nested ``name[...]``.
+    A value is an integer, a float, ``true``, ``false``, a bare word, a text in double
+    quotes as in JSON, a tuple of such in parentheses, or a nested ``name[...]``.
 
     Parameters
     ----------
@@ -141,8 +148,8 @@ def spell_value(value: Any) -> str:
 
     Examples
     --------
-    >>> spell_value(1e-5), spell_value([True, None])
-    ('1e-05', '(true,none)')
+    >>> spell_value(1e-5), spell_value([True, None]), spell_value(["near", "far away", "3"])
+    ('1e-05', '(true,none)', '(near,"far away","3")')
     """
     if value is None:
         return "none"
@@ -153,7 +160,31 @@ def spell_value(value: Any) -> str:
     if isinstance(value, dict) and "name" in value:
         params = {key: inner for key, inner in value.items() if key != "name"}
         return spell_spec(str(value["name"]), params)
+    if isinstance(value, str) and not is_word(value):
+        return json.dumps(value, ensure_ascii=False)
     return str(value)
+
+
+def is_word(text: str) -> bool:
+    """Tell whether a specification can hold a text as it is, as a name or a value, without quotes.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    bool
+        False for numbers, truth values and ``none``, too.
+
+    Examples
+    --------
+    >>> [is_word(text) for text in ("near", "far away", "3", "none", "")]
+    [True, False, False, False, False]
+    """
+    parser = _SpecParser(text)
+    is_one = parser.tokens == [text] and '"' not in text and text not in "[](),=" and text.isprintable()
+    return is_one and parser.scalar(text) == text != "none"
 
 
 class _Option(NamedTuple):
@@ -166,7 +197,7 @@ class _Option(NamedTuple):
 class _SpecParser:
     """Recursive descent over ``name[param=value,...]``; every part yields its options."""
 
-    TOKEN = re.compile(r"\s*([\[\](),=]|[^\[\](),=\s]+)\s*")
+    TOKEN = re.compile(r'\s*([\[\](),=]|"(?:[^"\\]|\\.)*"|[^\[\](),=\s]+)\s*')
     LITERALS: ClassVar[dict[str, bool]] = {"true": True, "false": False}
 
     def __init__(self, text: str) -> None:
@@ -228,7 +259,7 @@ class _SpecParser:
                 )
                 for combined in self.combinations(items)
             ]
-        word = self.word("a value")
+        word = self.word("a value", or_text=True)
         return self.spec(word) if self.tokens[:1] == ["["] else [_Option(self.scalar(word), word)]
 
     def items(self, closing: str) -> Iterator[None]:
@@ -247,6 +278,11 @@ class _SpecParser:
             raise InputError(f"{self.text!r}: {n} variants; allowed are at most {MAX_VARIANTS}")
 
     def scalar(self, word: str) -> bool | int | float | str:
+        if word.startswith('"'):
+            try:
+                return QuotedText(json.loads(word))
+            except ValueError:
+                raise InputError(f"{self.text!r}: {word} is no text as JSON has it") from None
         if word in self.LITERALS:
             return self.LITERALS[word]
         for number in (int, float) if is_number(word) else ():
@@ -254,8 +290,8 @@ class _SpecParser:
                 return number(word)
         return word
 
-    def word(self, wanted: str) -> str:
-        if not self.tokens or self.tokens[0] in "[](),=":
+    def word(self, wanted: str, or_text: bool = False) -> str:
+        if not self.tokens or self.tokens[0] in "[](),=" or (self.tokens[0][0] == '"' and not or_text):
             raise self.broken(wanted)
         return self.tokens.pop(0)
 

@@ -25,7 +25,7 @@ from isacbench.plugins.class_code import known_codes
 from isacbench.plugins.import_closure import is_importable
 from isacbench.plugins.plugin_versions import own_codes, plugin_parts
 from isacbench.plugins.registry import canonical_params, field_defaults, is_frozen_dataclass
-from isacbench.specifications import spell_spec
+from isacbench.specifications import is_word, spell_spec
 
 if TYPE_CHECKING:
     from isacbench.plugins.contracts import Estimator
@@ -70,18 +70,12 @@ def _spelled(estimator: object) -> str:
     plugin = type(estimator)
     name = getattr(plugin, "name", None)
     has_method = callable(getattr(plugin, "estimate", None))
-    if not (is_frozen_dataclass(plugin) and isinstance(name, str) and has_method):
+    if not (is_frozen_dataclass(plugin) and isinstance(name, str) and is_word(name) and has_method):
         raise InputError(
             f"estimators: {estimator!r:.80}: allowed are specifications such as 'music2d[pfa=1e-4]' and "
-            "instances of frozen dataclasses with a name and a method estimate"
+            "instances of frozen dataclasses with a name, a word, and a method estimate"
         )
-    try:
-        params = json.loads(canonical_params(estimator))
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"estimator {name}: its parameters must be numbers, texts, tuples of such, or detectors: {error}"
-        ) from error
-    return spell_spec(name, _unlike_defaults(estimator, params))
+    return spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
 
 
 def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,17 +5,24 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
+import math
+import warnings
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Any, cast, get_args, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from isacbench.added_fields import identity_fields, values_before
-from isacbench.errors import InputError, unknown_name
+from isacbench.errors import InputError, InputWarning, unknown_name
+from isacbench.files.escaping import shortened
 from isacbench.plugins.contracts import Detector, Estimator
 from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries
 from isacbench.plugins.local_files import METHODS
-from isacbench.specifications import Spec, parse_spec, spec_variants
+from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants
+
+ALLOWED = "finite numbers, texts, booleans, none, tuples of these, and detectors"
+"""Values of parameters, which a run can store, a command can spell, and another process can have."""
 
 
 def estimator_names() -> list[str]:
@@ -194,6 +201,11 @@ def canonical_params(plugin: object) -> str:
         equal strings. A field that was added later
         (`isacbench.added_fields.added_field`) is left out at the value that
         stands for the behaviour before.
+
+    Raises
+    ------
+    InputError
+        If a value is not one of `ALLOWED`, naming plugin and parameter.
     """
     return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
@@ -226,7 +238,7 @@ def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dic
     """
     plugin = _load(_registered(kind, name))
     defaults, before = (
-        {key: _plain(value) for key, value in values.items()}
+        {key: _plain(f"{kind} {name}", key, value) for key, value in values.items()}
         for values in (field_defaults(plugin), values_before(plugin))
     )
     return defaults, before
@@ -258,26 +270,59 @@ def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
     -------
     list of dict
         ``name``, ``description`` (one line), ``parameters`` (name to ``type``
-        and, where there is one, ``default``) and ``package``.
+        and, where there is one, ``default``) and ``package``. What is broken
+        is left out.
+
+    Raises
+    ------
+    InputError
+        If a plugin of a local file is broken.
+
+    Warns
+    -----
+    InputWarning
+        If one of a package is.
     """
     described = []
-    for name, entry in sorted(entries(kind).items()):
-        plugin = _load(entry)
-        parameters: dict[str, dict[str, Any]] = {
-            key: {"type": inspect.formatannotation(hint, base_module=Detector.__module__)}
-            for key, hint in parameter_types(kind, plugin).items()
-        }
-        for key, value in field_defaults(plugin).items():
-            parameters[key]["default"] = _plain(value)
-        described.append(
-            {
-                "name": name,
-                "description": (inspect.getdoc(plugin) or "").partition("\n")[0],
-                "parameters": parameters,
-                "package": entry.origin,
-            }
-        )
+    for _, entry in sorted(entries(kind).items()):
+        try:
+            described.append(_described(entry))
+        except InputError as error:
+            if entry.version is None:  # of a file that the user has named
+                raise
+            warnings.warn(str(error), InputWarning, stacklevel=2)
     return described
+
+
+def _described(entry: RegisteredPlugin) -> dict[str, Any]:
+    """Name, description, parameters and package of a plugin."""
+    plugin = _load(entry)
+    parameters: dict[str, dict[str, Any]] = {
+        key: {"type": inspect.formatannotation(hint, base_module=Detector.__module__)}
+        for key, hint in parameter_types(entry.kind, plugin).items()
+    }
+    for key, value in _checked_defaults(entry.kind, plugin).items():
+        parameters[key]["default"] = _plain(f"{entry.kind} {entry.name}", key, value)
+    return {
+        "name": entry.name,
+        "description": (inspect.getdoc(plugin) or "").partition("\n")[0],
+        "parameters": parameters,
+        "package": entry.origin,
+    }
+
+
+def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
+    """Defaults of the parameters of a plugin, which are checked as values that are given."""
+    where = f"{kind} {plugin.name}"
+    hints = parameter_types(kind, plugin)
+    try:
+        defaults = field_defaults(plugin)
+    except Exception as error:  # of a factory
+        raise InputError(f"{where} cannot be built: {type(error).__name__}: {error}") from error
+    for key, value in defaults.items():
+        _plain(where, key, value)
+        check_parameter(where, key, value, hints[key])
+    return defaults
 
 
 def _registered(kind: PluginKind, name: str) -> RegisteredPlugin:
@@ -302,6 +347,8 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
     name = getattr(plugin, "name", None)
     if name != entry.name:
         raise InputError(f"{where} must have the class attribute name = {entry.name!r}, not {name!r}")
+    if not is_word(name):
+        raise InputError(f'{where}: its name must be a word without any of []()=," and spaces, and no number')
     return cast("type[Any]", plugin)
 
 
@@ -354,6 +401,7 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
     checked = {
         key: check_parameter(f"{kind} {name}", key, value, hints[key]) for key, value in params.items()
     }
+    _checked_defaults(kind, plugin)
     missing = [name for name in required_fields(plugin) if name not in checked]
     if missing:
         raise InputError(f"{kind} {name}: missing parameter {', '.join(missing)}")
@@ -447,31 +495,78 @@ def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
     InputError
         If the value is not allowed.
     """
-    if Detector in (hint, *get_args(hint)):
-        if isinstance(value, str):
-            value = Spec(value, {})
-        if isinstance(value, Spec):
-            return get_detector(value.name, **value.params)
-    if value == "none" and type(None) in get_args(hint):
-        return None
+    error: ValidationError
+    for none in (None, "none") if _has_none(value) else ("none",):
+        try:
+            return _adapter(hint).validate_python(_meant(value, hint, none))
+        except ValidationError as refused:
+            error = refused
+    # A union reports what each of its members wants.
+    wanted = " or ".join(
+        dict.fromkeys(found["msg"].removeprefix("Input should be ") for found in error.errors())
+    )
+    shown = f"{value.name}[...]" if isinstance(value, Spec) else repr(value)
+    raise InputError(f"{where}: {key} = {shown}: should be {wanted}") from error
+
+
+@lru_cache(maxsize=256)
+def _adapter(hint: Any) -> TypeAdapter[Any]:
     config = ConfigDict(strict=True, arbitrary_types_allowed=True, allow_inf_nan=False)
-    try:
-        return TypeAdapter(hint, config=config).validate_python(value)
-    except ValidationError as error:
-        # A union reports what each of its members wants.
-        wanted = " or ".join(
-            dict.fromkeys(found["msg"].removeprefix("Input should be ") for found in error.errors())
-        )
-        shown = f"{value.name}[...]" if isinstance(value, Spec) else repr(value)
-        raise InputError(f"{where}: {key} = {shown}: should be {wanted}") from error
+    return TypeAdapter(hint, config=config)
+
+
+def _has_none(value: Any) -> bool:
+    """Tell whether the word none is among values, which means no value where a field takes that."""
+    if isinstance(value, tuple) and not isinstance(value, Spec):
+        return any(map(_has_none, value))
+    return isinstance(value, str) and value == "none" and not isinstance(value, QuotedText)
+
+
+def _meant(value: Any, hint: Any, none: str | None) -> Any:
+    """Value that a specification, the word none, or a number of NumPy stands for."""
+    if isinstance(value, Spec):
+        return get_detector(value.name, **value.params) if _takes_detectors(hint) else value
+    if isinstance(value, tuple):
+        return tuple(_meant(one, hint, none) for one in value)
+    if _has_none(value) and none is None:
+        return None
+    if isinstance(value, str):
+        return get_detector(value) if _takes_detectors(hint) else str(value)
+    return _number(value)
+
+
+def _takes_detectors(hint: Any) -> bool:
+    return hint is Detector or any(map(_takes_detectors, get_args(hint)))
+
+
+def _number(value: Any) -> Any:
+    """Python's number, text or truth value for one of NumPy."""
+    return (
+        value.item() if type(value).__module__ == "numpy" and getattr(value, "shape", None) == () else value
+    )
 
 
 def _plain_params(plugin: Any) -> dict[str, Any]:
-    return {name: _plain(value) for name, value in identity_fields(plugin).items()}
+    kind = next((kind for kind, method in METHODS.items() if hasattr(plugin, method)), "class")
+    where = f"{kind} {getattr(plugin, 'name', type(plugin).__name__)}"
+    return {name: _plain(where, name, value) for name, value in identity_fields(plugin).items()}
 
 
-def _plain(value: Any) -> Any:
-    """Convert a parameter's value to types of JSON."""
-    if dataclasses.is_dataclass(value):
-        return {"name": getattr(value, "name", type(value).__name__), **_plain_params(value)}
-    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+def _plain(where: str, key: str, value: Any) -> Any:
+    """Convert a parameter's value to types of JSON, or refuse it."""
+    value = _number(value)
+    if value is None or type(value) in (bool, int) or (type(value) is float and math.isfinite(value)):
+        return value
+    if _is_unicode(value):
+        return str(value)
+    if type(value) is tuple:
+        return [_plain(where, key, item) for item in value]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type) and isinstance(value, Detector):
+        return {"name": value.name, **_plain_params(value)}
+    shown = " ".join(shortened(repr(value)).split())
+    raise InputError(f"{where}: {key} = {shown}: allowed are {ALLOWED}")
+
+
+def _is_unicode(value: Any) -> bool:
+    """Tell whether something is a text that can be stored: one without halves of characters."""
+    return type(value) in (str, QuotedText) and value.encode(errors="replace").decode() == value

@@ -265,16 +265,16 @@ def run_suite(
     """
     job = load_job(suite)
     started, tick, options = datetime.now().astimezone(), time.perf_counter(), execution.describe()
-    columns = kind_of(suite).columns
+    columns, plan = kind_of(suite).columns, job.plan
     with open_folder(out) as folder:
         manifest = run_store.recover_manifest(folder)
         stored, sessions = run_store.read_rows(folder, manifest), manifest.get("sessions", [])
         kept = _kept(folder, manifest, stored, job, execution)
-        blocks, n_kept = _blocks_left(job.plan, kept, execution.shard)
+        blocks, n_kept = _blocks_left(plan, kept, execution.shard)
         with closing(_made(job, blocks, execution)) as outcomes:
             unfinished = [*sessions, run_store.describe_session(started, 0.0, True, options)]
             _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
-            has_reference = any(is_reference(one.plugin) for one in job.plan.entries)
+            has_reference = any(is_reference(one.plugin) for one in plan.entries)
             further = {
                 **columns,
                 **(TIMING_COLUMNS if execution.is_timing else {}),
@@ -285,7 +285,7 @@ def run_suite(
                 interrupted = _work(outcomes, journal, n_kept, n_cells, progress)
         new, _ = read_journal(folder / run_store.JOURNAL)
         rows = Rows.joined([kept, new])
-        rows = rows.take(np.argsort(job.plan.positions(rows.records), kind="stable"))
+        rows = rows.take(np.argsort(plan.positions(rows.records), kind="stable"))
         wall_time_s = time.perf_counter() - tick
         results = Results(
             suite=suite,

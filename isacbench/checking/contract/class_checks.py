@@ -29,6 +29,7 @@ from isacbench.plugins.registry import (
     parameter_types,
     required_fields,
 )
+from isacbench.specifications import is_word
 
 SLOW_S = 10.0
 """Time in s from which a check warns: a run does the same hundreds of times, at full size."""
@@ -135,6 +136,11 @@ def _is_named(subject: PluginSubject) -> str:
             f"it is registered as {subject.entry.name!r}, but its class attribute name is {name!r}: make "
             "them equal"
         )
+    if not is_word(name):
+        raise BrokenPromiseError(
+            f'its name {name!r} cannot be given to commands: make it a word without any of []()=," and '
+            "spaces, and no number"
+        )
     if any(field.name == "name" for field in dataclasses.fields(subject.plugin_class)):
         raise BrokenPromiseError(
             "name is one of its parameters: annotate it as ClassVar[str], for it belongs to the class"
@@ -165,11 +171,8 @@ def _is_typed(subject: PluginSubject) -> str:
 def _is_canonical(subject: PluginSubject) -> str:
     try:
         canonical_params(subject.plugin)
-    except (TypeError, ValueError) as error:
-        raise BrokenPromiseError(
-            f"its parameters cannot be written as JSON ({error}): allowed are finite numbers, words, "
-            "booleans, None, tuples of these, and detectors"
-        ) from error
+    except InputError as error:
+        raise BrokenPromiseError(str(error)) from error
     return ""
 
 

@@ -50,7 +50,11 @@ BROKEN = [
     ("name", ("name: ClassVar[str]", "name: str"), "annotate it as ClassVar[str]"),
     ("default parameters", ("pfa: float = 1e-3", "pfa: float"), "parameter pfa has no default"),
     ("parameter types", ("    def", "    n: int = 1.5\n    def"), "n = 1.5: should be a valid integer"),
-    ("canonical parameters", ("    def", "    n: Any = frozenset()\n    def"), "cannot be written as JSON"),
+    (
+        "canonical parameters",
+        ("    def", "    n: Any = frozenset()\n    def"),
+        "broken: n = frozenset(): allowed are finite numbers",
+    ),
     ("pfa", ("pfa: float = 1e-3", "pfa: ClassVar = None\n    rate: float = 1e-3"), "give it a field pfa"),
     ("detection", (RETURN, "        return mask\n"), "must return a Detection, not ndarray"),
     ("detection", put("raise KeyError('gone')"), "raises KeyError: 'gone' (broken.py, line "),
