@@ -21,7 +21,10 @@ from isacbench.plugins.registry import canonical_params
 @dataclass(frozen=True)
 class Before:
     name: ClassVar[str] = "inner"
+    pfa: float = 1e-3
     n: int = 3
+
+    def detect(self, power, looks=1): ...
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,8 @@ def test_parameters_at_the_value_before_are_those_without_the_field():
 
 def test_any_other_value_counts_the_default_included():
     texts = {
-        canonical_params(one) for one in (Before(), Since(), Since(False, (1, 3)), Since(n=4, polish=False))
+        canonical_params(one)
+        for one in (Before(), Since(), Since(polish=False, limits=(1, 3)), Since(n=4, polish=False))
     }
     assert len(texts) == 4
     assert canonical_params(Since()) == '{"n":3,"polish":true}'

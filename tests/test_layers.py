@@ -18,6 +18,8 @@ BASE = {"errors", "choices", "cores", "added_fields", "former_paths", "number_te
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
     "checked_arrays": {"errors"},
+    "streams": set(),
+    "process_state": {"streams"},
     "specifications": BASE,
     "files": BASE,
     "display": {*BASE, "files"},
@@ -25,17 +27,23 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     "model": {*BASE, "checked_arrays", "specifications", "files", "display"},
     "metrics": {*BASE, "checked_arrays", "model"},
     "dsp": {*BASE, "checked_arrays", "files", "display", "instrument", "model"},
-    "plugins": {*BASE, "checked_arrays", "specifications", "files", "display", "model", "dsp"},
+    "plugins": {
+        *BASE,
+        *("checked_arrays", "process_state", "streams", "specifications", "files", "display", "model", "dsp"),
+    },
     "link": {*BASE, "checked_arrays", "display", "model", "dsp"},
     "cubes": {*BASE, "checked_arrays", "files", "model", "dsp", "plugins", "link"},
     "bench": {
         *BASE,
         "arrays",
+        "process_state",
+        "streams",
         *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins", "link"),
     },
     "checking": {
         *BASE,
         "arrays",
+        "process_state",
         *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins"),
         *("cubes", "bench"),
     },
@@ -48,6 +56,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     "cli": {
         *BASE,
         "arrays",
+        "streams",
         *("specifications", "files", "instrument", "model", "metrics", "plugins", "link"),
         *("cubes", "bench", "checking", "report"),
     },

@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import visible, visible_lines
+from isacbench.streams import own_output
 
 EXIT_USAGE = 2
 EXIT_FAILED_CELLS = 3
@@ -53,7 +54,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line."""
-    app()
+    with own_output():
+        app()
 
 
 def _print_version(wanted: bool) -> None:

@@ -22,7 +22,7 @@ MAX_TABLE_WIDTH = 1000
 
 
 def report_run(folder: Path, records: pd.DataFrame, kind: str, with_page: bool = True) -> None:
-    """Write the tables of a run, print all but details, and draw its figures and its page.
+    """Write the tables of a run, draw its figures and its page, and print all tables but details.
 
     Parameters
     ----------
@@ -38,13 +38,13 @@ def report_run(folder: Path, records: pd.DataFrame, kind: str, with_page: bool =
     from isacbench.report.html.guarded_pages import draw_run_and_page
     from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
+    written = [*write_run_tables(folder, records, kind), *draw_run_and_page(folder, with_page)]
     for grid in grids_of(records, kind):
         if not grid.is_detail:
             print_grid(grid)
     has_score = records.reindex(columns=["deviation", "gospa_m"]).notna()
     if n_dense := int((has_score["deviation"] & ~has_score["gospa_m"]).sum()):
         say(f"{counted(n_dense, 'cell')} without gospa_m: too many pairs of points within the radius")
-    written = [*write_run_tables(folder, records, kind), *draw_run_and_page(folder, with_page)]
     say(f"{folder}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")
 
 

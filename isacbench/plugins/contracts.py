@@ -18,6 +18,7 @@ from isacbench.display import brief
 from isacbench.dsp.detection import Detection as Detection
 from isacbench.dsp.detection import Detector as Detector
 from isacbench.errors import require
+from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -252,6 +253,7 @@ def is_reference(plugin: object) -> TypeGuard[ReferenceEstimator]:
     return isinstance(plugin, ReferenceEstimator) and plugin.needs_truth
 
 
+@plugin_output()
 def needs_of(estimator: Estimator) -> Needs:
     """Look up the needs of an estimator: all of the gate on all elements where it declares nothing.
 

@@ -124,6 +124,23 @@ def plugin_parts(plugin: object) -> Iterator[object]:
             yield from plugin_parts(getattr(plugin, field.name))
 
 
+def foreign_classes(plugin: object) -> tuple[str, ...]:
+    """Name the classes of a plugin and of its parts that are not of isacbench.
+
+    Parameters
+    ----------
+    plugin : object
+
+    Returns
+    -------
+    tuple of str
+    """
+    parts = {f"{type(part).__module__}.{type(part).__qualname__}" for part in plugin_parts(plugin)}
+    return tuple(
+        sorted(name for name in parts if not name.startswith(("isacbench.", "isacbench_algorithms.")))
+    )
+
+
 def _classes(plugin: object) -> set[type[Any]]:
     """Classes of a plugin and of its parts, and their bases, but for Python's own and the library's."""
     classes = {base for part in plugin_parts(plugin) for base in type(part).__mro__}

@@ -6,8 +6,10 @@ import dataclasses
 import inspect
 import json
 import math
+import sys
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import redirect_stdout
 from functools import lru_cache
 from typing import Any, cast, get_args, get_type_hints
 
@@ -19,7 +21,9 @@ from isacbench.files.escaping import shortened
 from isacbench.plugins.contracts import Detector, Estimator
 from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries
 from isacbench.plugins.local_files import METHODS
+from isacbench.process_state import libraries_kept, process_state_kept
 from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants
+from isacbench.streams import plugin_output
 
 ALLOWED = "finite numbers, texts, booleans, none, tuples of these, and detectors"
 """Values of parameters, which a run can store, a command can spell, and another process can have."""
@@ -294,6 +298,7 @@ def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
     return described
 
 
+@plugin_output()
 def _described(entry: RegisteredPlugin) -> dict[str, Any]:
     """Name, description, parameters and package of a plugin."""
     plugin = _load(entry)
@@ -337,7 +342,7 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
     """Import a plugin's class and check it against the contract."""
     where = f"{entry.kind} {entry.name!r} ({entry.target} of {entry.origin})"
     try:
-        plugin = entry.load()
+        plugin = _imported(entry)
     except Exception as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
     if not is_frozen_dataclass(plugin):
@@ -350,6 +355,18 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
     if not is_word(name):
         raise InputError(f'{where}: its name must be a word without any of []()=," and spaces, and no number')
     return cast("type[Any]", plugin)
+
+
+def _imported(entry: RegisteredPlugin) -> Any:
+    """Import a plugin; the package of somebody else leaves this process as it was."""
+    if (
+        entry.module in sys.modules
+        or entry.module.startswith("isacbench_algorithms.")
+        or entry.version is None
+    ):
+        return entry.load()
+    with redirect_stdout(sys.stderr), process_state_kept(at_import=True), libraries_kept():
+        return entry.load()
 
 
 def is_frozen_dataclass(plugin: object) -> bool:
@@ -374,6 +391,7 @@ def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
     return construct(kind, name, _load(_registered(kind, name)), params)
 
 
+@plugin_output()
 def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]) -> Any:
     """Build a dataclass; its parameters are checked against the types of its fields.
 

@@ -12,6 +12,7 @@ from isacbench.bench.cells.scored_images import ScoredImage, image_reference
 from isacbench.metrics.score import score
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import TruthEstimator, is_reference
+from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.record import CellStatus
@@ -244,10 +245,11 @@ def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud)
     TypeError
         If the estimator returns anything but a `PointCloud`.
     """
-    if isinstance(estimator, TruthEstimator) and estimator.needs_truth:
-        cloud = estimator.estimate(observation, truth)
-    else:
-        cloud = estimator.estimate(observation)
+    with plugin_output():
+        if isinstance(estimator, TruthEstimator) and estimator.needs_truth:
+            cloud = estimator.estimate(observation, truth)
+        else:
+            cloud = estimator.estimate(observation)
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
     return cloud

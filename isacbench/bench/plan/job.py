@@ -16,6 +16,7 @@ from isacbench.errors import InputError
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.model.scenes.scene_families import scenario_variants
 from isacbench.plugins.discovery import local_plugins, register_plugin
+from isacbench.plugins.plugin_versions import foreign_classes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -56,6 +57,11 @@ class Job:
         scenes = kind_of(self.suite).scenes(self.suite, self.scenarios)
         _refuse_repeats(scenes)
         return Plan(scenes, self.suite.trials)
+
+    @cached_property
+    def owners(self) -> list[list[tuple[str, ...]]]:
+        """Classes in each entry of each scene that are not of isacbench; known elsewhere without the plan."""
+        return [[foreign_classes(entry.plugin) for entry in scene.entries] for scene in self.plan.scenes]
 
     def draws(self) -> pd.DataFrame:
         """Scatterers that the scenes drew."""

@@ -15,6 +15,7 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Self
 
 from isacbench.bench.cells.cell import describe_error
@@ -71,7 +72,10 @@ class Guard:
 
 
 class Lane:
-    """One worker process for cells, replaced by a fresh one when a cell ends it; a context manager.
+    """Worker processes for cells, one of which works at a time; a context manager.
+
+    Estimators of isacbench share a process. One with classes of somebody else has a process
+    of its own: whatever it does to it, no other estimator meets.
 
     Parameters
     ----------
@@ -83,9 +87,11 @@ class Lane:
     """
 
     def __init__(self, job: Job, guard: Guard, repeats: int | None = None) -> None:
-        self._job, self._guard, self._repeats = job, guard, repeats
-        self._process = GuardedProcess(_start_worker, job, repeats)
-        self._n_met = 0  # cells that the present process has worked on
+        self._of_process = job, guard, repeats
+        self._owners, self._is_stopped = job.owners, False
+        self._processes: dict[tuple[str, ...], _CellProcess] = {}
+        self._at_work: _CellProcess | None = None
+        self._changing = Lock()
 
     def __enter__(self) -> Self:
         return self
@@ -94,11 +100,15 @@ class Lane:
         self.stop()
 
     def stop(self) -> None:
-        """End the process for good, also in the middle of a call; may be called from any thread."""
-        self._process.stop()
+        """End the processes for good, also in the middle of a call; may be called from any thread."""
+        with self._changing:
+            self._is_stopped = True
+            processes = list(self._processes.values())
+        for process in processes:
+            process.stop()
 
     def versions(self) -> dict[tuple[str, str], Any]:
-        """Read the versions of the code in the process.
+        """Read the versions of the code in a process.
 
         Returns
         -------
@@ -110,10 +120,7 @@ class Lane:
         InputError
             If the process ends before it has loaded all plugins.
         """
-        try:
-            return self._process.call(_versions, timeout_s=self._guard.timeout_s)
-        except ProcessLostError as loss:
-            raise InputError(f"loading the plugins: {loss.reason}") from loss
+        return self._process(()).versions()
 
     def work(self, blocks: Iterable[Block]) -> Iterator[Made]:
         """Process the cells of blocks.
@@ -136,14 +143,51 @@ class Lane:
             If no process survives observing a block.
         """
         for block in blocks:
-            traces: dict[int, Made] = {}
             for entry in block.entries:
-                made = None
-                while made is None:
-                    if not traces or not self._n_met:
-                        traces = self._observe(block)
-                    made = self._image(entry, traces[entry])
-                yield made
+                yield self._process(self._owners[block.scene][entry]).made(block, entry)
+
+    def _process(self, owner: tuple[str, ...]) -> _CellProcess:
+        """Process of the classes of somebody else; all others pause, threads of plugins included."""
+        with self._changing:
+            if self._is_stopped:
+                raise CancelledError
+            if owner not in self._processes:
+                self._processes[owner] = _CellProcess(*self._of_process)
+        process = self._processes[owner]
+        if process is not self._at_work:
+            if self._at_work is not None:
+                self._at_work.pause()
+            process.go_on()
+            self._at_work = process
+        return process
+
+
+class _CellProcess:
+    """One process for cells, replaced by a fresh one when a cell ends it."""
+
+    def __init__(self, job: Job, guard: Guard, repeats: int | None) -> None:
+        self._job, self._guard, self._repeats = job, guard, repeats
+        self._process = GuardedProcess(_start_worker, job, repeats)
+        self.stop, self.pause, self.go_on = self._process.stop, self._process.pause, self._process.go_on
+        self._n_met = 0  # cells that the present process has worked on
+        self._block: Block | None = None
+        self._traces: dict[int, Made] = {}
+
+    def versions(self) -> dict[tuple[str, str], Any]:
+        """Versions of the code in the process, by name and parameters of the entry."""
+        try:
+            return self._process.call(_versions, timeout_s=self._guard.timeout_s)
+        except ProcessLostError as loss:
+            raise InputError(f"loading the plugins: {loss.reason}") from loss
+
+    def made(self, block: Block, entry: int) -> Made:
+        """Row of a cell, also of one that failed."""
+        made = None
+        while made is None:
+            if block is not self._block or not self._n_met:
+                self._traces, self._block = self._observe(block), block
+            made = self._image(entry, self._traces[entry])
+        return made
 
     def _observe(self, block: Block) -> dict[int, Made]:
         """Observe a block; return a row for each entry, used if its image does not come back.
@@ -237,7 +281,7 @@ def _observe(block: Block) -> list[Made]:
     global _workbench
     if _workbench is None:
         assert _job is not None
-        _workbench = Workbench(_job, _repeats)
+        _workbench = Workbench(_job, _repeats, is_shared=False)
         # Permanent objects need not be searched at every garbage collection.
         gc.freeze()
     return _workbench.observe(block)

@@ -111,6 +111,24 @@ class GuardedProcess:
         self._is_there = False
         self._refuse_if_stopped()
 
+    def pause(self) -> None:
+        """Stop the process, and all that was started in it, until `go_on`; on Linux alone.
+
+        Elsewhere a process that is stopped would not end with the calling one.
+        """
+        if sys.platform == "linux":
+            self._signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        """Go on after `pause`."""
+        self._signal(signal.SIGCONT)
+
+    def _signal(self, number: int) -> None:
+        with self._changing:
+            if self._is_there and self._process.pid is not None:
+                with suppress(ProcessLookupError, PermissionError):
+                    os.killpg(self._process.pid, number)
+
     def call(self, function: Callable[..., T], *args: object, timeout_s: float | None = None) -> T:
         """Call a function in the process and wait for its answer.
 
@@ -193,6 +211,8 @@ def _cause(code: int | None) -> str:
 def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> None:
     """Call functions as they come, and answer with their results or exceptions."""
     os.setsid()  # a group of its own, so that what plugins start ends with it
+    with suppress(OSError):
+        os.dup2(2, 1)  # standard output is the caller's, whatever a plugin or a library in C prints
     current_process().daemon = False  # a plugin may have processes of its own
     # The process server blocks SIGTERM; a plugin and the processes that it starts get the default back.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

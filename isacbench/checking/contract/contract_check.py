@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from isacbench.checking.contract.findings import Check, CheckReport, Finding, PluginFindings, run_checks
 from isacbench.checking.contract.targets import entries_of_class, find_plugins
+from isacbench.cores import one_blas_thread
 from isacbench.errors import unknown_name
 from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries, isolated_plugins
 
@@ -132,7 +133,7 @@ def _checked(entry: RegisteredPlugin, plugin: object = None) -> Iterator[Finding
 
 def _findings(entry: RegisteredPlugin, plugin: object = None) -> PluginFindings:
     """All findings about a class, or about an instance of it, which leave this process as it was."""
-    from isacbench.bench.cells.isolation import process_state_kept
+    from isacbench.process_state import libraries_kept, process_state_kept
 
-    with process_state_kept():
+    with process_state_kept(), one_blas_thread(), libraries_kept():
         return PluginFindings(entry.kind, entry.name, entry.origin, tuple(_checked(entry, plugin)))

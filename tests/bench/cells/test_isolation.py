@@ -15,11 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from isacbench.bench.cells.isolation import array_digest, process_state_kept, seed_global_generators
+from isacbench.bench.cells.isolation import array_digest, seed_global_generators
 from isacbench.bench.studies.study import SharedImage
+from isacbench.cores import one_blas_thread
 from isacbench.model.echo import observe_echo
 from isacbench.model.frame import PaperFrame
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.process_state import process_state_kept
 
 global_random = np.random.random_sample
 
@@ -65,7 +67,7 @@ def disturb():
 def test_every_change_of_the_process_is_undone_however_it_ends(end):
     before = state()
     try:
-        with process_state_kept():
+        with process_state_kept(), one_blas_thread():
             disturb()
             if end is not None:
                 raise end

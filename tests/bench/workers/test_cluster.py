@@ -382,11 +382,11 @@ def test_a_process_ends_with_the_task_that_it_was_started_for_or_with_its_run(su
     order, block = WorkOrder.of_job(load_job(suite), Guard()), Block(0, 0, 0.0, (0, 1))
     with order.lane() as lane:
         assert len(list(lane.work([block]))) == 2
-        process_id = lane._process.call(os.getpid)
+        process_id = lane._at_work._process.call(os.getpid)
     wait_for_end(process_id)
     with order.lane() as lane:
         list(lane.work([block]))
-        process_id = lane._process.call(os.getpid)
+        process_id = lane._at_work._process.call(os.getpid)
         asyncio.run(stop(order.token))
         wait_for_end(process_id)
         with pytest.raises(CancelledError):

@@ -6,20 +6,21 @@ import math
 import shlex
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, redirect_stdout
-from io import StringIO
+from contextlib import ExitStack, closing
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
-from isacbench.bench.cells.isolation import process_state_kept, seed_global_generators
+from isacbench.bench.cells.isolation import seed_global_generators
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.checking.promises.blas_kernels import other_kernels, set_kernels
 from isacbench.checking.stress.case import Case
 from isacbench.checking.stress.runs.examining import BROKEN, CaseOutcome, Verdict, examine
 from isacbench.checking.stress.runs.families import find_cases, require_kind, table_of
+from isacbench.cores import one_blas_thread
 from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 from isacbench.plugins.registry import build_estimators_of, canonical_params, get_detector
+from isacbench.process_state import process_state_kept
 from isacbench.specifications import parse_spec, spec_variants
 
 TIMEOUT_S = 120.0
@@ -177,6 +178,7 @@ class Examiner:
 
     def __init__(self, timeout_s: float = TIMEOUT_S) -> None:
         self._timeout_s = timeout_s
+        self._target: Target | None = None
         self._process = GuardedProcess(_start, local_plugins(), other_kernels())
 
     def close(self) -> None:
@@ -196,6 +198,9 @@ class Examiner:
             A plugin that hangs or dies has a verdict, too.
         """
         target, case, seed = task[:3]
+        if self._target not in (None, target):
+            self._process.renew()  # whatever one plugin has done to its process, the next has another
+        self._target = target
         try:
             verdicts = self._process.call(
                 _examine, target.kind, target.spec, case.spec, seed, timeout_s=self._timeout_s
@@ -251,6 +256,6 @@ def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
 def _examine(kind: PluginKind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
     [(_, plugin)] = _built(kind, spec)
     [case] = find_cases(case_spec)
-    with process_state_kept(), redirect_stdout(StringIO()):
+    with process_state_kept(), one_blas_thread():
         seed_global_generators(seed, spec, case_spec)
         return examine(case, plugin, seed)

@@ -1,0 +1,170 @@
+"""State of the process that plugins run in: what one has changed is undone before another runs."""
+
+from __future__ import annotations
+
+import decimal
+import gc
+import locale
+import os
+import random
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from isacbench.streams import lent_streams
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "isacbench",
+    "isacbench_algorithms",
+    "builtins",
+    "random",
+    "math",
+    "time",
+    "gc",
+)
+"""Packages whose functions and classes are put back in place."""
+
+OWN = "isacbench"
+
+Setting = tuple[Callable[[], Any], Callable[[Any], object]]
+
+
+def _umask() -> int:
+    """Mask of new files, which can only be read by setting it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+def _set_environment(environment: dict[str, str]) -> None:
+    os.environ.clear()
+    os.environ.update(environment)
+    time.tzset()
+
+
+OUTER: list[Setting] = [
+    (lambda: dict(os.environ), _set_environment),
+    (lambda: list(sys.path), lambda path: sys.path.__setitem__(slice(None), path)),
+]
+"""Settings that a module may make for its later use when it is imported."""
+
+INNER: list[Setting] = [
+    (os.getcwd, os.chdir),
+    (_umask, os.umask),
+    (gc.isenabled, lambda is_on: gc.enable() if is_on else gc.disable()),
+    (gc.get_threshold, lambda threshold: gc.set_threshold(*threshold)),
+    (random.getstate, random.setstate),
+    (sys.getrecursionlimit, sys.setrecursionlimit),
+    (sys.getswitchinterval, sys.setswitchinterval),
+    (sys.gettrace, sys.settrace),
+    (sys.getprofile, sys.setprofile),
+    (lambda: sys.excepthook, lambda hook: setattr(sys, "excepthook", hook)),
+    (lambda: sys.displayhook, lambda hook: setattr(sys, "displayhook", hook)),
+    (lambda: locale.setlocale(locale.LC_ALL), lambda name: locale.setlocale(locale.LC_ALL, name)),
+]
+if sys.platform != "win32":
+    import resource
+
+    _LIMITS = [getattr(resource, name) for name in dir(resource) if name.startswith("RLIMIT_")]
+    INNER += [
+        (partial(resource.getrlimit, limit), partial(resource.setrlimit, limit))
+        for limit in dict.fromkeys(_LIMITS)
+    ]
+    INNER.append((partial(os.getpriority, os.PRIO_PROCESS, 0), partial(os.setpriority, os.PRIO_PROCESS, 0)))
+if hasattr(os, "sched_getaffinity"):
+    INNER.append((partial(os.sched_getaffinity, 0), partial(os.sched_setaffinity, 0)))
+
+
+@contextmanager
+def process_state_kept(at_import: bool = False) -> Iterator[None]:
+    """Undo what the code within changes about this process, where a process may undo it.
+
+    Standard streams are lent. Restored are NumPy's error handling, print options and
+    generator, filters of warnings, signal handlers and the alarm timer in the main thread,
+    and what `INNER` and `OUTER` list.
+
+    Parameters
+    ----------
+    at_import : bool
+        Whether the code within imports a plugin, which may set the environment and the path for itself.
+
+    Yields
+    ------
+    None
+    """
+    import numpy as np
+
+    settings = INNER if at_import else [*OUTER, *INNER]
+    states = (
+        *(warnings.catch_warnings(), np.errstate(), np.printoptions(), decimal.localcontext()),
+        *(_signals_kept(), lent_streams()),
+    )
+    with ExitStack() as stack:
+        stack.callback(np.random.set_state, np.random.get_state())  # noqa: NPY002, plugins may use it
+        for read, write in settings:
+            with suppress(OSError):  # a folder that is gone
+                stack.callback(_restore, read, write, read())
+        for state in states:
+            stack.enter_context(state)
+        yield
+
+
+def _restore(read: Callable[[], Any], write: Callable[[Any], object], before: Any) -> None:
+    with suppress(OSError, ValueError):  # not everything can be undone, such as a lower priority
+        if read() != before:
+            write(before)
+
+
+@contextmanager
+def libraries_kept() -> Iterator[None]:
+    """Put functions, classes and methods of `LIBRARIES` back in place that the code within has replaced."""
+    owners: list[Any] = []
+    for name, module in list(sys.modules.items()):
+        if name.partition(".")[0] in LIBRARIES and "._" not in name:
+            owners.append(module)
+            if name.startswith(OWN):
+                owners += [one for one in vars(module).values() if getattr(one, "__module__", "") == name]
+    owners = [one for one in owners if isinstance(one, (ModuleType, type))]
+    before = [
+        (owner, name, value)
+        for owner in owners
+        for name, value in list(vars(owner).items())
+        if callable(value) or isinstance(value, (property, staticmethod, classmethod))
+    ]
+    try:
+        yield
+    finally:
+        for owner, name, value in before:
+            if vars(owner).get(name) is not value:
+                setattr(owner, name, value)
+
+
+@contextmanager
+def _signals_kept() -> Iterator[None]:
+    """Restore signal handlers and stop an alarm that code within has set; only the main thread has them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    # A handler that Python did not install is None, and cannot be restored.
+    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    has_alarm = signal.getitimer(signal.ITIMER_REAL)[0] > 0
+    try:
+        yield
+    finally:
+        if not has_alarm:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        for number, handler in handlers.items():
+            if handler is not None and signal.getsignal(number) is not handler:
+                signal.signal(number, handler)

@@ -1,0 +1,143 @@
+"""Whatever becomes of the standard streams, files are written and the exit code is that of the work."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+NOISE = 'os.write(1, b"from C\\n"); print("from Python"); subprocess.run(["echo", "from a child"])'
+LOUD = f"""
+import io, os, subprocess, sys
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench.model.cloud import PointCloud
+from isacbench.plugins.contracts import Detection, Needs
+
+{NOISE}
+
+@dataclass(frozen=True)
+class Loud:
+    name: ClassVar[str] = "loud"
+    fails: bool = False
+
+    def __post_init__(self):
+        {NOISE}
+
+    @property
+    def needs(self):
+        {NOISE}
+        return Needs()
+
+    def estimate(self, observation):
+        {NOISE}
+        if self.fails:
+            raise ValueError("on purpose")
+        return PointCloud.empty()
+"""
+
+
+@pytest.fixture
+def command(tiny, tmp_path, write_plugin):
+    """Return a function that runs the command line in a process of its own."""
+    write_plugin("loud.py", LOUD)
+
+    def run(*arguments, **options):
+        return subprocess.run(
+            [sys.executable, "-m", "isacbench", *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "check": False, **options},
+        )
+
+    return run
+
+
+def closed_pipe():
+    reader, writer = os.pipe()
+    os.close(reader)
+    return writer
+
+
+RUN = ("run", "quick", "-s", "tiny.toml", "--snr", 0, "-n", 1, "--plugin", "loud.py", "-o", "out")
+
+
+def test_a_run_whose_reader_has_left_writes_all_files_and_has_its_own_exit_code(command, tmp_path):
+    writer = closed_pipe()
+    result = command(*RUN, "-e", "oracle", "-e", "loud[fails=true]", stdout=writer)
+    os.close(writer)
+    assert result.returncode == 3, result.stderr
+    assert {"results.parquet", "summary.md", "report.html"} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
+    assert "Broken pipe" not in result.stderr
+
+
+def test_a_full_disk_behind_stdout_is_told(command):
+    with Path("/dev/full").open("w") as full:
+        result = command("scene", "street", stdout=full)
+    assert result.returncode == 0
+    assert result.stderr == "isacbench: stdout: No space left on device; the rest is not printed\n"
+
+
+@pytest.mark.parametrize("streams", [">&-", "<&- >&- 2>&-", ">/dev/full 2>/dev/full"])
+def test_without_streams_an_exit_code_is_the_same(command, tmp_path, streams):
+    shell = f"{sys.executable} -m isacbench scene nothing {streams}"
+    assert subprocess.run(shell, shell=True, cwd=tmp_path, check=False).returncode == 2
+    shell = f"{sys.executable} -m isacbench scene street {streams}"
+    assert subprocess.run(shell, shell=True, cwd=tmp_path, check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("list", "--json", "--plugin", "loud.py"),
+        ("plan", "--json", "-e", "loud", "--plugin", "loud.py"),
+        ("check", "--json", "loud.py"),
+        (
+            "stress",
+            "--json",
+            "-e",
+            "loud",
+            "--case",
+            "spread[n_echoes=2]",
+            "--plugin",
+            "loud.py",
+            "-o",
+            "out",
+        ),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_standard_output_is_the_json_alone_whatever_a_plugin_prints(command, arguments):
+    result = command(*arguments)
+    assert result.returncode in (0, 3), result.stderr
+    assert json.loads(result.stdout)
+    assert "from C" in result.stderr
+
+
+def test_a_run_prints_nothing_of_a_plugin_on_standard_output(command):
+    result = command(*RUN, "-e", "loud", "--no-html")
+    assert result.returncode == 0, result.stderr
+    assert "from " not in result.stdout
+    assert "loud" in result.stdout
+
+
+CLOSING = """
+io.TextIOWrapper(sys.stdout.buffer), io.TextIOWrapper(sys.stderr.buffer)
+sys.stdout.close(), sys.__stderr__.close(), os.close(1), os.close(2)
+"""
+
+
+def test_a_plugin_that_closes_streams_at_import_silences_no_message(command, write_plugin):
+    write_plugin(
+        "loud.py",
+        LOUD.replace(NOISE, "pass").replace("import Detection, Needs\n", f"import Needs\n{CLOSING}"),
+    )
+    refused = command("plan", "--plugin", "loud.py", "-e", "lowd")
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "did you mean 'loud'" in refused.stderr
+    assert "elements" in command("plan", "--plugin", "loud.py", "-e", "loud").stdout
